@@ -1,0 +1,160 @@
+"""Runs a tree: compiles it to closures, one call a tick.
+
+What each node does is told in `docs/semantics.md`. Two ideas keep this small
+and fast. A node is a function of `fresh`: True starts it anew, False resumes it
+where it was RUNNING. So an abort needs no walk through the subtree: whoever
+aborts forgets that the subtree was running, and starts it fresh the next time.
+And because the blackboard doesn't change within a tick, checking guards on the
+way down from the root is the same as checking all of them when the tick starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Final, TypeAlias
+
+from islandgp.bt import closures
+from islandgp.bt.closures import Observed, Stop, Tick
+from islandgp.bt.condition import Board, condition, thresholds
+from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node
+
+__all__ = ["ABORTED", "Board", "Tick", "Watch", "compile_tree", "condition", "thresholds"]
+
+ABORTED: Final = 4  # told to a watch only: the node was running and has been stopped
+
+Watch: TypeAlias = Callable[[int, int], None]  # (node's place in document order, status)
+
+
+def compile_tree(
+    tree: Node,
+    actions: Mapping[str, Tick],
+    board: Board,
+    *,
+    watch: Watch | None = None,
+) -> Callable[[], int]:
+    """A function that ticks the tree once and returns the root's status.
+
+    Args:
+        tree: what to run. A node that stands twice in it runs as two nodes.
+        actions: one per action name in the tree, called with `fresh`: True when
+            the leaf starts now, False when it was RUNNING on the tick before.
+        board: values in the order of KEYS; the caller changes them between
+            ticks, never within one.
+        watch: called for each node that is ticked, children before parents, and
+            with ABORTED for each running node that is stopped. None costs nothing.
+
+    Returns:
+        The tick. It gives FAILURE, SUCCESS, RUNNING, or AGAIN (running, and the
+        next tick starts something although nothing changed). After RUNNING, as
+        long as each condition keeps its truth and each running action stays
+        RUNNING, further ticks only resume the same actions.
+
+    Raises:
+        KeyError: an action of the tree is missing in `actions`.
+    """
+    root = _Compiler(actions, board, watch).compile(tree, None)
+    fresh = True
+
+    def tick() -> int:
+        nonlocal fresh
+        status = root(fresh)
+        fresh = status < RUNNING
+        return status
+
+    return tick
+
+
+class _Compiler:
+    """Turns nodes into closures, and numbers them in document order."""
+
+    __slots__ = ("_actions", "_board", "_running", "_stop", "_watch")
+
+    def __init__(self, actions: Mapping[str, Tick], board: Board, watch: Watch | None) -> None:
+        self._actions = actions
+        self._board = board
+        self._watch = watch
+        self._running: list[bool] = []  # by place; its length is the place of the next node
+        self._stop: Stop = _ignore if watch is None else self._tell_stopped
+
+    def compile(self, node: Node, observed: Observed | None) -> Tick:
+        """The closure of a node; `observed` belongs to the composite that holds its branch."""
+        place = len(self._running)
+        self._running.append(False)
+        kind = node.kind
+        if kind == "action":
+            tick = self._actions[str(node.args[0])]
+        elif kind == "when":
+            tick = self._when(node, observed)
+        elif kind == "sequence":
+            tick = self._composite(node, SUCCESS)
+        elif kind == "selector":
+            tick = self._composite(node, FAILURE)
+        elif kind == "parallel":
+            tick = self._parallel(node)
+        elif kind == "inverter":
+            tick = closures.inverter(self.compile(node.children[0], observed))
+        elif kind == "repeater":
+            tick = closures.repeater(self.compile(node.children[0], observed), int(node.args[0]))
+        else:
+            raise ValueError(f"Expected a kind of KINDS, found {kind!r}.")
+        return tick if self._watch is None else self._watched(tick, place, self._watch)
+
+    def _composite(self, node: Node, go_on: int) -> Tick:
+        """A selector or sequence: `go_on` is the status that hands over to the next branch."""
+        observed = Observed()
+        last = len(node.children) - 1
+        branches, places = [], []
+        for branch, child in enumerate(node.children):
+            places.append(len(self._running))
+            observed.branch = branch
+            # Nothing stands behind the last branch, so nobody observes its guards.
+            branches.append(self.compile(child, observed if branch < last else None))
+        places.append(len(self._running))
+        if observed.guards:
+            return closures.observing_composite(branches, go_on, observed, places, self._stop)
+        return closures.composite(branches, go_on)
+
+    def _parallel(self, node: Node) -> Tick:
+        branches, places = [], []
+        for child in node.children:
+            places.append(len(self._running))
+            branches.append(self.compile(child, None))
+        places.append(len(self._running))
+        success, failure = (1 if policy == "one" else len(branches) for policy in node.args)
+        return closures.parallel(branches, success, failure, places, self._stop)
+
+    def _when(self, node: Node, observed: Observed | None) -> Tick:
+        holds = condition(node, self._board)
+        abort = node.args[3]
+        truth: list[bool | None] = [None]
+        slot = 0
+        if observed is not None and abort in ("lower", "both"):
+            truth, slot = observed.truth, observed.add(holds)
+        first = len(self._running)
+        child = self.compile(node.children[0], observed)
+        span = (first, len(self._running))
+        return closures.guard(
+            child, holds, abort in ("self", "both"), truth, slot, span, self._stop
+        )
+
+    def _watched(self, tick: Tick, place: int, watch: Watch) -> Tick:
+        running = self._running
+
+        def watched(fresh: bool) -> int:
+            status = tick(fresh)
+            running[place] = status >= RUNNING
+            watch(place, status)
+            return status
+
+        return watched
+
+    def _tell_stopped(self, first: int, end: int) -> None:
+        assert self._watch is not None
+        for place in range(first, end):
+            if self._running[place]:
+                self._running[place] = False
+                self._watch(place, ABORTED)
+
+
+def _ignore(first: int, end: int) -> None:
+    """Nobody watches."""

@@ -1,0 +1,71 @@
+"""From text to tree and back: `parse` and `to_text`.
+
+The grammar is `grammar/bt.lark`. Parsing is bounded, so that no text, however
+hostile, does worse than raise a clear `TreeError` at once.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Final
+
+from islandgp.bt.builder import MAX_LEVELS, MAX_NODES, MAX_NUMBER, Builder
+from islandgp.bt.diagnosis import syntax_error
+from islandgp.bt.node import Node
+from islandgp.bt.printer import to_text
+from islandgp.bt.source import Source
+from islandgp.errors import LimitError
+from islandgp.resources import resource
+
+if TYPE_CHECKING:
+    from lark import Lark
+
+__all__ = ["MAX_CHARACTERS", "MAX_LEVELS", "MAX_NODES", "MAX_NUMBER", "parse", "to_text"]
+
+MAX_CHARACTERS: Final = 100_000  # of a text
+
+
+def parse(text: str, *, name: str = "<tree>") -> Node:
+    """The tree that a text describes, with every `use` expanded.
+
+    Args:
+        text: one tree in the language, perhaps after named subtrees. Line ends
+            of any system and a leading byte order mark are fine.
+        name: what error messages call the text, e.g. its file name.
+
+    Raises:
+        TreeError: the text is not a tree of the language; the message shows the
+            place and what would have been accepted.
+        UnknownNameError: an action, a key or a subtree does not exist.
+        LimitError: the text is longer, or the tree deeper or larger, than any
+            limit on trees could allow.
+    """
+    from lark.exceptions import UnexpectedInput
+
+    if len(text) > MAX_CHARACTERS:
+        raise Source(text[:MAX_CHARACTERS], name).error(
+            f"the text has {len(text)} characters",
+            line=1,
+            column=1,
+            expected=f"at most {MAX_CHARACTERS}",
+            kind=LimitError,
+        )
+    plain = text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
+    source = Source(plain, name)
+    parser = _parser()
+    try:
+        tree = parser.parse(plain)
+    except UnexpectedInput as error:
+        raise syntax_error(source, error, parser.lex(plain)) from None
+    *definitions, root = tree.children
+    return Builder(source).build(definitions, root)
+
+
+@cache
+def _parser() -> Lark:
+    from lark import Lark
+
+    grammar = (resource("grammar") / "bt.lark").read_text(encoding="utf-8")
+    # The basic lexer knows every word everywhere; a contextual one would read
+    # `selfish` as `self` and `ish` where only abort rules are expected.
+    return Lark(grammar, parser="lalr", lexer="basic", maybe_placeholders=False)

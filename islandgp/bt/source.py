@@ -1,0 +1,85 @@
+"""A text, and errors that point into it.
+
+    my_tree.bt:3:14: unknown action 'MoveToGarbag'
+        sequence { MoveToGarbag PickupGarbage }
+                   ^
+    Expected a node (selector, ...) or an action (MoveToGarbage, ...).
+    Did you mean MoveToGarbage?
+
+The words of such a message are chosen in `diagnosis` and `builder`.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from islandgp.errors import TreeError
+
+if TYPE_CHECKING:
+    from lark import Token
+
+_EXCERPT = 100  # columns of a source line that a message shows
+_LONGEST_GUESS = 40  # characters; no word of the language is nearly as long
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """A text and the name that messages call it by, e.g. its file name."""
+
+    text: str  # line ends are "\n"
+    name: str
+
+    def error(
+        self,
+        message: str,
+        line: int,
+        column: int,
+        *,
+        expected: str = "",
+        guess: str = "",
+        kind: type[TreeError] = TreeError,
+    ) -> TreeError:
+        """The error for a place; `line` and `column` count from 1."""
+        source = self.text.split("\n")[line - 1]
+        start = max(0, column - 1 - _EXCERPT * 2 // 3)
+        excerpt = "".join(c if c.isprintable() else " " for c in source[start : start + _EXCERPT])
+        parts = [
+            f"{self.name}:{line}:{column}: {message}",
+            f"    {excerpt}".rstrip(),
+            f"    {' ' * (column - 1 - start)}^",
+        ]
+        if expected:
+            parts.append(f"Expected {expected}.")
+        if guess:
+            parts.append(f"Did you mean {guess}?")
+        return kind("\n".join(parts), line=line, column=column, source=source)
+
+    def error_at(
+        self,
+        token: Token,
+        message: str,
+        *,
+        expected: str = "",
+        guess: str = "",
+        kind: type[TreeError] = TreeError,
+    ) -> TreeError:
+        """The error for a word of the text."""
+        line, column = token.line or 1, token.column or 1
+        return self.error(message, line, column, expected=expected, guess=guess, kind=kind)
+
+
+def closest(word: str, words: Iterable[str]) -> str:
+    """The word that was probably meant; empty when none is near."""
+    if len(word) > _LONGEST_GUESS:
+        return ""
+    by_lower_case = {each.lower(): each for each in words}
+    near = difflib.get_close_matches(word.lower(), by_lower_case, n=1, cutoff=0.6)
+    return by_lower_case[near[0]] if near else ""
+
+
+def shown(word: str) -> str:
+    """A word in quotes, shortened if it is very long."""
+    return repr(str(word) if len(word) <= _LONGEST_GUESS else word[:_LONGEST_GUESS] + "...")

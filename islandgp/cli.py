@@ -1,0 +1,65 @@
+"""The `islandgp` command: each subcommand is one file of `islandgp.commands`."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from typing import Final
+
+import click
+
+from islandgp.errors import IslandError
+
+COMMANDS: Final[dict[str, str]] = {
+    "run": "evolve trees: the same as python -m islandgp",
+    "check": "look for errors and doubtful places in tree files",
+    "fmt": "print tree files in the canonical form",
+    "show": "draw a tree",
+    "simplify": "shorten a tree without changing what it does",
+    "diff": "compare two trees",
+    "play": "run a tree on the island",
+    "trace": "see which nodes of a tree did what in one episode",
+    "replay": "write an episode as a page to watch in a browser",
+    "export": "turn a tree into JSON, BehaviorTree.CPP XML or py_trees",
+    "import": "turn JSON or BehaviorTree.CPP XML into a tree",
+    "compare": "compare arms of runs: tables, figures, statistics",
+    "estimate": "tell what supervision by a language model will cost",
+    "sync": "send records to the tracking server that it has not got yet",
+    "ui": "start the MLflow UI and print the address of the right page",
+}
+"""Name and one line of help; the code is `islandgp.commands.<name>_command:command`."""
+
+
+class Lazy(click.Group):
+    """Imports a subcommand only when it is asked for, so that `--help` is quick."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 -- click's signature
+        """The names, in the table's order."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:  # noqa: ARG002
+        """The code of one subcommand."""
+        if name not in COMMANDS:
+            return None
+        command: click.Command = import_module(f"islandgp.commands.{name}_command").command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+        """The table, without importing any code."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+@click.group(cls=Lazy, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="islandgp")
+def islandgp() -> None:
+    """Evolve robot Behaviour Trees under a supervisor, and work with trees and runs."""
+
+
+def main() -> None:
+    """The console script: a user's error is one message and exit code 2."""
+    try:
+        islandgp()
+    except IslandError as error:
+        print(f"islandgp: {error}", file=sys.stderr)
+        sys.exit(2)

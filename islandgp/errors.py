@@ -1,0 +1,60 @@
+"""Every error that a user can cause, as one tree.
+
+IslandError            one clear message: expected, found, remedy; exit code 2 at the rim
+|-- TreeError          a text is not a tree of the language (line, column, caret)
+|   |-- UnknownNameError  an action, a key or a subtree does not exist
+|   `-- LimitError     a tree is deeper or larger than its limits
+|-- ConfigError        the configuration is wrong (one line per error)
+|-- EvaluationError    an episode could not be run (names the tree and the world seed)
+|-- SupervisionError   a supervisor cannot do its work
+|-- RunError           a run's folder, checkpoint or record cannot be used
+`-- StudyError         runs cannot be compared
+"""
+
+from __future__ import annotations
+
+
+class IslandError(Exception):
+    """The root: its text is shown to the user as it is, without a traceback."""
+
+
+class TreeError(IslandError):
+    """A text is not a tree of the language.
+
+    `line` and `column` count from 1; `str()` gives the whole message with the
+    offending line and a caret below it.
+    """
+
+    def __init__(self, message: str, *, line: int = 1, column: int = 1, source: str = "") -> None:
+        super().__init__(message)
+        self.line = line
+        self.column = column
+        self.source = source
+
+
+class UnknownNameError(TreeError):
+    """A text names an action, a blackboard key or a subtree that does not exist."""
+
+
+class LimitError(TreeError):
+    """A tree is deeper or has more nodes than its limits allow."""
+
+
+class ConfigError(IslandError):
+    """The configuration is wrong; the message has one line per error."""
+
+
+class EvaluationError(IslandError):
+    """An episode could not be run; the message names the tree and the world seed."""
+
+
+class SupervisionError(IslandError):
+    """A supervisor cannot do its work, and the run must not start."""
+
+
+class RunError(IslandError):
+    """A run's folder, checkpoint or record cannot be used."""
+
+
+class StudyError(IslandError):
+    """Runs cannot be selected or compared."""

@@ -1,0 +1,75 @@
+"""The seam in front of the simulator: jobs in, outcomes out, in the same order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Protocol
+
+from islandgp.bt.language import parse
+from islandgp.bt.node import Node
+from islandgp.island.episode import run_episode
+from islandgp.island.world import World
+from islandgp.scoring.curriculum import Curriculum
+from islandgp.scoring.outcome import Outcome, outcome
+from islandgp.scoring.rewards import Rewards, award
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One episode to be run. Equal jobs have equal outcomes."""
+
+    tree: str  # canonical text
+    stage: int  # index into Table 2
+    seed: int  # of the world
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What all jobs of a run have in common; workers get it once."""
+
+    world: World
+    rewards: Rewards
+    curriculum: Curriculum
+
+
+class Evaluator(Protocol):
+    """Runs episodes. `tests/contracts` holds what every implementation promises.
+
+    An evaluator that configuration can choose has two class attributes more:
+    `Settings`, a pydantic model, and `make(settings, setting)`.
+    """
+
+    @property
+    def simulated(self) -> int:
+        """Episodes simulated so far; a cost, not a result."""
+        ...
+
+    def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
+        """The outcomes of the jobs, in their order.
+
+        Raises:
+            EvaluationError: an episode cannot be run; the message names its tree and seed.
+        """
+        ...
+
+    def close(self) -> None:
+        """Frees what the evaluator holds; it is not used afterwards."""
+        ...
+
+
+@lru_cache(maxsize=256)
+def _tree(text: str) -> Node:
+    return parse(text)
+
+
+def simulate(setting: Setting, job: Job) -> Outcome:
+    """One job's outcome: a function of its arguments alone."""
+    multipliers = setting.curriculum.multipliers(job.stage)
+    episode = run_episode(
+        _tree(job.tree), setting.world, job.seed, award(setting.rewards, multipliers)
+    )
+    return outcome(
+        episode, setting.rewards, multipliers, seconds_per_step=setting.world.episode.step
+    )

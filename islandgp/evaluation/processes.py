@@ -1,0 +1,121 @@
+"""Episodes in a persistent pool of processes on this machine.
+
+Results do not depend on the number of workers: an episode is a function of its
+job. A worker that dies is replaced, and the unfinished jobs are run again one
+at a time; a job that kills its worker twice is named and ends the run.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+
+from pydantic import BaseModel, Field
+
+from islandgp.errors import EvaluationError
+from islandgp.evaluation.base import Job, Setting, simulate
+from islandgp.scoring.outcome import Outcome
+
+_setting: Setting | None = None  # a worker's own copy
+
+
+def cores() -> int:
+    """Cores that this process may use, >= 1."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _start(setting: Setting) -> None:
+    global _setting
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
+    _setting = setting
+
+
+def _run(job: Job) -> Outcome:
+    assert _setting is not None
+    return simulate(_setting, job)
+
+
+class ProcessesSettings(BaseModel, frozen=True, extra="forbid"):
+    """How many processes."""
+
+    workers: int = Field(ge=0, le=1024)  # 0: one for each core
+
+
+class Processes:
+    """The evaluator for one machine."""
+
+    Settings = ProcessesSettings
+
+    @classmethod
+    def make(cls, settings: ProcessesSettings, setting: Setting) -> Processes:
+        """See `Evaluator`."""
+        return cls(setting, settings.workers or cores())
+
+    def __init__(self, setting: Setting, workers: int) -> None:
+        """Starts `workers` >= 1 processes, at the first job."""
+        self.setting = setting
+        self.workers = workers
+        self.simulated = 0
+        self._pool = self._new_pool()
+
+    def _new_pool(self) -> ProcessPoolExecutor:
+        context = multiprocessing.get_context("forkserver" if os.name == "posix" else "spawn")
+        if os.name == "posix":
+            context.set_forkserver_preload(["islandgp.evaluation.processes"])
+        return ProcessPoolExecutor(self.workers, context, _start, (self.setting,))
+
+    def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
+        """See `Evaluator`."""
+        self.simulated += len(jobs)
+        try:
+            futures = [self._pool.submit(_run, job) for job in jobs]
+        except BrokenProcessPool:  # a worker died between two calls
+            return self._one_by_one(jobs, {})
+        done: dict[Job, Outcome] = {}
+        try:
+            return [self._result(job, f, done) for job, f in zip(jobs, futures, strict=True)]
+        except BrokenProcessPool:
+            return self._one_by_one(jobs, done)
+
+    def _result(self, job: Job, future: Future[Outcome], done: dict[Job, Outcome]) -> Outcome:
+        try:
+            done[job] = future.result()
+        except BrokenProcessPool:
+            raise
+        except Exception as error:
+            raise EvaluationError(_blame(job, f"{type(error).__name__}: {error}")) from error
+        return done[job]
+
+    def _one_by_one(self, jobs: Sequence[Job], done: dict[Job, Outcome]) -> list[Outcome]:
+        """Finishes the jobs after a worker died, finding out which one kills workers."""
+        self._renew()
+        for job in (job for job in jobs if job not in done):
+            try:
+                self._result(job, self._pool.submit(_run, job), done)
+            except BrokenProcessPool:
+                self._renew()
+                try:
+                    self._result(job, self._pool.submit(_run, job), done)
+                except BrokenProcessPool:
+                    self._renew()
+                    raise EvaluationError(_blame(job, "that its worker died twice")) from None
+        return [done[job] for job in jobs]
+
+    def _renew(self) -> None:
+        self._pool.shutdown(wait=True)
+        self._pool = self._new_pool()
+
+    def close(self) -> None:
+        """See `Evaluator`."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _blame(job: Job, what: str) -> str:
+    return (
+        f"Expected an outcome from world seed {job.seed}, stage {job.stage}, found {what}."
+        f" The run keeps what it has; this is the tree:\n{job.tree}"
+    )

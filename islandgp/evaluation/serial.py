@@ -1,0 +1,37 @@
+"""Episodes one after the other in this process."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pydantic import BaseModel
+
+from islandgp.evaluation.base import Job, Setting, simulate
+from islandgp.scoring.outcome import Outcome
+
+
+class SerialSettings(BaseModel, frozen=True, extra="forbid"):
+    """Nothing to choose."""
+
+
+class Serial:
+    """The evaluator without workers."""
+
+    Settings = SerialSettings
+
+    @classmethod
+    def make(cls, settings: SerialSettings, setting: Setting) -> Serial:  # noqa: ARG003 -- the protocol's
+        """See `Evaluator`."""
+        return cls(setting)
+
+    def __init__(self, setting: Setting) -> None:
+        self.setting = setting
+        self.simulated = 0
+
+    def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
+        """See `Evaluator`."""
+        self.simulated += len(jobs)
+        return [simulate(self.setting, job) for job in jobs]
+
+    def close(self) -> None:
+        """See `Evaluator`."""

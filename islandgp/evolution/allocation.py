@@ -1,0 +1,179 @@
+"""Who makes up the next population: Table 1, with niche protection (section 2.3).
+
+The slots are filled in a fixed order: elites, behavioural elites, resurrected,
+the supervisor's tree and random ones for diversity, and tournament children for
+the rest. Mutation comes afterwards and is not decided here.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from pydantic import BaseModel, Field, model_validator
+
+from islandgp.bt.limits import Limits
+from islandgp.bt.node import Node
+from islandgp.evolution.generation import TreeSettings, random_tree
+from islandgp.evolution.population import Evaluated, Individual, Origin, ranked
+from islandgp.evolution.variation import crossover, tournament
+from islandgp.scoring.state import BEHAVIOURS
+from islandgp.seeding import Stream, stream
+
+
+class Allocation(BaseModel, frozen=True, extra="forbid"):
+    """Table 1. Counts are for `per` individuals and scale with the population."""
+
+    per: int = Field(ge=1)
+    elites: int = Field(ge=0)  # at most
+    behavioural_elites: int = Field(ge=0)  # at most
+    resurrected: int = Field(ge=0)  # at most
+    diversity: tuple[int, int]  # least and most
+    tournament: tuple[int, int]  # least and most
+    diversity_targets: tuple[
+        float, float
+    ]  # Eq. (3): at or above the first the least slots, below the second the most
+    niche_share: float = Field(gt=0, le=1)  # a class gives at most this share of the parents
+
+    @model_validator(mode="after")
+    def _ranges(self) -> Allocation:
+        for name in ("diversity", "tournament"):
+            least, most = getattr(self, name)
+            if not 1 <= least <= most:
+                raise ValueError(f"{name}: expected 1 <= least <= most, found [{least}, {most}]")
+        taken = self.elites + self.behavioural_elites + self.resurrected + self.diversity[0]
+        if taken + self.tournament[0] > self.per:
+            raise ValueError(
+                f"expected slots that fit into {self.per} individuals, found"
+                f" {taken} and at least {self.tournament[0]} tournament children"
+            )
+        return self
+
+
+@dataclass(frozen=True, slots=True)
+class Ancestor:
+    """The best individual of a behaviour that has ever been."""
+
+    id: str
+    tree: Node
+    fitness: float
+
+
+Archive = Mapping[str, Ancestor]  # by behaviour
+
+
+def remember(archive: Archive, population: Sequence[Evaluated]) -> dict[str, Ancestor]:
+    """The archive with this generation's best of each behaviour, where they are better."""
+    kept = dict(archive)
+    for e in population:
+        for behaviour in e.behaviours:
+            if behaviour not in kept or e.fitness > kept[behaviour].fitness:
+                kept[behaviour] = Ancestor(e.individual.id, e.individual.tree, e.fitness)
+    return {name: kept[name] for name in BEHAVIOURS if name in kept}
+
+
+def scaled(count: int, allocation: Allocation, population: int) -> int:
+    """A count of Table 1 for another population size, rounded half up."""
+    return (2 * count * population + allocation.per) // (2 * allocation.per)
+
+
+def diversity_slots(allocation: Allocation, population: int, taken: int, diversity: float) -> int:
+    """How many diversity slots: more when diversity is low, within Table 1's two ranges."""
+    least, most = (max(1, scaled(n, allocation, population)) for n in allocation.diversity)
+    few, many = (scaled(n, allocation, population) for n in allocation.tournament)
+    enough, low = allocation.diversity_targets
+    middle = (least + most + 1) // 2
+    wanted = least if diversity >= enough else most if diversity < low else middle
+    free = population - taken
+    wanted = max(wanted, min(most, free - many))
+    return max(min(wanted, free - few), min(least, free))
+
+
+def elites(
+    population: Sequence[Evaluated], allocation: Allocation, archive: Archive
+) -> list[tuple[Origin, str, Node]]:
+    """Elites, the best of each behaviour, and resurrected ones: (origin, parent, tree)."""
+    n, order = len(population), ranked(tuple(population))
+    best = order[: scaled(allocation.elites, allocation, n)]
+    taken = {e.individual.id for e in best}
+    slots = [(Origin.ELITE, e.individual.id, e.individual.tree) for e in best]
+    room = scaled(allocation.behavioural_elites, allocation, n)
+    for behaviour in BEHAVIOURS:
+        first = next((e for e in order if behaviour in e.behaviours), None)
+        if room and first is not None and first.individual.id not in taken:
+            taken.add(first.individual.id)
+            room -= 1
+            slots.append((Origin.BEHAVIOURAL_ELITE, first.individual.id, first.individual.tree))
+    alive = {behaviour for e in population for behaviour in e.behaviours}
+    extinct = [a for name, a in archive.items() if name not in alive]
+    slots += [
+        (Origin.RESURRECTED, a.id, a.tree)
+        for a in extinct[: scaled(allocation.resurrected, allocation, n)]
+    ]
+    return slots
+
+
+def pick_parent(
+    entrants: Sequence[Evaluated], supplied: Counter[str], share: float, slots: int
+) -> Evaluated:
+    """Niche protection: the best entrant whose class has not yet given its share of parents."""
+    for e in entrants:
+        if supplied[e.specialist] < share * slots:
+            return e
+    return entrants[0]
+
+
+def next_population(
+    population: Sequence[Evaluated],
+    *,
+    seed: int,
+    generation: int,
+    injected: Node | None,
+    archive: Archive,
+    diversity: float,
+    allocation: Allocation,
+    trees: TreeSettings,
+    limits: Limits,
+    crossover_rate: float,
+    tournament_size: int,
+) -> tuple[Individual, ...]:
+    """The population of `generation`, before mutation; as many individuals as before."""
+    n = len(population)
+    kept = elites(population, allocation, archive)[: n - 2]
+    new = [
+        Individual(f"{generation}.{slot}", tree, origin, (parent,))
+        for slot, (origin, parent, tree) in enumerate(kept)
+    ]
+    for i in range(diversity_slots(allocation, n, len(new), diversity)):
+        slot = len(new)
+        if i == 0 and injected is not None:
+            new.append(Individual(f"{generation}.{slot}", injected, Origin.INJECTED))
+            continue
+        rng = stream(seed, Stream.DIVERSITY, generation=generation, slot=slot)
+        new.append(
+            Individual(f"{generation}.{slot}", random_tree(rng, trees, limits), Origin.RANDOM)
+        )
+    supplied: Counter[str] = Counter()
+    children, first = n - len(new), len(new)
+    for slot in range(first, n):
+        rng = stream(seed, Stream.SELECTION, generation=generation, slot=slot)
+        parents = []
+        for _ in range(2 if rng.random() < crossover_rate else 1):
+            entrants = tournament(rng, population, tournament_size)
+            parent = pick_parent(entrants, supplied, allocation.niche_share, 2 * children)
+            supplied[parent.specialist] += 1
+            parents.append(parent.individual)
+        new.append(_child(f"{generation}.{slot}", parents, seed, generation, slot, limits))
+    return tuple(new)
+
+
+def _child(
+    name: str, parents: Sequence[Individual], seed: int, generation: int, slot: int, limits: Limits
+) -> Individual:
+    ids = tuple(p.id for p in parents)
+    if len(parents) == 1:
+        return Individual(name, parents[0].tree, Origin.COPY, ids)
+    rng = stream(seed, Stream.CROSSOVER, generation=generation, slot=slot)
+    tree = crossover(rng, parents[0].tree, parents[1].tree, limits)
+    return Individual(name, tree, Origin.CROSSOVER, ids)

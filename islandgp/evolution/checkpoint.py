@@ -1,0 +1,117 @@
+"""A run's state on disk: written in one piece or not at all, and checked when read."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from islandgp.bt.language import parse, to_text
+from islandgp.errors import RunError
+from islandgp.evolution.allocation import Ancestor
+from islandgp.evolution.population import Individual, Origin
+from islandgp.evolution.record import Champion, IndividualRecord, RunState
+from islandgp.scoring.state import Snapshot
+
+
+def write_atomic(path: Path, data: bytes) -> None:
+    """The whole file or the old one, whatever happens in between."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    with temporary.open("wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(path)
+
+
+def dump(value: Any) -> str:
+    """JSON of dataclasses' plain dicts, the same bytes each time, on one line."""
+    return json.dumps(value, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+
+
+def save_state(path: Path, state: RunState) -> None:
+    """Writes a checkpoint with its checksum."""
+    body = dump(_plain(state))
+    digest = hashlib.sha256(body.encode()).hexdigest()
+    write_atomic(path, f'{{"sha256":"{digest}","state":{body}}}\n'.encode())
+
+
+def load_state(path: Path) -> RunState:
+    """Reads a checkpoint.
+
+    Raises:
+        RunError: the file is damaged.
+    """
+    try:
+        whole = json.loads(path.read_text(encoding="utf-8"))
+        body = whole["state"]
+        intact = hashlib.sha256(dump(body).encode()).hexdigest() == whole["sha256"]
+        state = _state(body)
+    except (ValueError, KeyError, TypeError) as error:
+        raise RunError(
+            f"Expected a checkpoint in {path}, found a damaged file ({error});"
+            " delete the run's folder or use resume=never."
+        ) from error
+    if not intact:
+        raise RunError(f"Expected a checkpoint in {path}, found one whose checksum differs.")
+    return state
+
+
+def _plain(state: RunState) -> dict[str, Any]:
+    champion = state.champion
+    return {
+        "generation": state.generation,
+        "population": [
+            {
+                "id": i.id,
+                "tree": to_text(i.tree),
+                "origin": i.origin,
+                "parents": i.parents,
+                "mutation": i.mutation,
+            }
+            for i in state.population
+        ],
+        "rate": state.rate,
+        "history": [asdict(s) for s in state.history],
+        "archive": {
+            name: {"id": a.id, "tree": to_text(a.tree), "fitness": a.fitness}
+            for name, a in state.archive.items()
+        },
+        "champion": None if champion is None else asdict(champion),
+    }
+
+
+def _state(plain: dict[str, Any]) -> RunState:
+    champion = plain["champion"]
+    return RunState(
+        generation=plain["generation"],
+        population=tuple(_individual(i) for i in plain["population"]),
+        rate=plain["rate"],
+        history=tuple(Snapshot(**s) for s in plain["history"]),
+        archive={
+            name: Ancestor(**{**a, "tree": parse(a["tree"])})
+            for name, a in plain["archive"].items()
+        },
+        champion=None
+        if champion is None
+        else Champion(champion["generation"], individual_record(champion["record"])),
+    )
+
+
+def _individual(plain: dict[str, Any]) -> Individual:
+    return Individual(
+        id=plain["id"],
+        tree=parse(plain["tree"]),
+        origin=Origin(plain["origin"]),
+        parents=tuple(plain["parents"]),
+        mutation=plain["mutation"],
+    )
+
+
+def individual_record(plain: dict[str, Any]) -> IndividualRecord:
+    """An individual's line from its JSON."""
+    lists = ("parents", "components", "tiers", "endings")
+    return IndividualRecord(**{**plain, **{name: tuple(plain[name]) for name in lists}})

@@ -1,0 +1,115 @@
+"""Random trees, as for generation 0 and the diversity slots (sections 2.2.3 and 2.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from pydantic import BaseModel, Field, model_validator
+
+from islandgp.bt.limits import Limits, within
+from islandgp.bt.node import (
+    ABORTS,
+    ACTIONS,
+    FLAG_OPERATORS,
+    KEYS,
+    KINDS,
+    OPERATORS,
+    POLICIES,
+    Node,
+)
+
+NAMES = tuple(ACTIONS)
+KEY_NAMES = tuple(KEYS)
+
+
+class TreeSettings(BaseModel, frozen=True, extra="forbid"):
+    """How random trees are grown."""
+
+    depth: tuple[int, int]  # least and most levels a tree aims at, >= 2
+    leaf: float = Field(ge=0, le=1)  # chance that a place above the last level is an action
+    children: tuple[int, int]  # least and most children of a composite, >= 1
+    repeats: int = Field(ge=1, le=100)  # most repetitions
+    kinds: dict[str, float]  # weight of each inner node kind
+
+    @model_validator(mode="after")
+    def _sound(self) -> TreeSettings:
+        inner = set(KINDS) - {"action"}
+        if set(self.kinds) - inner or min(self.kinds.values(), default=0) < 0:
+            raise ValueError(f"kinds: expected weights >= 0 for some of {', '.join(sorted(inner))}")
+        if sum(self.kinds.values()) <= 0:
+            raise ValueError("kinds: expected a weight above 0")
+        if not 1 <= self.children[0] <= self.children[1]:
+            raise ValueError(f"children: expected 1 <= least <= most, found {list(self.children)}")
+        if not 2 <= self.depth[0] <= self.depth[1]:
+            raise ValueError(f"depth: expected 2 <= least <= most, found {list(self.depth)}")
+        return self
+
+
+def weighted(rng: np.random.Generator, weights: Mapping[str, float]) -> str:
+    """A key drawn by its weight."""
+    left, last = rng.random() * sum(weights.values()), ""
+    for name, weight in weights.items():
+        if weight > 0:
+            left, last = left - weight, name
+        if left < 0:
+            break
+    return last
+
+
+def random_action(rng: np.random.Generator) -> Node:
+    """A leaf."""
+    return Node("action", (NAMES[rng.integers(len(NAMES))],))
+
+
+def random_args(
+    rng: np.random.Generator, kind: str, settings: TreeSettings
+) -> tuple[str | float, ...]:
+    """The arguments of an inner node."""
+    if kind == "when":
+        return _random_condition(rng)
+    if kind == "repeater":
+        return (float(rng.integers(1, settings.repeats + 1)),)
+    if kind == "parallel":
+        return POLICIES[rng.integers(2)], POLICIES[rng.integers(2)]
+    return ()
+
+
+def _random_condition(rng: np.random.Generator) -> tuple[str | float, ...]:
+    name = KEY_NAMES[rng.integers(len(KEY_NAMES))]
+    key = KEYS[name]
+    abort = ABORTS[rng.integers(len(ABORTS))]
+    if key.flag:
+        return name, FLAG_OPERATORS[rng.integers(len(FLAG_OPERATORS))], 0.0, abort
+    op = OPERATORS[rng.integers(len(OPERATORS))]
+    steps = round((key.high - key.low) / key.step)
+    return name, op, key.low + key.step * float(rng.integers(steps + 1)), abort
+
+
+def inner_node(rng: np.random.Generator, settings: TreeSettings, depth: int) -> Node:
+    """A random composite or decorator whose tree has at most `depth` >= 2 levels."""
+    kind = weighted(rng, settings.kinds)
+    least, most = settings.children
+    n = 1 if KINDS[kind].children[1] == 1 else int(rng.integers(least, most + 1))
+    args = random_args(rng, kind, settings)
+    return Node(kind, args, tuple(grow(rng, settings, depth - 1) for _ in range(n)))
+
+
+def grow(rng: np.random.Generator, settings: TreeSettings, depth: int) -> Node:
+    """A random tree of at most `depth` levels; a branch ends where chance or depth ends it."""
+    if depth <= 1 or rng.random() < settings.leaf:
+        return random_action(rng)
+    return inner_node(rng, settings, depth)
+
+
+def random_tree(rng: np.random.Generator, settings: TreeSettings, limits: Limits) -> Node:
+    """A random tree within the limits; a bare action only where they leave nothing else."""
+    least, most = settings.depth
+    for _ in range(100):
+        depth = min(int(rng.integers(least, most + 1)), limits.max_depth)
+        if depth < 2:
+            break
+        tree = inner_node(rng, settings, depth)
+        if within(tree, limits):
+            return tree
+    return random_action(rng)

@@ -1,0 +1,59 @@
+"""What a run is made of: the settings of genetic programming and of supervision."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pydantic import BaseModel, Field
+
+from islandgp.bt.limits import Limits
+from islandgp.evolution.allocation import Allocation
+from islandgp.evolution.generation import TreeSettings
+from islandgp.evolution.variation import MutationSettings
+from islandgp.scoring.classify import Classes
+from islandgp.scoring.curriculum import Curriculum
+from islandgp.scoring.state import StateSettings
+from islandgp.supervision.crisis import Crisis
+
+
+class GP(BaseModel, frozen=True, extra="forbid"):
+    """Genetic programming, section 2.3."""
+
+    population: int = Field(ge=4, le=10_000)
+    generations: int = Field(ge=1, le=100_000)  # evaluated ones, generation 0 included
+    tournament: int = Field(ge=1)
+    crossover_rate: float = Field(ge=0, le=1)
+    mutation_rate: float = Field(ge=0, le=1)  # until a supervisor says otherwise
+    mutate_elites: bool  # mutation hits elites and the injected tree too
+    max_depth: int = Field(ge=2, le=50)
+    max_nodes: int = Field(ge=3, le=1000)
+    episodes: int = Field(ge=1, le=1000)  # an individual
+    common_world: bool  # one world a generation for all, or one for each individual
+    trees: TreeSettings
+    mutation: MutationSettings
+    state: StateSettings
+    crisis: Crisis
+
+    @property
+    def limits(self) -> Limits:
+        """The largest tree (section 2.2.3)."""
+        return Limits(self.max_depth, self.max_nodes)
+
+
+class Switches(BaseModel, frozen=True, extra="forbid"):
+    """Which parts of a supervisor's guidance take effect; for ablations."""
+
+    adapt_mutation: bool
+    inject: bool  # the supervisor's tree takes its slot; else that is a random individual's
+    lag: int = Field(ge=0, le=100)  # generations until an answer takes effect
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What a run is made of, besides its seed, its supervisor and its evaluator."""
+
+    gp: GP
+    allocation: Allocation
+    curriculum: Curriculum
+    classes: Classes
+    switches: Switches

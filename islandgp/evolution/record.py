@@ -1,0 +1,111 @@
+"""What a run leaves behind for each generation, and what it needs to go on.
+
+Both are plain values without times or machine names: the same seed gives the
+same bytes. Costs are kept apart for that reason.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from islandgp.evolution.allocation import Ancestor
+from islandgp.evolution.population import Individual
+from islandgp.scoring.state import Snapshot
+
+
+@dataclass(frozen=True, slots=True)
+class IndividualRecord:
+    """One individual's line: lineage, tree, behaviour, fitness."""
+
+    id: str
+    origin: str
+    parents: tuple[str, ...]
+    mutation: str  # operator, or ""
+    tree: str  # canonical text
+    nodes: int
+    depth: int
+    fitness: float  # points
+    components: tuple[float, ...]  # points by scoring.rewards.Component
+    specialist: str
+    tiers: tuple[str, ...]
+    pickups: float
+    interactions: float
+    deliveries: float
+    charges: float
+    gathered: float
+    endings: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class GuidanceRecord:
+    """What the supervisor said after a generation, and what was done with it."""
+
+    asked_at: int  # generation whose state was answered
+    source: str
+    phase: str | None
+    pattern: str | None
+    target: str | None
+    intervention: bool
+    wanted_rate: float | None
+    crisis: str  # Eq. (7): why it is a crisis, or ""
+    applied_rate: float  # Eq. (8)
+    tree: str | None  # canonical text
+    injected: bool
+    refused: str  # why a tree was not injected, or ""
+    risk: str
+    reasoning: str
+    rationale: str
+    notes: dict[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class GenerationRecord:
+    """One generation."""
+
+    snapshot: Snapshot
+    worlds: tuple[int, ...]  # world seeds
+    origins: dict[str, int]  # individuals by origin
+    stagnant_generations: int
+    individuals: tuple[IndividualRecord, ...]  # in slot order
+    guidance: GuidanceRecord | None  # for the next generation; None after the last
+
+
+@dataclass(frozen=True, slots=True)
+class Champion:
+    """The individual with the highest fitness so far."""
+
+    generation: int
+    record: IndividualRecord
+
+
+@dataclass(frozen=True, slots=True)
+class RunState:
+    """Everything the next generation depends on, besides configuration and seed."""
+
+    generation: int  # the next to be evaluated
+    population: tuple[Individual, ...]
+    rate: float  # that made this population
+    history: tuple[Snapshot, ...]  # of the generations before, oldest first
+    archive: dict[str, Ancestor]  # best of each behaviour
+    champion: Champion | None
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """What a generation took. Not part of the record: it differs from machine to machine."""
+
+    evaluation: float  # s
+    supervision: float  # s spent waiting for guidance
+    operators: float  # s, everything else in the loop
+    episodes: int  # asked for
+    simulated: int  # really run; the others came from the cache
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One generation's yield."""
+
+    record: GenerationRecord
+    state: RunState | None  # to go on from; None after the last generation
+    champion: Champion
+    cost: Cost

@@ -1,0 +1,51 @@
+"""What happens on the island that can be worth points, and the running account of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import IntEnum
+
+
+class Event(IntEnum):
+    """The rows of Table 3, with what their amount means."""
+
+    PICKUP = 0  # items taken from the ground
+    INTERACTION = 1  # items taken over from a humanoid
+    CHARGE = 2  # battery level in percent when charging began
+    SHUTDOWN = 3  # 1: the battery is empty
+    DELIVERY = 4  # items unloaded
+    EMPTY_DELIVERY = 5  # 1: nothing to unload
+    PATROL = 6  # 1: a stretch of patrol with a discovery
+    DISCOVERY = 7  # things seen for the first time while on patrol
+    IDLE = 8  # seconds of idleness so far, each second anew
+    COLLISION = 9  # 1: touched a humanoid
+    LEFTOVER = 10  # items on the ground at the end
+
+
+Award = Callable[[Event, float], float]  # the points of an event, by its amount
+
+
+class Journal:
+    """The events of an episode in order, and the fitness that they add up to."""
+
+    __slots__ = ("award", "best", "best_step", "events", "fitness", "negative_since")
+
+    def __init__(self, award: Award) -> None:
+        self.award = award
+        self.events: list[tuple[int, Event, float]] = []  # (step, event, amount)
+        self.fitness = 0.0
+        self.best = 0.0  # highest fitness so far
+        self.best_step = 0  # step at which it was reached
+        self.negative_since = -1  # step since which fitness is below 0, or -1
+
+    def log(self, step: int, event: Event, amount: float) -> None:
+        """Writes an event down and adds its points."""
+        self.events.append((step, event, amount))
+        self.fitness = fitness = self.fitness + self.award(event, amount)
+        if fitness > self.best:
+            self.best = fitness
+            self.best_step = step
+        if fitness >= 0:
+            self.negative_since = -1
+        elif self.negative_since < 0:
+            self.negative_since = step

@@ -1,0 +1,112 @@
+"""The robot: battery, wheels and load.
+
+Charge is counted in whole millionths of a percent, and distance in whole steps
+of driving, so that many steps at once add up to exactly what they add up to
+one by one.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from math import hypot
+
+import pymunk
+
+from islandgp.island.script import Circle
+from islandgp.island.steering import steer
+from islandgp.island.world import World
+
+MICRO = 1_000_000  # units of charge in one percent
+FULL = 100 * MICRO
+MARGIN = 0.3  # m between the robot's hull and an obstacle it drives around
+FAR = 1 << 60  # a step that never comes
+
+
+class Robot:
+    """The robot's own state, changed by actions and by time."""
+
+    def __init__(
+        self,
+        world: World,
+        body: pymunk.Body,
+        rocks: tuple[Circle, ...],
+        thresholds: tuple[float, ...],
+    ) -> None:
+        """`thresholds`: levels in percent at which somebody wants to look at the battery."""
+        step, self.settings = world.episode.step, world.robot
+        self.body = body
+        self.x, self.y = world.start  # m, as last looked at
+        self.load = 0  # items
+        self.laps = 0  # patrol rounds finished
+        self.waypoint = 0  # index of the next waypoint
+        # battery
+        self.battery = round(world.robot.battery_start * MICRO)
+        self.drain_moving = round(world.robot.drain_moving * step * MICRO)  # a step
+        self.drain_standing = round(world.robot.drain_standing * step * MICRO)
+        self.charge = round(world.robot.charge_rate * step * MICRO)
+        marks = {round(t * MICRO) for t in (*thresholds, world.episode.low_battery, 0, 100)}
+        self.marks = sorted(m for m in marks if 0 <= m <= FULL)
+        # wheels
+        self.stride = world.robot.speed * step  # m a step
+        self.rocks = tuple((x, y, r + world.robot.radius + MARGIN) for x, y, r in rocks)
+        self.driving = False  # in this step
+        self.charging = False  # in this step; standing only
+        self.rolling = False  # the body may have a velocity
+        self.goal = (-1.0, -1.0)
+        self.leg_end = 0  # step at which the next leg is planned
+        self.odometer = 0  # steps spent driving
+        # what counts once
+        self.spent = FULL  # charge used since the last charging attempt that counted
+        self.clearing_point = -1  # where an empty delivery has cost already in this visit; -1: none
+
+    @property
+    def room(self) -> int:
+        """How many items more it can carry."""
+        return self.settings.capacity - self.load
+
+    def drive(self, step: int, x: float, y: float, reach: float) -> int:
+        """Turns the wheels towards (x, y); returns the step to look again, or -1 on arrival."""
+        distance = hypot(x - self.x, y - self.y)
+        if distance <= reach:
+            return -1
+        if step >= self.leg_end or self.goal != (x, y):
+            self._plan_leg(step, x, y, reach)
+        self.driving = True
+        return min(self.leg_end, step + max(1, int((distance - reach) / self.stride)))
+
+    def _plan_leg(self, step: int, x: float, y: float, reach: float) -> None:
+        ux, uy, length = steer(self.x, self.y, x, y, reach=reach, obstacles=self.rocks)
+        speed = self.settings.speed
+        self.body.velocity = (ux * speed, uy * speed)
+        self.goal = (x, y)
+        self.leg_end = step + max(1, round(length / self.stride)) if length < 1e6 else FAR
+        self.rolling = True
+
+    def stand(self) -> None:
+        """Stops the wheels."""
+        if self.rolling:
+            self.body.velocity = (0.0, 0.0)
+            self.rolling = False
+        self.leg_end = 0
+
+    def battery_due(self, step: int) -> int:
+        """The earliest step at which the battery may cross a level that matters."""
+        level = self.battery
+        if self.charging and not self.driving:
+            mark = self.marks[min(bisect_left(self.marks, level), len(self.marks) - 1)]
+            return step + max(1, (mark - level) // self.charge)
+        drain = self.drain_moving if self.driving else self.drain_standing
+        if drain == 0:
+            return FAR
+        mark = self.marks[max(bisect_right(self.marks, level) - 1, 0)]
+        return step + max(1, (level - mark) // drain)
+
+    def spend(self, steps: int) -> None:
+        """Lets `steps` steps of the present doing pass for battery and odometer."""
+        if self.charging and not self.driving:
+            self.battery = min(FULL, self.battery + steps * self.charge)
+            return
+        used = steps * (self.drain_moving if self.driving else self.drain_standing)
+        self.odometer += steps * self.driving
+        self.battery -= used
+        self.spent += used

@@ -1,0 +1,119 @@
+"""What a world's seed decides: where things lie and stand, and what comes when.
+
+Nothing here depends on what the robot does, so the whole of it is drawn once
+and shared by every episode in the same world.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import cos, hypot, sin, tau
+
+import numpy as np
+
+from islandgp.errors import ConfigError
+from islandgp.island.world import World
+
+Circle = tuple[float, float, float]  # x, y, radius in metres
+SPAWN = -1  # in a cue's place for a humanoid's index: an item of garbage appears
+
+Cue = tuple[int, int, float, float]
+"""(step, humanoid, vx, vy): it turns and finds one more item; (step, SPAWN, x, y): new garbage."""
+
+
+@dataclass(frozen=True, slots=True)
+class Script:
+    """One day on the island."""
+
+    obstacles: tuple[Circle, ...]
+    garbage: tuple[complex, ...]  # positions at the start, x + iy
+    humanoids: tuple[tuple[float, float, float, float], ...]  # x, y, vx, vy at the start
+    cues: tuple[Cue, ...]  # by step; a last one lies beyond every episode
+
+
+@lru_cache(maxsize=8)
+def obstacles(world: World) -> tuple[Circle, ...]:
+    """Rocks and trees, apart from each other and from every place the robot must reach.
+
+    Raises ConfigError when they do not fit on the island.
+    """
+    rng = np.random.default_rng(world.obstacles.layout_seed)
+    keep = [
+        (*p, 0.0) for p in (world.start, *world.chargers, *world.clearing_points, *world.waypoints)
+    ]
+    placed: list[Circle] = []
+    low, high = world.obstacles.radius
+    for _ in range(1000 * world.obstacles.count):
+        if len(placed) == world.obstacles.count:
+            break
+        radius = float(rng.uniform(low, high))
+        border = radius + world.obstacles.gap
+        if 2 * border >= world.side:
+            break
+        x, y = (float(v) for v in rng.uniform(border, world.side - border, 2))
+        if all(hypot(x - cx, y - cy) > radius + r + world.obstacles.gap for cx, cy, r in keep):
+            placed.append((x, y, radius))
+            keep.append((x, y, radius))
+    if len(placed) < world.obstacles.count:
+        raise ConfigError(
+            f"world.obstacles: expected room for {world.obstacles.count} obstacles,"
+            f" found room for {len(placed)}; lower count, radius or gap."
+        )
+    return tuple(placed)
+
+
+def _free_points(world: World, rng: np.random.Generator, n: int, clear: float) -> list[complex]:
+    """`n` points of free ground, at least `clear` metres from obstacles and walls."""
+    rocks = np.array(obstacles(world)).reshape(-1, 3)
+    found: list[complex] = []
+    for _ in range(1000):
+        if len(found) >= n:
+            return found[:n]
+        points = rng.uniform(clear, world.side - clear, (n + 8, 2))
+        gaps = np.hypot(points[:, :1] - rocks[:, 0], points[:, 1:] - rocks[:, 1])
+        free = (gaps > rocks[:, 2] + clear).all(axis=1)
+        found += [complex(x, y) for x, y in points[free]]
+    raise ConfigError(
+        f"world: expected free ground for {n} things, found almost none; lower obstacles.count."
+    )
+
+
+@lru_cache(maxsize=4)
+def write_script(world: World, seed: int) -> Script:
+    """The day of `seed`: a function of its arguments alone."""
+    rng = np.random.default_rng(seed)
+    clear = world.robot.radius + world.robot.pickup_reach
+    steps = round(world.episode.length / world.episode.step)
+    every = max(1, round(world.garbage.every / world.episode.step))
+    spawns = range(every, steps + 1, every)
+    garbage = _free_points(world, rng, world.garbage.initial, clear)
+    cues: list[Cue] = [
+        (step, SPAWN, z.real, z.imag)
+        for step, z in zip(spawns, _free_points(world, rng, len(spawns), clear), strict=True)
+    ]
+    people = world.humanoids
+    starts = _free_points(world, rng, people.count, people.radius + 2 * world.robot.radius)
+    first = [_velocity(people.speed, a) for a in rng.uniform(0, tau, people.count)]
+    low, high = (max(1, round(s / world.episode.step)) for s in people.turn_every)
+    turns = steps // low + 1
+    when = rng.integers(low, high + 1, (people.count, turns)).cumsum(axis=1)
+    angles = rng.uniform(0, tau, (people.count, turns))
+    for h in range(people.count):
+        cues += [
+            (int(s), h, *_velocity(people.speed, a))
+            for s, a in zip(when[h].tolist(), angles[h].tolist(), strict=True)
+            if s <= steps
+        ]
+    cues.sort(key=lambda cue: cue[:2])
+    cues.append((10 * steps + 10, SPAWN, 0.0, 0.0))
+    return Script(
+        obstacles=obstacles(world),
+        garbage=tuple(garbage),
+        humanoids=tuple((z.real, z.imag, *v) for z, v in zip(starts, first, strict=True)),
+        cues=tuple(cues),
+    )
+
+
+def _velocity(speed: float, angle: float) -> tuple[float, float]:
+    return speed * cos(angle), speed * sin(angle)

@@ -1,0 +1,102 @@
+"""The physics of the island: walls, rocks, bodies and their contacts, in pymunk.
+
+Chipmunk's result depends on the order in which bodies are added, so they are
+added here in one fixed order. Humanoids pass each other, bounce off walls and
+rocks, and step aside when the robot touches them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import pymunk
+
+from islandgp.island.script import Script
+from islandgp.island.world import World
+
+WALL = 1.0  # m, half the thickness of a wall, outside the island
+ROBOT_MASS, HUMANOID_MASS = 50.0, 70.0  # kg
+HUMANOID_GROUP = 1  # shapes of one group do not collide
+
+
+class Kind(IntEnum):
+    """Chipmunk's collision types."""
+
+    ROBOT = 1
+    HUMANOID = 2
+    STATIC = 3
+
+
+@dataclass(slots=True)
+class Contacts:
+    """What the robot touches now, kept up to date by the physics engine."""
+
+    begun: list[int] = field(default_factory=list)  # humanoids touched since last asked
+    touching: set[int] = field(default_factory=set)  # humanoids; -1 and below: static shapes
+
+
+@dataclass(frozen=True, slots=True)
+class Space:
+    """A space with the bodies of one episode."""
+
+    space: pymunk.Space
+    robot: pymunk.Body
+    humanoids: tuple[pymunk.Body, ...]
+    contacts: Contacts
+
+
+def build_space(world: World, script: Script) -> Space:
+    """A fresh space at step 0."""
+    space = pymunk.Space()
+    index: dict[pymunk.Shape, int] = {}
+    corners = [(-WALL, -WALL), (world.side + WALL, -WALL)]
+    corners += [(world.side + WALL, world.side + WALL), (-WALL, world.side + WALL)]
+    static: list[pymunk.Shape] = [
+        pymunk.Segment(space.static_body, a, b, WALL)
+        for a, b in zip(corners, corners[1:] + corners[:1], strict=True)
+    ]
+    static += [pymunk.Circle(space.static_body, r, (x, y)) for x, y, r in script.obstacles]
+    for i, shape in enumerate(static):
+        shape.elasticity = 1.0
+        shape.collision_type = Kind.STATIC
+        index[shape] = -1 - i
+    space.add(*static)
+
+    robot = pymunk.Body(ROBOT_MASS, float("inf"))
+    robot.position = world.start
+    hull = pymunk.Circle(robot, world.robot.radius)
+    hull.collision_type = Kind.ROBOT
+    space.add(robot, hull)
+
+    humanoids = []
+    for i, (x, y, vx, vy) in enumerate(script.humanoids):
+        body = pymunk.Body(HUMANOID_MASS, float("inf"))
+        body.position = (x, y)
+        body.velocity = (vx, vy)
+        shape = pymunk.Circle(body, world.humanoids.radius)
+        shape.elasticity = 1.0
+        shape.collision_type = Kind.HUMANOID
+        shape.filter = pymunk.ShapeFilter(group=HUMANOID_GROUP)
+        space.add(body, shape)
+        index[shape] = i
+        humanoids.append(body)
+    contacts = Contacts()
+    _watch_contacts(space, index, contacts)
+    return Space(space, robot, tuple(humanoids), contacts)
+
+
+def _watch_contacts(
+    space: pymunk.Space, index: dict[pymunk.Shape, int], contacts: Contacts
+) -> None:
+    def begin(arbiter: pymunk.Arbiter, _space: pymunk.Space, _data: object) -> None:
+        other = index[arbiter.shapes[1]]
+        contacts.touching.add(other)
+        if other >= 0:
+            contacts.begun.append(other)
+
+    def separate(arbiter: pymunk.Arbiter, _space: pymunk.Space, _data: object) -> None:
+        contacts.touching.discard(index[arbiter.shapes[1]])
+
+    for kind in (Kind.HUMANOID, Kind.STATIC):
+        space.on_collision(Kind.ROBOT, kind, begin=begin, separate=separate)

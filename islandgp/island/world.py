@@ -1,0 +1,121 @@
+"""What an island is made of: the settings of the simulated world, section 2.2.2.
+
+The values stand in `conf/world/`; this file tells what they mean and which are
+allowed. Lengths are metres, times simulated seconds, charge percent.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Self
+
+from pydantic import BaseModel, Field, model_validator
+
+Positive = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
+Percent = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
+Point = tuple[NotNegative, NotNegative]  # metres from the south-west corner
+
+
+class RobotSettings(BaseModel, frozen=True, extra="forbid"):
+    """The robot's body, battery and senses."""
+
+    speed: Positive  # m/s while driving
+    radius: Positive  # m
+    capacity: int = Field(ge=1, le=10_000)  # items of garbage
+    perception: Positive  # m, range of camera and LiDAR
+    pickup_reach: Positive  # m
+    station_reach: Positive  # m, when a charger, clearing point or waypoint counts as reached
+    battery_start: Percent
+    drain_moving: NotNegative  # %/s
+    drain_standing: NotNegative  # %/s
+    charge_rate: Positive  # %/s
+    charge_below: Percent  # charging starts only below this level
+    charge_again: Percent  # charge to be used up before another charging attempt counts
+    patrol_segment: Positive  # m, the stretch of patrol that is judged as one
+
+
+class GarbageSettings(BaseModel, frozen=True, extra="forbid"):
+    """Garbage on the ground."""
+
+    initial: int = Field(ge=0, le=20_000)  # items
+    every: Positive  # s between new items
+    most: int = Field(ge=0, le=20_000)  # items that lie on the ground at once
+
+
+class HumanoidSettings(BaseModel, frozen=True, extra="forbid"):
+    """Humanoids that walk, collect garbage, and ask for clearing."""
+
+    count: int = Field(ge=0, le=1_000)
+    speed: Positive  # m/s
+    radius: Positive  # m
+    turn_every: tuple[Positive, Positive]  # s, least and most between two decisions
+    most_items: int = Field(ge=1, le=1_000)  # items carried at most
+    ask_from: int = Field(ge=1, le=1_000)  # items from which a humanoid asks
+    reach: Positive  # m, distance at which garbage is handed over
+
+
+class ObstacleSettings(BaseModel, frozen=True, extra="forbid"):
+    """Rocks and trees: the same on every day of the island."""
+
+    count: int = Field(ge=0, le=500)
+    radius: tuple[Positive, Positive]  # m, least and most
+    gap: Positive  # m of free ground around each
+    layout_seed: int = Field(ge=0)
+
+
+class EpisodeSettings(BaseModel, frozen=True, extra="forbid"):
+    """When an episode ends."""
+
+    step: Positive  # s a tick and a step of the physics
+    length: Positive  # s at most
+    stagnation: Positive  # s without a better fitness
+    stagnation_low_battery: Positive  # the same while the battery is low
+    low_battery: Percent
+    negative: Positive  # s of negative fitness
+
+
+class World(BaseModel, frozen=True, extra="forbid"):
+    """One island; together with a seed it fixes everything but the robot's tree."""
+
+    side: Positive  # m
+    start: Point
+    chargers: tuple[Point, ...] = Field(min_length=1)
+    clearing_points: tuple[Point, ...] = Field(min_length=1)
+    waypoints: tuple[Point, ...] = Field(min_length=2)
+    robot: RobotSettings
+    garbage: GarbageSettings
+    humanoids: HumanoidSettings
+    obstacles: ObstacleSettings
+    episode: EpisodeSettings
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        for name in ("chargers", "clearing_points", "waypoints"):
+            for x, y in getattr(self, name):
+                if not (2 <= x <= self.side - 2 and 2 <= y <= self.side - 2):
+                    raise ValueError(
+                        f"{name}: expected points at least 2 m inside the {self.side:g} m island,"
+                        f" found ({x:g}, {y:g})"
+                    )
+        if self.garbage.initial > self.garbage.most:
+            raise ValueError(
+                f"garbage.initial: expected at most garbage.most={self.garbage.most},"
+                f" found {self.garbage.initial}"
+            )
+        for name, (low, high) in (
+            ("humanoids.turn_every", self.humanoids.turn_every),
+            ("obstacles.radius", self.obstacles.radius),
+        ):
+            if low > high:
+                raise ValueError(f"{name}: expected least before most, found [{low:g}, {high:g}]")
+        if self.humanoids.ask_from > self.humanoids.most_items:
+            raise ValueError(
+                "humanoids.ask_from: expected at most humanoids.most_items="
+                f"{self.humanoids.most_items}, found {self.humanoids.ask_from}"
+            )
+        if self.humanoids.speed > self.robot.speed:
+            raise ValueError(
+                f"humanoids.speed: expected at most robot.speed={self.robot.speed:g},"
+                f" found {self.humanoids.speed:g}"
+            )
+        return self

@@ -1,0 +1,29 @@
+"""Where the folders `conf`, `grammar` and `prompts` are.
+
+In a checkout they stand beside the package; a wheel carries them inside it.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from islandgp.errors import IslandError
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def resource(name: str) -> Path:
+    """The folder (or file, by its relative path) of that name.
+
+    A checkout comes first: an editable install can leave stale copies of the
+    folders inside the installed package, and those must never be read.
+
+    Raises:
+        IslandError: there is no such folder, so the installation is broken.
+    """
+    checkout = _PACKAGE.parent
+    root = checkout if (checkout / "pyproject.toml").is_file() else _PACKAGE
+    path = root / name
+    if not path.exists():
+        raise IslandError(f"Expected {name!r} in {root}, found nothing; install islandgp again.")
+    return path

@@ -1,0 +1,192 @@
+"""One run from settings to summary: wires the parts, and owns every side effect."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import yaml
+
+from islandgp.bt.language import parse
+from islandgp.bt.node import Node
+from islandgp.errors import RunError
+from islandgp.evaluation.base import Evaluator, Setting
+from islandgp.evaluation.cache import Cached
+from islandgp.evolution.loop import evolve
+from islandgp.evolution.record import Champion
+from islandgp.progress import Progress
+from islandgp.resources import resource
+from islandgp.scoring.rewards import Component
+from islandgp.settings import Settings
+from islandgp.supervision.base import Setup, Supervisor
+from islandgp.tracking.base import Status, Tracker
+from islandgp.tracking.folder import RunFolder
+
+FREE = frozenset({"runs", "resume", "progress", "evaluator", "tracking"})
+"""Keys that may differ between a run and its resumption: they do not change its records."""
+
+
+def example(name: str) -> Node:
+    """A tree of `grammar/examples`, by name. Raises TreeError."""
+    path = resource("grammar") / "examples" / f"{name}.bt"
+    if not path.exists():
+        known = ", ".join(sorted(p.stem for p in path.parent.glob("*.bt")))
+        raise RunError(f"Expected the name of an example tree, found {name!r}; there are {known}.")
+    return parse(path.read_text(encoding="utf-8"), name=str(path))
+
+
+def make_supervisor(settings: Settings, folder: Path | None) -> Supervisor:
+    """The supervisor that the settings choose. Raises SupervisionError when it cannot work."""
+    setup = Setup(
+        seed=settings.seed,
+        generations=settings.gp.generations,
+        limits=settings.gp.limits,
+        folder=folder,
+        example=example,
+    )
+    part = settings.supervisor
+    supervisor: Supervisor = part.factory.make(part.settings(), setup)
+    return supervisor
+
+
+def make_evaluator(settings: Settings) -> Evaluator:
+    """The evaluator that the settings choose."""
+    setting = Setting(settings.world, settings.rewards, settings.curriculum)
+    part = settings.evaluator
+    evaluator: Evaluator = part.factory.make(part.settings(), setting)
+    return Cached(evaluator) if part.cache else evaluator
+
+
+def run(settings: Settings, config: Mapping[str, Any], folder: Path, *, home: Path) -> str:
+    """Runs an experiment, or what is missing of it, in `folder`; returns the summary text.
+
+    `config` is the resolved configuration that `settings` were read from, `home` the
+    folder in which the command was given.
+
+    Raises:
+        RunError: the folder belongs to another configuration or another process.
+        EvaluationError, SupervisionError: the run cannot go on; what it has is kept.
+    """
+    target = _choose(RunFolder(folder), settings, config)
+    if target.finished() and settings.resume != "never":
+        return f"{report(target)}\nThis run was complete already; resume=never runs it again."
+    supervisor = make_supervisor(settings, target.path)
+    target.open(yaml.safe_dump(dict(config), sort_keys=False))
+    tracker: Tracker = settings.tracking.factory.make(settings.tracking.settings(), home)
+    status = Status.FAILED
+    try:
+        tracker.start(target, name=_title(settings), tags=_tags(settings))
+        _evolve(settings, target, supervisor, tracker)
+        status = Status.FINISHED
+    except KeyboardInterrupt:
+        status = Status.KILLED
+        raise
+    finally:
+        where = tracker.finish(status)
+        target.close()
+    return f"{report(target)}\n{where}".rstrip()
+
+
+def _evolve(
+    settings: Settings, target: RunFolder, supervisor: Supervisor, tracker: Tracker
+) -> None:
+    start = target.resume()
+    done = start.generation if start is not None else 0
+    evaluator = make_evaluator(settings)
+    began = perf_counter()
+    champion: Champion | None = None
+    try:
+        steps = evolve(settings.plan, settings.seed, supervisor, evaluator, start=start)
+        with Progress(
+            settings.progress, settings.gp.generations, _title(settings), done
+        ) as progress:
+            for step in steps:
+                target.append(step)
+                tracker.generation()
+                progress.show(step)
+                champion = step.champion
+    finally:
+        evaluator.close()
+    assert champion is not None
+    target.finish(_summary(target, champion, perf_counter() - began))
+
+
+def _summary(target: RunFolder, champion: Champion, seconds: float) -> dict[str, Any]:
+    first: dict[str, int | None] = {"complete": None, "excellent": None}
+    snapshots = [record["snapshot"] for record in target.records()]
+    for tier in first:
+        first[tier] = next((s["generation"] for s in snapshots if s["tiers"][tier]), None)
+    return {
+        "champion": asdict(champion),
+        "first": first,
+        "final_best": snapshots[-1]["best"],
+        "final_mean": snapshots[-1]["mean"],
+        "mean_diversity": sum(s["diversity"] for s in snapshots) / len(snapshots),
+        "generations": len(snapshots),
+        "seconds": round(seconds, 3),
+    }
+
+
+def _choose(folder: RunFolder, settings: Settings, config: Mapping[str, Any]) -> RunFolder:
+    """The folder to work in: `resume=never` takes a new one beside an old one."""
+    before = folder.config()
+    if before is None:
+        return folder
+    if settings.resume == "never":
+        n = 2
+        while (path := folder.path.with_name(f"{folder.path.name}.{n}")).exists():
+            n += 1
+        return RunFolder(path)
+    changed = list(differences(yaml.safe_load(before), config))
+    if changed and settings.resume != "force":
+        raise RunError(
+            f"Expected the configuration of the run in {folder.path}, found it changed:\n  "
+            + "\n  ".join(changed)
+            + "\nGive this run another name=..., or resume=never for a new folder beside it."
+        )
+    return folder
+
+
+def differences(old: Mapping[str, Any], new: Mapping[str, Any], path: str = "") -> list[str]:
+    """The keys whose values differ, as `key: old -> new`; keys of FREE are left out."""
+    found = []
+    for key in sorted({*old, *new}, key=str):
+        if not path and key in FREE:
+            continue
+        name, a, b = f"{path}{key}", old.get(key), new.get(key)
+        if isinstance(a, Mapping) and isinstance(b, Mapping):
+            found += differences(a, b, f"{name}.")
+        elif a != b:
+            found.append(f"{name}: {a} -> {b}")
+    return found
+
+
+def _title(settings: Settings) -> str:
+    return f"{settings.name}: {settings.supervisor.name}, seed {settings.seed}"
+
+
+def _tags(settings: Settings) -> dict[str, str]:
+    return {"supervisor": settings.supervisor.name, "seed": str(settings.seed)}
+
+
+def report(target: RunFolder) -> str:
+    """A finished run in a few lines for people."""
+    s = target.summary()
+    best = s["champion"]["record"]
+    parts = sorted(zip(Component, best["components"], strict=True), key=lambda p: -abs(p[1]))
+    came_from = ", ".join(f"{c.name.lower()} {p:+,.0f}" for c, p in parts if p)
+    first = {tier: "never" if g is None else f"generation {g}" for tier, g in s["first"].items()}
+    return "\n".join(
+        (
+            f"Best fitness {best['fitness']:,.0f} in generation {s['champion']['generation']}:"
+            f" {came_from}",
+            f"First Complete Robot: {first['complete']}; first Excellent Robot: {first['excellent']}",
+            f"Results: {target.path}",
+            "",
+            best["tree"].rstrip(),
+            "",
+        )
+    )

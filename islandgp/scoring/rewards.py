@@ -1,0 +1,136 @@
+"""Fitness: Table 3's rewards under Table 2's multipliers, Eq. (1) and (2)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from enum import IntEnum
+from typing import Final
+
+from pydantic import BaseModel, Field, model_validator
+
+from islandgp.island.journal import Event
+
+
+class Component(IntEnum):
+    """The terms of Eq. (1); the first five have a multiplier in Table 2, the others 1."""
+
+    GARBAGE = 0
+    BATTERY = 1
+    HUMANOID = 2
+    DELIVERY = 3
+    LEFTOVER = 4
+    PATROL = 5
+    IDLE = 6
+    COLLISION = 7
+
+
+class PerAction(BaseModel, frozen=True, extra="forbid"):
+    """A reward with a base and a part for each item."""
+
+    base: float
+    per_item: float
+
+
+class ChargeBand(BaseModel, frozen=True, extra="forbid"):
+    """What a charging attempt earns below a battery level."""
+
+    below: float = Field(gt=0, le=100)  # %
+    points: float
+
+
+class Rewards(BaseModel, frozen=True, extra="forbid"):
+    """Table 3. Points; penalties are negative."""
+
+    pickup: PerAction
+    interaction: PerAction
+    delivery: PerAction
+    empty_delivery: float
+    charge: tuple[ChargeBand, ...]  # by rising level
+    charge_otherwise: float  # plus the battery level in percent
+    shutdown: float
+    patrol_segment: float
+    discovery: float
+    idle_second: float
+    idle_grace: float = Field(ge=0)  # s of idleness that cost nothing
+    collision: float
+    leftover: float
+    normalize: bool  # Eq. (2)
+    maxima: tuple[float, ...]  # Eq. (2): largest value of each component, in Component's order
+
+    @model_validator(mode="after")
+    def _complete(self) -> Rewards:
+        if len(self.maxima) != len(Component) or min(self.maxima) <= 0:
+            raise ValueError(f"maxima: expected {len(Component)} positive numbers, one a component")
+        if list(self.charge) != sorted(self.charge, key=lambda band: band.below):
+            raise ValueError("charge: expected bands by rising level")
+        return self
+
+
+class Multipliers(BaseModel, frozen=True, extra="forbid"):
+    """One row of Table 2."""
+
+    garbage: float = Field(ge=0)
+    battery: float = Field(ge=0)
+    humanoid: float = Field(ge=0)
+    delivery: float = Field(ge=0)
+    leftover: float = Field(ge=0)
+
+
+def multiplier(stage: Multipliers, component: Component) -> float:
+    """A component's multiplier in a stage: Table 2, and 1 where that has no column."""
+    return float(getattr(stage, component.name.lower(), 1.0))
+
+
+def charge_points(rewards: Rewards, battery: float) -> float:
+    """Table 3's charging row: the emptier the battery (%), the more an attempt earns."""
+    for band in rewards.charge:
+        if battery < band.below:
+            return band.points
+    return rewards.charge_otherwise + battery
+
+
+def _each(reward: PerAction, items: float) -> float:
+    return reward.base + reward.per_item * items
+
+
+def _idle(rewards: Rewards, seconds: float) -> float:
+    return rewards.idle_second if seconds > rewards.idle_grace else 0.0
+
+
+TABLE_3: Final[dict[Event, tuple[Component, Callable[[Rewards, float], float]]]] = {
+    Event.PICKUP: (Component.GARBAGE, lambda r, n: _each(r.pickup, n)),
+    Event.INTERACTION: (Component.HUMANOID, lambda r, n: _each(r.interaction, n)),
+    Event.CHARGE: (Component.BATTERY, charge_points),
+    Event.SHUTDOWN: (Component.BATTERY, lambda r, n: r.shutdown * n),
+    Event.DELIVERY: (Component.DELIVERY, lambda r, n: _each(r.delivery, n)),
+    Event.EMPTY_DELIVERY: (Component.DELIVERY, lambda r, n: r.empty_delivery * n),
+    Event.PATROL: (Component.PATROL, lambda r, n: r.patrol_segment * n),
+    Event.DISCOVERY: (Component.PATROL, lambda r, n: r.discovery * n),
+    Event.IDLE: (Component.IDLE, _idle),
+    Event.COLLISION: (Component.COLLISION, lambda r, n: r.collision * n),
+    Event.LEFTOVER: (Component.LEFTOVER, lambda r, n: r.leftover * n),
+}
+
+
+def points(rewards: Rewards, stage: Multipliers, event: Event, amount: float) -> float:
+    """What one event adds to the fitness: a term of Eq. (1)."""
+    component, value = TABLE_3[event]
+    scale = multiplier(stage, component)
+    if rewards.normalize:
+        scale /= rewards.maxima[component]
+    return scale * value(rewards, amount)
+
+
+def award(rewards: Rewards, stage: Multipliers) -> Callable[[Event, float], float]:
+    """`points` for one stage, as the island asks for it."""
+    return lambda event, amount: points(rewards, stage, event, amount)
+
+
+def components(
+    rewards: Rewards, stage: Multipliers, events: Sequence[tuple[int, Event, float]]
+) -> tuple[float, ...]:
+    """Fitness by component, in Component's order; the sum is Eq. (1)."""
+    sums = [0.0] * len(Component)
+    for _, event, amount in events:
+        sums[TABLE_3[event][0]] += points(rewards, stage, event, amount)
+    return tuple(sums)

@@ -1,0 +1,38 @@
+"""Randomness by purpose: each draw of a run comes from a stream with a name.
+
+A stream is a function of (run seed, purpose, generation, slot) and keeps no
+state between generations. So a resumed run, another number of workers, or a
+supervisor that decides otherwise never shifts anybody else's draws.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import numpy as np
+
+
+class Stream(IntEnum):
+    """What a stream is for. The numbers are part of every run's identity: never reuse one."""
+
+    INITIAL = 1  # the random trees of generation 0, by slot
+    WORLD = 2  # world seeds, by generation and episode
+    SELECTION = 3  # tournaments, by generation and slot
+    CROSSOVER = 4  # cut points, by generation and slot
+    DIVERSITY = 5  # the random trees of the diversity slots, by generation and slot
+    MUTATION = 6  # whether and how an individual mutates, by generation and slot
+    SUPERVISION = 7  # a supervisor's own draws, by generation
+    NETWORK = 8  # jitter between attempts of a call, by generation
+
+
+def stream(
+    seed: int, purpose: Stream, *, generation: int = 0, slot: int = 0
+) -> np.random.Generator:
+    """The generator of one purpose; calling it twice gives the same draws twice."""
+    key = np.random.SeedSequence(seed, spawn_key=(int(purpose), generation, slot))
+    return np.random.Generator(np.random.PCG64(key))
+
+
+def world_seed(seed: int, *, generation: int, episode: int = 0) -> int:
+    """The seed of a generation's world, in [0, 2**32): the same for each arm that shares `seed`."""
+    return int(stream(seed, Stream.WORLD, generation=generation, slot=episode).integers(2**32))

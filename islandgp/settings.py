@@ -1,0 +1,151 @@
+"""The whole configuration as one frozen value, validated before anything starts.
+
+Each group's model stands beside the code that uses it; this module composes
+them and checks what concerns several of them. Nothing below it sees Hydra's
+config object.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from difflib import get_close_matches
+from typing import Any, Literal, Self
+
+from pydantic import BaseModel, Field, ImportString, ValidationError, model_validator
+
+from islandgp.errors import ConfigError
+from islandgp.evolution.allocation import Allocation
+from islandgp.evolution.plan import GP, Plan, Switches
+from islandgp.island.script import obstacles
+from islandgp.island.world import World
+from islandgp.scoring.classify import Classes
+from islandgp.scoring.curriculum import Curriculum
+from islandgp.scoring.rewards import Rewards
+
+
+class Part(BaseModel, frozen=True, extra="forbid"):
+    """A part that configuration chooses: a class, and the settings for it.
+
+    The class carries a pydantic model `Settings` and is made by `make(settings, ...)`.
+    """
+
+    factory: ImportString[Any]  # "package.module:Class"
+    policy: dict[str, Any] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _policy_fits(self) -> Self:
+        self.settings()
+        return self
+
+    def settings(self) -> Any:
+        """`policy` as the class's own Settings. Raises pydantic.ValidationError."""
+        return self.factory.Settings(**self.policy)
+
+
+class SupervisorSettings(Part, frozen=True, extra="forbid"):
+    """The group `supervisor`."""
+
+    name: str = Field(pattern=r"^[a-z][a-z0-9_]*$")
+    adapt_mutation: bool
+    inject: bool
+    lag: int = Field(ge=0, le=100)
+
+
+class EvaluatorSettings(Part, frozen=True, extra="forbid"):
+    """The group `evaluator`."""
+
+    cache: bool
+
+
+class TrackingSettings(Part, frozen=True, extra="forbid"):
+    """The group `tracking`."""
+
+
+class Settings(BaseModel, frozen=True, extra="forbid"):
+    """One run."""
+
+    seed: int = Field(ge=0, lt=2**63)
+    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=60)
+    runs: str = Field(min_length=1)
+    resume: Literal["auto", "never", "force"]
+    progress: Literal["auto", "plain", "off"]
+    world: World
+    curriculum: Curriculum
+    rewards: Rewards
+    classes: Classes
+    allocation: Allocation
+    gp: GP
+    supervisor: SupervisorSettings
+    evaluator: EvaluatorSettings
+    tracking: TrackingSettings
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        if self.gp.tournament > self.gp.population:
+            raise ValueError(
+                f"gp.tournament: expected at most gp.population={self.gp.population},"
+                f" found {self.gp.tournament}"
+            )
+        if self.supervisor.lag >= self.gp.generations:
+            raise ValueError(
+                f"supervisor.lag: expected less than gp.generations={self.gp.generations},"
+                f" found {self.supervisor.lag}"
+            )
+        try:
+            obstacles(self.world)
+        except ConfigError as error:
+            raise ValueError(str(error)) from None
+        return self
+
+    @property
+    def plan(self) -> Plan:
+        """What evolution needs of it."""
+        s = self.supervisor
+        return Plan(
+            gp=self.gp,
+            allocation=self.allocation,
+            curriculum=self.curriculum,
+            classes=self.classes,
+            switches=Switches(adapt_mutation=s.adapt_mutation, inject=s.inject, lag=s.lag),
+        )
+
+
+def read_settings(config: Mapping[str, Any]) -> Settings:
+    """The settings in a plain nested mapping.
+
+    Raises:
+        ConfigError: with one line for each wrong key or value.
+    """
+    try:
+        return Settings(**config)
+    except ValidationError as error:
+        raise ConfigError("\n".join(sorted(set(_lines(error, config))))) from None
+
+
+def _lines(error: ValidationError, config: Mapping[str, Any]) -> Iterator[str]:
+    for e in error.errors():
+        path = ".".join(str(part) for part in e["loc"])
+        message = e["msg"].removeprefix("Value error, ")
+        if e["type"] == "extra_forbidden":
+            yield unknown_key(path, [*_siblings(config, e["loc"])])
+        elif e["type"] == "missing":
+            yield f"{path}: expected a value, found none"
+        elif e["type"] == "value_error":
+            yield f"{path}: {message}" if path else message
+        else:
+            yield f"{path}={e['input']!r}: {message[0].lower()}{message[1:]}"
+
+
+def _siblings(config: Any, path: tuple[int | str, ...]) -> Iterator[str]:
+    for part in path[:-1]:
+        config = config.get(part, {}) if isinstance(config, Mapping) else config[part]
+    yield from (str(key) for key in config if key != path[-1])
+
+
+def unknown_key(path: str, known: list[str]) -> str:
+    """The line for a key that does not exist, with the nearest one that does."""
+    parent, _, key = path.rpartition(".")
+    near = get_close_matches(key, known, 1, 0.5)
+    dot = f"{parent}." if parent else ""
+    hint = f"did you mean {dot}{near[0]}?" if near else f"there are {', '.join(sorted(known))}"
+    return f"{path}: unknown key; {hint}"

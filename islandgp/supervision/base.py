@@ -1,0 +1,91 @@
+"""The seam between evolution and whoever supervises it: Eq. (5), advise(state) -> guidance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from islandgp.bt.limits import Limits
+from islandgp.bt.node import Node
+from islandgp.scoring.state import PopulationState
+
+
+class Phase(StrEnum):
+    """The rows of Table 8."""
+
+    EARLY_EXPLORATION = "early_exploration"
+    EXPLOITATION = "exploitation"
+    REFINEMENT = "refinement"
+    BALANCED_OPTIMIZATION = "balanced_optimization"
+    BALANCED_EXPLORATION = "balanced_exploration"
+    AGGRESSIVE_EXPLORATION = "aggressive_exploration"
+    CRISIS_INTERVENTION = "crisis_intervention"
+
+
+class Pattern(StrEnum):
+    """The rows of Table 6."""
+
+    EXPLORATION_PHASE = "exploration_phase"
+    HEALTHY_PROGRESS = "healthy_progress"
+    RAPID_IMPROVEMENT = "rapid_improvement"
+    PREMATURE_CONVERGENCE = "premature_convergence"
+    STAGNATION = "stagnation"
+
+
+class Target(StrEnum):
+    """What a tree is for: the rows of Table 7."""
+
+    PICKUP = "pickup"  # discover missing behaviours: garbage from the ground
+    HUMANOID = "humanoid"
+    CHARGING = "charging"
+    CLEARING = "clearing"
+    RARE = "rare"  # a behaviour that has almost died out
+    INTEGRATION = "integration"  # several behaviours in one tree
+    EXPLORATION = "exploration"  # something very different
+
+
+@dataclass(frozen=True, slots=True)
+class Guidance:
+    """A supervisor's answer. `None` means that it says nothing to that."""
+
+    mutation_rate: float | None  # in [0, 1]
+    tree: Node | None  # to inject
+    source: str  # who it comes from: a supervisor's name, or "fallback"
+    phase: Phase | None = None
+    pattern: Pattern | None = None
+    target: Target | None = None  # what the tree is for
+    intervention: bool = False  # the supervisor sees a need to step in
+    risk: str = ""  # what it thinks may go wrong
+    reasoning: str = ""  # why this rate
+    rationale: str = ""  # why this tree
+    notes: dict[str, str] = field(default_factory=dict)  # what a supervisor adds for the record
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What a run can give to a supervisor that is made for it."""
+
+    seed: int  # of the run
+    generations: int  # of the run
+    limits: Limits  # of trees
+    folder: Path | None  # where the run keeps its files, None when it keeps none
+    example: Callable[[str], Node]  # a tree of grammar/examples by name; raises TreeError
+
+
+class Supervisor(Protocol):
+    """Advises once a generation. `tests/contracts` holds what every one promises.
+
+    A supervisor that configuration can choose has two class attributes more:
+    `Settings`, a pydantic model, and `make(settings, setup)`.
+    """
+
+    name: str
+
+    def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
+        """Guidance for the next generation; a function of the state and the generator's draws."""
+        ...

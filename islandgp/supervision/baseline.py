@@ -1,0 +1,46 @@
+"""The paper's baseline: reactive mutation control by stagnation alone (section 3.1)."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import BaseModel, Field
+
+from islandgp.scoring.state import PopulationState
+from islandgp.supervision.base import Guidance, Setup
+
+
+class BaselineSettings(BaseModel, frozen=True, extra="forbid"):
+    """How the rate follows the best fitness."""
+
+    patience: int = Field(ge=1)  # generations without a better best before the rate rises
+    up: float = Field(ge=1)  # factor on stagnation
+    down: float = Field(gt=0, le=1)  # factor on improvement
+    rates: tuple[float, float]  # least and most
+
+
+class Baseline:
+    """Up on stagnation, down on improvement; never injects."""
+
+    name = "baseline"
+    Settings = BaselineSettings
+
+    @classmethod
+    def make(cls, settings: BaselineSettings, setup: Setup) -> Baseline:  # noqa: ARG003 -- the protocol's
+        """See `Supervisor`."""
+        return cls(settings)
+
+    def __init__(self, settings: BaselineSettings) -> None:
+        self.settings = settings
+
+    def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:  # noqa: ARG002 -- the protocol's
+        """The rate now in force, moved by what the best fitness did."""
+        how, stuck = self.settings, state.stagnant_generations
+        if state.now.generation > 0 and stuck == 0:
+            factor, why = how.down, "the best fitness rose"
+        elif stuck >= how.patience:
+            factor, why = how.up, f"no better fitness for {stuck} generations"
+        else:
+            factor, why = 1.0, "waiting"
+        least, most = how.rates
+        rate = min(most, max(least, state.mutation_rate * factor))
+        return Guidance(rate, None, self.name, reasoning=why)

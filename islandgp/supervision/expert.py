@@ -1,0 +1,139 @@
+"""The offline expert: Tables 6, 7 and 8 as a policy. Deterministic, free, no language model.
+
+Like the paper's prompt it goes by quality first: whether Complete and Excellent
+Robots exist says more than raw fitness, which single-task specialists inflate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from pydantic import BaseModel, Field, model_validator
+
+from islandgp.bt.node import Node
+from islandgp.scoring.classify import Tier
+from islandgp.scoring.state import PopulationState
+from islandgp.supervision.base import Guidance, Pattern, Phase, Setup, Target
+
+
+class ExpertSettings(BaseModel, frozen=True, extra="forbid"):
+    """Table 8's ranges and what the conditions of Tables 6-8 mean in numbers."""
+
+    rates: dict[Phase, tuple[float, float]]  # Table 8
+    several: int = Field(ge=1)  # quality individuals that are "multiple"
+    plateau: int = Field(ge=1)  # generations without a better best that are "stagnating"
+    strong: float = Field(gt=0)  # rise of the best over the window, as a share, that is "strong"
+    rare: float = Field(ge=0, le=1)  # share of the population below which a behaviour is missing
+    collapse: float = Field(ge=0, le=1)  # Eq. (3) below which diversity has collapsed
+    trees: dict[Target, tuple[str, ...]]  # Table 7: example trees by target, simple first
+
+    @model_validator(mode="after")
+    def _complete(self) -> ExpertSettings:
+        if missing := [p.value for p in Phase if p not in self.rates]:
+            raise ValueError(
+                f"rates: expected a range for each phase, missing {', '.join(missing)}"
+            )
+        if missing := [t.value for t in Target if not self.trees.get(t)]:
+            raise ValueError(
+                f"trees: expected a tree for each target, missing {', '.join(missing)}"
+            )
+        for phase, (low, high) in self.rates.items():
+            if not 0 <= low <= high <= 1:
+                raise ValueError(f"rates.{phase}: expected 0 <= low <= high <= 1")
+        return self
+
+
+def quality(state: PopulationState) -> int:
+    """Complete Robots now alive; Excellent ones are among them."""
+    return state.now.tiers[Tier.COMPLETE]
+
+
+def classify_phase(state: PopulationState, how: ExpertSettings) -> Phase:
+    """Table 8: the phase that the state is in."""
+    good, stuck = quality(state), state.stagnant_generations >= how.plateau
+    if not good:
+        if state.ever_complete:
+            collapsed = state.now.diversity < how.collapse
+            return Phase.CRISIS_INTERVENTION if collapsed else Phase.AGGRESSIVE_EXPLORATION
+        return Phase.EARLY_EXPLORATION
+    if state.now.diversity < how.collapse:
+        return Phase.AGGRESSIVE_EXPLORATION
+    if good >= how.several:
+        if rising(state, how):
+            return Phase.EXPLOITATION
+        return Phase.BALANCED_OPTIMIZATION if stuck else Phase.REFINEMENT
+    if stuck or (state.diversity_trend < 0 and state.diversity_warning):
+        return Phase.BALANCED_EXPLORATION
+    return Phase.REFINEMENT
+
+
+def rising(state: PopulationState, how: ExpertSettings) -> bool:
+    """Whether the best fitness rose strongly over the window."""
+    start = state.history[0].best
+    return state.now.best - start > how.strong * max(1.0, abs(start))
+
+
+def classify_pattern(state: PopulationState, how: ExpertSettings) -> Pattern:
+    """Table 6: the label of the evolutionary pattern."""
+    if state.stagnant_generations >= 2 * how.plateau:
+        return Pattern.STAGNATION
+    if state.now.diversity < how.collapse:
+        return Pattern.PREMATURE_CONVERGENCE
+    if not state.ever_complete:
+        return Pattern.EXPLORATION_PHASE
+    return Pattern.RAPID_IMPROVEMENT if rising(state, how) else Pattern.HEALTHY_PROGRESS
+
+
+def choose_target(state: PopulationState, how: ExpertSettings) -> Target:
+    """Table 7: what the next tree is for."""
+    order = ("charging", "clearing", "humanoid", "pickup")  # hardest to find first
+    few = how.rare * state.population
+    missing = [name for name in order if state.now.doing[name] < few]
+    if missing:
+        return Target(min(missing, key=lambda name: state.now.doing[name]))
+    if state.stagnant_generations >= 2 * how.plateau:
+        return Target.EXPLORATION
+    if state.now.diversity < how.collapse:
+        return Target.RARE
+    return Target.INTEGRATION
+
+
+class Expert:
+    """The policy over a library of example trees."""
+
+    name = "expert"
+    Settings = ExpertSettings
+
+    @classmethod
+    def make(cls, settings: ExpertSettings, setup: Setup) -> Expert:
+        """See `Supervisor`."""
+        names = {name for trees in settings.trees.values() for name in trees}
+        return cls(settings, {name: setup.example(name) for name in sorted(names)})
+
+    def __init__(self, settings: ExpertSettings, library: Mapping[str, Node]) -> None:
+        """`library` holds the trees that `settings.trees` names."""
+        self.settings = settings
+        self.library = library
+
+    def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
+        """A rate inside the phase's range, and a tree for what the population lacks most."""
+        how = self.settings
+        phase, pattern = classify_phase(state, how), classify_pattern(state, how)
+        target = choose_target(state, how)
+        low, high = how.rates[phase]
+        trees = how.trees[target]
+        name = trees[rng.integers(len(trees))]
+        return Guidance(
+            mutation_rate=high - (high - low) * min(1.0, quality(state) / (2 * how.several)),
+            tree=self.library[name],
+            source=self.name,
+            phase=phase,
+            pattern=pattern,
+            target=target,
+            intervention=phase in (Phase.CRISIS_INTERVENTION, Phase.AGGRESSIVE_EXPLORATION),
+            risk="disruption of Complete Robots" if quality(state) else "premature convergence",
+            reasoning=f"{quality(state)} Complete Robots, {state.stagnant_generations} generations"
+            f" without a better best, diversity {state.now.diversity:.2f}",
+            rationale=f"{target}: tree {name}",
+        )

@@ -1,0 +1,34 @@
+"""A constant mutation rate and no tree: the simplest control arm."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import BaseModel, Field
+
+from islandgp.scoring.state import PopulationState
+from islandgp.supervision.base import Guidance, Setup
+
+
+class FixedSettings(BaseModel, frozen=True, extra="forbid"):
+    """The constant."""
+
+    rate: float = Field(ge=0, le=1)
+
+
+class Fixed:
+    """Says the same in every generation."""
+
+    name = "fixed"
+    Settings = FixedSettings
+
+    @classmethod
+    def make(cls, settings: FixedSettings, setup: Setup) -> Fixed:  # noqa: ARG003 -- the protocol's
+        """See `Supervisor`."""
+        return cls(settings)
+
+    def __init__(self, settings: FixedSettings) -> None:
+        self.settings = settings
+
+    def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:  # noqa: ARG002 -- the protocol's
+        """The settings' rate."""
+        return Guidance(self.settings.rate, None, self.name, reasoning="constant")

@@ -1,0 +1,39 @@
+"""The seam to experiment trackers: they mirror a run's folder, from behind."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Protocol
+
+from islandgp.tracking.folder import RunFolder
+
+
+class Status(StrEnum):
+    """How a run ended."""
+
+    FINISHED = "FINISHED"
+    FAILED = "FAILED"
+    KILLED = "KILLED"
+
+
+class Tracker(Protocol):
+    """Follows one run. `tests/contracts` holds what every implementation promises.
+
+    It reads the folder and nothing else, never delays the run beyond its stated
+    patience, and never raises because a server is away. A tracker that
+    configuration can choose has two class attributes more: `Settings`, a
+    pydantic model, and `make(settings, home)` with the folder in which the
+    command was given.
+    """
+
+    def start(self, folder: RunFolder, *, name: str, tags: dict[str, str]) -> None:
+        """A run begins, or goes on."""
+        ...
+
+    def generation(self) -> None:
+        """The folder holds one more generation; returns at once."""
+        ...
+
+    def finish(self, status: Status) -> str:
+        """The run is over; returns a line that tells the user where to look, or ""."""
+        ...

@@ -1,0 +1,176 @@
+"""A slow interpreter of trees, written from `docs/semantics.md` and nothing else.
+
+It walks the nodes and keeps their state in the open. A tick has two phases, as
+the table says it: first every guard that is active or observed is checked, from
+the root down in document order; then the tree is ticked. Where the engine
+keeps the last known truth of a guard, this one keeps the last blackboard.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+
+from islandgp.bt.condition import condition
+from islandgp.bt.engine import ABORTED
+from islandgp.bt.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node
+
+
+class Live:
+    """A node and what it remembers between ticks."""
+
+    def __init__(self, node: Node, places: Iterator[int]) -> None:
+        self.node = node
+        self.place = next(places)
+        self.children = [Live(child, places) for child in node.children]
+        self.running = False
+        self.at = 0  # selector, sequence: the current branch
+        self.statuses: list[int] = []  # parallel: of each child
+        self.successes = 0  # repeater
+        self.visited = False  # when: in this activation of its composite
+        self.broken = False  # when: its condition failed while its child ran
+
+
+class Reference:
+    def __init__(
+        self,
+        tree: Node,
+        actions: Mapping[str, Callable[[bool], int]],
+        board: list[float],
+        watch: Callable[[int, int], None],
+    ) -> None:
+        self.root = Live(tree, iter(range(10**9)))
+        self.actions = actions
+        self.board = board
+        self.before = list(board)
+        self.watch = watch
+
+    def tick(self) -> int:
+        if self.root.running:
+            self.check(self.root)
+        status = self.run(self.root)
+        self.before = list(self.board)
+        return status
+
+    # The first phase: guards.
+
+    def check(self, live: Live) -> None:
+        kind = live.node.kind
+        if kind in ("selector", "sequence"):
+            for branch in range(live.at):
+                for guard in guards(live.children[branch]):
+                    if guard.visited and self.turned_true(guard):
+                        self.abort(live.children[live.at])
+                        live.at = branch
+                        forget(live.children[branch:])
+                        return
+            self.check(live.children[live.at])
+        elif kind == "when":
+            if live.node.args[3] in ("self", "both") and not self.holds(live, self.board):
+                self.abort(live.children[0])
+                live.broken = True
+            else:
+                self.check(live.children[0])
+        else:
+            for child in live.children:
+                if child.running:
+                    self.check(child)
+
+    def turned_true(self, guard: Live) -> bool:
+        observed = guard.node.args[3] in ("lower", "both")
+        return observed and not self.holds(guard, self.before) and self.holds(guard, self.board)
+
+    def holds(self, guard: Live, board: list[float]) -> bool:
+        return condition(guard.node, board)()
+
+    def abort(self, live: Live) -> None:
+        if live.running:
+            live.running = False
+            self.watch(live.place, ABORTED)
+        for child in live.children:
+            self.abort(child)
+
+    # The second phase: the tick.
+
+    def run(self, live: Live) -> int:
+        kind = live.node.kind
+        if kind == "action":
+            status = self.actions[str(live.node.args[0])](not live.running)
+        elif kind == "selector":
+            status = self.composite(live, FAILURE)
+        elif kind == "sequence":
+            status = self.composite(live, SUCCESS)
+        else:
+            status = getattr(self, kind)(live)
+        live.running = status in (RUNNING, AGAIN)
+        self.watch(live.place, status)
+        return status
+
+    def composite(self, live: Live, go_on: int) -> int:
+        if not live.running:
+            live.at = 0
+            forget(live.children)
+        while True:
+            status = self.run(live.children[live.at])
+            if status != go_on or live.at == len(live.children) - 1:
+                return status
+            live.at += 1
+
+    def parallel(self, live: Live) -> int:
+        if not live.running:
+            live.statuses = [RUNNING] * len(live.children)
+        for index, child in enumerate(live.children):
+            if live.statuses[index] in (RUNNING, AGAIN):
+                live.statuses[index] = self.run(child)
+        status = judge(live.statuses, *live.node.args)
+        if status in (SUCCESS, FAILURE):
+            for child in live.children:
+                self.abort(child)
+        return status
+
+    def inverter(self, live: Live) -> int:
+        status = self.run(live.children[0])
+        return {SUCCESS: FAILURE, FAILURE: SUCCESS}.get(status, status)
+
+    def repeater(self, live: Live) -> int:
+        if not live.running:
+            live.successes = 0
+        status = self.run(live.children[0])
+        if status == SUCCESS:
+            live.successes += 1
+            return SUCCESS if live.successes == live.node.args[0] else AGAIN
+        return status
+
+    def when(self, live: Live) -> int:
+        if live.broken:
+            live.broken = False
+            return FAILURE
+        if not live.running:
+            live.visited = True
+            if not self.holds(live, self.board):
+                return FAILURE
+        return self.run(live.children[0])
+
+
+def judge(statuses: list[int], success: str | float, failure: str | float) -> int:
+    """What a parallel's children make of it."""
+    if FAILURE in statuses and (failure == "one" or set(statuses) == {FAILURE}):
+        return FAILURE
+    if SUCCESS in statuses and (success == "one" or set(statuses) == {SUCCESS}):
+        return SUCCESS
+    if set(statuses) <= {SUCCESS, FAILURE}:
+        return FAILURE
+    return AGAIN if AGAIN in statuses else RUNNING
+
+
+def guards(branch: Live) -> Iterator[Live]:
+    """The `when` nodes of a branch, down to its first composite or action."""
+    while branch.node.kind in ("when", "inverter", "repeater"):
+        if branch.node.kind == "when":
+            yield branch
+        branch = branch.children[0]
+
+
+def forget(branches: list[Live]) -> None:
+    for branch in branches:
+        for guard in guards(branch):
+            guard.visited = False

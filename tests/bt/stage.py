@@ -1,0 +1,69 @@
+"""A stage for engine tests: trees with short names, actions that follow a script.
+
+In a stage's text, A to G are actions, `p` and `q` are flags and `x` is a number.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+from islandgp.bt.engine import compile_tree
+from islandgp.bt.language import parse
+from islandgp.bt.node import ACTIONS, FAILURE, KEYS, RUNNING, SUCCESS, Node
+
+_ACTIONS = dict(zip("ABCDEFG", ACTIONS, strict=True))
+_KEYS = {"p": "foundGarbage", "q": "isHumanoidWantToClear", "x": "batteryLevel"}
+_LETTERS = {"F": FAILURE, "S": SUCCESS, "R": RUNNING}
+
+
+def short_tree(text: str) -> Node:
+    """A tree from its short text."""
+    words = _ACTIONS | _KEYS
+    return parse(re.sub(r"\b[A-Gpqx]\b", lambda word: words[word[0]], text))
+
+
+class Stage:
+    """A compiled tree whose actions do what their script says.
+
+    A script has a letter a call, F, S or R; the last letter goes on for ever,
+    and an action without a script is always RUNNING.
+    """
+
+    def __init__(self, text: str, board: str = "", **scripts: str) -> None:
+        self.events: list[tuple[int, int]] = []  # (place, status) as watched in the last tick
+        self._calls: list[str] = []
+        self._board = [0.0] * len(KEYS)
+        self._set(**{letter: 1.0 for letter in board})
+        actions = {
+            name: self._action(letter, scripts.get(letter, "R"))
+            for letter, name in _ACTIONS.items()
+        }
+        self._tick = compile_tree(
+            short_tree(text), actions, self._board, watch=lambda *event: self.events.append(event)
+        )
+
+    def tick(self, **changes: float) -> tuple[str, int]:
+        """Ticks once after changing the board.
+
+        Returns:
+            The actions called, "A B!" with a mark for a fresh start, and the root's status.
+        """
+        self._set(**changes)
+        self._calls.clear()
+        self.events.clear()
+        status = self._tick()
+        return " ".join(self._calls), status
+
+    def _set(self, **values: float) -> None:
+        for letter, value in values.items():
+            self._board[list(KEYS).index(_KEYS[letter])] = value
+
+    def _action(self, letter: str, script: str) -> Callable[[bool], int]:
+        coming = list(script)
+
+        def act(fresh: bool) -> int:
+            self._calls.append(letter + ("!" if fresh else ""))
+            return _LETTERS[coming.pop(0) if len(coming) > 1 else coming[0]]
+
+        return act

@@ -1,0 +1,439 @@
+"""What a tree does, tick by tick: one test for each row of the table in docs/semantics.md."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from islandgp.bt.engine import ABORTED, compile_tree, condition, thresholds
+from islandgp.bt.language import parse
+from islandgp.bt.node import AGAIN, FAILURE, FLAG_OPERATORS, OPERATORS, RUNNING, SUCCESS, Node
+from tests.bt.stage import Stage, short_tree
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+# Root and actions
+
+
+def test_root_restarts() -> None:
+    """A finished root starts anew on the next tick, with fresh leaves."""
+    stage = Stage("sequence { A B }", A="S", B="RSR")
+    assert stage.tick() == ("A! B!", RUNNING)
+    assert stage.tick() == ("B", SUCCESS)
+    assert stage.tick() == ("A! B!", RUNNING)
+
+
+def test_action_fresh() -> None:
+    """An action is told fresh=True when it starts and fresh=False while it goes on."""
+    stage = Stage("A", A="RRFRS")
+    assert [stage.tick() for _ in range(5)] == [
+        ("A!", RUNNING),
+        ("A", RUNNING),
+        ("A", FAILURE),
+        ("A!", RUNNING),
+        ("A", SUCCESS),
+    ]
+
+
+def test_snapshot() -> None:
+    """The blackboard is read, never copied: a change between ticks counts on the next one."""
+    board = [0.0] * 5
+    tick = compile_tree(short_tree("when p { A }"), {"MoveToGarbage": lambda _: RUNNING}, board)
+    assert tick() == FAILURE
+    board[3] = 1.0
+    assert tick() == RUNNING
+
+
+# Selector and sequence
+
+
+def test_selector_stops_at_success() -> None:
+    """A selector succeeds with its first child that does; later ones are not ticked."""
+    assert Stage("selector { A B C }", A="F", B="S").tick() == ("A! B!", SUCCESS)
+
+
+def test_selector_fails_when_all_fail() -> None:
+    """A selector fails when no child is left."""
+    assert Stage("selector { A B }", A="F", B="F").tick() == ("A! B!", FAILURE)
+
+
+def test_sequence_stops_at_failure() -> None:
+    """A sequence fails with its first child that does; later ones are not ticked."""
+    assert Stage("sequence { A B C }", A="S", B="F").tick() == ("A! B!", FAILURE)
+
+
+def test_sequence_succeeds_when_all_succeed() -> None:
+    """A sequence succeeds when no child is left."""
+    assert Stage("sequence { A B }", A="S", B="S").tick() == ("A! B!", SUCCESS)
+
+
+@pytest.mark.parametrize(("kind", "first"), [("selector", "F"), ("sequence", "S")])
+def test_composite_memory(kind: str, first: str) -> None:
+    """A running child is resumed; the children before it are not ticked again."""
+    stage = Stage(f"{kind} {{ A B C }}", A=first, B="R" + first)
+    assert stage.tick() == ("A! B!", RUNNING)
+    assert stage.tick() == ("B C!", RUNNING)
+    assert stage.tick() == ("C", RUNNING)
+
+
+# Parallel
+
+
+def test_parallel_ticks_unfinished_in_order() -> None:
+    """Each tick goes to every child that is not finished, in document order."""
+    stage = Stage("parallel { A B C }", B="S")
+    assert stage.tick() == ("A! B! C!", RUNNING)
+    assert stage.tick() == ("A C", RUNNING)
+
+
+def test_parallel_judges_afterwards() -> None:
+    """Children behind the one that decides are ticked as well."""
+    assert Stage("parallel { A B C }", A="F", C="F").tick() == ("A! B! C!", FAILURE)
+
+
+def test_parallel_failures_first() -> None:
+    """When both enough children failed and enough succeeded, it fails."""
+    assert Stage("parallel success one { A B }", A="S", B="F").tick()[1] == FAILURE
+
+
+@pytest.mark.parametrize(
+    ("policies", "a", "b", "expected"),
+    [
+        ("", "S", "S", SUCCESS),
+        ("", "S", "R", RUNNING),
+        ("", "R", "F", FAILURE),
+        ("success one", "R", "S", SUCCESS),
+        ("failure all", "R", "F", RUNNING),
+        ("failure all", "F", "F", FAILURE),
+        ("success one failure all", "S", "F", SUCCESS),
+    ],
+)
+def test_parallel_policies(policies: str, a: str, b: str, expected: int) -> None:
+    """`success` and `failure` tell whether one child decides, or all; default: all and one."""
+    assert Stage(f"parallel {policies} {{ A B }}", A=a, B=b).tick()[1] == expected
+
+
+def test_parallel_mixed_results_fail() -> None:
+    """When every child is finished and neither count is met, it fails."""
+    assert Stage("parallel failure all { A B }", A="S", B="F").tick()[1] == FAILURE
+
+
+def test_parallel_end_aborts() -> None:
+    """When it ends, children that still run are aborted, and start fresh the next time."""
+    stage = Stage("parallel { sequence { A B } C }", A="S", C="RF")
+    assert stage.tick() == ("A! B! C!", RUNNING)
+    assert stage.tick() == ("B C", FAILURE)
+    assert (3, ABORTED) in stage.events
+    assert stage.tick() == ("A! B! C!", FAILURE)
+
+
+# Inverter and repeater
+
+
+@pytest.mark.parametrize(("child", "expected"), [("S", FAILURE), ("F", SUCCESS), ("R", RUNNING)])
+def test_inverter(child: str, expected: int) -> None:
+    """Success becomes failure and failure success; running stays."""
+    assert Stage("inverter { A }", A=child).tick()[1] == expected
+
+
+def test_repeater_one_a_tick() -> None:
+    """One repetition a tick; between two of them it says that it has something to do again."""
+    stage = Stage("repeater 3 { A }", A="SRSS")
+    assert stage.tick() == ("A!", AGAIN)
+    assert stage.tick() == ("A!", RUNNING)
+    assert stage.tick() == ("A", AGAIN)
+    assert stage.tick() == ("A!", SUCCESS)
+
+
+def test_repeater_fails_with_its_child() -> None:
+    """One failure of the child fails it, and the count starts from zero the next time."""
+    stage = Stage("repeater 2 { A }", A="SFSS")
+    statuses = [stage.tick()[1] for _ in range(4)]
+    assert statuses == [AGAIN, FAILURE, AGAIN, SUCCESS]
+
+
+@pytest.mark.parametrize(
+    "parent",
+    [
+        "selector { %s }",
+        "sequence { %s A }",
+        "inverter { %s }",
+        "when not p { %s }",
+        "parallel { %s A }",
+        "repeater 2 { %s }",
+    ],
+)
+def test_again_passes_up(parent: str) -> None:
+    """Every parent passes on that its child has something to do again."""
+    stage = Stage(parent % "repeater 2 { B }", B="S")
+    assert stage.tick()[1] == AGAIN
+
+
+def test_again_ends_with_its_child() -> None:
+    """A parallel has nothing to do again once no child has."""
+    stage = Stage("parallel { repeater 2 { A } B }", A="SR")
+    assert stage.tick()[1] == AGAIN
+    assert stage.tick() == ("A! B", RUNNING)
+
+
+# When: the start
+
+
+def test_when_false_fails() -> None:
+    """A guard whose condition is false when it starts fails; its child is not ticked."""
+    assert Stage("when p { A }").tick() == ("", FAILURE)
+
+
+@pytest.mark.parametrize("status", ["S", "F", "R"])
+def test_when_true_is_its_child(status: str) -> None:
+    """A guard whose condition holds is what its child is."""
+    expected = Stage("A", A=status).tick()
+    assert Stage("when p { A }", "p", A=status).tick() == expected
+
+
+@pytest.mark.parametrize(
+    ("operator", "true_at"),
+    [("<", "1"), ("<=", "12"), (">", "3"), (">=", "23"), ("==", "2"), ("!=", "13")],
+)
+def test_comparisons(operator: str, true_at: str) -> None:
+    """Numbers compare as they do everywhere."""
+    node = parse(f"when lap {operator} 2 {{ PatrolWaypoint }}")
+    assert [value for value in "123" if condition(node, [0, 0, float(value), 0, 0])()] == [*true_at]
+
+
+def test_conditions_are_complete() -> None:
+    """Every operator of the language can be asked, and no other."""
+    for operator in (*OPERATORS, *FLAG_OPERATORS):
+        assert condition(Node("when", ("lap", operator, 0.0, "none")), [0.0] * 5)() in (True, False)
+    with pytest.raises(ValueError, match="Expected one of"):
+        condition(Node("when", ("lap", "=<", 0.0, "none")), [0.0] * 5)
+
+
+# When: abort rules
+
+
+def test_abort_none() -> None:
+    """With `none` the condition is asked at the start only."""
+    stage = Stage("selector { when p abort none { A } B }", "p")
+    assert stage.tick() == ("A!", RUNNING)
+    assert stage.tick(p=0) == ("A", RUNNING)
+
+    stage = Stage("selector { when p abort none { A } B }")
+    assert stage.tick() == ("B!", RUNNING)
+    assert stage.tick(p=1) == ("B", RUNNING)
+
+
+@pytest.mark.parametrize("abort", ["self", "both"])
+def test_abort_self(abort: str) -> None:
+    """With `self` or `both` the guard stops its child as soon as the condition is false."""
+    stage = Stage(f"selector {{ when p abort {abort} {{ sequence {{ A B }} }} C }}", "p", A="S")
+    assert stage.tick() == ("A! B!", RUNNING)
+    assert stage.tick(p=0) == ("C!", RUNNING)
+    assert [event for event in stage.events if event[1] == ABORTED] == [(2, ABORTED), (4, ABORTED)]
+
+
+def test_abort_bypasses_inverter() -> None:
+    """Nodes inside an aborted subtree report nothing; an inverter above inverts the failure."""
+    inside = Stage("when p { inverter { A } }", "p")
+    inside.tick()
+    assert inside.tick(p=0) == ("", FAILURE)
+    above = Stage("inverter { when p { A } }", "p")
+    above.tick()
+    assert above.tick(p=0) == ("", SUCCESS)
+
+
+@pytest.mark.parametrize("abort", ["lower", "both"])
+def test_abort_lower(abort: str) -> None:
+    """With `lower` or `both` a guard that turns true takes over from a later branch at once."""
+    stage = Stage(f"selector {{ A when p abort {abort} {{ B }} C D }}", A="F", C="F")
+    assert stage.tick() == ("A! C! D!", RUNNING)
+    assert stage.tick(p=1) == ("B!", RUNNING)
+    assert (5, ABORTED) in stage.events
+
+
+def test_abort_lower_keeps_itself() -> None:
+    """With `lower` the guard's own child goes on when the condition is false."""
+    stage = Stage("selector { when p abort lower { A } B }", "p")
+    stage.tick()
+    assert stage.tick(p=0) == ("A", RUNNING)
+
+
+def test_abort_lower_needs_a_turn() -> None:
+    """A condition that has been true all the time stops nobody: it has to turn true."""
+    stage = Stage("selector { when p { A } B }", "p", A="FR")
+    assert stage.tick() == ("A! B!", RUNNING)
+    assert stage.tick() == ("B", RUNNING)
+    assert stage.tick(p=0) == ("B", RUNNING)
+    assert stage.tick(p=1) == ("A!", RUNNING)
+
+
+def test_abort_lower_since_the_tick_before() -> None:
+    """What counts is the truth on the tick before, not when the branch started."""
+    stage = Stage("selector { when p abort lower { A } B }", "p", A="RRFR")
+    assert stage.tick() == ("A!", RUNNING)
+    assert stage.tick(p=0) == ("A", RUNNING)
+    assert stage.tick() == ("A B!", RUNNING)
+    assert stage.tick(p=1)[0] == "A!"
+
+
+def test_abort_lower_in_a_sequence() -> None:
+    """A sequence goes back to the guard's branch as well."""
+    stage = Stage("sequence { inverter { when p { A } } B }")
+    assert stage.tick() == ("B!", RUNNING)
+    assert stage.tick(p=1) == ("A!", RUNNING)
+
+
+@pytest.mark.parametrize("chain", ["inverter { %s }", "repeater 2 { %s }", "when not q { %s }"])
+def test_observed_through_decorators(chain: str) -> None:
+    """The nearest composite observes a guard through the decorators between them."""
+    stage = Stage(f"sequence {{ selector {{ {chain % 'when p { A }'} B }} C }}", A="S", B="R")
+    if "inverter" in chain:
+        stage = Stage(f"sequence {{ {chain % 'when p { A }'} B }}")
+    assert stage.tick() == ("B!", RUNNING)
+    assert stage.tick(p=1)[0].startswith("A!")
+
+
+def test_observed_by_the_nearest_composite_only() -> None:
+    """Composites further up don't observe it: its own composite is finished."""
+    stage = Stage("selector { sequence { when p { A } B } C }")
+    assert stage.tick() == ("C!", RUNNING)
+    assert stage.tick(p=1) == ("C", RUNNING)
+
+
+def test_not_observed_below_a_parallel() -> None:
+    """A parallel has no lower branches: `lower` does nothing there, `self` does."""
+    stage = Stage("parallel failure all { when p { A } B }")
+    assert stage.tick() == ("B!", RUNNING)
+    assert stage.tick(p=1) == ("B", RUNNING)
+
+    stage = Stage("parallel failure all { when p { A } B }", "p")
+    stage.tick()
+    assert stage.tick(p=0) == ("B", RUNNING)
+
+
+def test_observed_once_visited() -> None:
+    """An inner guard that was not reached, as the outer one was false, is not observed."""
+    stage = Stage("selector { when p abort none { when q { A } } B }")
+    assert stage.tick() == ("B!", RUNNING)
+    assert stage.tick(p=1, q=1) == ("B", RUNNING)
+
+    reached = Stage("selector { when p abort none { when q { A } } B }", "p")
+    assert reached.tick() == ("B!", RUNNING)
+    assert reached.tick(q=1) == ("A!", RUNNING)
+
+
+def test_takeover_starts_the_whole_branch() -> None:
+    """The branch starts from its outermost node, so that an outer guard is asked again."""
+    stage = Stage("selector { when p { when q { A } } B }", "p")
+    assert stage.tick() == ("B!", RUNNING)
+    assert stage.tick(p=0, q=1) == ("B!", RUNNING)
+
+
+def test_observation_ends_going_back() -> None:
+    """A composite that goes back to a branch forgets the guards of that branch and behind it."""
+    stage = Stage("selector { when p { A } when q abort none { when x > 0 { B } } C }", "q", A="F")
+    assert stage.tick() == ("C!", RUNNING)
+    assert stage.tick(p=1, q=0) == ("A! C!", RUNNING)
+    assert stage.tick(x=1) == ("C", RUNNING)
+
+
+def test_observation_ends_with_the_composite() -> None:
+    """A composite that starts anew observes nothing that it visited before."""
+    stage = Stage("selector { when p abort none { when q { A } } B }", "p", B="SR")
+    assert stage.tick() == ("B!", SUCCESS)
+    assert stage.tick(p=0) == ("B!", RUNNING)
+    assert stage.tick(q=1) == ("B", RUNNING)
+
+
+def test_first_guard_wins() -> None:
+    """When several observed guards turn true in a tick, the first in the text wins."""
+    stage = Stage("selector { when p { A } when q { B } C }")
+    stage.tick()
+    assert stage.tick(p=1, q=1) == ("A!", RUNNING)
+
+
+def test_outer_guard_wins() -> None:
+    """Guards are checked from the root down: an outer one spares the inner ones their check."""
+    stage = Stage("selector { when p { A } selector { when q { B } C } }")
+    assert stage.tick() == ("C!", RUNNING)
+    assert stage.tick(p=1, q=1) == ("A!", RUNNING)
+
+    own = Stage("selector { when p { selector { when q { A } B } } C }", "p")
+    assert own.tick() == ("B!", RUNNING)
+    assert own.tick(p=0, q=1) == ("C!", RUNNING)
+
+
+def test_abort_resets() -> None:
+    """An aborted subtree forgets everything: its place, its counts, its observations."""
+    stage = Stage(
+        "selector { when p abort lower { A } repeater 2 { sequence { B C } } }",
+        A="F",
+        B="S",
+        C="SRSS",
+    )
+    assert stage.tick() == ("B! C!", AGAIN)
+    assert stage.tick() == ("B! C!", RUNNING)
+    assert stage.tick(p=1) == ("A! B! C!", AGAIN)
+    assert stage.tick() == ("B! C!", SUCCESS)
+
+
+# Around the table
+
+
+def test_watch_sees_every_node() -> None:
+    """A watch is told of each node that was ticked, by its place in the text, children first."""
+    stage = Stage("selector { when p { A } sequence { B C } }", B="S")
+    stage.tick()
+    assert stage.events == [
+        (1, FAILURE),
+        (4, SUCCESS),
+        (5, RUNNING),
+        (3, RUNNING),
+        (0, RUNNING),
+    ]
+
+
+def test_watch_changes_nothing() -> None:
+    """A tree runs the same with and without a watch."""
+    tree = short_tree("sequence { repeater 2 { A } B }")
+    actions = dict.fromkeys(["MoveToGarbage", "PickupGarbage"], lambda _fresh: SUCCESS)
+    watched = compile_tree(tree, actions, [0.0] * 5, watch=lambda _place, _status: None)
+    plain = compile_tree(tree, actions, [0.0] * 5)
+    assert [watched() for _ in range(4)] == [plain() for _ in range(4)]
+
+
+def test_equal_leaves_are_two() -> None:
+    """Leaves with the same action run apart: each is told for itself whether it is fresh."""
+    stage = Stage("sequence { A A }", A="RSRS")
+    assert [stage.tick()[0] for _ in range(3)] == ["A!", "A A!", "A"]
+
+
+def test_trees_do_not_share_state() -> None:
+    """Compiling a tree twice gives two trees that know nothing of each other."""
+    tree = short_tree("repeater 2 { A }")
+    actions = {"MoveToGarbage": lambda _fresh: SUCCESS}
+    one, two = (compile_tree(tree, actions, [0.0] * 5) for _ in range(2))
+    assert (one(), two(), one(), two()) == (AGAIN, AGAIN, SUCCESS, SUCCESS)
+
+
+def test_missing_action() -> None:
+    """A tree whose action nobody implements is refused when it is compiled."""
+    with pytest.raises(KeyError, match="PatrolWaypoint"):
+        compile_tree(parse("PatrolWaypoint"), {}, [0.0] * 5)
+
+
+def test_thresholds() -> None:
+    """Thresholds are the numbers that a key is compared with, ascending, each once."""
+    tree = short_tree("selector { when x < 50 { A } when x > 20 { when x != 50 { B } } }")
+    assert thresholds(tree) == (20.0, 50.0)
+    assert thresholds(tree, "lap") == ()
+
+
+def test_each_row_has_its_test() -> None:
+    """Each row of the table in docs/semantics.md names a test of this file."""
+    rows = re.findall(r"\| `(test_\w+)` \|$", (DOCS / "semantics.md").read_text(), re.MULTILINE)
+    assert len(rows) > 20
+    assert [row for row in rows if not callable(globals().get(row))] == []

@@ -1,0 +1,130 @@
+"""What holds for every tree: it runs as the reference does, and a quiet tick changes nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from islandgp.bt.condition import condition
+from islandgp.bt.engine import compile_tree
+from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, walk
+from tests.bt.reference import Reference
+from tests.strategies import few_boards, few_numbers, nodes
+
+Call = tuple[str, bool, int]  # (leaf, fresh, status)
+
+TREES = nodes(few_numbers(), max_leaves=10, max_repeats=3)
+BOARDS = st.lists(few_boards(), min_size=2, max_size=12)
+RESULTS = st.lists(st.sampled_from([FAILURE, SUCCESS, RUNNING, RUNNING]), min_size=1, max_size=40)
+
+
+class Actions:
+    """Leaves that give one result after the other, and write down how they were called."""
+
+    def __init__(self, tree: Node, results: list[int]) -> None:
+        self.calls: list[Call] = []
+        self.frozen = False  # every action stays RUNNING, and no result is used up
+        self._results = results
+        self._next = 0
+        names = [str(node.args[0]) for node in walk(tree) if node.kind == "action"]
+        self.table = {name: self._leaf(name) for name in names}
+
+    def _leaf(self, name: str) -> Callable[[bool], int]:
+        def act(fresh: bool) -> int:
+            status = RUNNING
+            if not self.frozen:
+                status = self._results[self._next % len(self._results)]
+                self._next += 1
+            self.calls.append((name, fresh, status))
+            return status
+
+        return act
+
+    def take(self) -> list[Call]:
+        calls, self.calls = self.calls, []
+        return calls
+
+
+class Running:
+    """Which leaves are running, as a watch learns it."""
+
+    def __init__(self, tree: Node) -> None:
+        self._nodes = list(walk(tree))
+        self._places: set[int] = set()
+
+    def watch(self, place: int, status: int) -> None:
+        if status == RUNNING and self._nodes[place].kind == "action":
+            self._places.add(place)
+        else:
+            self._places.discard(place)
+
+    def leaves(self) -> list[str]:
+        return [str(self._nodes[place].args[0]) for place in sorted(self._places)]
+
+
+def with_own_names(node: Node, numbers: Iterator[int]) -> Node:
+    """The tree with a name of its own for each leaf, so that calls tell leaves apart."""
+    if node.kind == "action":
+        return Node("action", (f"leaf {next(numbers)}",))
+    return node._replace(children=tuple(with_own_names(child, numbers) for child in node.children))
+
+
+@settings(max_examples=600, deadline=None)
+@given(tree=TREES, boards=BOARDS, results=RESULTS)
+def test_engine_is_the_reference(tree: Node, boards: list[list[float]], results: list[int]) -> None:
+    """The compiled tree calls the same actions and tells a watch the same as the reference."""
+    tree = with_own_names(tree, iter(range(100)))
+    board = list(boards[0])
+    seen: list[tuple[int, int]] = []
+    expected_seen: list[tuple[int, int]] = []
+    actions, expected_actions = Actions(tree, results), Actions(tree, results)
+    tick = compile_tree(
+        tree, actions.table, board, watch=lambda *event: seen.append(event)
+    )
+    reference = Reference(
+        tree, expected_actions.table, board, watch=lambda *event: expected_seen.append(event)
+    )
+    for values in boards:
+        board[:] = values
+        assert tick() == reference.tick()
+        assert actions.take() == expected_actions.take()
+        # The reference aborts before it ticks, the engine on the way.
+        assert sorted(seen) == sorted(expected_seen)
+        seen.clear()
+        expected_seen.clear()
+
+
+@settings(max_examples=600, deadline=None)
+@given(tree=TREES, boards=BOARDS, quiet=BOARDS, results=RESULTS)
+def test_quiet_ticks_change_nothing(
+    tree: Node, boards: list[list[float]], quiet: list[list[float]], results: list[int]
+) -> None:
+    """After RUNNING, ticks that change no condition's truth resume the same actions, no more.
+
+    So a caller may leave such ticks out, which the island does.
+    """
+    tree = with_own_names(tree, iter(range(100)))
+    board, other_board = list(boards[0]), list(boards[0])
+    guards = [condition(node, board) for node in walk(tree) if node.kind == "when"]
+    actions, other_actions = Actions(tree, results), Actions(tree, results)
+    running = Running(tree)
+    tick = compile_tree(tree, actions.table, board, watch=running.watch)
+    other_tick = compile_tree(tree, other_actions.table, other_board)
+    for values in boards:
+        board[:] = other_board[:] = values
+        status = tick()
+        assert other_tick() == status
+        assert actions.take() == other_actions.take()
+        truths = [guard() for guard in guards]
+        for quiet_values in (values, *quiet):
+            board[:] = quiet_values
+            if status != RUNNING or [guard() for guard in guards] != truths:
+                continue
+            before = running.leaves()
+            actions.frozen = True
+            assert tick() == RUNNING
+            assert actions.take() == [(leaf, False, RUNNING) for leaf in before]
+            assert running.leaves() == before
+            actions.frozen = False

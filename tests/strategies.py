@@ -1,0 +1,66 @@
+"""Random trees and blackboards that the tests of several packages share."""
+
+from __future__ import annotations
+
+from hypothesis import strategies as st
+
+from islandgp.bt.language import MAX_NUMBER
+from islandgp.bt.node import ABORTS, ACTIONS, KEYS, OPERATORS, POLICIES, REPEATS, Node
+
+_FLAGS = [name for name, key in KEYS.items() if key.flag]
+_NUMBERS = [name for name, key in KEYS.items() if not key.flag]
+
+
+def numbers() -> st.SearchStrategy[float]:
+    """Every threshold that the language can say."""
+    whole = st.integers(-MAX_NUMBER, MAX_NUMBER).map(float)
+    return whole | st.floats(-MAX_NUMBER, MAX_NUMBER)
+
+
+def few_numbers() -> st.SearchStrategy[float]:
+    """Thresholds that `few_boards` often crosses and often meets exactly."""
+    return st.sampled_from([1.0, 2.0, 3.0])
+
+
+def few_boards() -> st.SearchStrategy[list[float]]:
+    """Blackboards with few values, so that conditions change their truth all the time."""
+    number = st.sampled_from([0.0, 1.0, 2.0, 3.0, 4.0])
+    flag = st.sampled_from([0.0, 1.0])
+    return st.tuples(*(flag if key.flag else number for key in KEYS.values())).map(list)
+
+
+def when_args(
+    thresholds: st.SearchStrategy[float],
+) -> st.SearchStrategy[tuple[str | float, ...]]:
+    """The arguments of any `when`."""
+    abort = st.sampled_from(ABORTS)
+    flag = st.tuples(st.sampled_from(_FLAGS), st.sampled_from(["is", "not"]), st.just(0.0), abort)
+    number = st.tuples(st.sampled_from(_NUMBERS), st.sampled_from(OPERATORS), thresholds, abort)
+    return flag | number
+
+
+def nodes(
+    thresholds: st.SearchStrategy[float] | None = None,
+    *,
+    max_leaves: int = 12,
+    max_repeats: int = REPEATS[1],
+) -> st.SearchStrategy[Node]:
+    """Valid trees of every kind of node, about `max_leaves` leaves at most."""
+    guard = when_args(numbers() if thresholds is None else thresholds)
+    policy = st.sampled_from(POLICIES)
+    count = st.tuples(st.integers(REPEATS[0], max_repeats))
+
+    def grown(child: st.SearchStrategy[Node]) -> st.SearchStrategy[Node]:
+        one = st.tuples(child)
+        several = st.lists(child, min_size=1, max_size=4).map(tuple)
+        composite = st.sampled_from(["selector", "sequence"])
+        return st.one_of(
+            st.builds(Node, composite, st.just(()), several),
+            st.builds(Node, st.just("when"), guard, one),
+            st.builds(Node, st.just("parallel"), st.tuples(policy, policy), several),
+            st.builds(Node, st.just("inverter"), st.just(()), one),
+            st.builds(Node, st.just("repeater"), count, one),
+        )
+
+    leaf = st.sampled_from(list(ACTIONS)).map(lambda name: Node("action", (name,)))
+    return st.recursive(leaf, grown, max_leaves=max_leaves)
