@@ -7,6 +7,7 @@ run starts; only then Hydra's launcher takes over.
 from __future__ import annotations
 
 import argparse
+import os
 import re
 import sys
 from collections.abc import Iterator, Sequence
@@ -55,6 +56,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _start(words: Sequence[str]) -> None:
     old = sys.argv
     sys.argv = ["islandgp", *words]
+    # Else Hydra prints a traceback of its own for a job's error, and exits with 1.
+    os.environ.setdefault("HYDRA_FULL_ERROR", "1")
     try:
         hydra.main(version_base="1.3", config_path=str(resource("conf")), config_name="config")(
             _job

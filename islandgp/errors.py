@@ -8,6 +8,7 @@ IslandError            one clear message: expected, found, remedy; exit code 2 a
 |-- EvaluationError    an episode could not be run (names the tree and the world seed)
 |-- SupervisionError   a supervisor cannot do its work
 |-- RunError           a run's folder, checkpoint or record cannot be used
+|-- TrackingError      a tracking store cannot be used
 `-- StudyError         runs cannot be compared
 """
 
@@ -54,6 +55,10 @@ class SupervisionError(IslandError):
 
 class RunError(IslandError):
     """A run's folder, checkpoint or record cannot be used."""
+
+
+class TrackingError(IslandError):
+    """A tracking store cannot be used."""
 
 
 class StudyError(IslandError):

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+import traceback
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from time import perf_counter
-from typing import Any
+from time import perf_counter, time
+from typing import Any, Final
+from uuid import uuid4
 
 import yaml
 
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node
-from islandgp.errors import RunError
+from islandgp.errors import IslandError, RunError
 from islandgp.evaluation.base import Evaluator, Setting
 from islandgp.evaluation.cache import Cached
 from islandgp.evolution.loop import evolve
@@ -22,10 +26,12 @@ from islandgp.resources import resource
 from islandgp.scoring.rewards import Component
 from islandgp.settings import Settings
 from islandgp.supervision.base import Setup, Supervisor
-from islandgp.tracking.base import Status, Tracker
-from islandgp.tracking.folder import RunFolder
+from islandgp.tracking.base import Tracker
+from islandgp.tracking.folder import About, RunFolder, Status
+from islandgp.tracking.parameters import redacted
+from islandgp.version import code_version
 
-FREE = frozenset({"runs", "resume", "progress", "evaluator", "tracking"})
+FREE: Final = frozenset({"runs", "resume", "progress", "evaluator", "tracking"})
 """Keys that may differ between a run and its resumption: they do not change its records."""
 
 
@@ -60,34 +66,78 @@ def make_evaluator(settings: Settings) -> Evaluator:
     return Cached(evaluator) if part.cache else evaluator
 
 
-def run(settings: Settings, config: Mapping[str, Any], folder: Path, *, home: Path) -> str:
+def run(
+    settings: Settings, config: Mapping[str, Any], folder: Path, *, home: Path, command: str = ""
+) -> str:
     """Runs an experiment, or what is missing of it, in `folder`; returns the summary text.
 
     `config` is the resolved configuration that `settings` were read from, `home` the
-    folder in which the command was given.
+    folder in which the command was given, and `command` does the run again.
 
     Raises:
         RunError: the folder belongs to another configuration or another process.
         EvaluationError, SupervisionError: the run cannot go on; what it has is kept.
     """
-    target = _choose(RunFolder(folder), settings, config)
-    if target.finished() and settings.resume != "never":
+    config = redacted(config)
+    target = choose(RunFolder(folder), settings.resume, config)
+    if target.finished():
         return f"{report(target)}\nThis run was complete already; resume=never runs it again."
     supervisor = make_supervisor(settings, target.path)
-    target.open(yaml.safe_dump(dict(config), sort_keys=False))
-    tracker: Tracker = settings.tracking.factory.make(settings.tracking.settings(), home)
-    status = Status.FAILED
+    target.open(yaml.safe_dump(config, sort_keys=False), _about(settings, config, target, home, command))
     try:
-        tracker.start(target, name=_title(settings), tags=_tags(settings))
+        where = _tracked(settings, target, supervisor, home)
+    finally:
+        target.close()
+    return f"{report(target)}\n{where}".rstrip()
+
+
+def _tracked(settings: Settings, target: RunFolder, supervisor: Supervisor, home: Path) -> str:
+    """Evolves, and lets the tracker follow; returns where the tracker says to look."""
+    tracker: Tracker = settings.tracking.factory.make(settings.tracking.settings(), home)
+    status, where = Status.FAILED, ""
+    tracker.start(target)
+    try:
         _evolve(settings, target, supervisor, tracker)
         status = Status.FINISHED
     except KeyboardInterrupt:
         status = Status.KILLED
         raise
+    except IslandError as error:
+        target.fail(f"{error}\n")
+        raise
+    except Exception:
+        target.fail(traceback.format_exc())
+        raise
     finally:
         where = tracker.finish(status)
-        target.close()
-    return f"{report(target)}\n{where}".rstrip()
+    return where
+
+
+def _about(
+    settings: Settings, config: Mapping[str, Any], target: RunFolder, home: Path, command: str
+) -> About:
+    before = target.about()
+    shape = {key: value for key, value in config.items() if key not in FREE}
+    alike = {key: value for key, value in shape.items() if key not in {"seed", "name"}}
+    return About(
+        id=before.id if before else uuid4().hex,
+        title=target.path.name,
+        home=str(home),
+        command=command,
+        started=before.started if before else int(1000 * time()),
+        identity=_hash(shape),
+        tags={
+            "supervisor": settings.supervisor.name,
+            "seed": str(settings.seed),
+            "sweep": settings.name,
+            "code": code_version(),
+            "config": _hash(alike),  # the same for all seeds
+        },
+    )
+
+
+def _hash(config: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:12]
 
 
 def _evolve(
@@ -130,20 +180,26 @@ def _summary(target: RunFolder, champion: Champion, seconds: float) -> dict[str,
     }
 
 
-def _choose(folder: RunFolder, settings: Settings, config: Mapping[str, Any]) -> RunFolder:
-    """The folder to work in: `resume=never` takes a new one beside an old one."""
+def choose(folder: RunFolder, resume: str, config: Mapping[str, Any]) -> RunFolder:
+    """The folder to work in: `never` takes a new one beside an old one.
+
+    Raises:
+        RunError: the folder holds a run of another configuration, and `resume` is `auto`,
+            or `force` while that run is finished.
+    """
     before = folder.config()
     if before is None:
         return folder
-    if settings.resume == "never":
+    if resume == "never":
         n = 2
         while (path := folder.path.with_name(f"{folder.path.name}.{n}")).exists():
             n += 1
         return RunFolder(path)
-    changed = list(differences(yaml.safe_load(before), config))
-    if changed and settings.resume != "force":
+    changed = differences(yaml.safe_load(before), config)
+    if changed and (resume != "force" or folder.finished()):
+        state = "the finished run" if folder.finished() else "the run"
         raise RunError(
-            f"Expected the configuration of the run in {folder.path}, found it changed:\n  "
+            f"Expected the configuration of {state} in {folder.path}, found it changed:\n  "
             + "\n  ".join(changed)
             + "\nGive this run another name=..., or resume=never for a new folder beside it."
         )
@@ -166,10 +222,6 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any], path: str = "") 
 
 def _title(settings: Settings) -> str:
     return f"{settings.name}: {settings.supervisor.name}, seed {settings.seed}"
-
-
-def _tags(settings: Settings) -> dict[str, str]:
-    return {"supervisor": settings.supervisor.name, "seed": str(settings.seed)}
 
 
 def report(target: RunFolder) -> str:

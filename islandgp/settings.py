@@ -7,11 +7,20 @@ config object.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from typing import Any, Literal, Self
 
-from pydantic import BaseModel, Field, ImportString, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    Field,
+    ImportString,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from islandgp.errors import ConfigError
 from islandgp.evolution.allocation import Allocation
@@ -30,16 +39,25 @@ class Part(BaseModel, frozen=True, extra="forbid"):
     """
 
     factory: ImportString[Any]  # "package.module:Class"
-    policy: dict[str, Any] = Field(default_factory=dict)
+    policy: dict[str, Any] = Field(default_factory=dict, validate_default=True)
 
-    @model_validator(mode="after")
-    def _policy_fits(self) -> Self:
-        self.settings()
-        return self
+    @field_validator("factory")
+    @classmethod
+    def _can_make(cls, factory: Any) -> Any:
+        if not (hasattr(factory, "Settings") and hasattr(factory, "make")):
+            raise ValueError(f"expected a class with Settings and make, found {factory!r}")
+        return factory
+
+    @field_validator("policy")
+    @classmethod
+    def _fits_factory(cls, policy: dict[str, Any], found: ValidationInfo) -> dict[str, Any]:
+        if (factory := found.data.get("factory")) is not None:
+            factory.Settings.model_validate(policy)  # its errors become errors of this field
+        return policy
 
     def settings(self) -> Any:
-        """`policy` as the class's own Settings. Raises pydantic.ValidationError."""
-        return self.factory.Settings(**self.policy)
+        """`policy` as the class's own Settings."""
+        return self.factory.Settings.model_validate(self.policy)
 
 
 class SupervisorSettings(Part, frozen=True, extra="forbid"):
@@ -131,7 +149,8 @@ def _lines(error: ValidationError, config: Mapping[str, Any]) -> Iterator[str]:
         elif e["type"] == "missing":
             yield f"{path}: expected a value, found none"
         elif e["type"] == "value_error":
-            yield f"{path}: {message}" if path else message
+            colon = "." if re.match(r"[a-z_.]+: ", message) else ": "  # it begins with a key
+            yield f"{path}{colon}{message}" if path else message
         else:
             yield f"{path}={e['input']!r}: {message[0].lower()}{message[1:]}"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from textwrap import shorten
 from typing import Any, Final, TypeAlias
 
 from islandgp.bt.diagnosis import unknown_key, unknown_node
@@ -160,7 +161,7 @@ class Builder:
         return count
 
     def _unknown_subtree(self, name: _Token) -> TreeError:
-        known = ", ".join(self._subtrees) or "none is defined so far"
+        known = shorten(", ".join(self._subtrees), 200, placeholder=" ...")
         if name == self._name:
             message = f"subtree {shown(name)} uses itself"
         elif name in self._later:
@@ -173,7 +174,7 @@ class Builder:
         return self._source.error_at(
             name,
             message,
-            expected=f"a subtree that is defined above: {known}",
+            expected=f"a subtree that is defined above: {known or 'none is defined so far'}",
             guess=guess,
             kind=UnknownNameError,
         )

@@ -40,7 +40,7 @@ def unknown_key(source: Source, token: Token) -> TreeError:
 
 def unknown_node(source: Source, token: Token, subtrees: Collection[str]) -> TreeError:
     """The error for a word that stands where a node is expected and is none."""
-    if token in subtrees:
+    if token in subtrees and closest(token, subtrees):
         guess = f"use {token}"
     elif token in KEYS:
         guess = f"when {token} {{ ... }}" if KEYS[token].flag else f"when {token} < 5 {{ ... }}"

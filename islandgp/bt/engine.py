@@ -16,7 +16,7 @@ from typing import Final, TypeAlias
 from islandgp.bt import closures
 from islandgp.bt.closures import Observed, Stop, Tick
 from islandgp.bt.condition import Board, condition, thresholds
-from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node
+from islandgp.bt.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node
 
 __all__ = ["ABORTED", "Board", "Tick", "Watch", "compile_tree", "condition", "thresholds"]
 
@@ -45,20 +45,24 @@ def compile_tree(
 
     Returns:
         The tick. It gives FAILURE, SUCCESS, RUNNING, or AGAIN (running, and the
-        next tick starts something although nothing changed). After RUNNING, as
-        long as each condition keeps its truth and each running action stays
-        RUNNING, further ticks only resume the same actions.
+        next tick does something else although nothing changed). After RUNNING,
+        as long as each condition keeps its truth and each running action stays
+        RUNNING, further ticks only resume the actions that were RUNNING in this one.
 
     Raises:
         KeyError: an action of the tree is missing in `actions`.
     """
-    root = _Compiler(actions, board, watch).compile(tree, None)
+    compiler = _Compiler(actions, board, watch)
+    root = compiler.compile(tree, None)
     fresh = True
 
     def tick() -> int:
         nonlocal fresh
         status = root(fresh)
         fresh = status < RUNNING
+        if compiler.cut_short:
+            compiler.cut_short = False
+            return AGAIN if status == RUNNING else status
         return status
 
     return tick
@@ -67,7 +71,7 @@ def compile_tree(
 class _Compiler:
     """Turns nodes into closures, and numbers them in document order."""
 
-    __slots__ = ("_actions", "_board", "_running", "_stop", "_watch")
+    __slots__ = ("_actions", "_board", "_running", "_stop", "_watch", "cut_short")
 
     def __init__(self, actions: Mapping[str, Tick], board: Board, watch: Watch | None) -> None:
         self._actions = actions
@@ -75,6 +79,7 @@ class _Compiler:
         self._watch = watch
         self._running: list[bool] = []  # by place; its length is the place of the next node
         self._stop: Stop = _ignore if watch is None else self._tell_stopped
+        self.cut_short = False  # in this tick an action was RUNNING and then aborted
 
     def compile(self, node: Node, observed: Observed | None) -> Tick:
         """The closure of a node; `observed` belongs to the composite that holds its branch."""
@@ -121,7 +126,7 @@ class _Compiler:
             branches.append(self.compile(child, None))
         places.append(len(self._running))
         success, failure = (1 if policy == "one" else len(branches) for policy in node.args)
-        return closures.parallel(branches, success, failure, places, self._stop)
+        return closures.parallel(branches, success, failure, places, self._cut_short)
 
     def _when(self, node: Node, observed: Observed | None) -> Tick:
         holds = condition(node, self._board)
@@ -147,6 +152,10 @@ class _Compiler:
             return status
 
         return watched
+
+    def _cut_short(self, first: int, end: int) -> None:
+        self.cut_short = True
+        self._stop(first, end)
 
     def _tell_stopped(self, first: int, end: int) -> None:
         assert self._watch is not None

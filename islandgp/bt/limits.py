@@ -30,5 +30,6 @@ def check_limits(node: Node, limits: Limits) -> None:
         if found > most:
             what = "levels" if name == "depth" else "nodes"
             raise LimitError(
-                f"Expected a tree of at most {most} {what}, found {found}; shorten it or raise the limit."
+                f"Expected a tree of at most {most} {what}, found {found};"
+                " shorten it or raise the limit."
             )

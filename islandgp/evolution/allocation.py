@@ -42,6 +42,11 @@ class Allocation(BaseModel, frozen=True, extra="forbid"):
             least, most = getattr(self, name)
             if not 1 <= least <= most:
                 raise ValueError(f"{name}: expected 1 <= least <= most, found [{least}, {most}]")
+        enough, low = self.diversity_targets
+        if not 0 <= low <= enough <= 1:
+            raise ValueError(
+                f"diversity_targets: expected 1 >= first >= second >= 0, found [{enough}, {low}]"
+            )
         taken = self.elites + self.behavioural_elites + self.resurrected + self.diversity[0]
         if taken + self.tournament[0] > self.per:
             raise ValueError(
@@ -106,7 +111,8 @@ def elites(
             room -= 1
             slots.append((Origin.BEHAVIOURAL_ELITE, first.individual.id, first.individual.tree))
     alive = {behaviour for e in population for behaviour in e.behaviours}
-    extinct = [a for name, a in archive.items() if name not in alive]
+    # One ancestor may be the best of several behaviours: it comes back once.
+    extinct = list({a.id: a for name, a in archive.items() if name not in alive}.values())
     slots += [
         (Origin.RESURRECTED, a.id, a.tree)
         for a in extinct[: scaled(allocation.resurrected, allocation, n)]

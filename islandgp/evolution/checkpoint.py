@@ -47,17 +47,20 @@ def load_state(path: Path) -> RunState:
     """
     try:
         whole = json.loads(path.read_text(encoding="utf-8"))
-        body = whole["state"]
-        intact = hashlib.sha256(dump(body).encode()).hexdigest() == whole["sha256"]
-        state = _state(body)
+        body, digest = whole["state"], whole["sha256"]
+        intact = hashlib.sha256(dump(body).encode()).hexdigest() == digest
     except (ValueError, KeyError, TypeError) as error:
-        raise RunError(
-            f"Expected a checkpoint in {path}, found a damaged file ({error});"
-            " delete the run's folder or use resume=never."
-        ) from error
+        raise _damaged(path, str(error)) from error
     if not intact:
-        raise RunError(f"Expected a checkpoint in {path}, found one whose checksum differs.")
-    return state
+        raise _damaged(path, "its checksum differs")
+    return _state(body)
+
+
+def _damaged(path: Path, why: str) -> RunError:
+    return RunError(
+        f"Expected a checkpoint in {path}, found a damaged file ({why});"
+        " delete the run's folder or use resume=never."
+    )
 
 
 def _plain(state: RunState) -> dict[str, Any]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from math import inf
 
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
@@ -34,16 +35,23 @@ class TreeSettings(BaseModel, frozen=True, extra="forbid"):
 
     @model_validator(mode="after")
     def _sound(self) -> TreeSettings:
-        inner = set(KINDS) - {"action"}
-        if set(self.kinds) - inner or min(self.kinds.values(), default=0) < 0:
-            raise ValueError(f"kinds: expected weights >= 0 for some of {', '.join(sorted(inner))}")
-        if sum(self.kinds.values()) <= 0:
-            raise ValueError("kinds: expected a weight above 0")
+        check_weights("kinds", self.kinds, [kind for kind in KINDS if kind != "action"])
         if not 1 <= self.children[0] <= self.children[1]:
             raise ValueError(f"children: expected 1 <= least <= most, found {list(self.children)}")
         if not 2 <= self.depth[0] <= self.depth[1]:
             raise ValueError(f"depth: expected 2 <= least <= most, found {list(self.depth)}")
         return self
+
+
+def check_weights(key: str, weights: Mapping[str, float], names: Iterable[str]) -> None:
+    """Raises ValueError unless `weighted` can draw some of `names` by these weights."""
+    known = list(names)
+    sound = all(name in known and 0 <= weight < inf for name, weight in weights.items())
+    if not sound or sum(weights.values()) <= 0:
+        raise ValueError(
+            f"{key}: expected weights >= 0 for some of {', '.join(known)}, one of them above 0,"
+            f" found {dict(weights)}"
+        )
 
 
 def weighted(rng: np.random.Generator, weights: Mapping[str, float]) -> str:

@@ -10,12 +10,13 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, model_validator
 
 from islandgp.bt.limits import Limits, within
 from islandgp.bt.node import KEYS, KINDS, REPEATS, Node, depth, size, walk
 from islandgp.evolution.generation import (
     TreeSettings,
+    check_weights,
     grow,
     inner_node,
     random_action,
@@ -33,6 +34,11 @@ class MutationSettings(BaseModel, frozen=True, extra="forbid"):
     operators: dict[str, float]  # weight of each operator of MUTATIONS
     subtree_depth: int = Field(ge=1)  # most levels of a new subtree
     number_sd: float = Field(gt=0, le=1)  # sd of a number's change, as a share of its key's range
+
+    @model_validator(mode="after")
+    def _operators_exist(self) -> MutationSettings:
+        check_weights("operators", self.operators, MUTATIONS)
+        return self
 
 
 def replace_at(tree: Node, index: int, new: Node) -> Node:
@@ -90,8 +96,12 @@ def _node(rng: np.random.Generator, tree: Node, trees: TreeSettings, _: Mutation
         return replace_at(tree, i, random_action(rng))
     n = len(old.children)
     kinds = [
-        k for k in KINDS if k != "action" and KINDS[k].children[0] <= n <= KINDS[k].children[1]
+        name
+        for name, kind in KINDS.items()
+        if trees.kinds.get(name, 0) > 0 and kind.children[0] <= n <= kind.children[1]
     ]
+    if not kinds:
+        return tree
     kind = kinds[rng.integers(len(kinds))]
     return replace_at(tree, i, Node(kind, random_args(rng, kind, trees), old.children))
 

@@ -14,7 +14,7 @@ from typing import Final
 
 from islandgp.bt.node import FAILURE, RUNNING, SUCCESS
 from islandgp.island.journal import Event
-from islandgp.island.robot import FULL, MICRO
+from islandgp.island.robot import FULL, MICRO, steps_to
 from islandgp.island.state import Island
 
 AIM_EVERY = 5  # steps: how often MoveToHumanoid aims anew at a walking humanoid
@@ -27,10 +27,10 @@ def move_to_garbage(island: Island, fresh: bool) -> int:
         island.item, gap = ground.nearest(robot.x, robot.y)
         if gap > robot.settings.perception:
             return FAILURE
-    at = complex(ground.where[island.item])
-    if at.real > island.world.side:  # somebody in the same tree took it
+    item = island.item
+    if item is None or not item.there:  # another branch of the tree has taken it
         return FAILURE
-    return _drive(island, at.real, at.imag, robot.settings.pickup_reach)
+    return _drive(island, item.x, item.y, robot.settings.pickup_reach)
 
 
 def pickup_garbage(island: Island, _fresh: bool) -> int:
@@ -39,18 +39,20 @@ def pickup_garbage(island: Island, _fresh: bool) -> int:
     if robot.room <= 0:
         return FAILURE
     item, gap = ground.nearest(robot.x, robot.y)
-    if gap > robot.settings.pickup_reach:
+    if item is None or gap > robot.settings.pickup_reach:
         return FAILURE
     ground.take(item)
-    ground.due = 0
     robot.load += 1
     island.act(Event.PICKUP, 1)
     return SUCCESS
 
 
-def seek_charger(island: Island, _fresh: bool) -> int:
+def seek_charger(island: Island, fresh: bool) -> int:
     """Drives to the nearest charger."""
-    return _drive_to_station(island, island.world.chargers)
+    robot, chargers = island.robot, island.world.chargers
+    if fresh:
+        robot.charger = _nearest(island, chargers)
+    return _drive(island, *chargers[robot.charger], robot.settings.station_reach)
 
 
 def execute_charge(island: Island, fresh: bool) -> int:
@@ -75,36 +77,38 @@ def move_to_humanoid(island: Island, fresh: bool) -> int:
     robot, people = island.robot, island.humanoids
     if robot.room <= 0:
         return FAILURE
+    here = complex(robot.x, robot.y)
     if fresh:
-        island.humanoid, _ = people.nearest_asking(robot.x, robot.y)
+        island.humanoid = people.nearest_asking(island.physics.humanoid_positions(), here)
         island.aim_end = 0
     h = island.humanoid
     if h < 0 or not people.asks(h):
         return FAILURE
-    x, y = people.bodies[h].position
-    gap = hypot(x - robot.x, y - robot.y)
+    at = complex(*people.bodies[h].position)
+    gap = abs(at - here)
     if gap > robot.settings.perception:
         return FAILURE
     if gap <= people.settings.reach:
-        people.due = 0
         island.act(Event.INTERACTION, _load(island, people.hand_over(h, robot.room)))
         return SUCCESS
-    _pursue(island, x, y, gap)
+    _pursue(island, at, gap)
     return RUNNING
 
 
-def deliver_to_clearing_point(island: Island, _fresh: bool) -> int:
+def deliver_to_clearing_point(island: Island, fresh: bool) -> int:
     """Drives to the nearest clearing point and unloads; an empty delivery costs once a visit."""
     robot, points = island.robot, island.world.clearing_points
-    if _drive_to_station(island, points) == RUNNING:
+    if fresh:
+        robot.clearing_point = _nearest(island, points)
+    here = robot.clearing_point
+    if _drive(island, *points[here], robot.settings.station_reach) == RUNNING:
         return RUNNING
     if robot.load > 0:
         island.act(Event.DELIVERY, robot.load)
         robot.load = 0
         return SUCCESS
-    here = _nearest(island, points)
-    if robot.clearing_point != here:
-        robot.clearing_point = here
+    if robot.fined_at != here:
+        robot.fined_at = here
         island.act(Event.EMPTY_DELIVERY, 1)
     return FAILURE
 
@@ -116,6 +120,7 @@ def patrol_waypoint(island: Island, _fresh: bool) -> int:
     if status == SUCCESS:
         robot.waypoint = (robot.waypoint + 1) % len(waypoints)
         robot.laps += robot.waypoint == 0
+        island.stirred = True
     else:
         island.patrolling = True
     return status
@@ -134,17 +139,13 @@ ACTIONS: Final[dict[str, Callable[[Island, bool], int]]] = {
 
 def _drive(island: Island, x: float, y: float, reach: float) -> int:
     """RUNNING while the wheels turn towards (x, y), SUCCESS within reach."""
-    again = island.robot.drive(island.step, x, y, reach)
-    if again < 0:
+    robot = island.robot
+    distance = hypot(x - robot.x, y - robot.y)
+    if distance <= reach:
         return SUCCESS
-    island.wake_at(again)
+    robot.drive_to(x, y, reach)
+    island.wake_at(island.step + steps_to(distance - reach, robot.stride))
     return RUNNING
-
-
-def _drive_to_station(island: Island, stations: Sequence[tuple[float, float]]) -> int:
-    return _drive(
-        island, *stations[_nearest(island, stations)], island.robot.settings.station_reach
-    )
 
 
 def _nearest(island: Island, stations: Sequence[tuple[float, float]]) -> int:
@@ -153,16 +154,16 @@ def _nearest(island: Island, stations: Sequence[tuple[float, float]]) -> int:
     return min(range(len(stations)), key=lambda i: hypot(stations[i][0] - rx, stations[i][1] - ry))
 
 
-def _pursue(island: Island, x: float, y: float, gap: float) -> None:
-    """Drives to where the humanoid at (x, y) was last aimed at, and aims anew now and then."""
+def _pursue(island: Island, at: complex, gap: float) -> None:
+    """Drives to where the humanoid, now at `at`, was last aimed at; aims anew now and then."""
     robot, people = island.robot, island.humanoids
-    if island.step >= island.aim_end or robot.drive(island.step, *island.aim, 0.0) < 0:
-        island.aim = (x, y)
+    if island.step >= island.aim_end or abs(island.aim - complex(robot.x, robot.y)) < robot.stride:
+        island.aim = at
         island.aim_end = island.step + AIM_EVERY
-    _drive(island, *island.aim, 0.0)
-    closing = robot.stride + people.settings.speed * island.world.episode.step
+    robot.drive_to(island.aim.real, island.aim.imag, 0.0)
+    closing = robot.stride + island.walk
     room = min(gap - people.settings.reach, robot.settings.perception - gap)
-    island.wake_at(min(island.aim_end, island.step + max(1, int(room / closing))))
+    island.wake_at(min(island.aim_end, island.step + steps_to(room, closing)))
 
 
 def _load(island: Island, items: int) -> int:

@@ -14,12 +14,12 @@ from enum import StrEnum
 from functools import partial
 
 from islandgp.bt.engine import compile_tree, thresholds
-from islandgp.bt.node import RUNNING, Node
+from islandgp.bt.node import AGAIN, RUNNING, Node
 from islandgp.island.actions import ACTIONS
 from islandgp.island.journal import Award, Event
 from islandgp.island.passing import advance
 from islandgp.island.robot import FAR, MICRO
-from islandgp.island.sensing import sense
+from islandgp.island.sensing import GARBAGE, look_ahead, sense
 from islandgp.island.state import Island
 from islandgp.island.world import World
 
@@ -66,41 +66,54 @@ def run_episode(
     island = Island(world, seed, award, thresholds(tree, "batteryLevel"))
     actions = {name: partial(action, island) for name, action in ACTIONS.items()}
     tick = compile_tree(tree, actions, island.board, watch=watch)
-    ticks = idle = 0
+    ticks, due, end = 0, 0, _deadline(island)
+    flags = island.board[GARBAGE:]
     ending: Ending | None = None
     while ending is None:
-        sense(island, always=stepwise)
-        status = _tick(island, tick)
-        ticks += 1
-        if observe is not None:
-            observe(island)
         start = island.step
-        advance(island, start + 1 if stepwise or status != RUNNING else _horizon(island))
-        idle = _account(island, island.step - start, idle)
-        ending = _ending(island)
+        sense(island, always=stepwise)
+        if start >= min(due, island.wake) or island.board[GARBAGE:] != flags:
+            flags = island.board[GARBAGE:]
+            again = _tick(island, tick) or stepwise
+            due = start + 1 if again else island.robot.battery_due(start)
+            ticks += 1
+            if observe is not None:
+                observe(island)
+        island.robot.turn_wheels(start)
+        advance(island, start + 1 if stepwise else _horizon(island, min(due, end)))
+        _account(island, island.step - start)
+        end = _deadline(island)
+        if island.robot.battery <= 0 or island.step >= end:
+            ending = _ending(island)
     return _close(island, ending, ticks)
 
 
-def _tick(island: Island, tick: Callable[[], int]) -> int:
-    """One tick of the tree, with the wheels stopped if nobody drives."""
+def _tick(island: Island, tick: Callable[[], int]) -> bool:
+    """One tick of the tree; true if the next one may do something else though nothing happens.
+
+    A tick that left its leaves running will be repeated by the next. So will one
+    that began at the root and came to an end without moving or changing anything.
+    """
     robot = island.robot
-    robot.driving = robot.charging = island.acted = island.patrolling = False
+    robot.driving = robot.charging = island.acted = island.stirred = island.patrolling = False
     island.wake = FAR
-    status = tick()
-    if not robot.driving:
-        robot.stand()
-    return status
+    resumed, island.status = island.status >= RUNNING, tick()
+    if island.status == RUNNING:  # who charges while another branch drives will lose the charger
+        return island.stirred or (robot.charging and robot.driving)
+    return island.stirred or resumed or robot.driving or island.status == AGAIN
 
 
-def _horizon(island: Island) -> int:
-    """The earliest step at which anything but the physics can change something."""
-    return min(
-        island.wake,
-        island.ground.due,
-        island.humanoids.due,
-        island.robot.battery_due(island.step),
-        _deadline(island),
-    )
+def _horizon(island: Island, latest: int) -> int:
+    """The earliest step, `latest` at most, at which anything but the physics changes something."""
+    ground, robot, step = island.ground, island.robot, island.step
+    if ground.due:  # 0: the robot has just taken an item, so what it sees is out of date
+        ground.due = look_ahead(island)
+    until = min(latest, island.wake, ground.due, island.humanoids.due)
+    if robot.driving:
+        until = min(until, robot.leg_end)
+    elif not island.acted:
+        until = min(until, step + island.limits.second - island.idle % island.limits.second)
+    return max(until, step + 1)
 
 
 def _deadline(island: Island) -> int:
@@ -113,31 +126,27 @@ def _deadline(island: Island) -> int:
     return min(end, limits.length)
 
 
-def _account(island: Island, steps: int, idle: int) -> int:
-    """Books `steps` steps that have passed; returns the steps of idleness so far.
-
-    Idle is who neither drives nor acts. Such a robot is ticked in each step.
-    """
+def _account(island: Island, steps: int) -> None:
+    """Books `steps` steps that have passed. Idle is who neither drives nor acts."""
     robot = island.robot
     robot.spend(steps)
     if island.patrolling:
         island.patrol_steps += steps
-    if robot.charging:
+    if island.acted:
         island.last_action = island.step
     if robot.driving or island.acted:
-        return 0
-    idle += steps
-    if idle % island.limits.second == 0:
-        island.log(Event.IDLE, idle / island.limits.second)
-    return idle
+        island.idle = 0
+        return
+    island.idle += steps
+    if island.idle % island.limits.second == 0:
+        island.log(Event.IDLE, island.idle / island.limits.second)
 
 
-def _ending(island: Island) -> Ending | None:
+def _ending(island: Island) -> Ending:
+    """Why the episode is over."""
     if island.robot.battery <= 0:
         island.log(Event.SHUTDOWN, 1)
         return Ending.SHUTDOWN
-    if island.step < _deadline(island):
-        return None
     if island.step >= island.limits.length:
         return Ending.TIME
     since, limit = island.journal.negative_since, island.limits.negative

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import hypot
+from math import inf
 
 import pymunk
 
@@ -17,41 +17,38 @@ class Humanoids:
         self.bodies = bodies
         self.items = [0] * len(bodies)
         self.unseen = set(range(len(bodies)))
-        self.due = 0  # step at which they must be looked at again
+        self.due = 0  # step from which a look can give something else
 
     def asks(self, h: int) -> bool:
         """Whether humanoid `h` wants to be cleared."""
         return self.items[h] >= self.settings.ask_from
 
-    def turn(self, h: int, vx: float, vy: float) -> bool:
+    def turn(self, h: int, velocity: tuple[float, float]) -> bool:
         """`h` takes a new heading and finds one more item; true when it begins to ask."""
-        self.bodies[h].velocity = (vx, vy)
-        if self.items[h] < self.settings.most_items:
-            self.items[h] += 1
-            return self.items[h] == self.settings.ask_from
-        return False
+        self.bodies[h].velocity = velocity
+        items = self.items[h]
+        if items == self.settings.most_items:
+            return False
+        self.items[h] = items + 1
+        return items + 1 == self.settings.ask_from
 
     def hand_over(self, h: int, room: int) -> int:
         """`h` gives away what fits into `room`; returns the number of items."""
         given = min(self.items[h], room)
         self.items[h] -= given
+        self.due = 0
         return given
 
-    def step_aside(self, h: int, x: float, y: float) -> None:
-        """`h` walks straight away from the robot at (x, y) that touches it."""
-        body = self.bodies[h]
-        hx, hy = body.position
-        gap = hypot(hx - x, hy - y) or 1.0
-        speed = self.settings.speed
-        body.velocity = (speed * (hx - x) / gap, speed * (hy - y) / gap)
+    def step_aside(self, h: int, position: complex, robot: complex) -> None:
+        """`h` walks straight away from the robot that touches it."""
+        away = position - robot
+        away *= self.settings.speed / (abs(away) or 1.0)
+        self.bodies[h].velocity = (away.real, away.imag)
 
-    def nearest_asking(self, x: float, y: float) -> tuple[int, float]:
-        """The nearest humanoid that asks and its distance in metres; (-1, inf) if nobody does."""
-        best, gap = -1, float("inf")
-        for h, body in enumerate(self.bodies):
-            if self.asks(h):
-                hx, hy = body.position
-                distance = hypot(hx - x, hy - y)
-                if distance < gap:
-                    best, gap = h, distance
-        return best, gap
+    def nearest_asking(self, positions: list[complex], robot: complex) -> int:
+        """The nearest humanoid that asks, or -1 if nobody does."""
+        best, least = -1, inf
+        for h, at in enumerate(positions):
+            if self.asks(h) and abs(at - robot) < least:
+                best, least = h, abs(at - robot)
+        return best

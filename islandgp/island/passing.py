@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from islandgp.island.journal import Event
+from islandgp.island.robot import steps_to
 from islandgp.island.script import SPAWN
 from islandgp.island.state import Island
 
@@ -16,7 +17,9 @@ def advance(island: Island, until: int) -> None:
     cues, contacts = island.script.cues, island.physics.contacts
     physics_step, dt = island.physics.space.step, island.world.episode.step
     touching, begun = contacts.touching, contacts.begun
-    step = island.step
+    step, shaken = island.step, island.shaken
+    if shaken:
+        until = step + 1
     while step < until:
         stop = min(until, cues[island.cue][0])
         while step < stop:
@@ -25,13 +28,12 @@ def advance(island: Island, until: int) -> None:
             if touching or begun:
                 break
         island.step = step
-        if touching or begun:
+        if touching or begun or shaken:
+            island.shaken = bool(touching or begun)
             _touch(island)
             until = step
-        if step == cues[island.cue][0]:
-            _play_cues(island)
-            if min(island.ground.due, island.humanoids.due) <= step:
-                return
+        if step == cues[island.cue][0] and _play_cues(island):
+            return
 
 
 def _touch(island: Island) -> None:
@@ -40,31 +42,38 @@ def _touch(island: Island) -> None:
     for _ in contacts.begun:
         island.log(Event.COLLISION, 1)
     contacts.begun.clear()
-    x, y = robot.body.position
+    here, positions = island.physics.robot_position(), island.physics.humanoid_positions()
     for h in sorted(contacts.touching):
         if h >= 0:
-            island.humanoids.step_aside(h, x, y)
+            island.humanoids.step_aside(h, positions[h], here)
     robot.leg_end = island.step  # the wheels are set anew
     robot.rolling = True
-    island.ground.due = island.humanoids.due = island.step
+    island.ground.due = island.humanoids.due = island.wake = island.step
 
 
-def _play_cues(island: Island) -> None:
-    """Lets this step's cues happen: garbage appears, humanoids turn."""
-    cues, ground, people = island.script.cues, island.ground, island.humanoids
+def _play_cues(island: Island) -> bool:
+    """This step's cues happen: garbage appears, humanoids turn. True: somebody must look."""
+    cues, people = island.script.cues, island.humanoids
+    look = False
     while cues[island.cue][0] == island.step:
         _, who, a, b = cues[island.cue]
         island.cue += 1
-        if who != SPAWN:
-            if people.turn(who, a, b):
-                people.due = island.step
-        elif ground.drop(complex(a, b)):
-            _notice(island, complex(a, b))
+        if who == SPAWN:
+            look |= island.ground.drop(a, b) and _notice(island, complex(a, b))
+        elif people.turn(who, (a, b)):
+            people.due = island.step
+            look = True
+    return look
 
 
-def _notice(island: Island, item: complex) -> None:
-    """New garbage may be the next thing that comes into sight."""
-    robot = island.robot
-    x, y = robot.body.position
-    gap = abs(item - complex(x, y)) - robot.settings.perception
-    island.ground.due = min(island.ground.due, island.step + max(0, int(gap / robot.stride)))
+def _notice(island: Island, item: complex) -> bool:
+    """New garbage may be the next thing that comes into sight; true if it is."""
+    robot, ground = island.robot, island.ground
+    gap = abs(item - island.physics.robot_position()) - robot.settings.perception
+    seen = island.step + (steps_to(gap, robot.stride) if gap > 0 else 0)
+    if seen >= ground.due:
+        return False
+    ground.due = seen
+    if gap <= 0:
+        island.wake = island.step  # an action may find it though the blackboard stays the same
+    return True

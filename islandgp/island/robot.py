@@ -8,7 +8,7 @@ one by one.
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from math import hypot
+from math import ceil, inf
 
 import pymunk
 
@@ -20,6 +20,12 @@ MICRO = 1_000_000  # units of charge in one percent
 FULL = 100 * MICRO
 MARGIN = 0.3  # m between the robot's hull and an obstacle it drives around
 FAR = 1 << 60  # a step that never comes
+TOLERANCE = 1e-6  # m, far above the rounding of positions
+
+
+def steps_to(distance: float, stride: float) -> int:
+    """The first step, >= 1, at which `distance` metres can be behind, at `stride` metres a step."""
+    return max(1, ceil((distance - TOLERANCE) / stride))
 
 
 class Robot:
@@ -39,12 +45,15 @@ class Robot:
         self.load = 0  # items
         self.laps = 0  # patrol rounds finished
         self.waypoint = 0  # index of the next waypoint
+        self.charger = 0  # index of the charger it seeks
+        self.clearing_point = 0  # index of the clearing point it drives to
         # battery
         self.battery = round(world.robot.battery_start * MICRO)
         self.drain_moving = round(world.robot.drain_moving * step * MICRO)  # a step
         self.drain_standing = round(world.robot.drain_standing * step * MICRO)
         self.charge = round(world.robot.charge_rate * step * MICRO)
-        marks = {round(t * MICRO) for t in (*thresholds, world.episode.low_battery, 0, 100)}
+        levels = (*thresholds, world.episode.low_battery, world.robot.charge_below, 0, 100)
+        marks = {round(t * MICRO) for t in levels}
         self.marks = sorted(m for m in marks if 0 <= m <= FULL)
         # wheels
         self.stride = world.robot.speed * step  # m a step
@@ -52,54 +61,50 @@ class Robot:
         self.driving = False  # in this step
         self.charging = False  # in this step; standing only
         self.rolling = False  # the body may have a velocity
-        self.goal = (-1.0, -1.0)
+        self.wish = self.goal = (-1.0, -1.0, 0.0)  # x, y, reach: of this tick, of the present leg
+        self.heading = 1 + 0j  # unit direction of the leg
         self.leg_end = 0  # step at which the next leg is planned
         self.odometer = 0  # steps spent driving
         # what counts once
         self.spent = FULL  # charge used since the last charging attempt that counted
-        self.clearing_point = -1  # where an empty delivery has cost already in this visit; -1: none
+        self.fined_at = -1  # clearing point where an empty delivery has cost in this visit, or -1
 
     @property
     def room(self) -> int:
         """How many items more it can carry."""
         return self.settings.capacity - self.load
 
-    def drive(self, step: int, x: float, y: float, reach: float) -> int:
-        """Turns the wheels towards (x, y); returns the step to look again, or -1 on arrival."""
-        distance = hypot(x - self.x, y - self.y)
-        if distance <= reach:
-            return -1
-        if step >= self.leg_end or self.goal != (x, y):
-            self._plan_leg(step, x, y, reach)
+    def drive_to(self, x: float, y: float, reach: float) -> None:
+        """Wants to be within `reach` metres of (x, y); the last wish in a tick counts."""
+        self.wish = (x, y, reach)
         self.driving = True
-        return min(self.leg_end, step + max(1, int((distance - reach) / self.stride)))
 
-    def _plan_leg(self, step: int, x: float, y: float, reach: float) -> None:
-        ux, uy, length = steer(self.x, self.y, x, y, reach=reach, obstacles=self.rocks)
-        speed = self.settings.speed
-        self.body.velocity = (ux * speed, uy * speed)
-        self.goal = (x, y)
-        self.leg_end = step + max(1, round(length / self.stride)) if length < 1e6 else FAR
-        self.rolling = True
-
-    def stand(self) -> None:
-        """Stops the wheels."""
-        if self.rolling:
-            self.body.velocity = (0.0, 0.0)
-            self.rolling = False
-        self.leg_end = 0
+    def turn_wheels(self, step: int) -> None:
+        """After a tick: drives on, begins another leg, or stands."""
+        if not self.driving:
+            if self.rolling:
+                self.body.velocity = (0.0, 0.0)
+                self.rolling = False
+            self.leg_end = 0
+        elif step >= self.leg_end or self.goal != self.wish:
+            x, y, reach = self.goal = self.wish
+            ux, uy, length = steer(self.x, self.y, x, y, reach=reach, obstacles=self.rocks)
+            self.body.velocity = (ux * self.settings.speed, uy * self.settings.speed)
+            self.heading = complex(ux, uy)
+            self.leg_end = FAR if length == inf else step + max(1, round(length / self.stride))
+            self.rolling = True
 
     def battery_due(self, step: int) -> int:
         """The earliest step at which the battery may cross a level that matters."""
         level = self.battery
         if self.charging and not self.driving:
             mark = self.marks[min(bisect_left(self.marks, level), len(self.marks) - 1)]
-            return step + max(1, (mark - level) // self.charge)
+            return step + max(1, -((level - mark) // self.charge))
         drain = self.drain_moving if self.driving else self.drain_standing
         if drain == 0:
             return FAR
         mark = self.marks[max(bisect_right(self.marks, level) - 1, 0)]
-        return step + max(1, (level - mark) // drain)
+        return step + max(1, -((mark - level) // drain))
 
     def spend(self, steps: int) -> None:
         """Lets `steps` steps of the present doing pass for battery and odometer."""

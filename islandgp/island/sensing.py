@@ -7,13 +7,11 @@ nearer. Until then nobody needs to look again; this is exact, not a guess.
 
 from __future__ import annotations
 
-from math import hypot, inf
-
-import numpy as np
+from math import hypot, inf, sqrt
 
 from islandgp.bt.node import KEYS
 from islandgp.island.journal import Event
-from islandgp.island.robot import FAR, MICRO
+from islandgp.island.robot import FAR, MICRO, TOLERANCE, steps_to
 from islandgp.island.state import Island
 
 BATTERY, ROOM, LAP, GARBAGE, HUMANOID = range(len(KEYS))
@@ -30,47 +28,78 @@ def sense(island: Island, *, always: bool = False) -> None:
     """Brings the robot's position and the blackboard up to date; `always` looks at everything."""
     robot, board = island.robot, island.board
     robot.x, robot.y = robot.body.position
-    if robot.clearing_point >= 0:
-        x, y = island.world.clearing_points[robot.clearing_point]
+    if robot.fined_at >= 0:
+        x, y = island.world.clearing_points[robot.fined_at]
         if hypot(x - robot.x, y - robot.y) > robot.settings.station_reach:
-            robot.clearing_point = -1
+            robot.fined_at = -1
     if always or island.step >= island.ground.due:
-        _look_at_ground(island)
+        board[GARBAGE] = _look_for_garbage(island)
+        island.ground.due = FAR
     if always or island.step >= island.humanoids.due:
-        _look_at_humanoids(island)
+        board[HUMANOID] = _look_for_humanoids(island)
     board[BATTERY] = robot.battery / MICRO
     board[ROOM] = robot.settings.capacity - robot.load
     board[LAP] = robot.laps
 
 
-def _look_at_ground(island: Island) -> None:
+def _look_for_garbage(island: Island) -> bool:
+    """Whether garbage is in sight; new items are discovered."""
+    robot = island.robot
+    x, y, square = robot.x, robot.y, robot.settings.perception**2
+    found, new = False, 0
+    for item in island.ground.around(x, y):
+        dx, dy = item.x - x, item.y - y
+        if dx * dx + dy * dy <= square:
+            found = True
+            if not item.seen:
+                item.seen = True
+                new += 1
+    if new:
+        discover(island, new)
+    return found
+
+
+def look_ahead(island: Island) -> int:
+    """The step from which garbage can give something new, if the robot stays on its leg.
+
+    Seen from a robot on a straight leg, an item is in sight along one stretch of
+    the way. Something changes when a stretch begins that matters, when the last
+    one ends that the robot is in, or when the robot comes near items of other
+    cells. A robot that stands sees nothing new.
+    """
     robot, ground = island.robot, island.ground
-    reach = robot.settings.perception
-    gaps = ground.distances(robot.x, robot.y)
-    nearest = float(gaps.min())
-    unknown = gaps + ground.known
-    next_new = float(unknown.min())
-    if next_new <= reach:
-        new = np.flatnonzero(unknown <= reach)
-        ground.known[new] = np.inf
-        discover(island, len(new))
-        next_new = float((gaps + ground.known).min())
-    found = nearest <= reach
-    island.board[GARBAGE] = found
-    margin = min(next_new - reach, reach - nearest if found else nearest - reach)
-    ground.due = island.step + _steps(margin, robot.stride)
+    if not robot.driving:
+        return FAR
+    x, y, ux, uy = robot.x, robot.y, robot.heading.real, robot.heading.imag
+    square, found = robot.settings.perception**2, island.board[GARBAGE]
+    change, last = ground.to_border(x, y, ux, uy) + robot.stride, 0.0
+    for item in ground.around(x, y):
+        dx, dy = item.x - x, item.y - y
+        along = dx * ux + dy * uy
+        half = square - dx * dx - dy * dy + along * along
+        if half < -TOLERANCE:
+            continue
+        half = sqrt(half) if half > 0 else 0.0
+        if along > half:
+            if not (found and item.seen) and along - half < change:
+                change = along - half
+        elif along + half > last:
+            last = along + half
+    if found and last < change:
+        change = last
+    return island.step + steps_to(change, robot.stride)
 
 
-def _look_at_humanoids(island: Island) -> None:
+def _look_for_humanoids(island: Island) -> bool:
+    """Whether a humanoid in sight asks; new ones are discovered. Says when to look again."""
     robot, people = island.robot, island.humanoids
-    reach = robot.settings.perception
+    reach, here = robot.settings.perception, complex(robot.x, robot.y)
     margin, asking, new = inf, False, 0
-    for h, body in enumerate(people.bodies):
+    for h, at in enumerate(island.physics.humanoid_positions()):
         asks = people.asks(h)
         if not asks and h not in people.unseen:
             continue
-        x, y = body.position
-        gap = hypot(x - robot.x, y - robot.y)
+        gap = abs(at - here)
         if gap <= reach:
             if h in people.unseen:
                 people.unseen.discard(h)
@@ -81,14 +110,9 @@ def _look_at_humanoids(island: Island) -> None:
         margin = min(margin, abs(gap - reach))
     if new:
         discover(island, new)
-    island.board[HUMANOID] = asking
-    closing = robot.stride + people.settings.speed * island.world.episode.step
-    people.due = island.step + _steps(margin, closing)
-
-
-def _steps(margin: float, closing: float) -> int:
-    """Steps for which nothing can cross `margin` metres at `closing` metres a step."""
-    return FAR if margin > 1e8 else max(1, int(margin / closing))
+    closing = robot.stride + island.walk
+    people.due = FAR if margin == inf else island.step + steps_to(margin, closing)
+    return asking
 
 
 def discover(island: Island, things: int) -> None:

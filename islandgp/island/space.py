@@ -10,7 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import IntEnum
 
+import numpy as np
 import pymunk
+from pymunk.batch import BodyFields, Buffer, get_space_bodies
 
 from islandgp.island.script import Script
 from islandgp.island.world import World
@@ -36,14 +38,41 @@ class Contacts:
     touching: set[int] = field(default_factory=set)  # humanoids; -1 and below: static shapes
 
 
-@dataclass(frozen=True, slots=True)
 class Space:
-    """A space with the bodies of one episode."""
+    """A space with the bodies of one episode, and their positions read all at once."""
 
-    space: pymunk.Space
-    robot: pymunk.Body
-    humanoids: tuple[pymunk.Body, ...]
-    contacts: Contacts
+    def __init__(
+        self,
+        space: pymunk.Space,
+        robot: pymunk.Body,
+        humanoids: tuple[pymunk.Body, ...],
+        contacts: Contacts,
+    ) -> None:
+        """The robot was added to `space` first, then the humanoids in their order."""
+        self.space = space
+        self.robot = robot
+        self.humanoids = humanoids
+        self.contacts = contacts
+        self._buffer = Buffer()
+        self._read()
+        # The engine's own memory; it stays in place, as each reading fills it to the same size.
+        # The robot comes first, then the humanoids, last the static body: x + iy in metres.
+        self._positions = np.frombuffer(self._buffer.float_buf(), dtype=complex)
+
+    def robot_position(self) -> complex:
+        """Where the robot is now, x + iy in metres."""
+        x, y = self.robot.position
+        return complex(x, y)
+
+    def humanoid_positions(self) -> list[complex]:
+        """Where the humanoids are now, in metres; one call of the engine for all of them."""
+        self._read()
+        found: list[complex] = self._positions[1:-1].tolist()
+        return found
+
+    def _read(self) -> None:
+        self._buffer.clear()
+        get_space_bodies(self.space, BodyFields.POSITION, self._buffer)
 
 
 def build_space(world: World, script: Script) -> Space:
@@ -96,7 +125,8 @@ def _watch_contacts(
             contacts.begun.append(other)
 
     def separate(arbiter: pymunk.Arbiter, _space: pymunk.Space, _data: object) -> None:
-        contacts.touching.discard(index[arbiter.shapes[1]])
+        # When a space is thrown away the engine separates everything, maybe after the index.
+        contacts.touching.discard(index.get(arbiter.shapes[1], 0))
 
     for kind in (Kind.HUMANOID, Kind.STATIC):
         space.on_collision(Kind.ROBOT, kind, begin=begin, separate=separate)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from islandgp.bt.node import KEYS
-from islandgp.island.garbage import Ground
+from islandgp.bt.node import FAILURE, KEYS
+from islandgp.island.garbage import Ground, Item
 from islandgp.island.humanoids import Humanoids
 from islandgp.island.journal import Award, Event, Journal
 from islandgp.island.robot import FAR, MICRO, Robot
@@ -48,32 +48,42 @@ class Island:
         self.script = write_script(world, seed)
         self.physics = build_space(world, self.script)
         self.robot = Robot(world, self.physics.robot, self.script.obstacles, thresholds)
-        self.ground = Ground(self.script.garbage, world.garbage.most)
+        self.ground = Ground(
+            self.script.garbage,
+            most=world.garbage.most,
+            side=world.side,
+            cell=world.robot.perception + 2 * self.robot.stride,  # may be left by a step
+        )
         self.humanoids = Humanoids(world.humanoids, self.physics.humanoids)
+        self.walk = world.humanoids.speed * world.episode.step  # m a step
         self.journal = Journal(award)
         self.board = [0.0] * len(KEYS)  # the blackboard, in the order of KEYS
         self.step = 0
         self.cue = 0  # index of the next cue of the script
         self.wake = FAR  # a step at which a running action wants to be ticked
+        self.shaken = False  # touched a step ago: the engine still moves overlapping bodies apart
+        self.status = FAILURE  # of the tree's last tick
+        self.stirred = False  # this tick changed something that the next one can depend on
         self.acted = False  # a non-movement action happened in this tick
+        self.idle = 0  # steps of idleness so far
         self.last_action = 0  # step of the last non-movement action
         self.patrolling = False  # PatrolWaypoint drives the robot
         self.patrol_steps = 0  # steps of patrol so far
         self.rewarded_segment = -1  # last stretch of patrol that had a discovery
-        self.item = -1  # garbage that MoveToGarbage drives to
+        self.item: Item | None = None  # garbage that MoveToGarbage drives to
         self.humanoid = -1  # whom MoveToHumanoid drives to
         self.aim_end = 0  # step at which it aims anew
-        self.aim = (0.0, 0.0)  # m, where it saw that humanoid
+        self.aim = 0j  # where it saw that humanoid, x + iy in metres
 
     def log(self, event: Event, amount: float) -> None:
         """Writes an event of this step down."""
         self.journal.log(self.step, event, amount)
 
     def act(self, event: Event, amount: float) -> None:
-        """A non-movement action with its event; what follows from it is looked at next step."""
+        """A non-movement action with its event."""
         self.log(event, amount)
-        self.acted = True
-        self.wake = self.step + 1
+        self.acted = self.stirred = True
+        self.last_action = self.step
 
     def wake_at(self, step: int) -> None:
         """Asks for a tick at `step` at the latest."""

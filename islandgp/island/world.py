@@ -90,8 +90,13 @@ class World(BaseModel, frozen=True, extra="forbid"):
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
-        for name in ("chargers", "clearing_points", "waypoints"):
-            for x, y in getattr(self, name):
+        for name, points in (
+            ("start", (self.start,)),
+            ("chargers", self.chargers),
+            ("clearing_points", self.clearing_points),
+            ("waypoints", self.waypoints),
+        ):
+            for x, y in points:
                 if not (2 <= x <= self.side - 2 and 2 <= y <= self.side - 2):
                     raise ValueError(
                         f"{name}: expected points at least 2 m inside the {self.side:g} m island,"

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, model_validator
 
 from islandgp.scoring.outcome import Outcome
 
@@ -51,6 +51,14 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
     dominance_ratio: float = Field(ge=1)
     tiers: dict[Tier, Threshold]
     excellent_is_complete: bool  # section 2.3.4: an Excellent Robot is a Complete Robot first
+
+    @model_validator(mode="after")
+    def _complete(self) -> Classes:
+        if missing := [tier.value for tier in Tier if tier not in self.tiers]:
+            raise ValueError(
+                f"tiers: expected a threshold for each tier, missing {', '.join(missing)}"
+            )
+        return self
 
 
 def specialist(o: Outcome, classes: Classes) -> Specialist:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from enum import IntEnum
-from typing import Final
+from typing import Annotated, Final
 
-from pydantic import BaseModel, Field, model_validator
+from pydantic import BaseModel, Field, FiniteFloat, model_validator
 
 from islandgp.island.journal import Event
 
@@ -27,15 +27,15 @@ class Component(IntEnum):
 class PerAction(BaseModel, frozen=True, extra="forbid"):
     """A reward with a base and a part for each item."""
 
-    base: float
-    per_item: float
+    base: FiniteFloat
+    per_item: FiniteFloat
 
 
 class ChargeBand(BaseModel, frozen=True, extra="forbid"):
     """What a charging attempt earns below a battery level."""
 
     below: float = Field(gt=0, le=100)  # %
-    points: float
+    points: FiniteFloat
 
 
 class Rewards(BaseModel, frozen=True, extra="forbid"):
@@ -44,18 +44,18 @@ class Rewards(BaseModel, frozen=True, extra="forbid"):
     pickup: PerAction
     interaction: PerAction
     delivery: PerAction
-    empty_delivery: float
+    empty_delivery: FiniteFloat
     charge: tuple[ChargeBand, ...]  # by rising level
-    charge_otherwise: float  # plus the battery level in percent
-    shutdown: float
-    patrol_segment: float
-    discovery: float
-    idle_second: float
+    charge_otherwise: FiniteFloat  # plus the battery level in percent
+    shutdown: FiniteFloat
+    patrol_segment: FiniteFloat
+    discovery: FiniteFloat
+    idle_second: FiniteFloat
     idle_grace: float = Field(ge=0)  # s of idleness that cost nothing
-    collision: float
-    leftover: float
+    collision: FiniteFloat
+    leftover: FiniteFloat
     normalize: bool  # Eq. (2)
-    maxima: tuple[float, ...]  # Eq. (2): largest value of each component, in Component's order
+    maxima: tuple[FiniteFloat, ...]  # Eq. (2): largest values, in Component's order
 
     @model_validator(mode="after")
     def _complete(self) -> Rewards:
@@ -66,14 +66,17 @@ class Rewards(BaseModel, frozen=True, extra="forbid"):
         return self
 
 
+Multiplier = Annotated[FiniteFloat, Field(ge=0)]
+
+
 class Multipliers(BaseModel, frozen=True, extra="forbid"):
     """One row of Table 2."""
 
-    garbage: float = Field(ge=0)
-    battery: float = Field(ge=0)
-    humanoid: float = Field(ge=0)
-    delivery: float = Field(ge=0)
-    leftover: float = Field(ge=0)
+    garbage: Multiplier
+    battery: Multiplier
+    humanoid: Multiplier
+    delivery: Multiplier
+    leftover: Multiplier
 
 
 def multiplier(stage: Multipliers, component: Component) -> float:

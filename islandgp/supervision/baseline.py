@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, model_validator
 
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Setup
@@ -16,6 +16,13 @@ class BaselineSettings(BaseModel, frozen=True, extra="forbid"):
     up: float = Field(ge=1)  # factor on stagnation
     down: float = Field(gt=0, le=1)  # factor on improvement
     rates: tuple[float, float]  # least and most
+
+    @model_validator(mode="after")
+    def _rates_are_rates(self) -> BaselineSettings:
+        least, most = self.rates
+        if not 0 <= least <= most <= 1:
+            raise ValueError(f"rates: expected 0 <= least <= most <= 1, found [{least}, {most}]")
+        return self
 
 
 class Baseline:

@@ -2,18 +2,9 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from typing import Protocol
 
-from islandgp.tracking.folder import RunFolder
-
-
-class Status(StrEnum):
-    """How a run ended."""
-
-    FINISHED = "FINISHED"
-    FAILED = "FAILED"
-    KILLED = "KILLED"
+from islandgp.tracking.folder import RunFolder, Status
 
 
 class Tracker(Protocol):
@@ -26,8 +17,8 @@ class Tracker(Protocol):
     command was given.
     """
 
-    def start(self, folder: RunFolder, *, name: str, tags: dict[str, str]) -> None:
-        """A run begins, or goes on."""
+    def start(self, folder: RunFolder) -> None:
+        """A run begins, or goes on; the folder is open."""
         ...
 
     def generation(self) -> None:

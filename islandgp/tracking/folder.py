@@ -1,21 +1,29 @@
 """A run's own folder: the truth about the run, whatever becomes of a tracking server.
 
-config.yaml         the resolved configuration
+config.yaml         the resolved configuration, secrets left out
+about.json          what the run is called and where it was started (About)
 generations.jsonl   one generation record a line (evolution.record.GenerationRecord)
-costs.jsonl         what each generation took; differs from machine to machine
+costs.jsonl         what each generation took, and when; differs from machine to machine
 checkpoint.json     the state to go on from; gone when the run is finished
 best.bt             the champion's tree
 lineage.csv         every individual with its parents
 summary.json        the end of the run; it exists only when the run is finished
+error.txt           why the run failed; gone when it goes on
+tracking.json       what a tracking server has got of all this (tracking.mirror)
 """
 
 from __future__ import annotations
 
 import csv
 import json
+import os
+import re
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from itertools import islice
 from pathlib import Path
+from time import time
 from typing import Any
 
 from filelock import FileLock, Timeout
@@ -27,6 +35,30 @@ from islandgp.evolution.record import RunState, Step
 LINEAGE = ("generation", "id", "origin", "parents", "mutation", "fitness", "specialist", "tiers")
 
 
+
+
+class Status(StrEnum):
+    """How far a run is, in MLflow's words."""
+
+    RUNNING = "RUNNING"  # a process is at work on it
+    FINISHED = "FINISHED"  # it came to its end
+    FAILED = "FAILED"  # an error stopped it
+    KILLED = "KILLED"  # it was stopped, or its process died
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """What nobody can tell from a run's configuration."""
+
+    id: str  # unique; the same after each resumption
+    title: str  # what people call the run
+    home: str  # absolute path of the folder in which the command was given
+    command: str  # that does the run, or what is missing of it
+    started: int  # ms since 1970
+    identity: str  # hash of all configuration that shapes the records
+    tags: dict[str, str]
+
+
 class RunFolder:
     """Writes and reads one run's folder; only one process writes at a time."""
 
@@ -34,25 +66,50 @@ class RunFolder:
         self.path = path
         self._lock = FileLock(path / ".lock")
 
-    def open(self, config: str) -> None:
-        """Takes the folder for this process and writes its configuration.
+    def open(self, config: str, about: About) -> None:
+        """Takes the folder for this process and writes down whose it is.
 
         Raises:
             RunError: another process is writing here.
         """
         self.path.mkdir(parents=True, exist_ok=True)
         try:
-            self._lock.acquire(timeout=0)
+            self._lock.acquire(timeout=1, poll_interval=0.05)  # a look at it may hold it
         except Timeout:
             raise RunError(
                 f"Expected to be the only one who writes to {self.path}, found another run at work"
                 " there; wait for it, or give this one another name=..."
             ) from None
+        write_atomic(self.path / "about.json", _pretty(asdict(about)))
         write_atomic(self.path / "config.yaml", config.encode())
+        (self.path / "error.txt").unlink(missing_ok=True)
 
     def close(self) -> None:
         """Gives the folder back."""
         self._lock.release()
+
+    def fail(self, why: str) -> None:
+        """Writes down why the run failed."""
+        self.path.mkdir(parents=True, exist_ok=True)
+        write_atomic(self.path / "error.txt", why.encode())
+
+    def error(self) -> str:
+        """Why the run failed, or ""."""
+        file = self.path / "error.txt"
+        return file.read_text(encoding="utf-8") if file.exists() else ""
+
+    def status(self) -> Status:
+        """How far the run is, whatever became of the process that was at work on it."""
+        if self.finished():
+            return Status.FINISHED
+        if locked(self.path / ".lock"):
+            return Status.RUNNING
+        return Status.FAILED if self.error() else Status.KILLED
+
+    def about(self) -> About | None:
+        """What was written down at the start; None if there was no start."""
+        file = self.path / "about.json"
+        return About(**json.loads(file.read_text(encoding="utf-8"))) if file.exists() else None
 
     def config(self) -> str | None:
         """The configuration of the run that was here before, as YAML; None if there was none."""
@@ -78,14 +135,28 @@ class RunFolder:
     def append(self, step: Step) -> None:
         """Writes a generation down, then the state to go on from."""
         self._line("generations.jsonl", asdict(step.record))
-        self._line("costs.jsonl", asdict(step.cost))
-        write_atomic(self.path / "best.bt", step.champion.record.tree.encode())
+        self._line("costs.jsonl", {**asdict(step.cost), "at": int(1000 * time())})
+        if step.champion.generation == step.record.snapshot.generation:
+            write_atomic(self.path / "best.bt", step.champion.record.tree.encode())
         if step.state is not None:
             save_state(self.path / "checkpoint.json", step.state)
 
     def _line(self, name: str, value: dict[str, Any]) -> None:
         with (self.path / name).open("ab") as file:
             file.write(dump(value).encode() + b"\n")
+            file.flush()
+            os.fsync(file.fileno())  # before the checkpoint, which counts on this line
+
+    def settled(self) -> int:
+        """How many generations no resumption will take back, >= 0."""
+        if self.finished():
+            return int(self.summary()["generations"])
+        try:
+            with (self.path / "checkpoint.json").open(encoding="utf-8") as file:
+                head = re.search(r'"generation":(\d+)', file.read(200))
+        except FileNotFoundError:
+            return 0
+        return int(head[1]) if head else 0
 
     def finish(self, summary: dict[str, Any]) -> None:
         """Writes the lineage and the summary, and throws the checkpoint away."""
@@ -98,7 +169,7 @@ class RunFolder:
                     row = {**i, "generation": generation}
                     row["parents"], row["tiers"] = " ".join(i["parents"]), " ".join(i["tiers"])
                     out.writerow([row[name] for name in LINEAGE])
-        write_atomic(self.path / "summary.json", (json.dumps(summary, indent=1) + "\n").encode())
+        write_atomic(self.path / "summary.json", _pretty(summary))
         (self.path / "checkpoint.json").unlink(missing_ok=True)
 
     def records(self, first: int = 0) -> Iterator[dict[str, Any]]:
@@ -106,7 +177,7 @@ class RunFolder:
         yield from self._read("generations.jsonl", first)
 
     def costs(self, first: int = 0) -> Iterator[dict[str, Any]]:
-        """What the generations took, from the `first` on."""
+        """What the generations took, from the `first` on; `at` is ms since 1970."""
         yield from self._read("costs.jsonl", first)
 
     def _read(self, name: str, first: int) -> Iterator[dict[str, Any]]:
@@ -114,11 +185,26 @@ class RunFolder:
         if not file.exists():
             return
         with file.open(encoding="utf-8") as lines:
-            for i, line in enumerate(lines):
-                if i >= first and line.endswith("\n"):
+            for line in islice(lines, first, None):
+                if line.endswith("\n"):
                     yield json.loads(line)
 
     def summary(self) -> dict[str, Any]:
         """The end of a finished run."""
         found: dict[str, Any] = json.loads((self.path / "summary.json").read_text(encoding="utf-8"))
         return found
+
+
+def locked(path: Path) -> bool:
+    """Whether a process holds the lock file now."""
+    if not path.exists():
+        return False
+    try:
+        with FileLock(path, timeout=0):
+            return False
+    except Timeout:
+        return True
+
+
+def _pretty(value: dict[str, Any]) -> bytes:
+    return (json.dumps(value, indent=1) + "\n").encode()

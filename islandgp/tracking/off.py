@@ -6,8 +6,7 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
-from islandgp.tracking.base import Status
-from islandgp.tracking.folder import RunFolder
+from islandgp.tracking.folder import RunFolder, Status
 
 
 class OffSettings(BaseModel, frozen=True, extra="forbid"):
@@ -24,7 +23,7 @@ class Off:
         """See `Tracker`."""
         return cls()
 
-    def start(self, folder: RunFolder, *, name: str, tags: dict[str, str]) -> None:
+    def start(self, folder: RunFolder) -> None:
         """See `Tracker`."""
 
     def generation(self) -> None:

@@ -43,13 +43,15 @@ class Reference:
         self.board = board
         self.before = list(board)
         self.watch = watch
+        self.cut_short = False  # a parallel stopped a running child in this tick
 
     def tick(self) -> int:
+        self.cut_short = False
         if self.root.running:
             self.check(self.root)
         status = self.run(self.root)
         self.before = list(self.board)
-        return status
+        return AGAIN if status == RUNNING and self.cut_short else status
 
     # The first phase: guards.
 
@@ -124,6 +126,7 @@ class Reference:
         status = judge(live.statuses, *live.node.args)
         if status in (SUCCESS, FAILURE):
             for child in live.children:
+                self.cut_short = self.cut_short or child.running
                 self.abort(child)
         return status
 

@@ -34,7 +34,7 @@ class Stage:
         self.events: list[tuple[int, int]] = []  # (place, status) as watched in the last tick
         self._calls: list[str] = []
         self._board = [0.0] * len(KEYS)
-        self._set(**{letter: 1.0 for letter in board})
+        self._set(**dict.fromkeys(board, 1.0))
         actions = {
             name: self._action(letter, scripts.get(letter, "R"))
             for letter, name in _ACTIONS.items()

@@ -1,0 +1,1 @@
+"""Pictures of trees: in a terminal, as SVG, as Mermaid and as Graphviz dot."""

@@ -1,0 +1,95 @@
+"""The nouns of a comparison: a run as the study reads it, and an arm of runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from islandgp.evolution.record import Champion, Cost, GenerationRecord, IndividualRecord
+from islandgp.scoring.state import Snapshot
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """One finished run, read from its folder.
+
+    Generations count as in the records, from 0: the initial population is generation 0.
+    """
+
+    path: Path
+    config: Mapping[str, Any]  # nested, as it was resolved
+    flat: Mapping[str, Any]  # the same by dotted key
+    records: tuple[GenerationRecord, ...]  # by generation
+    costs: tuple[Cost, ...]  # by generation
+    champion: Champion  # the highest fitness of the run
+
+    @property
+    def seed(self) -> int:
+        """Of every draw of the run."""
+        return int(self.config["seed"])
+
+    @property
+    def supervisor(self) -> str:
+        """The supervisor's name."""
+        return str(self.config["supervisor"]["name"])
+
+    @property
+    def name(self) -> str:
+        """What the sweep is called."""
+        return str(self.config["name"])
+
+    @property
+    def snapshots(self) -> tuple[Snapshot, ...]:
+        """The generations in numbers."""
+        return tuple(r.snapshot for r in self.records)
+
+    @property
+    def best(self) -> tuple[IndividualRecord, ...]:
+        """The fittest individual of each generation."""
+        return tuple(max(r.individuals, key=lambda i: i.fitness) for r in self.records)
+
+
+@dataclass(frozen=True, slots=True)
+class Arm:
+    """Runs that differ in their seed alone."""
+
+    name: str
+    selection: str  # what the user asked for
+    runs: tuple[Run, ...]  # by seed
+
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """Of the runs, in their order."""
+        return tuple(r.seed for r in self.runs)
+
+    @property
+    def generations(self) -> int:
+        """How many each run has; the fewest, if they differ."""
+        return min(len(r.records) for r in self.runs)
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Two or more arms, and what stands against comparing them."""
+
+    arms: tuple[Arm, ...]
+    doubts: tuple[str, ...]  # differences that make a comparison doubtful; shown in the report
+    notes: tuple[str, ...]  # what a reader should know besides
+    sources: tuple[str, ...]  # where the runs were looked for
+
+    @property
+    def pairs(self) -> tuple[tuple[Arm, Arm], ...]:
+        """All pairs, in the order in which the arms were given."""
+        return tuple((a, b) for i, a in enumerate(self.arms) for b in self.arms[i + 1 :])
+
+    @property
+    def generations(self) -> int:
+        """How many generations all arms have."""
+        return min(a.generations for a in self.arms)
+
+
+def paired(first: Arm, second: Arm) -> bool:
+    """Whether two arms ran on the same seeds, one run each, so that runs come in pairs."""
+    return first.seeds == second.seeds and len(set(first.seeds)) == len(first.seeds)

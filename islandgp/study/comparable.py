@@ -1,0 +1,144 @@
+"""Whether arms can be compared: they differ in what is studied, and in nothing else."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any, Final
+
+from islandgp.errors import StudyError
+from islandgp.study.arms import Arm, Comparison
+from islandgp.study.select import Selection, parse_selection, spans
+
+IRRELEVANT: Final = frozenset(
+    {"seed", "name", "runs", "resume", "progress", "evaluator", "tracking"}
+)
+"""Groups that do not change a record, or that are looked at by themselves (the seed)."""
+
+STUDIED: Final = frozenset({"supervisor"})
+"""The group in which arms may differ without further ado (section 3.1)."""
+
+YARDSTICK: Final = frozenset({"world", "rewards", "curriculum", "classes"})
+"""Groups that decide what fitness and a tier mean: they are never what is studied."""
+
+BUDGET: Final = frozenset({"gp.population", "gp.generations", "gp.episodes", "gp.common_world"})
+"""What a run may spend: never studied either."""
+
+
+def compare_arms(
+    arms: Sequence[Arm],
+    *,
+    force: bool = False,
+    notes: Sequence[str] = (),
+    sources: Sequence[str] = (),
+) -> Comparison:
+    """The arms as one comparison.
+
+    Raises:
+        StudyError: fewer than two arms, two of one name, a run in two arms; or the arms
+            are not comparable and `force` is not set.
+    """
+    _check_names(arms)
+    selections = [parse_selection(arm.selection) for arm in arms]
+    doubts = [*_inside(arms), *_between(arms, selections), *_seeds(arms)]
+    if doubts and not force:
+        raise StudyError(
+            "Expected arms that differ only in what is studied, found:\n  "
+            + "\n  ".join(doubts)
+            + "\nSelect other runs, or say --force: the report then lists these differences."
+        )
+    return Comparison(
+        tuple(arms), tuple(doubts), (*_declared(arms, selections), *notes), tuple(sources)
+    )
+
+
+def _check_names(arms: Sequence[Arm]) -> None:
+    if len(arms) < 2:
+        raise StudyError(
+            f"Expected two or more arms, found {len(arms)}; for instance"
+            ' --arm expert="supervisor=expert" --arm baseline="supervisor=baseline".'
+        )
+    for name, count in Counter(arm.name for arm in arms).items():
+        if count > 1:
+            raise StudyError(f"Expected arms of different names, found {name} {count} times.")
+    seen: dict[Any, str] = {}
+    for arm in arms:
+        for run in arm.runs:
+            if run.path in seen:
+                raise StudyError(
+                    f"Expected each run in one arm, found {run.path.name} in {seen[run.path]} and"
+                    f" in {arm.name}; narrow the selections."
+                )
+            seen[run.path] = arm.name
+
+
+def _inside(arms: Sequence[Arm]) -> list[str]:
+    """Differences between the runs of one arm."""
+    doubts = []
+    for arm in arms:
+        for key in sorted({key for run in arm.runs for key in run.flat}):
+            values = {str(run.flat.get(key)) for run in arm.runs}
+            if len(values) > 1 and _group(key) not in IRRELEVANT:
+                doubts.append(f"within {arm.name}: {key} is {_list(values)}")
+        twice = [seed for seed, n in Counter(arm.seeds).items() if n > 1]
+        if twice:
+            doubts.append(
+                f"within {arm.name}: seeds {spans(sorted(twice))} are there more than once;"
+                " name=... selects one sweep"
+            )
+    return doubts
+
+
+def _between(arms: Sequence[Arm], selections: Sequence[Selection]) -> list[str]:
+    """Differences between arms that nobody asked for."""
+    return [
+        f"{key} differs: {values}"
+        for key, values in _differences(arms)
+        if not _may_differ(key, selections)
+    ]
+
+
+def _declared(arms: Sequence[Arm], selections: Sequence[Selection]) -> list[str]:
+    """Differences that the selections ask for."""
+    return [
+        f"The arms differ in {key}: {values}."
+        for key, values in _differences(arms)
+        if _may_differ(key, selections)
+    ]
+
+
+def _differences(arms: Sequence[Arm]) -> list[tuple[str, str]]:
+    found = []
+    kinds = {str(run.flat.get("supervisor.factory")) for arm in arms for run in arm.runs}
+    for key in sorted({key for arm in arms for run in arm.runs for key in run.flat}):
+        if _group(key) in IRRELEVANT or key == "supervisor.factory":
+            continue
+        if len(kinds) > 1 and key.startswith("supervisor.policy."):
+            continue  # each kind of supervisor has settings of its own
+        values = [str(arm.runs[0].flat.get(key, "not set")) for arm in arms]
+        if len(set(values)) > 1:
+            found.append((key, ", ".join(f"{a.name} {v}" for a, v in zip(arms, values, strict=True))))
+    return found
+
+
+def _may_differ(key: str, selections: Sequence[Selection]) -> bool:
+    if _group(key) in STUDIED:
+        return True
+    if _group(key) in YARDSTICK or key in BUDGET:
+        return False
+    return all(key in s.keys for s in selections)
+
+
+def _seeds(arms: Sequence[Arm]) -> list[str]:
+    if len({tuple(sorted(set(arm.seeds))) for arm in arms}) == 1:
+        return []
+    each = "; ".join(f"{arm.name} {spans(sorted(set(arm.seeds)))}" for arm in arms)
+    return [f"seeds differ: {each}"]
+
+
+def _group(key: str) -> str:
+    return key.partition(".")[0]
+
+
+def _list(values: set[str]) -> str:
+    return " and ".join(sorted(values)[:3])

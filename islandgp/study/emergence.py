@@ -1,0 +1,93 @@
+"""When a tier first emerged (section 3.4, Table 11), and runs in which it never did.
+
+A run without one is censored: it was watched to its last generation and says
+"later than that, if ever". It is never dropped and never gets a made-up number.
+For the rank test it ranks after the last generation, which is all that is known
+of it and all that ranks need.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from islandgp.scoring.classify import Tier
+from islandgp.study.arms import Run
+
+
+def first(run: Run, tier: Tier) -> int | None:
+    """The first generation, from 0, with an individual of a tier; None: never."""
+    return next((s.generation for s in run.snapshots if s.tiers[tier]), None)
+
+
+def ranks(firsts: Sequence[float | None], generations: int) -> list[float]:
+    """Values for a rank test: a run without one comes after the last generation."""
+    return [float(generations if g is None else g) for g in firsts]
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """One arm's times to emergence."""
+
+    runs: int
+    emerged: int  # runs in which it happened
+    mean: float | None  # generation; None when a run is censored
+    sd: float | None  # sample standard deviation; None when a run is censored
+    median: float | None  # generation; None when half the runs or more never got there
+    watched: float  # generations lived through without one, mean over all runs
+
+
+def summary(firsts: Sequence[int | None], generations: int) -> Summary:
+    """The figures that hold with censored runs, and those that hold only without.
+
+    `watched` is the restricted mean of survival analysis: a censored run counts
+    with the generations that it was really watched.
+    """
+    there = sorted(g for g in firsts if g is not None)
+    n, whole = len(firsts), len(there) == len(firsts)
+    mean = sum(there) / n if whole else None
+    return Summary(
+        runs=n,
+        emerged=len(there),
+        mean=mean,
+        sd=_sd(there, mean) if mean is not None else None,
+        median=_median(there, n),
+        watched=sum(ranks(firsts, generations)) / n,
+    )
+
+
+def _sd(values: Sequence[int], mean: float) -> float:
+    if len(values) < 2:
+        return 0.0
+    return float((sum((v - mean) ** 2 for v in values) / (len(values) - 1)) ** 0.5)
+
+
+def _median(there: Sequence[int], n: int) -> float | None:
+    """Of n values of which only the smallest are known."""
+    if (n // 2) >= len(there):
+        return None
+    return float(there[n // 2]) if n % 2 else (there[n // 2 - 1] + there[n // 2]) / 2
+
+
+def still_without(firsts: Sequence[int | None], generations: int) -> list[float]:
+    """Share of the runs without one up to and including each generation (Kaplan-Meier)."""
+    n = len(firsts)
+    return [sum(f is None or f > g for f in firsts) / n for g in range(generations)]
+
+
+def reduction(first_arm: Summary, second_arm: Summary) -> tuple[float, str] | None:
+    """By which share the first arm is earlier, and what was compared; None: nothing can be.
+
+    Means when every run got there, as in the paper; else medians; else the
+    generations watched without one.
+    """
+    if not first_arm.emerged and not second_arm.emerged:
+        return None
+    for name, a, b in (
+        ("means", first_arm.mean, second_arm.mean),
+        ("medians", first_arm.median, second_arm.median),
+        ("generations without one", first_arm.watched, second_arm.watched),
+    ):
+        if a is not None and b:
+            return 1 - a / b, name
+    return None

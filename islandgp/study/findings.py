@@ -1,0 +1,123 @@
+"""Every comparison of a study as one value: what was compared, and what the tests say."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from islandgp.study.arms import Comparison, Run, paired
+from islandgp.study.emergence import ranks
+from islandgp.study.measures import Measure, values
+from islandgp.study.statistics import (
+    PairedTest,
+    RankTest,
+    benjamini_hochberg,
+    log_rank,
+    paired_test,
+    rank_test,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Two arms compared by one measure."""
+
+    measure: Measure
+    arms: tuple[str, str]
+    samples: tuple[tuple[float | None, ...], tuple[float | None, ...]]  # None: censored
+    generations: int  # that censored runs were watched for
+    rank: RankTest
+    rank_q: float  # p adjusted over the family
+    paired: PairedTest | None  # when the arms share seeds
+    paired_q: float | None
+    log_rank: float | None  # p, for emergence
+    log_rank_q: float | None
+
+    @property
+    def censored(self) -> bool:
+        """Whether it never happened in some run."""
+        return any(v is None for sample in self.samples for v in sample)
+
+    @property
+    def numbers(self) -> tuple[list[float], list[float]]:
+        """The samples as a rank test takes them; censored runs after the last generation."""
+        a, b = (_numbers(sample, self.generations) for sample in self.samples)
+        return a, b
+
+
+def family(study: Comparison, measures: Sequence[Measure]) -> tuple[Finding, ...]:
+    """All pairs of arms by all measures; each kind of test is adjusted over all of its p-values."""
+    found = [
+        compare(m, (a.name, b.name), a.runs, b.runs, study.generations, in_pairs=paired(a, b))
+        for a, b in study.pairs
+        for m in measures
+    ]
+    return adjust(found)
+
+
+def compare(
+    measure: Measure,
+    arms: tuple[str, str],
+    first: Sequence[Run],
+    second: Sequence[Run],
+    generations: int,
+    *,
+    in_pairs: bool,
+) -> Finding:
+    """One comparison, before it is adjusted for the others."""
+    samples = (tuple(values(measure, first)), tuple(values(measure, second)))
+    return examine(measure, arms, samples, generations, in_pairs=in_pairs)
+
+
+def examine(
+    measure: Measure,
+    arms: tuple[str, str],
+    samples: tuple[tuple[float | None, ...], tuple[float | None, ...]],
+    generations: int,
+    *,
+    in_pairs: bool,
+) -> Finding:
+    """The tests of two samples; `in_pairs` when their values belong together one by one."""
+    a, b = (_numbers(sample, generations) for sample in samples)
+    censored = any(v is None for sample in samples for v in sample)
+    rank = rank_test(a, b)
+    return Finding(
+        measure=measure,
+        arms=arms,
+        samples=samples,
+        generations=generations,
+        rank=rank,
+        rank_q=rank.p,
+        paired=paired_test(a, b, ordinal=censored) if in_pairs else None,
+        paired_q=None,
+        log_rank=log_rank(*samples, horizon=generations) if measure.emergence else None,
+        log_rank_q=None,
+    )
+
+
+def adjust(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+    """The findings with Benjamini and Hochberg's p over the whole family, kind by kind."""
+    rank = benjamini_hochberg([f.rank.p for f in findings])
+    pairs = _adjusted(findings, lambda f: None if f.paired is None else f.paired.p)
+    logs = _adjusted(findings, lambda f: f.log_rank)
+    return tuple(
+        replace(f, rank_q=rank[i], paired_q=pairs[i], log_rank_q=logs[i])
+        for i, f in enumerate(findings)
+    )
+
+
+def _adjusted(
+    findings: Sequence[Finding], p: Callable[[Finding], float | None]
+) -> list[float | None]:
+    raw = [p(f) for f in findings]
+    known = iter(benjamini_hochberg([x for x in raw if x is not None]))
+    return [None if x is None else next(known) for x in raw]
+
+
+def _numbers(sample: Sequence[float | None], generations: int) -> list[float]:
+    return ranks(sample, generations)
+
+
+def finding(findings: Sequence[Finding], key: str, arms: tuple[str, str]) -> Finding:
+    """The one of a measure and a pair of arms. Raises StopIteration when there is none."""
+    return next(f for f in findings if f.measure.key == key and f.arms == arms)

@@ -1,0 +1,114 @@
+"""What became of newcomers: survival, descendants and share of the elite (section 2.4.2).
+
+A newcomer is a supervisor's tree, or a random tree of a diversity slot, which
+is what stands in the same slot without injection. An individual descends from
+it when a chain of parents leads there. That says nothing of how much of the
+newcomer's tree is left: crossover may keep one leaf of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from statistics import median
+from typing import Final
+
+from islandgp.evolution.population import Origin
+from islandgp.evolution.record import GenerationRecord, IndividualRecord
+from islandgp.study.arms import Run
+
+ELITE: Final = 0.1  # share of a population that is its elite: the top 3 of 30 (section 2.3)
+
+
+@dataclass(frozen=True, slots=True)
+class Newcomer:
+    """One tree that came from outside, and what became of it."""
+
+    id: str
+    origin: Origin  # INJECTED or RANDOM
+    generation: int  # in which it came
+    fitness: float  # points, when it came
+    lived: int  # generations until its last descendant; 0: it had none
+    watched: int  # generations of the run after it came
+    descendants: int  # individuals
+
+
+def newcomers(run: Run) -> tuple[Newcomer, ...]:
+    """The newcomers of generations 1 and later, in the order in which they came."""
+    came = list(_came(run.records))
+    last = [generation for generation, _ in came]
+    descendants = [0] * len(came)
+    for generation, _, ancestors in _walk(run.records, [i.id for _, i in came]):
+        for k in _bits(ancestors):
+            last[k] = generation
+            descendants[k] += 1
+    end = len(run.records) - 1
+    return tuple(
+        Newcomer(
+            id=i.id,
+            origin=Origin(i.origin),
+            generation=generation,
+            fitness=i.fitness,
+            lived=last[k] - generation,
+            watched=end - generation,
+            descendants=descendants[k] - 1,
+        )
+        for k, (generation, i) in enumerate(came)
+    )
+
+
+def elite_share(run: Run, origin: Origin) -> float:
+    """Share of the final elite that descends from a newcomer of an origin, in [0, 1]."""
+    ids = [i.id for _, i in _came(run.records) if i.origin == origin]
+    final = {i.id: bool(a) for g, i, a in _walk(run.records, ids) if g == len(run.records) - 1}
+    ranked = sorted(run.records[-1].individuals, key=lambda i: -i.fitness)
+    elite = ranked[: max(1, round(ELITE * len(ranked)))]
+    return sum(final.get(i.id, False) for i in elite) / len(elite)
+
+
+def alive(found: Sequence[Newcomer], generations: int) -> list[float | None]:
+    """Share of newcomers with a living descendant k = 0, 1, ... generations later.
+
+    At each k only those are counted that were watched for k generations; None
+    where there are none.
+    """
+    shares: list[float | None] = []
+    for k in range(generations):
+        watched = [n for n in found if n.watched >= k]
+        shares.append(sum(n.lived >= k for n in watched) / len(watched) if watched else None)
+    return shares
+
+
+def median_life(found: Sequence[Newcomer]) -> float:
+    """Median number of generations lived, as far as they were watched."""
+    return float(median(n.lived for n in found))
+
+
+def _came(records: Sequence[GenerationRecord]) -> Iterator[tuple[int, IndividualRecord]]:
+    for generation, record in enumerate(records):
+        for i in record.individuals:
+            if generation and i.origin in (Origin.INJECTED, Origin.RANDOM):
+                yield generation, i
+
+
+def _walk(
+    records: Sequence[GenerationRecord], ids: Sequence[str]
+) -> Iterator[tuple[int, IndividualRecord, int]]:
+    """Each individual with its ancestors among `ids`, itself included, as bits."""
+    bit = {name: 1 << k for k, name in enumerate(ids)}
+    known: dict[str, int] = {}
+    for generation, record in enumerate(records):
+        for i in record.individuals:
+            ancestors = bit.get(i.id, 0)
+            for parent in i.parents:
+                ancestors |= known.get(parent, 0)
+            known[i.id] = ancestors
+            if ancestors:
+                yield generation, i, ancestors
+
+
+def _bits(mask: int) -> Iterator[int]:
+    while mask:
+        low = mask & -mask
+        yield low.bit_length() - 1
+        mask ^= low

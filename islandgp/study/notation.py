@@ -1,0 +1,68 @@
+"""How numbers are written in tables."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from islandgp.study.statistics import EXACT, SIGN, UNTESTED, Interval, PairedTest, RankTest
+
+NONE: Final = "–"
+DIGITS: Final = {"points": 0, "generation": 1, "Eq. (3)": 3, "rate": 3}
+"""Decimals by a measure's unit."""
+
+
+def number(x: float | None, digits: int = 0) -> str:
+    """12,345 or 12,345.6; a dash for nothing."""
+    if x is None or x != x:
+        return NONE
+    text = f"{x:,.{digits}f}".replace("-", "−")
+    return text if text.strip("−0.,") else text.lstrip("−")
+
+
+def spread(mean: float, sd: float, digits: int = 0) -> str:
+    """Mean ± standard deviation."""
+    return f"{number(mean, digits)} ± {number(sd, digits)}"
+
+
+def interval(i: Interval, digits: int = 0) -> str:
+    """An estimate with its interval."""
+    return f"{number(i.estimate, digits)} [{number(i.low, digits)}, {number(i.high, digits)}]"
+
+
+def percent(share: float | None, digits: int = 1) -> str:
+    """A signed share in percent."""
+    if share is None or share != share:
+        return NONE
+    return f"{share:+.{digits}%}".replace("-", "−").replace("%", " %")
+
+
+def change(a: float, b: float) -> float | None:
+    """By which share a differs from b; None when b is nothing to compare with."""
+    return (a - b) / abs(b) if b else None
+
+
+def probability(p: float | None) -> str:
+    """A p-value with three decimals, more where it is small."""
+    if p is None:
+        return NONE
+    if p < 1e-4:
+        return "< 0.0001"
+    return f"{p:.3f}" if p >= 0.0095 else f"{p:.4f}"
+
+
+_SHORT: Final = {EXACT: "exact", UNTESTED: "all equal", SIGN: "sign, exact"}
+
+
+def kind(test: RankTest | PairedTest) -> str:
+    """Which kind of p-value it is, in a word or two."""
+    return _SHORT.get(test.kind, "asymptotic")
+
+
+def tested(test: RankTest | PairedTest) -> str:
+    """A p-value with its kind."""
+    return f"{probability(test.p)} ({kind(test)})"
+
+
+def effect(r: float) -> str:
+    """The effect size with its sign, as the paper prints it."""
+    return f"{r:+.2f}".replace("-", "−")

@@ -1,0 +1,153 @@
+"""Which runs make an arm: `key=value` pairs over the configuration, or a sweep's name."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Any, Final
+
+import yaml
+
+from islandgp.errors import StudyError
+from islandgp.study.arms import Arm
+from islandgp.study.reading import Found, read
+
+SHORT: Final = {"supervisor": "supervisor.name", "evaluator": "evaluator.factory"}
+"""What people type, and the key that it means."""
+
+_RANGE = re.compile(r"range\((\d+)(?:,\s*(\d+))?\)")
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """What an arm's runs have in common, by dotted key."""
+
+    text: str
+    wanted: tuple[tuple[str, Any], ...]  # a key, and a value or a range of values
+
+    @property
+    def keys(self) -> frozenset[str]:
+        """The keys that it asks for."""
+        return frozenset(key for key, _ in self.wanted)
+
+
+def parse_arm(text: str) -> tuple[str, str]:
+    """`expert=supervisor=expert` as ("expert", "supervisor=expert").
+
+    Raises:
+        StudyError: it has no name or no selection.
+    """
+    name, _, selection = text.partition("=")
+    if not re.fullmatch(r"[\w][\w.+ -]*", name.strip()) or not selection.strip():
+        raise StudyError(
+            f'Expected --arm NAME="KEY=VALUE ...", found {text!r};'
+            ' for instance --arm expert="supervisor=expert".'
+        )
+    return name.strip(), selection.strip()
+
+
+def parse_selection(text: str) -> Selection:
+    """`supervisor=expert gp.population=30`, parts apart by spaces; a bare word is a sweep's name.
+
+    A value is read as YAML; `range(30)` and `range(100, 130)` take each number in them.
+    """
+    wanted = []
+    for part in re.findall(r"(?:[^\s(]|\([^)]*\))+", text):
+        key, equals, value = part.partition("=")
+        if not equals:
+            key, value = "name", part
+        wanted.append((SHORT.get(key, key), _value(value)))
+    return Selection(text, tuple(wanted))
+
+
+def _value(text: str) -> Any:
+    if match := _RANGE.fullmatch(text):
+        first, last = match.groups()
+        return range(int(first)) if last is None else range(int(first), int(last))
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError:
+        return text
+
+
+def matches(found: Found, selection: Selection) -> bool:
+    """Whether a run is among those that a selection asks for."""
+    for key, value in selection.wanted:
+        if key not in found.flat:
+            return False
+        have = found.flat[key]
+        if isinstance(value, range):
+            if have not in value:
+                return False
+        elif have != value and str(have) != str(value):
+            return False
+    return True
+
+
+def select(name: str, text: str, runs: Sequence[Found]) -> tuple[Arm, tuple[str, ...]]:
+    """The arm of the finished runs that fit, and notes on those that are left out.
+
+    Raises:
+        StudyError: none fits; the message says which runs there are.
+    """
+    selection = parse_selection(text)
+    fitting = [found for found in runs if matches(found, selection)]
+    finished = [found for found in fitting if found.finished]
+    if not finished:
+        raise StudyError(_nothing(name, selection, runs, len(fitting)))
+    chosen = sorted(map(read, finished), key=lambda r: (r.seed, str(r.path)))
+    notes = ()
+    if left := [f.path.name for f in fitting if not f.finished]:
+        notes = (
+            f"{name}: {len(left)} unfinished runs are left out ({', '.join(left[:3])}"
+            f"{', ...' if len(left) > 3 else ''}); the command that started them finishes them.",
+        )
+    return Arm(name, text, tuple(chosen)), notes
+
+
+def _nothing(name: str, selection: Selection, runs: Sequence[Found], unfinished: int) -> str:
+    if unfinished:
+        return (
+            f"Expected finished runs for {name}={selection.text!r}, found {unfinished} unfinished"
+            " ones; start the same sweep again to finish them."
+        )
+    known = sorted({key for found in runs for key in found.flat})
+    hints = []
+    for key in sorted(selection.keys - set(known)):
+        near = get_close_matches(key, [*known, *SHORT], 1, 0.5)
+        hints.append(f" There is no key {key}{f', did you mean {near[0]}?' if near else '.'}")
+    there = overview(runs)
+    return (
+        f"Expected runs for {name}={selection.text!r}, found none.{''.join(hints)}\n"
+        + ("There are:\n  " + "\n  ".join(there) if there else "There are no runs at all.")
+    )
+
+
+def overview(runs: Sequence[Found]) -> list[str]:
+    """The runs that there are, a line for each sweep and supervisor."""
+    groups: dict[tuple[str, str], list[Found]] = defaultdict(list)
+    for found in runs:
+        groups[str(found.flat["name"]), str(found.flat["supervisor.name"])].append(found)
+    lines = []
+    for (name, supervisor), members in sorted(groups.items()):
+        seeds = spans(sorted({int(found.flat["seed"]) for found in members}))
+        open_ones = sum(not found.finished for found in members)
+        more = f", {open_ones} of them unfinished" if open_ones else ""
+        lines.append(
+            f"name={name} supervisor={supervisor}: {len(members)} runs, seeds {seeds}{more}"
+        )
+    return lines
+
+
+def spans(numbers: Sequence[int]) -> str:
+    """Rising numbers in short: 0-4, 7."""
+    parts: list[list[int]] = []
+    for n in numbers:
+        if parts and n == parts[-1][-1] + 1:
+            parts[-1].append(n)
+        else:
+            parts.append([n])
+    return ", ".join(str(p[0]) if len(p) == 1 else f"{p[0]}-{p[-1]}" for p in parts)

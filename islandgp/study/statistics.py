@@ -1,0 +1,165 @@
+"""The tests of section 3.1: Mann-Whitney U, Eq. (9) and (10), Benjamini-Hochberg, effect size r.
+
+Beside the paper's: paired tests for arms that share seeds, the log-rank test
+for runs in which something never happened, and bootstrap intervals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import sqrt
+from typing import Any, Final
+
+import numpy as np
+
+EXACT: Final = "exact"
+ASYMPTOTIC: Final = "asymptotic, corrected for ties and continuity"
+UNTESTED: Final = "no test: all values are equal"
+SIGN: Final = "sign test, exact"
+RESAMPLES: Final = 10_000  # of a bootstrap
+BOOTSTRAP_SEED: Final = 20_240_901  # so that a report has the same bytes each time
+
+
+@dataclass(frozen=True, slots=True)
+class RankTest:
+    """Two independent samples compared by ranks, two-sided."""
+
+    u: float  # Eq. (9) for the first sample, in [0, n1 n2]; half a point for a tie
+    z: float  # Eq. (10) with the variance corrected for ties, without continuity correction
+    p: float
+    kind: str  # EXACT, ASYMPTOTIC or UNTESTED
+    r: float  # 1 - 2U/(n1 n2), in [-1, 1]; above 0: the first sample has the lower values
+    n: tuple[int, int]  # sizes of the samples
+
+
+@dataclass(frozen=True, slots=True)
+class PairedTest:
+    """Two samples compared seed by seed, two-sided."""
+
+    p: float
+    kind: str
+    pairs: int
+    lower: int  # pairs in which the first sample has the lower value
+    higher: int  # pairs in which it has the higher one
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """An estimate with its 95 % bootstrap interval (percentiles)."""
+
+    estimate: float
+    low: float
+    high: float
+
+
+def rank_test(first: Sequence[float], second: Sequence[float]) -> RankTest:
+    """Mann-Whitney U: exact without ties, else asymptotic; the kind is named."""
+    x, y = np.asarray(first, float), np.asarray(second, float)
+    n1, n2 = len(x), len(y)
+    u = float(np.sum(x[:, None] > y) + np.sum(x[:, None] == y) / 2)
+    _, counts = np.unique(np.concatenate([x, y]), return_counts=True)
+    n = n1 + n2
+    ties = float(np.sum(counts**3 - counts)) / (n * (n - 1))
+    variance = n1 * n2 / 12 * (n + 1 - ties)
+    if variance <= 0:
+        return RankTest(u, 0.0, 1.0, UNTESTED, 0.0, (n1, n2))
+    tied = bool(np.any(counts > 1))
+    p = _stats().mannwhitneyu(x, y, method="asymptotic" if tied else "exact").pvalue
+    return RankTest(
+        u=u,
+        z=(u - n1 * n2 / 2) / sqrt(variance),
+        p=float(p),
+        kind=ASYMPTOTIC if tied else EXACT,
+        r=1 - 2 * u / (n1 * n2),
+        n=(n1, n2),
+    )
+
+
+def paired_test(
+    first: Sequence[float], second: Sequence[float], *, ordinal: bool = False
+) -> PairedTest:
+    """Wilcoxon's signed-rank test of pairs in the same order.
+
+    With `ordinal` only the sign of a difference means something, as when a run
+    never got there and is merely later than any other; then it is a sign test.
+    """
+    difference = np.asarray(first, float) - np.asarray(second, float)
+    lower, higher = int(np.sum(difference < 0)), int(np.sum(difference > 0))
+    moved = difference[difference != 0]
+    if not len(moved):
+        return PairedTest(1.0, UNTESTED, len(difference), 0, 0)
+    if ordinal:
+        p, kind = float(_stats().binomtest(lower, len(moved)).pvalue), SIGN
+    else:
+        tied = len(np.unique(np.abs(moved))) < len(moved) or len(moved) < len(difference)
+        method = "approx" if tied else "exact"
+        result = _stats().wilcoxon(moved, method=method, correction=tied)
+        p, kind = float(result.pvalue), ASYMPTOTIC if tied else EXACT
+    return PairedTest(p, kind, len(difference), lower, higher)
+
+
+def log_rank(
+    first: Sequence[float | None], second: Sequence[float | None], *, horizon: float
+) -> float:
+    """Two-sided p of the log-rank test; None: it had not happened up to `horizon` (censored)."""
+    stats = _stats()
+    samples = [
+        stats.CensoredData(
+            uncensored=[t for t in sample if t is not None],
+            right=[horizon for t in sample if t is None],
+        )
+        for sample in (first, second)
+    ]
+    if all(t is None for sample in (first, second) for t in sample):
+        return 1.0
+    with np.errstate(invalid="ignore", divide="ignore"):
+        p = float(stats.logrank(*samples).pvalue)
+    return 1.0 if np.isnan(p) else p
+
+
+def benjamini_hochberg(p: Sequence[float]) -> tuple[float, ...]:
+    """p-values adjusted for the false discovery rate over the whole family, in its order."""
+    if not p:
+        return ()
+    return tuple(float(q) for q in _stats().false_discovery_control(p, method="bh"))
+
+
+def bootstrap(
+    samples: Sequence[Sequence[float]],
+    statistic: Callable[..., Any],
+    *,
+    seed: int = BOOTSTRAP_SEED,
+) -> Interval:
+    """A statistic of one or several samples, each drawn again by itself.
+
+    `statistic` takes one array a sample and reduces the last axis.
+    """
+    rng = np.random.default_rng(seed)
+    arrays = [np.asarray(s, float) for s in samples]
+    drawn = [a[rng.integers(len(a), size=(RESAMPLES, len(a)))] for a in arrays]
+    low, high = np.percentile(statistic(*drawn), [2.5, 97.5])
+    return Interval(float(statistic(*arrays)), float(low), float(high))
+
+
+def median(x: Any) -> Any:
+    """Over the last axis."""
+    return np.median(x, axis=-1)
+
+
+def median_difference(x: Any, y: Any) -> Any:
+    """Median of the first minus median of the second, over the last axis."""
+    return np.median(x, axis=-1) - np.median(y, axis=-1)
+
+
+def mean_sd(values: Sequence[float]) -> tuple[float, float]:
+    """Mean and sample standard deviation (n - 1); the latter is 0 for one value."""
+    a = np.asarray(values, float)
+    return float(a.mean()), float(a.std(ddof=1)) if len(a) > 1 else 0.0
+
+
+def _stats() -> Any:
+    """scipy.stats, which takes two seconds to import."""
+    import scipy.stats  # type: ignore[import-untyped] # scipy ships no types
+
+    return scipy.stats

@@ -1,0 +1,223 @@
+"""The Anthropic SDK behind the seam. It is imported here and nowhere else.
+
+The SDK's own timeout bounds each read and not the call, so that a server which
+sends a byte now and then holds a caller for ever. Here an attempt is a task of
+an event loop, which is cancelled at the deadline whatever it is doing: looking
+up a name, connecting, reading headers or a body. The SDK's retries are off.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import time
+from collections.abc import AsyncIterator
+from concurrent.futures import CancelledError
+from email.utils import parsedate_to_datetime
+from threading import Thread
+from typing import TYPE_CHECKING, Any, Final
+
+from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage, clean
+
+if TYPE_CHECKING:
+    import anthropic
+    import httpx2
+
+LARGEST: Final = 8_000_000  # bytes of a body; an honest one has some 10,000
+GRACE: Final = 5.0  # s for a cancelled attempt to end; it needs none of it
+HEADERS: Final = {
+    "accept-encoding": "identity",  # else a small body could unpack to a huge one
+    "anthropic-version": "2023-06-01",  # later ones refuse `temperature`
+}
+HIDDEN: Final = "[key]"
+
+
+class AnthropicClient:
+    """Sends requests to the Messages API, or to a server that speaks it."""
+
+    def __init__(
+        self,
+        *,
+        key: str | None,
+        base_url: str | None,
+        transport: httpx2.AsyncBaseTransport | None = None,
+    ) -> None:
+        """A local server needs no `key`; `transport` takes the network's place in tests."""
+        self._key, self._base_url, self._transport = key, base_url, transport
+        self._loop = asyncio.new_event_loop()
+        # A daemon: a hanging name lookup must not keep the process from ending.
+        self._thread = Thread(target=self._loop.run_forever, name="llm", daemon=True)
+        self._thread.start()
+        self._sdk: anthropic.AsyncAnthropic | None = None
+
+    def send(self, request: Request, *, seconds: float) -> Reply | Failure:
+        """See `Client`."""
+        late = Failure(FailureKind.TIMEOUT, f"no whole answer within {seconds:g} s")
+        attempt = asyncio.run_coroutine_threadsafe(
+            asyncio.wait_for(self._attempt(request), seconds), self._loop
+        )
+        try:
+            return attempt.result(seconds + GRACE)
+        except (TimeoutError, CancelledError):
+            return late
+        finally:
+            attempt.cancel()  # after Ctrl-C; does nothing to one that is over
+
+    def close(self) -> None:
+        """See `Client`."""
+        if self._sdk is not None:
+            asyncio.run_coroutine_threadsafe(self._sdk.close(), self._loop).result(GRACE)
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(GRACE)
+        if not self._loop.is_running():
+            self._loop.close()
+
+    async def _attempt(self, request: Request) -> Reply | Failure:
+        import anthropic
+
+        if self._sdk is None:
+            self._sdk = _sdk(self._key or "none", self._base_url, self._transport)
+        try:
+            answer = await self._sdk.messages.with_raw_response.create(**_arguments(request))
+            return self._read(answer.http_response.content)
+        except anthropic.APIStatusError as error:
+            return self._refused(error)
+        except anthropic.APITimeoutError:
+            return Failure(FailureKind.TIMEOUT, "the connection timed out")
+        except anthropic.APIConnectionError as error:
+            why = self._line(str(error.__cause__ or error))
+            return Failure(FailureKind.CONNECTION, f"no connection: {why}")
+        except Exception as error:  # whatever the SDK makes of a broken answer is a broken answer
+            return Failure(FailureKind.MALFORMED, self._line(f"{type(error).__name__}: {error}"))
+
+    def _read(self, body: bytes) -> Reply | Failure:
+        """A message's body. The SDK's models are not used: they take whatever comes."""
+        try:
+            message = json.loads(body)
+            text = "".join(b["text"] for b in message["content"] if b["type"] == "text")
+            stop = message.get("stop_reason") or ""
+            usage = _usage(message.get("usage") or {})
+            return Reply(clean(self._hide(text)), self._line(str(stop)), usage)
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            start = self._line(body.decode("utf-8", "replace"))[:80]
+            return Failure(
+                FailureKind.MALFORMED,
+                f"expected a message, found a body of {len(body)} bytes that begins with"
+                f" {start!r} ({type(error).__name__})",
+            )
+
+    def _refused(self, error: anthropic.APIStatusError) -> Failure:
+        said = error.api_message if isinstance(error.api_message, str) else ""
+        message = f"status {error.status_code}" + (f": {self._line(said)}" if said else "")
+        return Failure(_kind(error.status_code), message, _retry_after(error.response.headers))
+
+    def _line(self, text: str) -> str:
+        """What the other side said, as one short line without the key."""
+        return " ".join(clean(self._hide(text)).split())[:300]
+
+    def _hide(self, text: str) -> str:
+        """The text without the key. One of few characters is a local server's, and no secret."""
+        return text.replace(self._key, HIDDEN) if self._key and len(self._key) >= 8 else text
+
+
+def _sdk(
+    key: str, base_url: str | None, transport: httpx2.AsyncBaseTransport | None
+) -> anthropic.AsyncAnthropic:
+    import anthropic
+    import httpx2
+
+    class Bounded(httpx2.AsyncByteStream):
+        """A body that ends with an error before it fills the memory."""
+
+        def __init__(self, body: httpx2.AsyncByteStream) -> None:
+            self.body = body
+
+        async def __aiter__(self) -> AsyncIterator[bytes]:
+            size = 0
+            async for chunk in self.body:
+                size += len(chunk)
+                if size > LARGEST:
+                    raise ValueError(f"expected a body of at most {LARGEST} bytes, found more")
+                yield chunk
+
+        async def aclose(self) -> None:
+            await self.body.aclose()
+
+    async def bound(response: httpx2.Response) -> None:
+        if isinstance(response.stream, httpx2.AsyncByteStream):
+            response.stream = Bounded(response.stream)
+
+    http = httpx2.AsyncClient(
+        transport=transport,
+        timeout=None,
+        follow_redirects=False,  # one could carry the key to another place; the API has none
+        event_hooks={"response": [bound]},
+    )
+    return anthropic.AsyncAnthropic(
+        api_key=key, base_url=base_url, http_client=http, max_retries=0, timeout=None
+    )
+
+
+def _arguments(request: Request) -> dict[str, Any]:
+    roles = ("user", "assistant")
+    found: dict[str, Any] = {
+        "model": request.model,
+        "max_tokens": request.max_tokens,
+        "system": request.system,
+        "messages": [
+            {"role": roles[i % 2], "content": text} for i, text in enumerate(request.turns)
+        ],
+        "extra_headers": HEADERS,
+    }
+    if request.schema is not None:
+        found["output_config"] = {"format": {"type": "json_schema", "schema": request.schema}}
+    if request.temperature is not None:
+        found["extra_body"] = {"temperature": request.temperature}
+    if request.cache:
+        found["cache_control"] = {"type": "ephemeral"}
+    return found
+
+
+def _usage(found: dict[str, Any]) -> Usage:
+    """Local servers leave some of it out. Raises TypeError where it is no usage."""
+
+    def tokens(value: Any) -> int:
+        if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+            raise TypeError("expected a number of tokens")
+        return value
+
+    return Usage(
+        tokens(found.get("input_tokens") or 0),
+        tokens(found.get("output_tokens") or 0),
+        tokens(found.get("cache_read_input_tokens") or 0),
+        tokens(found.get("cache_creation_input_tokens") or 0),
+    )
+
+
+def _kind(status: int) -> FailureKind:
+    known = {
+        401: FailureKind.UNAUTHORISED,
+        403: FailureKind.UNAUTHORISED,
+        404: FailureKind.NOT_FOUND,
+        408: FailureKind.SERVER,
+        409: FailureKind.SERVER,
+        429: FailureKind.RATE_LIMITED,
+        529: FailureKind.OVERLOADED,
+    }
+    return known.get(status, FailureKind.SERVER if status >= 500 else FailureKind.REJECTED)
+
+
+def _retry_after(headers: httpx2.Headers) -> float | None:
+    """The seconds that a server asks to wait, given as a number or as a date."""
+    said = headers.get("retry-after")
+    if said is None:
+        return None
+    try:
+        seconds = float(said)
+    except ValueError:
+        try:
+            seconds = parsedate_to_datetime(said).timestamp() - time.time()
+        except (ValueError, TypeError, OverflowError):
+            return None
+    return max(0.0, seconds) if math.isfinite(seconds) else None

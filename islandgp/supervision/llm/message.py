@@ -1,0 +1,136 @@
+"""The seam in front of the SDK: a request goes in, a reply or a failure comes out.
+
+A failed attempt is a value, not an exception: it is written down, counted, and
+answered with another attempt or with the fallback.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from typing import Any, Final, Protocol
+
+SANE: Final = 100_000  # characters of an answer that are looked at; 2048 tokens have about 8,000
+
+
+class FailureKind(StrEnum):
+    """Why there is no answer."""
+
+    TIMEOUT = "timeout"  # no whole answer before the deadline
+    CONNECTION = "connection"  # refused, cut, or no such host
+    RATE_LIMITED = "rate_limited"  # 429
+    OVERLOADED = "overloaded"  # 529
+    SERVER = "server"  # 5xx, and 408 and 409, which ask for another attempt
+    MALFORMED = "malformed"  # a body that is no message: HTML, cut off, of wrong types
+    REJECTED = "rejected"  # 400 and the like: the request itself is refused
+    UNAUTHORISED = "unauthorised"  # 401, 403: the key is refused
+    NOT_FOUND = "not_found"  # 404: no such model, or no such address
+    BUDGET = "budget"  # a cap is reached; nothing was sent
+
+
+TRANSIENT: Final = frozenset(
+    {
+        FailureKind.TIMEOUT,
+        FailureKind.CONNECTION,
+        FailureKind.RATE_LIMITED,
+        FailureKind.OVERLOADED,
+        FailureKind.SERVER,
+        FailureKind.MALFORMED,
+    }
+)
+"""Failures that another attempt may mend."""
+
+CHARGED: Final = frozenset({FailureKind.TIMEOUT, FailureKind.CONNECTION, FailureKind.MALFORMED})
+"""Failures whose request may have been worked on and charged, without our hearing how much."""
+
+
+@dataclass(frozen=True, slots=True)
+class Usage:
+    """Tokens that an answer says it took. `input` leaves out what was read from a cache."""
+
+    input: int = 0
+    output: int = 0
+    cache_read: int = 0
+    cache_write: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """Everything that an answer depends on; two equal requests have one digest."""
+
+    model: str
+    system: str
+    turns: tuple[str, ...]  # ours and the model's by turns, ours first and last
+    max_tokens: int
+    temperature: float | None = None  # None: not sent
+    schema: dict[str, Any] | None = field(default=None)  # JSON schema; None: not sent
+    cache: bool = False  # ask the server to keep the prompt
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the whole request, hexadecimal."""
+        return _sha256(self.plain())
+
+    @property
+    def prompt_digest(self) -> str:
+        """SHA-256 of the rendered prompt alone, hexadecimal."""
+        return _sha256([self.system, *self.turns])
+
+    def plain(self) -> dict[str, Any]:
+        """As JSON values."""
+        return {
+            "model": self.model,
+            "system": self.system,
+            "turns": list(self.turns),
+            "max_tokens": self.max_tokens,
+            "temperature": self.temperature,
+            "schema": self.schema,
+            "cache": self.cache,
+        }
+
+    def followed_by(self, answer: str, question: str) -> Request:
+        """The request that goes on after an answer."""
+        return replace(self, turns=(*self.turns, answer, question))
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """What came back, as it came back: nothing in it is checked yet."""
+
+    text: str
+    stop_reason: str  # "end_turn", "max_tokens", "refusal", ..., or "" where none is given
+    usage: Usage
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """What came instead of an answer."""
+
+    kind: FailureKind
+    message: str  # one line for people
+    retry_after: float | None = None  # s that the server asks to wait
+
+
+class Client(Protocol):
+    """One attempt at one request. Never raises for anything the other side does."""
+
+    def send(self, request: Request, *, seconds: float) -> Reply | Failure:
+        """Returns after at most `seconds`, whatever the other side does."""
+        ...
+
+    def close(self) -> None:
+        """Frees what the client holds; it is not used afterwards."""
+        ...
+
+
+def clean(text: str) -> str:
+    """Text that can be stored and shown anywhere: no lone surrogates, no control characters."""
+    kept = text[: SANE + 1].encode("utf-8", "replace").decode("utf-8")
+    return "".join(c if c.isprintable() or c in "\n\t" else " " for c in kept)
+
+
+def _sha256(value: Any) -> str:
+    body = json.dumps(value, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
+    return hashlib.sha256(body.encode()).hexdigest()

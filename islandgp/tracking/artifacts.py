@@ -1,0 +1,130 @@
+"""The files that go with a run into MLflow, in forms that its UI shows."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from islandgp.bt.language import parse
+from islandgp.tracking.chart import Line, Panel, svg
+from islandgp.tracking.folder import About, RunFolder, Status
+
+FILES: Final = {
+    "best.bt": "best.bt",
+    "lineage.csv": "lineage.csv",
+    "generations.jsonl": "generations.jsonl",
+    "costs.jsonl": "costs.jsonl",
+    "summary.json": "summary.json",
+    "transcript.jsonl": "transcript.jsonl",
+    "error.txt": "error.txt",
+}
+"""Files of the folder that are sent as they are, and their names in MLflow."""
+
+TABLE: Final = "generations.json"  # in the form of MLflow's log_table
+
+
+@dataclass(frozen=True, slots=True)
+class Artifact:
+    """One file: a file of the folder, or a text made for the purpose."""
+
+    name: str  # path in MLflow
+    file: Path | None
+    text: Callable[[], str]
+
+
+def artifacts(folder: RunFolder) -> Iterator[Artifact]:
+    """All files of a run that is over; what a run has not come to is left out."""
+    for name, sent_as in FILES.items():
+        if (file := folder.path / name).exists():
+            yield Artifact(sent_as, file, file.read_text)
+    records = list(folder.records())
+    if records:
+        yield _made(TABLE, lambda: json.dumps(table(records)))
+        yield _made("curves.svg", lambda: svg(curves(records)))
+    if (best := folder.path / "best.bt").exists():
+        text = best.read_text(encoding="utf-8")
+        yield _made("best.bt.txt", lambda: text)  # MLflow shows .txt, not .bt
+        yield from _picture(text)
+
+
+def _made(name: str, text: Callable[[], str]) -> Artifact:
+    return Artifact(name, None, text)
+
+
+def _picture(tree: str) -> Iterator[Artifact]:
+    from islandgp.bt.render.svg import to_svg
+
+    yield _made("best.svg", lambda: to_svg(parse(tree)))
+
+
+def table(records: list[dict[str, Any]]) -> dict[str, Any]:
+    """One row a generation."""
+    rows = []
+    for record in records:
+        s, guidance = record["snapshot"], record["guidance"] or {}
+        rows.append(
+            {
+                "generation": s["generation"],
+                "best": round(s["best"], 1),
+                "mean": round(s["mean"], 1),
+                "sd": round(s["sd"], 1),
+                "diversity": round(s["diversity"], 3),
+                "working": round(s["working"], 3),
+                **s["tiers"],
+                **s["specialists"],
+                "rate": round(s["rate"], 3),
+                "crisis": guidance.get("crisis", ""),
+                "source": guidance.get("source", ""),
+                "phase": guidance.get("phase") or "",
+                "pattern": guidance.get("pattern") or "",
+                "target": guidance.get("target") or "",
+                "injected": guidance.get("injected", False),
+            }
+        )
+    return {"columns": list(rows[0]), "data": [list(row.values()) for row in rows]}
+
+
+def curves(records: list[dict[str, Any]]) -> list[Panel]:
+    """The run in four pictures."""
+    snapshots = [record["snapshot"] for record in records]
+
+    def line(name: str, key: str) -> Line:
+        return Line(name, tuple(float(s[key]) for s in snapshots))
+
+    tiers = (
+        Line(name.replace("_", " "), tuple(float(s["tiers"][name]) for s in snapshots))
+        for name in snapshots[0]["tiers"]
+    )
+    return [
+        Panel("Fitness, points", (line("best", "best"), line("mean", "mean"))),
+        Panel("Diversity", (line("behavioural", "diversity"), line("working ratio", "working"))),
+        Panel("Individuals by tier", tuple(tiers)),
+        Panel("Mutation rate", (line("rate", "rate"),)),
+    ]
+
+
+def note(folder: RunFolder, about: About, status: Status) -> str:
+    """What MLflow shows as the run's description, in Markdown."""
+    lines = [f"**{about.title}** ({status.value.lower()})", ""]
+    if folder.finished():
+        s = folder.summary()
+        best = s["champion"]["record"]
+        lines += [
+            f"- best fitness **{best['fitness']:,.0f}** in generation {s['champion']['generation']}",
+            *(
+                f"- first {tier.title()} Robot: {'never' if g is None else f'generation {g}'}"
+                for tier, g in s["first"].items()
+            ),
+            f"- mean diversity {s['mean_diversity']:.3f}",
+            "",
+            "```",
+            best["tree"].rstrip(),
+            "```",
+        ]
+    elif error := folder.error():
+        lines += ["```", error.strip()[-2000:], "```"]
+    lines += ["", f"`{about.command}`", "", f"Records: `{folder.path}`"]
+    return "\n".join(lines)

@@ -1,0 +1,90 @@
+"""Which numbers of a generation become MLflow metrics; the part before "/" is a chart section."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from islandgp.scoring.rewards import Component
+
+COSTS = {"evaluation": "evaluation_s", "supervision": "supervision_s", "operators": "operators_s"}
+"""Costs whose metric says the unit; the others keep their names."""
+
+
+def metrics(record: Mapping[str, Any], cost: Mapping[str, Any]) -> dict[str, float]:
+    """One generation's metrics, from its lines in generations.jsonl and costs.jsonl."""
+    return {**_fitness(record), **_population(record), **_supervision(record), **dict(_cost(cost))}
+
+
+def _fitness(record: Mapping[str, Any]) -> dict[str, float]:
+    s = record["snapshot"]
+    best = max(record["individuals"], key=lambda i: i["fitness"])
+    return {
+        "fitness/max": s["best"],
+        "fitness/mean": s["mean"],
+        "fitness/sd": s["sd"],
+        "size/best": best["nodes"],
+        **{
+            f"components/{component.name.lower()}": points
+            for component, points in zip(Component, best["components"], strict=True)
+        },
+    }
+
+
+def _population(record: Mapping[str, Any]) -> dict[str, float]:
+    s = record["snapshot"]
+    return {
+        "diversity/behavioral": s["diversity"],
+        "diversity/working": s["working"],
+        **{f"tiers/{name}": n for name, n in s["tiers"].items()},
+        **{f"specialists/{name}": n for name, n in s["specialists"].items()},
+        "specialists/charging": s["charging"],
+        "specialists/clearing": s["clearing"],
+        "size/mean": s["size"],
+        "movement/distance_m": s["distance"],
+        "movement/inactive_s": s["inactive"],
+    }
+
+
+def _supervision(record: Mapping[str, Any]) -> dict[str, float]:
+    guidance = record["guidance"] or {}
+    return {
+        "supervisor/mutation_rate": record["snapshot"]["rate"],
+        "supervisor/crisis": bool(guidance.get("crisis")),
+        "supervisor/intervention": bool(guidance.get("intervention")),
+        "supervisor/injected": record["origins"].get("injected", 0),
+        "supervisor/stagnant_generations": record["stagnant_generations"],
+    }
+
+
+def _cost(cost: Mapping[str, Any], section: str = "cost") -> Iterator[tuple[str, float]]:
+    for key, value in cost.items():
+        if isinstance(value, Mapping):
+            yield from _cost(value, key)
+        elif isinstance(value, (int, float)) and key != "at":
+            yield f"{section}/{COSTS.get(key, key)}", value
+    if section == "cost":
+        yield "cost/cache_hits", cost["episodes"] - cost["simulated"]
+
+
+def final_metrics(records: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, float]]:
+    """What can be said of a whole run only: emergence, and the shares of Fig. 8's decisions."""
+    first: dict[str, int] = {}
+    decisions: list[Mapping[str, Any]] = []
+    best, diversities = 0.0, []
+    for record in records:
+        s = record["snapshot"]
+        best = max(best, s["best"]) if diversities else s["best"]
+        diversities.append(s["diversity"])
+        for tier, n in s["tiers"].items():
+            if n:
+                first.setdefault(tier, s["generation"])
+        if record["guidance"] is not None:
+            decisions.append(record["guidance"])
+    yield "run/best", best
+    yield "run/mean_diversity", sum(diversities) / len(diversities)
+    yield from ((f"run/first_{tier}", generation) for tier, generation in first.items())
+    for kind, section in (("phase", "phases"), ("pattern", "patterns")):
+        for name, n in Counter(d[kind] for d in decisions if d[kind]).items():
+            yield f"{section}/{name}", n / len(decisions)

@@ -1,0 +1,159 @@
+"""Sends a run's folder to MLflow: whatever of it is not there yet, each point once.
+
+The background thread of a run, a resumed run and `islandgp sync` all do this
+same thing. Doing it twice changes nothing: a run is found again by its own id,
+points are sent from the last step that the store has, and a point's time is
+part of the folder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from getpass import getuser
+from itertools import islice
+from typing import Final
+
+import yaml
+from filelock import FileLock
+
+from islandgp.errors import TrackingError
+from islandgp.tracking.artifacts import Artifact, artifacts, note
+from islandgp.tracking.folder import About, RunFolder, Status
+from islandgp.tracking.metrics import final_metrics, metrics
+from islandgp.tracking.parameters import flat
+from islandgp.tracking.parent import parent_run
+from islandgp.tracking.sent import LOCK, Sent, read_sent, write_sent
+from islandgp.tracking.store import Store, metric
+
+MARK: Final = "fitness/max"  # a metric that every generation has
+POINTS: Final = 1000  # MLflow's limit of metrics a call
+PARAMETERS: Final = 100  # MLflow's limit of parameters a call
+LONGEST: Final = 6000  # MLflow's limit of characters a parameter
+
+
+class Mirror:
+    """One run's folder and its MLflow run."""
+
+    def __init__(self, folder: RunFolder, store: Store) -> None:
+        """Raises TrackingError where the folder has not been started."""
+        about = folder.about()
+        if about is None:
+            raise TrackingError(f"Expected a run's folder, found no about.json in {folder.path}.")
+        self.folder, self.store, self.about = folder, store, about
+        self._lock = FileLock(folder.path / LOCK)
+        self._sure = False  # whether tracking.json was compared with the store
+
+    def send(self, status: Status) -> str:
+        """Sends what is missing; returns the MLflow run's id. Raises whatever MLflow raises."""
+        with self._lock:
+            try:
+                sent = self._sent(status)
+                sent = self._generations(sent)
+                if status is not Status.RUNNING:
+                    sent = self._end(sent, status)
+            except BaseException:
+                self._sure = False  # the store may hold more or less than we think
+                raise
+            return sent.run
+
+    def _sent(self, status: Status) -> Sent:
+        """What the store has got, asked where it is not known for sure."""
+        sent = read_sent(self.folder.path)
+        if self._sure and sent is not None:
+            return sent
+        place, identity = self.store.place, self.about.identity
+        if sent is None or not sent.is_in(place, identity) or not self.store.exists(sent.run):
+            sent = Sent(place.uri, place.experiment, identity, self._find_or_create())
+        sent = replace(sent, generations=self.store.last_step(sent.run, MARK) + 1)
+        if not sent.begun:
+            self._begin(sent.run)
+            sent = replace(sent, begun=True)
+        if status is Status.RUNNING:
+            self.store.client.update_run(sent.run, status=Status.RUNNING)
+            sent = replace(sent, done="")
+        write_sent(self.folder.path, sent)
+        self._sure = True
+        return sent
+
+    def _find_or_create(self) -> str:
+        key = f"{self.about.id}.{self.about.identity}"
+        if found := self.store.find("islandgp.id", key):
+            return found
+        return create_run(self.store, self.about, key, parent_run(self.folder.path, self.store))
+
+    def _begin(self, run: str) -> None:
+        from mlflow.entities import Param
+
+        config = self.folder.config() or ""
+        pairs = flat(yaml.safe_load(config))
+        while batch := [Param(k, v[:LONGEST]) for k, v in islice(pairs, PARAMETERS)]:
+            self.store.client.log_batch(run, params=batch)
+        self.store.client.log_text(run, config, "config.yaml")
+
+    def _generations(self, sent: Sent) -> Sent:
+        settled = self.folder.settled()
+        while sent.generations < settled:
+            batch, step = [], sent.generations
+            for step, at, values in self._values(sent.generations, settled):
+                if len(batch) + len(values) > POINTS:
+                    break
+                batch += [metric(key, value, at, step) for key, value in values.items()]
+            else:
+                step += 1
+            self.store.client.log_batch(sent.run, metrics=batch)
+            sent = replace(sent, generations=step)
+            write_sent(self.folder.path, sent)
+        return sent
+
+    def _values(self, first: int, end: int) -> Iterator[tuple[int, int, dict[str, float]]]:
+        pairs = zip(self.folder.records(first), self.folder.costs(first), strict=False)
+        for record, cost in islice(pairs, end - first):
+            yield record["snapshot"]["generation"], cost["at"], metrics(record, cost)
+
+    def _end(self, sent: Sent, status: Status) -> Sent:
+        done = f"{status} {sent.generations}"
+        if sent.done == done:
+            return sent
+        client, ended = self.store.client, self._ended()
+        client.set_terminated(sent.run, status, ended)  # first: whatever fails below, it is not RUNNING
+        for artifact in artifacts(self.folder):
+            log_artifact(self.store, sent.run, artifact)
+        client.set_tag(sent.run, "mlflow.note.content", note(self.folder, self.about, status))
+        if sent.generations:
+            last = sent.generations - 1
+            points = [metric(k, v, ended, last) for k, v in final_metrics(self.folder.records())]
+            client.log_batch(sent.run, metrics=points)
+        sent = replace(sent, done=done)
+        write_sent(self.folder.path, sent)
+        return sent
+
+    def _ended(self) -> int:
+        """When the last generation was written down, ms since 1970."""
+        return max((int(cost["at"]) for cost in self.folder.costs()), default=self.about.started)
+
+
+def create_run(store: Store, about: About, key: str, parent: str | None) -> str:
+    """A new MLflow run that `Store.find("islandgp.id", key)` finds again."""
+    tags = {
+        **about.tags,
+        "islandgp.id": key,
+        "mlflow.user": getuser(),
+        "mlflow.source.type": "LOCAL",
+        "mlflow.source.name": about.command,
+    }
+    if parent is not None:
+        tags["mlflow.parentRunId"] = parent
+    run = store.client.create_run(
+        store.experiment, start_time=about.started, tags=tags, run_name=about.title
+    )
+    return str(run.info.run_id)
+
+
+def log_artifact(store: Store, run: str, artifact: Artifact) -> None:
+    """One file of an MLflow run."""
+    folder, _, name = artifact.name.rpartition("/")
+    if artifact.file is not None and artifact.file.name == name:
+        store.client.log_artifact(run, str(artifact.file), folder or None)
+    else:
+        store.client.log_text(run, artifact.text(), artifact.name)

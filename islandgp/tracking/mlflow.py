@@ -1,0 +1,87 @@
+"""MLflow as a run's tracker: a thread that mirrors the folder while evolution goes on.
+
+Loading MLflow takes seconds and its server may be away, so nothing of it
+happens in the thread that evolves.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from threading import Event, Thread
+from typing import Final
+
+from islandgp.tracking.folder import RunFolder, Status
+from islandgp.tracking.mirror import Mirror
+from islandgp.tracking.store import MLflowSettings, Place, Store
+
+PAUSE: Final = 1.0  # s between two attempts after the run, while there is patience
+
+
+class MLflow:
+    """Mirrors one run's folder into MLflow."""
+
+    Settings = MLflowSettings
+
+    @classmethod
+    def make(cls, settings: MLflowSettings, home: Path) -> MLflow:
+        """See `Tracker`."""
+        return cls(Place.of(settings, home), settings.patience)
+
+    def __init__(self, place: Place, patience: float) -> None:
+        """`patience`: s that `finish` waits at most, >= 0."""
+        self.place = place
+        self.patience = patience
+        self._wake = Event()
+        self._given_up = Event()
+        self._status = Status.RUNNING
+        self._trouble = ""
+
+    def start(self, folder: RunFolder) -> None:
+        """See `Tracker`."""
+        self._folder = folder
+        self._wake.set()
+        self._thread = Thread(target=self._work, name="mlflow mirror", daemon=True)
+        self._thread.start()
+
+    def generation(self) -> None:
+        """See `Tracker`."""
+        self._wake.set()
+
+    def finish(self, status: Status) -> str:
+        """See `Tracker`."""
+        self._status = status
+        self._wake.set()
+        try:
+            self._thread.join(self.patience)
+        finally:
+            self._given_up.set()
+        if self._thread.is_alive() or self._trouble:
+            reason = self._trouble or f"no answer in {self.patience:g} s"
+            return (
+                f"MLflow: {self.place.uri} has not got all records ({reason}). They are safe; this"
+                f" sends them:\n  islandgp sync {self._folder.path}"
+            )
+        return f"MLflow: {self.place.uri}; islandgp ui shows it"
+
+    def _work(self) -> None:
+        mirror: Mirror | None = None
+        while not self._given_up.is_set():
+            self._wake.wait()
+            self._wake.clear()
+            status = self._status
+            try:
+                mirror = mirror or Mirror(self._folder, Store(self.place))
+                mirror.send(status)
+                self._trouble = ""
+            except Exception as error:  # noqa: BLE001 -- a store may fail in any way; the run goes on
+                self._trouble = brief(error)
+            if status is not Status.RUNNING:
+                if not self._trouble or self._given_up.wait(PAUSE):
+                    return
+                self._wake.set()
+
+
+def brief(error: Exception) -> str:
+    """The first line of an error, for a message."""
+    lines = str(error).strip().splitlines()
+    return (lines[0] if lines else type(error).__name__)[:200]

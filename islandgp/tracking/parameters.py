@@ -1,0 +1,38 @@
+"""A configuration as flat pairs, and without its secrets."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+SECRET: Final = re.compile(r"(^|_)(api_?key|token|secret|password)$", re.IGNORECASE)
+HIDDEN: Final = "***"
+
+
+def redacted(config: Mapping[str, Any]) -> dict[str, Any]:
+    """The same configuration with every secret's value hidden."""
+    return {str(key): _hidden(str(key), value) for key, value in config.items()}
+
+
+def _hidden(key: str, value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return redacted(value)
+    return HIDDEN if value and SECRET.search(key) else value
+
+
+def is_secret(key: str) -> bool:
+    """Whether a dotted key names a secret."""
+    return SECRET.search(key.rpartition(".")[2]) is not None
+
+
+def flat(config: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, str]]:
+    """Dotted keys and their values as text."""
+    for key, value in config.items():
+        if isinstance(value, Mapping) and value:
+            yield from flat(value, f"{path}{key}.")
+        elif isinstance(value, str):
+            yield f"{path}{key}", value
+        else:
+            yield f"{path}{key}", json.dumps(value)

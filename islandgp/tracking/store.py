@@ -1,0 +1,157 @@
+"""The place where MLflow keeps its runs: a SQLite file by default, or a tracking server.
+
+A fresh SQLite file is made by one process only: several that start at once on
+no file at all would trip over each other's table creation.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from filelock import FileLock
+from pydantic import BaseModel, Field
+
+from islandgp.errors import TrackingError
+
+if TYPE_CHECKING:
+    from mlflow.entities import Metric
+    from mlflow.tracking import MlflowClient
+
+SQLITE: Final = "sqlite:///"
+
+ENVIRONMENT: Final = {
+    "MLFLOW_HTTP_REQUEST_TIMEOUT": "10",  # s a request; the default is 120
+    "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "1",  # this package tries again by itself
+    "MLFLOW_DISABLE_TELEMETRY": "true",  # a run tells nobody that it runs
+    "GIT_PYTHON_REFRESH": "quiet",
+}
+"""MLflow's own settings, where the user has not set them."""
+
+
+class MLflowSettings(BaseModel, frozen=True, extra="forbid"):
+    """Where MLflow's records go."""
+
+    uri: str = Field(pattern=r"^(sqlite:///.+|https?://.+)$")
+    artifacts: str = Field(min_length=1)  # folder, for the SQLite store; a server knows its own
+    experiment: str = Field(min_length=1)
+    patience: float = Field(ge=0, le=3600)  # s to wait for the store at the end of a run
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A store and an experiment in it, the same for every process and folder."""
+
+    uri: str
+    artifacts: str | None  # absolute folder; None: the server decides
+    experiment: str
+
+    @classmethod
+    def of(cls, settings: MLflowSettings, home: Path) -> Place:
+        """Relative paths are meant from the folder in which the command was given."""
+        if not settings.uri.startswith(SQLITE):
+            return cls(settings.uri.rstrip("/"), None, settings.experiment)
+        file = (home / settings.uri.removeprefix(SQLITE)).resolve()
+        artifacts = (home / settings.artifacts).resolve()
+        return cls(f"{SQLITE}{file}", str(artifacts), settings.experiment)
+
+    @property
+    def file(self) -> Path | None:
+        """The SQLite file; None for a server."""
+        return Path(self.uri.removeprefix(SQLITE)) if self.uri.startswith(SQLITE) else None
+
+
+class Store:
+    """An open store. Each method may raise MLflow's errors: the store may be away."""
+
+    def __init__(self, place: Place) -> None:
+        """Raises TrackingError where the SQLite file cannot be used."""
+        self.place = place
+        self.client = _client(place)
+        self.experiment = self._experiment()
+
+    def _experiment(self) -> str:
+        from mlflow.exceptions import MlflowException
+
+        name = self.place.experiment
+        found = self.client.get_experiment_by_name(name)
+        if found is None:
+            try:
+                location = self.place.artifacts
+                return str(self.client.create_experiment(name, artifact_location=location))
+            except MlflowException:  # another process was faster
+                found = self.client.get_experiment_by_name(name)
+        if found is None or found.lifecycle_stage != "active":
+            raise TrackingError(
+                f"Expected an experiment {name!r} in {self.place.uri}, found it deleted;"
+                " restore it in the MLflow UI, or choose another tracking.policy.experiment."
+            )
+        return str(found.experiment_id)
+
+    def find(self, tag: str, value: str) -> str | None:
+        """The id of the run that carries the tag."""
+        found = self.client.search_runs([self.experiment], f"tags.`{tag}` = '{value}'")
+        return str(found[0].info.run_id) if found else None
+
+    def exists(self, run: str) -> bool:
+        """Whether the run is there and not deleted."""
+        from mlflow.exceptions import MlflowException
+
+        try:
+            return bool(self.client.get_run(run).info.lifecycle_stage == "active")
+        except MlflowException as error:
+            if error.error_code == "RESOURCE_DOES_NOT_EXIST":
+                return False
+            raise
+
+    def last_step(self, run: str, metric: str) -> int:
+        """The last step logged of a metric; -1 when there is none."""
+        return max((m.step for m in self.client.get_metric_history(run, metric)), default=-1)
+
+
+def metric(key: str, value: float, at: int, step: int) -> Metric:
+    """One point; `at` is ms since 1970."""
+    from mlflow.entities import Metric
+
+    return Metric(key, float(value), at, step)
+
+
+def quiet() -> None:
+    """Makes MLflow behave as a part of a run should: no telemetry, no talk, no endless waits."""
+    for name, value in ENVIRONMENT.items():
+        os.environ.setdefault(name, value)
+    for name in ("alembic", "mlflow.store.db.utils"):
+        logging.getLogger(name).setLevel(logging.WARNING)
+
+
+def _client(place: Place) -> MlflowClient:
+    quiet()
+    from mlflow.tracking import MlflowClient
+
+    if place.file is not None:
+        _make(place.file)
+    return MlflowClient(tracking_uri=place.uri)
+
+
+def _make(file: Path) -> None:
+    """Makes the SQLite file if there is none: whole, and by one process."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    if _there(file):
+        return
+    from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
+
+    with FileLock(file.with_name(f".{file.name}.lock")):
+        if _there(file):
+            return
+        new = file.with_name(f".{file.name}.new")
+        new.unlink(missing_ok=True)
+        store = SqlAlchemyStore(f"{SQLITE}{new}", str(file.with_name("mlartifacts")))
+        store.engine.dispose()
+        new.replace(file)
+
+
+def _there(file: Path) -> bool:
+    return file.exists() and file.stat().st_size > 0

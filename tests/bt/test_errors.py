@@ -1,0 +1,143 @@
+"""What the language says about a text that is not a tree."""
+
+from __future__ import annotations
+
+import pickle
+
+import pytest
+
+from islandgp.bt.language import parse
+from islandgp.errors import LimitError, TreeError, UnknownNameError
+
+P = "PatrolWaypoint"
+
+# text, line, column, words that the message has
+WRONG = [
+    # the form
+    ("", 1, 1, ["no tree", "selector", P]),
+    ("# nothing\n", 1, 1, ["no tree"]),
+    ("selector {", 1, 11, ["too early", P]),
+    ("selector {\n  PatrolWaypoint\n\n", 2, 17, ["too early", "}"]),
+    ("selector { PatrolWaypoint # }\n", 1, 26, ["too early"]),
+    ("selector { }", 1, 12, ["'}'", "Expected a node"]),
+    ("selector PatrolWaypoint", 1, 10, [f"'{P}'", "Expected {"]),
+    ("selector { PatrolWaypoint }}", 1, 28, ["one tree"]),
+    ("PatrolWaypoint PatrolWaypoint", 1, 16, ["one tree", "the end"]),
+    ("PatrolWaypoint subtree a = PatrolWaypoint", 1, 16, ["after its subtrees"]),
+    ("inverter { PatrolWaypoint PatrolWaypoint }", 1, 27, ["one child", "sequence", "Expected }"]),
+    ("selector [ PatrolWaypoint ]", 1, 10, ["character '['", "U+005B"]),
+    ("selector ( PatrolWaypoint )", 1, 10, ["character '('"]),
+    ("selector { PatrolWaypoint, PickupGarbage }", 1, 26, ["character ','"]),
+    ("selector { caf\u00e9 }", 1, 15, ["U+00E9"]),
+    ("parallel failure one success all { PatrolWaypoint }", 1, 22, ["'success'", "Expected {"]),
+    ("parallel success two { PatrolWaypoint }", 1, 18, ["'two'", "one of: all one"]),
+    ("parallel succes one { PatrolWaypoint }", 1, 10, ["'succes'", "Did you mean success?"]),
+    # names
+    ("selector { MoveToGarbag }", 1, 12, ["unknown action", "Did you mean MoveToGarbage?"]),
+    ("selector {\n\tmovetogarbage }", 2, 2, ["Did you mean MoveToGarbage?"]),
+    ("slector { PatrolWaypoint }", 1, 1, ["unknown node 'slector'", "Did you mean selector?"]),
+    ("selector { whn foundGarbage { X } }", 1, 12, ["'whn'", "Did you mean when?"]),
+    ("sequence { Patrol { } }", 1, 12, ["unknown node", "Did you mean PatrolWaypoint?"]),
+    ("selector { foundGarbage }", 1, 12, ["Did you mean when foundGarbage { ... }?"]),
+    ("selector { batteryLevel }", 1, 12, ["Did you mean when batteryLevel < 5 { ... }?"]),
+    ("Xyzzy", 1, 1, ["unknown action 'Xyzzy'"]),
+    # conditions
+    ("when batery < 5 { PatrolWaypoint }", 1, 6, ["blackboard key", "Did you mean batteryLevel?"]),
+    ("when not founGarbage { PatrolWaypoint }", 1, 10, ["Did you mean foundGarbage?"]),
+    ("when batteryLevel { PatrolWaypoint }", 1, 6, ["is a number", "when batteryLevel < 5", ">="]),
+    ("when not lap { PatrolWaypoint }", 1, 10, ["is a number"]),
+    ("when foundGarbage > 1 { PatrolWaypoint }", 1, 6, ["yes or no", "when not foundGarbage"]),
+    ("when not { PatrolWaypoint }", 1, 10, ["a key", "isHumanoidWantToClear"]),
+    ("when { PatrolWaypoint }", 1, 6, ["a key", "batteryLevel"]),
+    ("when batteryLevel = 5 { PatrolWaypoint }", 1, 19, ["'='", "Did you mean ==?"]),
+    ("when batteryLevel =< 5 { PatrolWaypoint }", 1, 19, ["'='", "<="]),
+    ("when batteryLevel < { PatrolWaypoint }", 1, 21, ["Expected a number"]),
+    ("when batteryLevel < nan { PatrolWaypoint }", 1, 21, ["Expected a number"]),
+    ("when batteryLevel < 25% { PatrolWaypoint }", 1, 23, ["character '%'"]),
+    ("when batteryLevel < 1e5 { PatrolWaypoint }", 1, 21, ["'1e5'", "plain number"]),
+    ("when batteryLevel < 5. { PatrolWaypoint }", 1, 21, ["'5.'", "plain number"]),
+    ("when batteryLevel < 0x1F { PatrolWaypoint }", 1, 21, ["'0x1F'", "plain number"]),
+    ("when batteryLevel < 1000001 { PatrolWaypoint }", 1, 21, ["out of range", "1000000"]),
+    ("when lap < 5 abort sel { PatrolWaypoint }", 1, 20, ["'sel'", "Did you mean self?"]),
+    ("when lap < 5 abort { PatrolWaypoint }", 1, 20, ["both", "lower", "none", "self"]),
+    ("when lap < 5 abrt self { PatrolWaypoint }", 1, 14, ["Did you mean abort?"]),
+    # repeaters
+    ("repeater { PatrolWaypoint }", 1, 10, ["Expected a number"]),
+    ("repeater 0 { PatrolWaypoint }", 1, 10, ["'0' times", "1 to 100"]),
+    ("repeater 101 { PatrolWaypoint }", 1, 10, ["1 to 100"]),
+    ("repeater 2.5 { PatrolWaypoint }", 1, 10, ["whole number"]),
+    ("repeater -1 { PatrolWaypoint }", 1, 10, ["whole number"]),
+    # subtrees
+    ("use a", 1, 5, ["unknown subtree 'a'", "none is defined"]),
+    ("use PatrolWaypoint", 1, 5, ["unknown subtree", "PatrolWaypoint, without use"]),
+    (f"subtree charge = {P}\nuse chrge", 2, 5, ["above: charge", "Did you mean charge?"]),
+    (f"subtree charge = {P}\nselector {{ charge }}", 2, 12, ["Did you mean use charge?"]),
+    ("subtree a = use a use a", 1, 17, ["'a' uses itself"]),
+    (f"subtree a = use b\nsubtree b = {P}\nuse a", 1, 17, ["'b' is defined further down"]),
+    (f"subtree a = {P}\nsubtree a = {P}\nuse a", 2, 9, ["defined twice"]),
+    (
+        "subtree a = inverter { PatrolPoint } PatrolWaypoint",
+        1,
+        24,
+        ["Did you mean PatrolWaypoint?"],
+    ),
+    (f"subtree a {P} use a", 1, 11, ["Expected ="]),
+    (f"subtree all = {P} use all", 1, 9, ["'all'", "can't name a subtree"]),
+    (f"subtree a = {P}", 1, 27, ["too early", "selector"]),
+    ("use", 1, 4, ["too early", "the name of a subtree"]),
+]
+
+
+@pytest.mark.parametrize(("text", "line", "column", "words"), WRONG, ids=[w[0] for w in WRONG])
+def test_wrong_text(text: str, line: int, column: int, words: list[str]) -> None:
+    """Each mistake is found where it is, and the message says what would do."""
+    with pytest.raises(TreeError) as caught:
+        parse(text, name="my.bt")
+    message = str(caught.value)
+    assert (caught.value.line, caught.value.column) == (line, column)
+    assert message.startswith(f"my.bt:{line}:{column}: ")
+    for word in words:
+        assert word in message
+
+
+def test_whole_message() -> None:
+    """A message has the place, the line with a caret, what would do, and a guess."""
+    with pytest.raises(UnknownNameError) as caught:
+        parse("selector {\n  when batery < 25 { PatrolWaypoint }\n}", name="trees/mine.bt")
+    assert str(caught.value) == (
+        "trees/mine.bt:2:8: unknown blackboard key 'batery'\n"
+        "      when batery < 25 { PatrolWaypoint }\n"
+        "           ^\n"
+        "Expected a key: batteryLevel, robotCurrentExtraCapacity, lap, foundGarbage,"
+        " isHumanoidWantToClear.\n"
+        "Did you mean batteryLevel?"
+    )
+    assert caught.value.source == "  when batery < 25 { PatrolWaypoint }"
+
+
+def test_long_line() -> None:
+    """Of a very long line the message shows the part around the caret."""
+    with pytest.raises(TreeError) as caught:
+        parse("selector { " + "PatrolWaypoint " * 100 + "Patrl }")
+    shown, caret = str(caught.value).splitlines()[1:3]
+    assert len(shown) < 110
+    assert shown[caret.index("^") :].startswith("Patrl")
+
+
+def test_kinds_of_errors() -> None:
+    """Names that don't exist and trees that are too large have classes of their own."""
+    with pytest.raises(UnknownNameError):
+        parse("use nothing")
+    with pytest.raises(LimitError):
+        parse("inverter { " * 200 + "PatrolWaypoint" + " }" * 200)
+    with pytest.raises(TreeError) as caught:
+        parse("selector")
+    assert type(caught.value) is TreeError
+
+
+def test_errors_travel() -> None:
+    """An error that crosses a process boundary keeps its place and its message."""
+    with pytest.raises(TreeError) as caught:
+        parse("selector {\n  Patrl }")
+    copy = pickle.loads(pickle.dumps(caught.value))
+    assert (str(copy), copy.line, copy.column) == (str(caught.value), 2, 3)

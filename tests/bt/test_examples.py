@@ -1,0 +1,73 @@
+"""The trees in grammar/examples: the documentation shows them, so they must be right."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from islandgp.bt.language import parse, to_text
+from islandgp.bt.limits import Limits, check_limits
+from islandgp.bt.node import KEYS, KINDS, depth, size, walk
+from islandgp.resources import resource
+
+EXAMPLES = sorted((resource("grammar") / "examples").glob("*.bt"))
+PAPER = Limits(max_depth=8, max_nodes=50)  # section 2.2.3
+
+
+def tree(name: str) -> str:
+    return (resource("grammar") / "examples" / f"{name}.bt").read_text(encoding="utf-8")
+
+
+def test_there_is_one_for_each_objective() -> None:
+    """One tree per row of Table 7, and three more: good, poor, and after Figure 9."""
+    assert [path.stem for path in EXAMPLES] == [
+        "all_rounder",
+        "charging_focused",
+        "clearing_focused",
+        "diverse",
+        "humanoid_focused",
+        "multi_behaviour",
+        "paper_fig9",
+        "pickup_specialist",
+        "poor",
+        "rare_category",
+    ]
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_example(path: Path) -> None:
+    """It parses, keeps the paper's limits, and is as large as its comment says."""
+    text = path.read_text(encoding="utf-8")
+    parsed = parse(text, name=path.name)
+    check_limits(parsed, PAPER)
+    assert parse(to_text(parsed)) == parsed
+    stated = re.search(r"^# (\d+) nodes, depth (\d+)\.$", text, re.MULTILINE)
+    assert stated is not None
+    assert (size(parsed), depth(parsed)) == (int(stated[1]), int(stated[2]))
+    assert all(len(line) <= 80 for line in text.splitlines())
+
+
+def test_figure_9() -> None:
+    """22 nodes, depth 5: a selector of four guarded sequences (section 3.10)."""
+    root = parse(tree("paper_fig9"))
+    assert (size(root), depth(root)) == (22, 5)
+    assert root.kind == "selector"
+    assert [branch.kind for branch in root.children] == ["when"] * 4
+    assert [branch.children[0].kind for branch in root.children] == ["sequence"] * 4
+
+
+def test_diverse_shows_everything() -> None:
+    """The diverse tree has every kind of node and asks for every key."""
+    nodes = list(walk(parse(tree("diverse"))))
+    assert {node.kind for node in nodes} == set(KINDS)
+    assert {node.args[0] for node in nodes if node.kind == "when"} == set(KEYS)
+
+
+def test_charging_is_not_cut_short() -> None:
+    """Wherever a good example charges on a low battery, the guard can't stop the charging."""
+    for path in EXAMPLES:
+        for node in walk(parse(path.read_text(encoding="utf-8"))):
+            if node.kind == "when" and node.args[:2] == ("batteryLevel", "<"):
+                assert (node.args[3] in ("lower", "none")) == (path.stem != "poor")

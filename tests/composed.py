@@ -1,0 +1,27 @@
+"""The configuration of `conf/`, composed as `python -m islandgp` composes it."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from islandgp.resources import resource
+from islandgp.settings import Settings, read_settings
+
+
+def plain(*overrides: str) -> dict[str, Any]:
+    """The resolved configuration as plain values, a new one at each call."""
+    with initialize_config_dir(str(resource("conf")), version_base="1.3"):
+        config = compose("config", ["tracking=off", *overrides])
+    found = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
+    assert isinstance(found, dict)
+    return {str(key): value for key, value in found.items()}
+
+
+@cache
+def composed(*overrides: str) -> Settings:
+    """The validated settings. Frozen, so that tests may share them."""
+    return read_settings(plain(*overrides))

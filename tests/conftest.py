@@ -1,0 +1,19 @@
+"""What holds for the whole test suite: which tests run, and how Hypothesis searches."""
+
+from __future__ import annotations
+
+import hypothesis
+import pytest
+
+# Every run tries the same examples, so that a red test stays red until it is mended.
+# `pytest --hypothesis-profile=search` looks for new ones.
+hypothesis.settings.register_profile("fixed", deadline=None, derandomize=True, database=None)
+hypothesis.settings.register_profile("search", deadline=None, max_examples=1000)
+hypothesis.settings.load_profile("fixed")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Tests marked `slow` run only when `-m` asks for them: `pytest -m slow`."""
+    config.addinivalue_line("markers", "slow: exhaustive, takes longer than a second")
+    if not config.option.markexpr:
+        config.option.markexpr = "not slow"

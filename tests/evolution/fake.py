@@ -1,0 +1,51 @@
+"""An evaluator that simulates nothing: outcomes come from a hash of the job."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+
+import numpy as np
+
+from islandgp.evaluation.base import Job
+from islandgp.scoring.outcome import Outcome
+from tests.made import outcome
+
+
+def outcome_of(job: Job) -> Outcome:
+    """An outcome that depends on nothing but the job; who lacks an action never does it."""
+    digest = hashlib.sha256(f"{job.tree}|{job.stage}|{job.seed}".encode()).digest()
+    rng = np.random.default_rng(int.from_bytes(digest[:8], "big"))
+    draws = rng.integers(0, 8, 4)
+    words = ("PickupGarbage", "MoveToHumanoid", "DeliverToClearingPoint", "ExecuteCharge")
+    pickups, interactions, deliveries, charges = (
+        float(draw) if word in job.tree else 0.0 for draw, word in zip(draws, words, strict=True)
+    )
+    fitness = float(rng.integers(-2000, 8000)) + 1500 * (pickups + interactions)
+    return outcome(
+        fitness=fitness,
+        components=(fitness, *(0.0,) * 7),
+        pickups=pickups,
+        interactions=interactions,
+        deliveries=deliveries,
+        charges=charges,
+        gathered=pickups + 5 * interactions,
+        distance=float(rng.integers(0, 2000)),
+    )
+
+
+class Fake:
+    """See `Evaluator`; keeps the jobs it was asked for, a batch an entry."""
+
+    def __init__(self) -> None:
+        self.simulated = 0
+        self.asked: list[list[Job]] = []
+
+    def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
+        """See `Evaluator`."""
+        self.simulated += len(jobs)
+        self.asked.append(list(jobs))
+        return [outcome_of(job) for job in jobs]
+
+    def close(self) -> None:
+        """See `Evaluator`."""

@@ -1,0 +1,297 @@
+"""Crossover and mutation: what holds for every tree, and what each operator does."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from islandgp.bt.language import parse, to_text
+from islandgp.bt.limits import Limits, within
+from islandgp.bt.node import KEYS, KINDS, Node, depth, size, walk
+from islandgp.evolution.generation import TreeSettings, grow, random_tree, weighted
+from islandgp.evolution.variation import (
+    MUTATIONS,
+    MutationSettings,
+    crossover,
+    levels,
+    mutate,
+    replace_at,
+    tournament,
+)
+from tests.composed import composed
+from tests.made import evaluated, outcome
+from tests.strategies import nodes
+
+LIMITS = Limits(max_depth=8, max_nodes=50)
+TREES = nodes(max_leaves=16).filter(lambda tree: within(tree, LIMITS))
+SEEDS = st.integers(0, 2**32 - 1)
+ALL_ROUNDER = """
+selector {
+  when batteryLevel < 25 abort lower { sequence { SeekCharger ExecuteCharge } }
+  parallel success one { MoveToHumanoid PatrolWaypoint }
+  repeater 3 { sequence { MoveToGarbage PickupGarbage } }
+  inverter { when foundGarbage { DeliverToClearingPoint } }
+}
+"""
+
+
+def tree_settings() -> TreeSettings:
+    """The paper's."""
+    return composed().gp.trees
+
+
+def only(operator: str) -> MutationSettings:
+    """Mutation by one operator alone."""
+    return composed().gp.mutation.model_copy(update={"operators": {operator: 1.0}})
+
+
+def mutated(seed: int, tree: Node, operator: str, limits: Limits = LIMITS) -> Node:
+    """One mutation, as the loop does it."""
+    new, _ = mutate(
+        np.random.default_rng(seed),
+        tree,
+        rate=1.0,
+        trees=tree_settings(),
+        how=only(operator),
+        limits=limits,
+    )
+    return new
+
+
+def check_valid(tree: Node) -> None:
+    """A tree is valid when the language can say it and reads it back as the same."""
+    assert parse(to_text(tree)) == tree
+
+
+@pytest.mark.parametrize("operator", MUTATIONS)
+@settings(max_examples=60)
+@given(tree=TREES, seed=SEEDS)
+def test_mutation_keeps_limits_and_validity(operator: str, tree: Node, seed: int) -> None:
+    """Whatever an operator does to a tree that keeps the limits keeps them, and is a tree."""
+    new = mutated(seed, tree, operator)
+    assert within(new, LIMITS)
+    check_valid(new)
+
+
+@settings(max_examples=60)
+@given(tree=TREES, seed=SEEDS)
+def test_mutation_at_the_limits(tree: Node, seed: int) -> None:
+    """Limits that the tree just meets still hold."""
+    tight = Limits(max_depth=depth(tree), max_nodes=size(tree))
+    for operator in MUTATIONS:
+        assert within(mutated(seed, tree, operator, tight), tight)
+
+
+@settings(max_examples=150)
+@given(mother=TREES, father=TREES, seed=SEEDS)
+def test_crossover_keeps_limits_and_validity(mother: Node, father: Node, seed: int) -> None:
+    """A child of trees within the limits is a tree within the limits, made of their subtrees."""
+    child = crossover(np.random.default_rng(seed), mother, father, LIMITS)
+    assert within(child, LIMITS)
+    check_valid(child)
+    donated = set(walk(father))
+    cuts = [
+        replace_at(mother, at, donor) == child for at in range(size(mother)) for donor in donated
+    ]
+    assert child == mother or any(cuts)
+
+
+@settings(max_examples=60)
+@given(mother=TREES, father=TREES, seed=SEEDS)
+def test_crossover_at_the_limits(mother: Node, father: Node, seed: int) -> None:
+    """A donor that does not fit is not taken."""
+    tight = Limits(max_depth=depth(mother), max_nodes=size(mother))
+    assert within(crossover(np.random.default_rng(seed), mother, father, tight), tight)
+
+
+@settings(max_examples=60)
+@given(tree=TREES, seed=SEEDS)
+def test_rate_0_changes_nothing(tree: Node, seed: int) -> None:
+    """At rate 0 the same tree comes back, and no operator is named."""
+    how = composed().gp.mutation
+    rng = np.random.default_rng(seed)
+    assert mutate(rng, tree, rate=0.0, trees=tree_settings(), how=how, limits=LIMITS) == (tree, "")
+
+
+@settings(max_examples=60)
+@given(tree=TREES, seed=SEEDS)
+def test_named_mutation_changes_the_tree(tree: Node, seed: int) -> None:
+    """When an operator is named the tree is another one; when none is, it is the same."""
+    how = composed().gp.mutation
+    rng = np.random.default_rng(seed)
+    new, name = mutate(rng, tree, rate=1.0, trees=tree_settings(), how=how, limits=LIMITS)
+    assert (new != tree) == (name in MUTATIONS)
+
+
+def test_rate_is_the_share_that_mutates() -> None:
+    """Over many trees the share of mutated ones is the rate."""
+    tree, how = parse(ALL_ROUNDER), composed().gp.mutation
+    hits = 0
+    for seed in range(1000):
+        rng = np.random.default_rng(seed)
+        hits += mutate(rng, tree, rate=0.3, trees=tree_settings(), how=how, limits=LIMITS)[1] != ""
+    assert 260 < hits < 340
+
+
+def test_a_higher_rate_mutates_the_same_and_more() -> None:
+    """Whoever mutates at a low rate mutates in the same way at a higher one."""
+    tree, how = parse(ALL_ROUNDER), composed().gp.mutation
+    for seed in range(200):
+        low, high = (
+            mutate(
+                np.random.default_rng(seed),
+                tree,
+                rate=rate,
+                trees=tree_settings(),
+                how=how,
+                limits=LIMITS,
+            )
+            for rate in (0.2, 0.6)
+        )
+        assert low[1] == "" or low == high
+
+
+def test_what_each_operator_does() -> None:
+    """Each operator changes a tree in its own way, and in no other."""
+    old = parse(ALL_ROUNDER)
+    leaves = Counter(n for n in walk(old) if n.kind == "action")
+    shape = [len(n.children) for n in walk(old)]
+    for seed in range(200):
+        swapped = mutated(seed, old, "swap")
+        assert swapped != old
+        assert Counter(n for n in walk(swapped) if n.kind == "action") == leaves
+        assert size(mutated(seed, old, "delete")) < size(old)
+        assert size(mutated(seed, old, "insert")) > size(old)
+        assert [len(n.children) for n in walk(mutated(seed, old, "node"))] == shape
+        nudged = mutated(seed, old, "parameter")
+        assert [n.kind for n in walk(nudged)] == [n.kind for n in walk(old)]
+        changed = [(a, b) for a, b in zip(walk(old), walk(nudged), strict=True) if a.args != b.args]
+        assert len(changed) == 1
+
+
+def test_nothing_to_change() -> None:
+    """An operator that finds nothing to work on leaves the tree alone."""
+    leaf = parse("PatrolWaypoint")
+    for operator in ("parameter", "delete", "swap"):
+        assert mutated(0, leaf, operator) == leaf
+
+
+def test_numbers_stay_on_their_grid() -> None:
+    """A nudged threshold stays in its key's range, on its key's grid."""
+    tree = parse("when batteryLevel < 95 { PatrolWaypoint }")
+    seen = set()
+    for seed in range(300):
+        key, op, number, _ = mutated(seed, tree, "parameter").args
+        if (key, op) == ("batteryLevel", "<"):
+            seen.add(number)
+    assert len(seen) > 8
+    assert all(0 <= float(n) <= 100 and float(n) % 5 == 0 for n in seen)
+
+
+def test_a_kind_without_weight_never_appears() -> None:
+    """`gp.trees.kinds` holds for mutation as for random trees."""
+    settings_ = tree_settings()
+    few = settings_.model_copy(update={"kinds": {**settings_.kinds, "parallel": 0.0, "when": 0.0}})
+    start = parse("selector { sequence { PatrolWaypoint SeekCharger } inverter { SeekCharger } }")
+    found = Counter()
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        new, _ = mutate(rng, start, rate=1.0, trees=few, how=composed().gp.mutation, limits=LIMITS)
+        found.update(n.kind for n in walk(new))
+    assert set(found) == {"action", "selector", "sequence", "inverter", "repeater"}
+
+
+@settings(max_examples=100)
+@given(seed=SEEDS)
+def test_random_trees(seed: int) -> None:
+    """Random trees are valid, within the limits, and as deep as configuration says."""
+    tree = random_tree(np.random.default_rng(seed), tree_settings(), LIMITS)
+    assert within(tree, LIMITS)
+    assert 2 <= depth(tree) <= 5
+    check_valid(tree)
+
+
+@pytest.mark.parametrize("limits", [Limits(2, 3), Limits(1, 1), Limits(3, 4), Limits(50, 1)])
+def test_random_trees_in_narrow_limits(limits: Limits) -> None:
+    """However narrow the limits are, a tree within them is found."""
+    for seed in range(50):
+        assert within(random_tree(np.random.default_rng(seed), tree_settings(), limits), limits)
+
+
+def test_random_trees_use_the_whole_language() -> None:
+    """Every node kind, action, key and operator turns up."""
+    found: Counter[object] = Counter()
+    for seed in range(400):
+        for node in walk(random_tree(np.random.default_rng(seed), tree_settings(), LIMITS)):
+            found[node.kind] += 1
+            found.update(node.args)
+    expected = [*KINDS, *KEYS, "<", "<=", ">", ">=", "==", "!=", "is", "not"]
+    assert [word for word in expected if not found[word]] == []
+
+
+def test_grow_depth() -> None:
+    """`grow` never passes its depth; depth 1 is an action."""
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        assert depth(grow(rng, tree_settings(), 3)) <= 3
+        assert grow(rng, tree_settings(), 1).kind == "action"
+
+
+def test_weighted() -> None:
+    """Keys are drawn by their weights; one without weight never is."""
+    rng = np.random.default_rng(0)
+    found = Counter(weighted(rng, {"a": 0.0, "b": 1.0, "c": 3.0, "d": 0.0}) for _ in range(4000))
+    assert set(found) == {"b", "c"}
+    assert 850 < found["b"] < 1150
+
+
+def test_replace_at() -> None:
+    """A node's number is its place in document order."""
+    tree = parse("selector { sequence { SeekCharger ExecuteCharge } PatrolWaypoint }")
+    new = parse("MoveToGarbage")
+    texts = [list(walk(replace_at(tree, i, new)))[i] for i in range(size(tree))]
+    assert texts == [new] * 5
+    assert replace_at(tree, 3, new) == parse(
+        "selector { sequence { SeekCharger MoveToGarbage } PatrolWaypoint }"
+    )
+    assert levels(tree) == [1, 2, 3, 3, 2]
+    with pytest.raises(IndexError):
+        replace_at(tree, 5, new)
+
+
+def test_tournament() -> None:
+    """The fittest of the entrants stands first; all of them are drawn from the population."""
+    classes = composed().classes
+    population = [evaluated(f"0.{i}", outcome(fitness=float(i)), classes) for i in range(10)]
+    wins: Counter[str] = Counter()
+    for seed in range(500):
+        entrants = tournament(np.random.default_rng(seed), population, 3)
+        fitness = [e.fitness for e in entrants]
+        assert len(entrants) == 3
+        assert fitness == sorted(fitness, reverse=True)
+        wins[entrants[0].individual.id] += 1
+    # The chance that the best of ten is among three draws is 1 - 0.9^3 = 0.271.
+    assert 100 < wins["0.9"] < 171
+    assert wins["0.0"] < 10
+
+
+@pytest.mark.parametrize(
+    "operators", [{"sutbree": 1.0}, {"subtree": -1.0}, {"subtree": 0.0}, {}, {"swap": float("inf")}]
+)
+def test_operators_that_cannot_be(operators: dict[str, float]) -> None:
+    """Unknown operators, weights below 0 and no weight at all are refused by name."""
+    with pytest.raises(ValidationError, match="expected weights >= 0 for some of subtree, node"):
+        MutationSettings(operators=operators, subtree_depth=3, number_sd=0.1)
+
+
+@pytest.mark.parametrize("kinds", [{"action": 1.0}, {"sequence": -1.0}, {"sequence": 0.0}, {}])
+def test_kinds_that_cannot_be(kinds: dict[str, float]) -> None:
+    """Random trees need at least one kind of inner node."""
+    found = {**tree_settings().model_dump(), "kinds": kinds}
+    with pytest.raises(ValidationError, match="kinds: expected weights >= 0 for some of"):
+        TreeSettings.model_validate(found)

@@ -1,0 +1,54 @@
+"""Section 2.3.1 and Table 2: which generation belongs to which epoch and stage."""
+
+from __future__ import annotations
+
+import pytest
+from pydantic import ValidationError
+
+from islandgp.scoring.curriculum import Curriculum
+from tests.composed import composed
+
+EPOCHS = [
+    # epoch, stage (from 0), its generations
+    (1, 0, [0, 1, 2, 3, 4, 5]),
+    (2, 0, [6, 7, 8, 9, 10]),
+    (3, 1, [11, 12, 13, 14, 15]),
+    (4, 1, [16, 17, 18, 19, 20]),
+    (5, 2, [21, 22, 23, 24, 25]),
+    (6, 2, [26, 27, 28, 29, 30]),
+    (7, 3, [31, 32, 33, 34, 35]),
+    (8, 3, [36, 37, 38, 39, 40]),
+]
+
+
+def test_every_generation() -> None:
+    """Generation 0 and 1-5 are epoch 1, then five generations an epoch, two epochs a stage."""
+    curriculum = composed().curriculum
+    expected = {g: (epoch, stage) for epoch, stage, found in EPOCHS for g in found}
+    assert sorted(expected) == list(range(41))
+    assert {g: (curriculum.epoch(g), curriculum.stage(g)) for g in range(41)} == expected
+
+
+def test_the_last_stage_goes_on() -> None:
+    """Runs longer than the curriculum stay in its last stage."""
+    assert composed().curriculum.stage(41) == composed().curriculum.stage(1000) == 3
+
+
+def test_flat() -> None:
+    """`curriculum=flat` has one stage in which everything counts once."""
+    flat = composed("curriculum=flat").curriculum
+    assert {flat.stage(g) for g in range(50)} == {0}
+    assert set(flat.multipliers(0).model_dump().values()) == {1.0}
+
+
+@pytest.mark.parametrize(
+    "epochs",
+    [[(2, 3)], [(1, 2), (4, 5)], [(1, 2), (2, 3)], [(1, 0)], []],
+    ids=["starts late", "gap", "overlap", "backwards", "empty"],
+)
+def test_stages_without_gaps(epochs: list[tuple[int, int]]) -> None:
+    """Stages follow each other from epoch 1 on; anything else is refused."""
+    ones = dict.fromkeys(("garbage", "battery", "humanoid", "delivery", "leftover"), 1.0)
+    stages = [{"epochs": pair, "multipliers": ones} for pair in epochs]
+    with pytest.raises(ValidationError):
+        Curriculum.model_validate({"generations_per_epoch": 5, "stages": stages})

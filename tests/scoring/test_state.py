@@ -1,0 +1,127 @@
+"""Table 5: what one generation measures, and what a supervisor sees of the history."""
+
+from __future__ import annotations
+
+import pytest
+
+from islandgp.scoring.state import BEHAVIOURS, behaviours, measure, stagnant, trend
+from tests.composed import composed
+from tests.made import outcome, snapshot, state
+
+
+@pytest.mark.parametrize(
+    ("values", "slope"),
+    [
+        ([], 0),
+        ([7], 0),
+        ([1, 3], 2),
+        ([5, 5, 5], 0),
+        ([0, 1, 2, 3, 4], 1),
+        ([4, 3, 2, 1, 0], -1),
+        ([0, 0, 0, 10], 3),  # sum (i - 1.5) v / sum (i - 1.5)^2 = 15 / 5
+        ([1, 0, 2], 0.5),
+    ],
+)
+def test_trend(values: list[float], slope: float) -> None:
+    """The slope of the least-squares line, a step apart."""
+    assert trend(values) == pytest.approx(slope)
+
+
+@pytest.mark.parametrize(
+    ("bests", "expected"),
+    [
+        ([100], 0),
+        ([100, 100], 1),
+        ([100, 101], 1),  # 1 % is not more than 1 %
+        ([100, 101.5], 0),
+        ([100, 200, 150, 150], 2),  # counted from the best ever
+        ([100, 50, 60, 70], 3),  # rising again is not yet better
+        ([100, 100.9, 101.8], 0),  # small rises add up
+        ([-100, -99.5], 1),  # of a negative best, too, 1 % of its size
+        ([-100, -98], 0),
+        ([0, 0, 1], 0),
+        ([0, 0, 0], 2),
+    ],
+)
+def test_stagnant(bests: list[float], expected: int) -> None:
+    """Generations since the best ever rose by more than one percent."""
+    history = [snapshot(g, best=float(b)) for g, b in enumerate(bests)]
+    assert stagnant(history, 0.01) == expected
+
+
+def test_behaviours() -> None:
+    """The class, unless it is patrol-only, and the labels, in the order of BEHAVIOURS."""
+    classes = composed().classes
+    assert behaviours(outcome(), classes) == ()
+    assert behaviours(outcome(charges=1), classes) == ("charging",)
+    everything = outcome(pickups=2, interactions=2, charges=1, deliveries=1)
+    assert behaviours(everything, classes) == ("balanced", "charging", "clearing")
+    assert behaviours(outcome(interactions=1), classes) == ("humanoid",)
+    assert set(BEHAVIOURS) == {"pickup", "humanoid", "balanced", "charging", "clearing"}
+
+
+def test_measure() -> None:
+    """A population of four in numbers, worked by hand."""
+    outcomes = [
+        outcome(fitness=-100, distance=100, inactive=10),
+        outcome(fitness=300, pickups=3, charges=1, distance=200, inactive=20),
+        outcome(fitness=500, interactions=1, deliveries=2, distance=300, inactive=30),
+        outcome(fitness=20000, pickups=2, interactions=1, deliveries=1, charges=1, gathered=9,
+                distance=400, inactive=40),
+    ]  # fmt: skip
+    found = measure(
+        outcomes, [3, 5, 7, 9], composed().classes, generation=12, epoch=3, stage=1, rate=0.3
+    )
+    assert (found.generation, found.epoch, found.stage, found.rate) == (12, 3, 1, 0.3)
+    assert (found.best, found.mean) == (20000, 5175)
+    # deviations -5275, -4875, -4675, 14825: sum of squares 293,227,500, a quarter is 73,306,875
+    assert found.sd == pytest.approx(73_306_875**0.5)
+    assert found.diversity == 0.75
+    assert found.working == 0.75
+    assert found.specialists == {"patrol_only": 1, "pickup": 1, "humanoid": 1, "balanced": 1}
+    assert (found.charging, found.clearing) == (2, 2)
+    assert found.doing == {"pickup": 2, "humanoid": 2, "clearing": 2, "charging": 2}
+    assert found.tiers == {"excellent": 0, "complete": 1, "full_service": 1, "balanced_elite": 1}
+    assert (found.distance, found.inactive, found.size) == (250, 25, 6)
+
+
+def test_state_of_the_first_generation() -> None:
+    """Without a past nothing has changed, and nothing is stagnant."""
+    found = state([snapshot(0)])
+    assert (found.best_change, found.mean_change, found.best_trend) == (0, 0, 0)
+    assert (found.diversity_change, found.stagnant_generations, found.stagnant_epochs) == (0, 0, 0)
+    assert found.history == (found.now,)
+
+
+def test_state_after_seven_generations() -> None:
+    """Changes look back one generation, trends over the window, plateaus over the whole run."""
+    history = [
+        snapshot(0, best=9000.0, complete=1, excellent=1),
+        *(
+            snapshot(g, best=1000.0 * g, mean=100.0 * g, diversity=0.75 - 0.0625 * g)
+            for g in range(1, 7)
+        ),
+    ]
+    found = state(history)
+    assert [s.generation for s in found.history] == [2, 3, 4, 5, 6]
+    assert (found.best_change, found.best_trend) == (1000, pytest.approx(1000))
+    assert (found.mean_change, found.mean_trend) == (100, pytest.approx(100))
+    assert found.diversity_change == pytest.approx(-0.0625)
+    assert found.diversity_trend == pytest.approx(-0.0625)
+    assert (found.stagnant_generations, found.stagnant_epochs) == (6, 1.2)
+    assert (found.ever_complete, found.ever_excellent) == (True, True)
+    assert (found.dominant, found.mutation_rate) == ("patrol_only", 0.4)
+
+
+def test_lacking_is_sorted() -> None:
+    """Behaviours stand by rising number of individuals; equals keep Table 5's order."""
+    doing = {"pickup": 9, "humanoid": 2, "clearing": 0, "charging": 2}
+    found = state([snapshot(0, doing=doing, diversity=0.29)])
+    assert found.lacking == ("clearing", "humanoid", "charging", "pickup")
+    assert found.diversity_warning is True
+
+
+@pytest.mark.parametrize(("diversity", "warning"), [(0.31, False), (0.3, False), (0.29, True)])
+def test_diversity_warning(diversity: float, warning: bool) -> None:
+    """Below 0.3 diversity is low; at 0.3 it is not yet."""
+    assert state([snapshot(0, diversity=diversity)]).diversity_warning is warning
