@@ -5,14 +5,31 @@ from __future__ import annotations
 import sys
 from time import monotonic
 from types import TracebackType
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Final, Literal, Self
 
 from islandgp.evolution.record import Step
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
     from rich.live import Live  # imported only where it is used: it costs start-up time
 
-COLUMNS = ("generation", "best", "mean", "diversity", "complete", "excellent", "rate", "left")
+COLUMNS: Final = {
+    "generation": 10,
+    "best": 9,
+    "mean": 9,
+    "diversity": 9,
+    "working": 7,
+    "full": 4,
+    "complete": 8,
+    "excellent": 9,
+    "rate": 6,
+    "left": 9,
+}
+"""Names and widths. `full`, `complete`, `excellent`: individuals in these tiers of Table 4;
+`rate`: the mutation rate of the next generation, with a "!" when a crisis decides it;
+`left`: the time until the last generation."""
+
+SHOWN: Final = 12  # generations in the live table
 
 
 def row(step: Step, generations: int, seconds_left: float) -> tuple[str, ...]:
@@ -25,24 +42,44 @@ def row(step: Step, generations: int, seconds_left: float) -> tuple[str, ...]:
         f"{s.best:,.0f}",
         f"{s.mean:,.0f}",
         f"{s.diversity:.2f}",
+        f"{s.working:.2f}",
+        str(s.tiers["full_service"]),
         str(s.tiers["complete"]),
         str(s.tiers["excellent"]),
         rate,
-        f"{seconds_left:.0f} s",
+        duration(seconds_left) if guidance is not None else "",
     )
+
+
+def duration(seconds: float) -> str:
+    """A time for people: `8 s`, `3 min 05 s`, `2 h 07 min`, `3 d 04 h`."""
+    whole = max(0, round(seconds))
+    if whole < 60:
+        return f"{whole} s"
+    for unit, small, size, many in (("min", "s", 60, 60), ("h", "min", 3600, 24)):
+        if whole < size * many:
+            return f"{whole // size} {unit} {whole % size * 60 // size:02d} {small}"
+    return f"{whole // 86400} d {whole % 86400 // 3600:02d} h"
 
 
 class Progress:
     """Shows a run's generations as they come. A context manager."""
 
     def __init__(
-        self, how: Literal["auto", "plain", "off"], generations: int, title: str, done: int = 0
+        self,
+        how: Literal["auto", "plain", "off"],
+        generations: int,
+        title: str,
+        *,
+        done: int = 0,
+        keep: bool = True,
     ) -> None:
-        """`done` generations were there before, from an interrupted run."""
+        """`done` generations were there before; `keep` leaves the live table on the terminal."""
         self.how = how
         self.generations = generations
         self.title = title
         self.done = self.before = done
+        self.keep = keep
         self.began = monotonic()
         self.rows: list[tuple[str, ...]] = []
         self._live = self._make_live() if how == "auto" and sys.stderr.isatty() else None
@@ -51,15 +88,17 @@ class Progress:
         from rich.console import Console
         from rich.live import Live
 
-        return Live(console=Console(stderr=True), refresh_per_second=8, transient=False)
+        console = Console(stderr=True)
+        return Live(console=console, refresh_per_second=4, transient=not self.keep)
 
     def __enter__(self) -> Self:
         if self._live is not None:
             self._live.start()
-            self._draw()
+            self._live.update(self._drawn())
         elif self.how != "off":
-            print(self.title, file=sys.stderr, flush=True)
-            print("  ".join(f"{c:>10}" for c in COLUMNS), file=sys.stderr, flush=True)
+            resumed = f" (from generation {self.done})" if self.done else ""
+            _say(f"{self.title}{resumed}")
+            _say("  ".join(f"{name:>{width}}" for name, width in COLUMNS.items()))
         return self
 
     def __exit__(
@@ -77,19 +116,23 @@ class Progress:
         a_generation = (monotonic() - self.began) / (self.done - self.before)
         self.rows.append(row(step, self.generations, a_generation * (self.generations - self.done)))
         if self._live is not None:
-            self._draw()
+            self._live.update(self._drawn())
         elif self.how != "off":
-            print("  ".join(f"{c:>10}" for c in self.rows[-1]), file=sys.stderr, flush=True)
+            cells = zip(self.rows[-1], COLUMNS.values(), strict=True)
+            _say("  ".join(f"{cell:>{width}}" for cell, width in cells).rstrip())
 
-    def _draw(self) -> None:
+    def _drawn(self) -> RenderableType:
         from rich.console import Group
         from rich.progress_bar import ProgressBar
         from rich.table import Table
 
         table = Table(title=self.title, title_justify="left", box=None, padding=(0, 1))
-        for column in COLUMNS:
-            table.add_column(column, justify="right")
-        for cells in self.rows[-12:]:
+        for name, width in COLUMNS.items():
+            table.add_column(name, justify="right", min_width=width, no_wrap=True)
+        for cells in self.rows[-SHOWN:]:
             table.add_row(*cells)
-        assert self._live is not None
-        self._live.update(Group(table, ProgressBar(total=self.generations, completed=self.done)))
+        return Group(table, ProgressBar(total=self.generations, completed=self.done, width=60))
+
+
+def _say(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import traceback
+import sys
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -16,7 +16,7 @@ import yaml
 
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node
-from islandgp.errors import IslandError, RunError
+from islandgp.errors import RunError
 from islandgp.evaluation.base import Evaluator, Setting
 from islandgp.evaluation.cache import Cached
 from islandgp.evolution.loop import evolve
@@ -25,7 +25,7 @@ from islandgp.progress import Progress
 from islandgp.resources import resource
 from islandgp.scoring.rewards import Component
 from islandgp.settings import Settings
-from islandgp.supervision.base import Setup, Supervisor
+from islandgp.supervision.base import Service, Setup, Supervisor
 from islandgp.tracking.base import Tracker
 from islandgp.tracking.folder import About, RunFolder, Status
 from islandgp.tracking.parameters import redacted
@@ -46,14 +46,17 @@ def example(name: str) -> Node:
 
 def make_supervisor(settings: Settings, folder: Path | None) -> Supervisor:
     """The supervisor that the settings choose. Raises SupervisionError when it cannot work."""
+    part = settings.supervisor
     setup = Setup(
         seed=settings.seed,
         generations=settings.gp.generations,
         limits=settings.gp.limits,
         folder=folder,
         example=example,
+        crisis=settings.gp.crisis,
+        adapt_mutation=part.adapt_mutation,
+        inject=part.inject,
     )
-    part = settings.supervisor
     supervisor: Supervisor = part.factory.make(part.settings(), setup)
     return supervisor
 
@@ -67,12 +70,19 @@ def make_evaluator(settings: Settings) -> Evaluator:
 
 
 def run(
-    settings: Settings, config: Mapping[str, Any], folder: Path, *, home: Path, command: str = ""
+    settings: Settings,
+    config: Mapping[str, Any],
+    folder: Path,
+    *,
+    home: Path,
+    command: str = "",
+    keep_display: bool = True,
 ) -> str:
     """Runs an experiment, or what is missing of it, in `folder`; returns the summary text.
 
     `config` is the resolved configuration that `settings` were read from, `home` the
-    folder in which the command was given, and `command` does the run again.
+    folder in which the command was given, and `command` does the run again. The live
+    display stays on the terminal with `keep_display`.
 
     Raises:
         RunError: the folder belongs to another configuration or another process.
@@ -80,33 +90,41 @@ def run(
     """
     config = redacted(config)
     target = choose(RunFolder(folder), settings.resume, config)
+    tracker: Tracker = settings.tracking.factory.make(settings.tracking.settings(), home)
     if target.finished():
-        return f"{report(target)}\nThis run was complete already; resume=never runs it again."
+        tracker.start(target)
+        where = tracker.finish(Status.FINISHED)
+        again = "This run was complete already; resume=never runs it again."
+        return f"{report(target)}\n{again}\n{where}".rstrip()
     supervisor = make_supervisor(settings, target.path)
-    target.open(yaml.safe_dump(config, sort_keys=False), _about(settings, config, target, home, command))
+    target.open(
+        yaml.safe_dump(config, sort_keys=False), _about(settings, config, target, home, command)
+    )
     try:
-        where = _tracked(settings, target, supervisor, home)
+        where = _tracked(settings, target, supervisor, tracker, keep_display)
     finally:
         target.close()
     return f"{report(target)}\n{where}".rstrip()
 
 
-def _tracked(settings: Settings, target: RunFolder, supervisor: Supervisor, home: Path) -> str:
+def _tracked(
+    settings: Settings,
+    target: RunFolder,
+    supervisor: Supervisor,
+    tracker: Tracker,
+    keep_display: bool,
+) -> str:
     """Evolves, and lets the tracker follow; returns where the tracker says to look."""
-    tracker: Tracker = settings.tracking.factory.make(settings.tracking.settings(), home)
     status, where = Status.FAILED, ""
     tracker.start(target)
     try:
-        _evolve(settings, target, supervisor, tracker)
+        _evolve(settings, target, supervisor, tracker, keep_display)
         status = Status.FINISHED
     except KeyboardInterrupt:
         status = Status.KILLED
         raise
-    except IslandError as error:
-        target.fail(f"{error}\n")
-        raise
-    except Exception:
-        target.fail(traceback.format_exc())
+    except Exception as error:
+        target.fail(error)
         raise
     finally:
         where = tracker.finish(status)
@@ -141,8 +159,14 @@ def _hash(config: Mapping[str, Any]) -> str:
 
 
 def _evolve(
-    settings: Settings, target: RunFolder, supervisor: Supervisor, tracker: Tracker
+    settings: Settings,
+    target: RunFolder,
+    supervisor: Supervisor,
+    tracker: Tracker,
+    keep_display: bool,
 ) -> None:
+    if isinstance(supervisor, Service) and (line := supervisor.start()):
+        print(line, file=sys.stderr)
     start = target.resume()
     done = start.generation if start is not None else 0
     evaluator = make_evaluator(settings)
@@ -151,7 +175,11 @@ def _evolve(
     try:
         steps = evolve(settings.plan, settings.seed, supervisor, evaluator, start=start)
         with Progress(
-            settings.progress, settings.gp.generations, _title(settings), done
+            settings.progress,
+            settings.gp.generations,
+            _title(settings),
+            done=done,
+            keep=keep_display,
         ) as progress:
             for step in steps:
                 target.append(step)
@@ -235,7 +263,8 @@ def report(target: RunFolder) -> str:
         (
             f"Best fitness {best['fitness']:,.0f} in generation {s['champion']['generation']}:"
             f" {came_from}",
-            f"First Complete Robot: {first['complete']}; first Excellent Robot: {first['excellent']}",
+            f"First Complete Robot: {first['complete']};"
+            f" first Excellent Robot: {first['excellent']}",
             f"Results: {target.path}",
             "",
             best["tree"].rstrip(),

@@ -27,24 +27,26 @@ class Fact:
     """What is known of an action."""
 
     statuses: frozenset[int]  # that it can return
+    to_start: tuple[Condition, ...] = ()  # what it fails at once without
     to_succeed: tuple[Condition, ...] = ()  # true on the blackboard of the tick in which it does
     room: int = 0  # how it changes the room for garbage when it succeeds: -1 less, 1 more
 
 
 _ANY: Final = frozenset({FAILURE, SUCCESS, RUNNING})
-_ROOM: Final = Condition("robotCurrentExtraCapacity", ">", 0)
+_ROOM: Final = Condition("robotCurrentExtraCapacity", ">=", 1)
+_LOAD: Final = Condition("robotCurrentExtraCapacity", "<=", 29)
 _GARBAGE: Final = Condition("foundGarbage", "is", 0)
 _ASKED: Final = Condition("isHumanoidWantToClear", "is", 0)
+_FULL: Final = Condition("batteryLevel", ">=", 100)
+_NOT_FULL: Final = Condition("batteryLevel", "<", 95)
 
 FACTS: Final[dict[str, Fact]] = {
-    "MoveToGarbage": Fact(_ANY, (_GARBAGE,)),
+    "MoveToGarbage": Fact(_ANY, (_GARBAGE,), (_GARBAGE,)),
     "PickupGarbage": Fact(frozenset({FAILURE, SUCCESS}), (_GARBAGE, _ROOM), room=-1),
     "SeekCharger": Fact(frozenset({SUCCESS, RUNNING})),
-    "ExecuteCharge": Fact(_ANY, (Condition("batteryLevel", ">=", 100),)),
-    "MoveToHumanoid": Fact(_ANY, (_ASKED, _ROOM), room=-1),
-    "DeliverToClearingPoint": Fact(
-        _ANY, (Condition("robotCurrentExtraCapacity", "<", 30),), room=1
-    ),
+    "ExecuteCharge": Fact(_ANY, (_NOT_FULL,), (_FULL,)),
+    "MoveToHumanoid": Fact(_ANY, (_ASKED, _ROOM), (_ASKED,), room=-1),
+    "DeliverToClearingPoint": Fact(_ANY, (), (_LOAD,), room=1),
     "PatrolWaypoint": Fact(frozenset({SUCCESS, RUNNING})),
 }
 assert FACTS.keys() == ACTIONS.keys()

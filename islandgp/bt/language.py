@@ -6,6 +6,7 @@ hostile, does worse than raise a clear `TreeError` at once.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cache
 from typing import TYPE_CHECKING, Final
 
@@ -18,9 +19,18 @@ from islandgp.errors import LimitError
 from islandgp.resources import resource
 
 if TYPE_CHECKING:
-    from lark import Lark
+    from lark import Lark, Token
 
-__all__ = ["MAX_CHARACTERS", "MAX_LEVELS", "MAX_NODES", "MAX_NUMBER", "parse", "to_text"]
+__all__ = [
+    "MAX_CHARACTERS",
+    "MAX_LEVELS",
+    "MAX_NODES",
+    "MAX_NUMBER",
+    "parse",
+    "plain",
+    "to_text",
+    "words",
+]
 
 MAX_CHARACTERS: Final = 100_000  # of a text
 
@@ -50,15 +60,25 @@ def parse(text: str, *, name: str = "<tree>") -> Node:
             expected=f"at most {MAX_CHARACTERS}",
             kind=LimitError,
         )
-    plain = text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
-    source = Source(plain, name)
+    text = plain(text)
+    source = Source(text, name)
     parser = _parser()
     try:
-        tree = parser.parse(plain)
+        tree = parser.parse(text)
     except UnexpectedInput as error:
-        raise syntax_error(source, error, parser.lex(plain)) from None
+        raise syntax_error(source, error, parser.lex(text)) from None
     *definitions, root = tree.children
     return Builder(source).build(definitions, root)
+
+
+def plain(text: str) -> str:
+    """The text with line ends "\\n" and without a byte order mark: what places are counted in."""
+    return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
+
+
+def words(text: str) -> Iterator[Token]:
+    """The words of a text that `parse` accepts, with their places in `plain(text)`."""
+    return _parser().lex(plain(text))
 
 
 @cache

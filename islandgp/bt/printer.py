@@ -11,8 +11,8 @@ from decimal import Decimal
 from islandgp.bt.node import ABORTS, Node
 
 WIDTH = 80  # columns of a line
-_INDENT = "  "
-_INLINE_LEVELS = 3  # levels that one line may hold: deeper ones are hard to read
+INDENT = "  "
+INLINE_LEVELS = 3  # levels that one line may hold: deeper ones are hard to read
 
 
 def to_text(node: Node) -> str:
@@ -61,13 +61,13 @@ def _when_head(node: Node) -> str:
 
 
 def _lines(node: Node, indent: str) -> Iterator[str]:
-    inline = _inline(node, _INLINE_LEVELS)
+    inline = _inline(node, INLINE_LEVELS)
     if inline is not None and (len(indent) + len(inline) <= WIDTH or not node.children):
         yield f"{indent}{inline}"
         return
     yield f"{indent}{head(node)} {{"
     for child in node.children:
-        yield from _lines(child, indent + _INDENT)
+        yield from _lines(child, indent + INDENT)
     yield f"{indent}}}"
 
 

@@ -76,16 +76,14 @@ def hidden(branch: Node) -> Node:
     return Node(branch.kind, args, (hidden(branch.children[0]),))
 
 
-def _moved_up(child: Node, standing: Standing) -> Node:
-    """A node whose guards nobody observed, in a place where somebody may."""
-    return child if standing.observer is None else hidden(child)
-
-
 def _only_child(node: Node, standing: Standing) -> Rewrite:
     # With one child there is nothing to go on to and nobody to judge: its status is the status.
     if len(node.children) > 1:
         return None
-    return _moved_up(node.children[0], standing), f"{head(node)} has one child"
+    # But its guards, which nobody observed, must not become ones that somebody does.
+    child = node.children[0]
+    moved = child if standing.observer is None else hidden(child)
+    return moved, f"{head(node)} has one child"
 
 
 def _never_gets_there(node: Node, standing: Standing) -> Rewrite:
@@ -174,10 +172,10 @@ def _double_repeater(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001
     child = node.children[0]
     if child.kind != "repeater":
         return None
-    count = float(node.args[0]) * float(child.args[0])
+    count = int(node.args[0]) * int(child.args[0])
     if count > REPEATS[1]:
         return None
-    return Node("repeater", (type(node.args[0])(count),), child.children), "repeater in a repeater"
+    return Node("repeater", (count,), child.children), "repeater in a repeater"
 
 
 def _holds_anyway(node: Node, standing: Standing) -> Rewrite:
@@ -214,7 +212,7 @@ def _weaker_guard(node: Node, standing: Standing) -> Rewrite:
         return None
     if not implies((*standing.always, condition_of(child)), condition_of(node)):
         return None
-    return _moved_up(child, standing), f"{head(node)} says less than the guard below it"
+    return child, f"{head(node)} says less than the guard below it"
 
 
 _COMPOSITE: Final = (_only_child, _never_gets_there, _idle_branch, _same_inside)

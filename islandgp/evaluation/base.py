@@ -9,6 +9,7 @@ from typing import Protocol
 
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node
+from islandgp.errors import EvaluationError
 from islandgp.island.episode import run_episode
 from islandgp.island.world import World
 from islandgp.scoring.curriculum import Curriculum
@@ -65,11 +66,26 @@ def _tree(text: str) -> Node:
 
 
 def simulate(setting: Setting, job: Job) -> Outcome:
-    """One job's outcome: a function of its arguments alone."""
+    """One job's outcome: a function of its arguments alone.
+
+    Raises:
+        EvaluationError: whatever goes wrong; the message names the tree and the world seed.
+    """
     multipliers = setting.curriculum.multipliers(job.stage)
-    episode = run_episode(
-        _tree(job.tree), setting.world, job.seed, award(setting.rewards, multipliers)
-    )
+    try:
+        episode = run_episode(
+            _tree(job.tree), setting.world, job.seed, award(setting.rewards, multipliers)
+        )
+    except Exception as error:
+        raise EvaluationError(blame(job, f"{type(error).__name__}: {error}")) from error
     return outcome(
         episode, setting.rewards, multipliers, seconds_per_step=setting.world.episode.step
+    )
+
+
+def blame(job: Job, what: str) -> str:
+    """The message of an error that names its job."""
+    return (
+        f"Expected an outcome from world seed {job.seed}, stage {job.stage}, found {what}."
+        f" The run keeps what it has; this is the tree:\n{job.tree}"
     )

@@ -17,7 +17,7 @@ from concurrent.futures.process import BrokenProcessPool
 from pydantic import BaseModel, Field
 
 from islandgp.errors import EvaluationError
-from islandgp.evaluation.base import Job, Setting, simulate
+from islandgp.evaluation.base import Job, Setting, blame, simulate
 from islandgp.scoring.outcome import Outcome
 
 _setting: Setting | None = None  # a worker's own copy
@@ -82,12 +82,7 @@ class Processes:
             return self._one_by_one(jobs, done)
 
     def _result(self, job: Job, future: Future[Outcome], done: dict[Job, Outcome]) -> Outcome:
-        try:
-            done[job] = future.result()
-        except BrokenProcessPool:
-            raise
-        except Exception as error:
-            raise EvaluationError(_blame(job, f"{type(error).__name__}: {error}")) from error
+        done[job] = future.result()
         return done[job]
 
     def _one_by_one(self, jobs: Sequence[Job], done: dict[Job, Outcome]) -> list[Outcome]:
@@ -102,7 +97,7 @@ class Processes:
                     self._result(job, self._pool.submit(_run, job), done)
                 except BrokenProcessPool:
                     self._renew()
-                    raise EvaluationError(_blame(job, "that its worker died twice")) from None
+                    raise EvaluationError(blame(job, "that its worker died twice")) from None
         return [done[job] for job in jobs]
 
     def _renew(self) -> None:
@@ -112,10 +107,3 @@ class Processes:
     def close(self) -> None:
         """See `Evaluator`."""
         self._pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _blame(job: Job, what: str) -> str:
-    return (
-        f"Expected an outcome from world seed {job.seed}, stage {job.stage}, found {what}."
-        f" The run keeps what it has; this is the tree:\n{job.tree}"
-    )

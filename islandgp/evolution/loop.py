@@ -130,6 +130,7 @@ def _generation(plan: Plan, seed: int, state: RunState, desk: Desk, evaluator: E
         operators=perf_counter() - began - evaluation - waited,
         episodes=len(population) * plan.gp.episodes,
         simulated=evaluator.simulated - simulated,
+        llm=desk.spent(),
     )
     return Step(record, following, champion, cost)
 

@@ -6,7 +6,7 @@ same bytes. Costs are kept apart for that reason.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from islandgp.evolution.allocation import Ancestor
 from islandgp.evolution.population import Individual
@@ -99,6 +99,7 @@ class Cost:
     operators: float  # s, everything else in the loop
     episodes: int  # asked for
     simulated: int  # really run; the others came from the cache
+    llm: dict[str, float] = field(default_factory=dict)  # supervision since the start, by name
 
 
 @dataclass(frozen=True, slots=True)

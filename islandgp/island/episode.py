@@ -19,7 +19,7 @@ from islandgp.island.actions import ACTIONS
 from islandgp.island.journal import Award, Event
 from islandgp.island.passing import advance
 from islandgp.island.robot import FAR, MICRO
-from islandgp.island.sensing import GARBAGE, look_ahead, sense
+from islandgp.island.sensing import look_ahead, refresh, sense
 from islandgp.island.state import Island
 from islandgp.island.world import World
 
@@ -67,20 +67,18 @@ def run_episode(
     actions = {name: partial(action, island) for name, action in ACTIONS.items()}
     tick = compile_tree(tree, actions, island.board, watch=watch)
     ticks, due, end = 0, 0, _deadline(island)
-    flags = island.board[GARBAGE:]
     ending: Ending | None = None
     while ending is None:
         start = island.step
-        sense(island, always=stepwise)
-        if start >= min(due, island.wake) or island.board[GARBAGE:] != flags:
-            flags = island.board[GARBAGE:]
+        changed = sense(island, always=stepwise)
+        if changed or start >= due or start >= island.wake:
             again = _tick(island, tick) or stepwise
             due = start + 1 if again else island.robot.battery_due(start)
             ticks += 1
             if observe is not None:
                 observe(island)
-        island.robot.turn_wheels(start)
-        advance(island, start + 1 if stepwise else _horizon(island, min(due, end)))
+        until = _horizon(island, min(due, end))
+        advance(island, start + 1 if stepwise else until)
         _account(island, island.step - start)
         end = _deadline(island)
         if island.robot.battery <= 0 or island.step >= end:
@@ -95,6 +93,7 @@ def _tick(island: Island, tick: Callable[[], int]) -> bool:
     that began at the root and came to an end without moving or changing anything.
     """
     robot = island.robot
+    refresh(island)
     robot.driving = robot.charging = island.acted = island.stirred = island.patrolling = False
     island.wake = FAR
     resumed, island.status = island.status >= RUNNING, tick()
@@ -106,7 +105,8 @@ def _tick(island: Island, tick: Callable[[], int]) -> bool:
 def _horizon(island: Island, latest: int) -> int:
     """The earliest step, `latest` at most, at which anything but the physics changes something."""
     ground, robot, step = island.ground, island.robot, island.step
-    if ground.due:  # 0: the robot has just taken an item, so what it sees is out of date
+    another_leg = robot.turn_wheels(step)
+    if ground.due and (another_leg or ground.due == FAR):  # 0: look at the next step
         ground.due = look_ahead(island)
     until = min(latest, island.wake, ground.due, island.humanoids.due)
     if robot.driving:

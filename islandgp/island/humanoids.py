@@ -17,7 +17,9 @@ class Humanoids:
         self.bodies = bodies
         self.items = [0] * len(bodies)
         self.unseen = set(range(len(bodies)))
-        self.due = 0  # step from which a look can give something else
+        self.near: set[int] = set()  # those in sight that ask
+        self.dues = [0] * len(bodies)  # step from which a look at each can give something else
+        self.due = 0  # the earliest of them
 
     def asks(self, h: int) -> bool:
         """Whether humanoid `h` wants to be cleared."""
@@ -36,8 +38,18 @@ class Humanoids:
         """`h` gives away what fits into `room`; returns the number of items."""
         given = min(self.items[h], room)
         self.items[h] -= given
-        self.due = 0
+        self.look_at(h, 0)
         return given
+
+    def look_at(self, h: int, step: int) -> None:
+        """A look at `h` is due at `step`."""
+        self.dues[h] = step
+        self.due = min(self.due, step)
+
+    def look_at_all(self, step: int) -> None:
+        """A look at everybody is due at `step`."""
+        self.dues = [step] * len(self.bodies)
+        self.due = step
 
     def step_aside(self, h: int, position: complex, robot: complex) -> None:
         """`h` walks straight away from the robot that touches it."""

@@ -48,7 +48,8 @@ def _touch(island: Island) -> None:
             island.humanoids.step_aside(h, positions[h], here)
     robot.leg_end = island.step  # the wheels are set anew
     robot.rolling = True
-    island.ground.due = island.humanoids.due = island.wake = island.step
+    island.ground.due = island.wake = island.step
+    island.humanoids.look_at_all(island.step)
 
 
 def _play_cues(island: Island) -> bool:
@@ -61,7 +62,7 @@ def _play_cues(island: Island) -> bool:
         if who == SPAWN:
             look |= island.ground.drop(a, b) and _notice(island, complex(a, b))
         elif people.turn(who, (a, b)):
-            people.due = island.step
+            people.look_at(who, island.step)
             look = True
     return look
 

@@ -79,20 +79,24 @@ class Robot:
         self.wish = (x, y, reach)
         self.driving = True
 
-    def turn_wheels(self, step: int) -> None:
-        """After a tick: drives on, begins another leg, or stands."""
+    def turn_wheels(self, step: int) -> bool:
+        """Drives on, begins another leg, or stands; true when the velocity is another one."""
         if not self.driving:
-            if self.rolling:
-                self.body.velocity = (0.0, 0.0)
-                self.rolling = False
             self.leg_end = 0
-        elif step >= self.leg_end or self.goal != self.wish:
-            x, y, reach = self.goal = self.wish
-            ux, uy, length = steer(self.x, self.y, x, y, reach=reach, obstacles=self.rocks)
-            self.body.velocity = (ux * self.settings.speed, uy * self.settings.speed)
-            self.heading = complex(ux, uy)
-            self.leg_end = FAR if length == inf else step + max(1, round(length / self.stride))
-            self.rolling = True
+            if not self.rolling:
+                return False
+            self.body.velocity = (0.0, 0.0)
+            self.rolling = False
+            return True
+        if step < self.leg_end and self.goal == self.wish:
+            return False
+        x, y, reach = self.goal = self.wish
+        ux, uy, length = steer(self.x, self.y, x, y, reach=reach, obstacles=self.rocks)
+        self.body.velocity = (ux * self.settings.speed, uy * self.settings.speed)
+        self.heading = complex(ux, uy)
+        self.leg_end = FAR if length == inf else step + max(1, round(length / self.stride))
+        self.rolling = True
+        return True
 
     def battery_due(self, step: int) -> int:
         """The earliest step at which the battery may cross a level that matters."""

@@ -7,7 +7,7 @@ nearer. Until then nobody needs to look again; this is exact, not a guess.
 
 from __future__ import annotations
 
-from math import hypot, inf, sqrt
+from math import hypot, sqrt
 
 from islandgp.bt.node import KEYS
 from islandgp.island.journal import Event
@@ -22,24 +22,39 @@ assert tuple(KEYS) == (
     "foundGarbage",
     "isHumanoidWantToClear",
 )
+TOGETHER = 20  # steps: looks at humanoids that are due so soon are done in one go
 
 
-def sense(island: Island, *, always: bool = False) -> None:
-    """Brings the robot's position and the blackboard up to date; `always` looks at everything."""
-    robot, board = island.robot, island.board
+def sense(island: Island, *, always: bool = False) -> bool:
+    """Brings the robot's position and the two flags up to date; true when a flag changed.
+
+    `always` looks at everything, else only at what can have changed.
+    """
+    robot, board, step = island.robot, island.board, island.step
     robot.x, robot.y = robot.body.position
+    changed = False
+    if always or step >= island.ground.due:
+        found = _look_for_garbage(island)
+        changed = found != board[GARBAGE]
+        board[GARBAGE] = found
+        island.ground.due = FAR
+    if always or step >= island.humanoids.due:
+        asking = _look_for_humanoids(island, always)
+        changed = changed or asking != board[HUMANOID]
+        board[HUMANOID] = asking
+    return changed
+
+
+def refresh(island: Island) -> None:
+    """Brings the rest of the blackboard up to date, before a tick."""
+    robot, board = island.robot, island.board
+    board[BATTERY] = robot.battery / MICRO
+    board[ROOM] = robot.settings.capacity - robot.load
+    board[LAP] = robot.laps
     if robot.fined_at >= 0:
         x, y = island.world.clearing_points[robot.fined_at]
         if hypot(x - robot.x, y - robot.y) > robot.settings.station_reach:
             robot.fined_at = -1
-    if always or island.step >= island.ground.due:
-        board[GARBAGE] = _look_for_garbage(island)
-        island.ground.due = FAR
-    if always or island.step >= island.humanoids.due:
-        board[HUMANOID] = _look_for_humanoids(island)
-    board[BATTERY] = robot.battery / MICRO
-    board[ROOM] = robot.settings.capacity - robot.load
-    board[LAP] = robot.laps
 
 
 def _look_for_garbage(island: Island) -> bool:
@@ -90,29 +105,36 @@ def look_ahead(island: Island) -> int:
     return island.step + steps_to(change, robot.stride)
 
 
-def _look_for_humanoids(island: Island) -> bool:
+def _look_for_humanoids(island: Island, always: bool) -> bool:
     """Whether a humanoid in sight asks; new ones are discovered. Says when to look again."""
-    robot, people = island.robot, island.humanoids
-    reach, here = robot.settings.perception, complex(robot.x, robot.y)
-    margin, asking, new = inf, False, 0
-    for h, at in enumerate(island.physics.humanoid_positions()):
-        asks = people.asks(h)
-        if not asks and h not in people.unseen:
-            continue
-        gap = abs(at - here)
-        if gap <= reach:
-            if h in people.unseen:
-                people.unseen.discard(h)
-                new += 1
-            if not asks:
-                continue
-            asking = True
-        margin = min(margin, abs(gap - reach))
+    people, step = island.humanoids, island.step
+    new = 0
+    for h, due in enumerate(people.dues):
+        if always or due <= step + TOGETHER:
+            new += _look_at(island, h)
+    people.due = min(people.dues, default=FAR)
     if new:
         discover(island, new)
-    closing = robot.stride + island.walk
-    people.due = FAR if margin == inf else island.step + steps_to(margin, closing)
-    return asking
+    return bool(people.near)
+
+
+def _look_at(island: Island, h: int) -> bool:
+    """Looks where humanoid `h` is; true when it is seen for the first time."""
+    robot, people = island.robot, island.humanoids
+    asks, unseen = people.asks(h), h in people.unseen
+    people.near.discard(h)
+    people.dues[h] = FAR
+    if not asks and not unseen:
+        return False
+    x, y = people.bodies[h].position
+    gap, reach = hypot(x - robot.x, y - robot.y), robot.settings.perception
+    if gap <= reach:
+        people.unseen.discard(h)
+        if not asks:
+            return unseen
+        people.near.add(h)
+    people.dues[h] = island.step + steps_to(abs(gap - reach), robot.stride + island.walk)
+    return unseen and gap <= reach
 
 
 def discover(island: Island, things: int) -> None:

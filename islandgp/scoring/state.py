@@ -122,7 +122,7 @@ class PopulationState:
     mean_trend: float  # points a generation
     diversity_change: float  # against the previous generation
     diversity_trend: float  # a generation
-    stagnant_generations: int  # since the best ever last rose
+    stagnant_generations: int  # since the best of the present stage last rose
     stagnant_epochs: float  # the same in epochs
     diversity_warning: bool  # diversity is low
     ever_complete: bool  # a Complete Robot has existed
@@ -147,12 +147,15 @@ def trend(values: Sequence[float]) -> float:
 
 
 def stagnant(history: Sequence[Snapshot], improvement: float) -> int:
-    """Generations since the best fitness ever last rose by more than the share `improvement`."""
-    best, since = history[0].best, 0
-    for snapshot in history[1:]:
+    """Generations since the best fitness last rose by more than the share `improvement`.
+
+    A new stage of the curriculum counts afresh: other multipliers, another scale.
+    """
+    stage, best, since = -1, 0.0, 0
+    for snapshot in history:
         since += 1
-        if snapshot.best > best + improvement * abs(best):
-            best, since = snapshot.best, 0
+        if snapshot.stage != stage or snapshot.best > best + improvement * abs(best):
+            stage, best, since = snapshot.stage, snapshot.best, 0
     return since
 
 

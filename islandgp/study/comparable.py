@@ -117,7 +117,9 @@ def _differences(arms: Sequence[Arm]) -> list[tuple[str, str]]:
             continue  # each kind of supervisor has settings of its own
         values = [str(arm.runs[0].flat.get(key, "not set")) for arm in arms]
         if len(set(values)) > 1:
-            found.append((key, ", ".join(f"{a.name} {v}" for a, v in zip(arms, values, strict=True))))
+            found.append(
+                (key, ", ".join(f"{a.name} {v}" for a, v in zip(arms, values, strict=True)))
+            )
     return found
 
 

@@ -37,7 +37,7 @@ class Summary:
     watched: float  # generations lived through without one, mean over all runs
 
 
-def summary(firsts: Sequence[int | None], generations: int) -> Summary:
+def summary(firsts: Sequence[float | None], generations: int) -> Summary:
     """The figures that hold with censored runs, and those that hold only without.
 
     `watched` is the restricted mean of survival analysis: a censored run counts
@@ -56,13 +56,13 @@ def summary(firsts: Sequence[int | None], generations: int) -> Summary:
     )
 
 
-def _sd(values: Sequence[int], mean: float) -> float:
+def _sd(values: Sequence[float], mean: float) -> float:
     if len(values) < 2:
         return 0.0
     return float((sum((v - mean) ** 2 for v in values) / (len(values) - 1)) ** 0.5)
 
 
-def _median(there: Sequence[int], n: int) -> float | None:
+def _median(there: Sequence[float], n: int) -> float | None:
     """Of n values of which only the smallest are known."""
     if (n // 2) >= len(there):
         return None

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from statistics import median
+from enum import StrEnum
 from typing import Final
 
 from islandgp.evolution.population import Origin
 from islandgp.evolution.record import GenerationRecord, IndividualRecord
+from islandgp.scoring.classify import Tier
 from islandgp.study.arms import Run
 
 ELITE: Final = 0.1  # share of a population that is its elite: the top 3 of 30 (section 2.3)
@@ -66,22 +67,47 @@ def elite_share(run: Run, origin: Origin) -> float:
     return sum(final.get(i.id, False) for i in elite) / len(elite)
 
 
-def alive(found: Sequence[Newcomer], generations: int) -> list[float | None]:
-    """Share of newcomers with a living descendant k = 0, 1, ... generations later.
+def alive(found: Sequence[Newcomer], generations: int) -> list[float]:
+    """Share of newcomers with a descendant k = 0, 1, ... generations later (Kaplan-Meier).
 
-    At each k only those are counted that were watched for k generations; None
-    where there are none.
+    A newcomer whose line lives in the last generation is censored there.
     """
-    shares: list[float | None] = []
+    shares, share = [], 1.0
     for k in range(generations):
-        watched = [n for n in found if n.watched >= k]
-        shares.append(sum(n.lived >= k for n in watched) / len(watched) if watched else None)
+        shares.append(share)
+        at_risk = sum(n.lived >= k for n in found)
+        died = sum(n.lived == k < n.watched for n in found)
+        share *= 1 - died / at_risk if at_risk else 1
     return shares
 
 
-def median_life(found: Sequence[Newcomer]) -> float:
-    """Median number of generations lived, as far as they were watched."""
-    return float(median(n.lived for n in found))
+def median_life(found: Sequence[Newcomer], generations: int) -> int | None:
+    """Generations after which half of the lines have ended; None: more than half last."""
+    return next((k for k, s in enumerate(alive(found, generations)) if s <= 0.5), None)
+
+
+class Source(StrEnum):
+    """Where the first individual of a tier came from."""
+
+    INJECTED = "an injected tree, as it was given"
+    MUTATED = "an injected tree, mutated"
+    DESCENDANT = "a descendant of injected trees"
+    OWN = "no injected ancestor"
+    NEVER = "never emerged"
+
+
+def source_of_first(run: Run, tier: Tier) -> Source:
+    """Where the first individual of a tier came from; the fittest, if there are several."""
+    ids = [i.id for _, i in _came(run.records) if i.origin == Origin.INJECTED]
+    descends = {i.id for _, i, _ in _walk(run.records, ids)}
+    for record in run.records:
+        reached = [i for i in record.individuals if tier in i.tiers]
+        if reached:
+            best = max(reached, key=lambda i: i.fitness)
+            if best.origin == Origin.INJECTED:
+                return Source.MUTATED if best.mutation else Source.INJECTED
+            return Source.DESCENDANT if best.id in descends else Source.OWN
+    return Source.NEVER
 
 
 def _came(records: Sequence[GenerationRecord]) -> Iterator[tuple[int, IndividualRecord]]:

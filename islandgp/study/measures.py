@@ -35,7 +35,7 @@ class Phase:
     def name(self, of: int) -> str:
         """Its name in a table of runs of `of` generations."""
         span = self.generations(of)
-        return f"{self.label} (Gen {span.start}–{span.stop - 1})"
+        return f"{self.label} (Gen {span.start}-{span.stop - 1})"
 
 
 def _round(x: float) -> int:

@@ -6,7 +6,8 @@ from typing import Final
 
 from islandgp.study.statistics import EXACT, SIGN, UNTESTED, Interval, PairedTest, RankTest
 
-NONE: Final = "–"
+MINUS: Final = "\N{MINUS SIGN}"
+NONE: Final = "\N{EN DASH}"
 DIGITS: Final = {"points": 0, "generation": 1, "Eq. (3)": 3, "rate": 3}
 """Decimals by a measure's unit."""
 
@@ -15,8 +16,10 @@ def number(x: float | None, digits: int = 0) -> str:
     """12,345 or 12,345.6; a dash for nothing."""
     if x is None or x != x:
         return NONE
-    text = f"{x:,.{digits}f}".replace("-", "−")
-    return text if text.strip("−0.,") else text.lstrip("−")
+    text = f"{x:,.{digits}f}"
+    if not text.strip("-0.,"):
+        text = text.lstrip("-")  # no "-0"
+    return text.replace("-", MINUS)
 
 
 def spread(mean: float, sd: float, digits: int = 0) -> str:
@@ -33,7 +36,7 @@ def percent(share: float | None, digits: int = 1) -> str:
     """A signed share in percent."""
     if share is None or share != share:
         return NONE
-    return f"{share:+.{digits}%}".replace("-", "−").replace("%", " %")
+    return f"{share:+.{digits}%}".replace("-", MINUS).replace("%", " %")
 
 
 def change(a: float, b: float) -> float | None:
@@ -65,4 +68,4 @@ def tested(test: RankTest | PairedTest) -> str:
 
 def effect(r: float) -> str:
     """The effect size with its sign, as the paper prints it."""
-    return f"{r:+.2f}".replace("-", "−")
+    return f"{r:+.2f}".replace("-", MINUS)

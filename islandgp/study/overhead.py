@@ -13,16 +13,22 @@ class Supervision:
 
     decisions: int  # generations after which a supervisor was asked
     injected: int  # trees that it put into a population
-    seconds: float  # spent waiting for it
+    seconds: float  # that the run waited for it
     simulation: float  # s spent evaluating
     operators: float  # s, everything else in the loop
     simulated: int  # episodes really simulated
-    dollars: float | None  # US dollars, 0 offline; None: unknown
+    requests: float  # to a language model, retries and repairs included
+    latency: float  # s, all requests together
+    input_tokens: float
+    output_tokens: float
+    fallbacks: float  # rates and trees that came from the fallback instead
+    dollars: float | None  # US dollars; None: the model has no known price
 
 
 def supervision(run: Run) -> Supervision:
     """One run's bill."""
     answers = [r.guidance for r in run.records if r.guidance is not None]
+    llm = run.costs[-1].llm  # sums since the start, by supervision.llm.ledger; {} offline
     return Supervision(
         decisions=len(answers),
         injected=sum(g.injected for g in answers),
@@ -30,5 +36,10 @@ def supervision(run: Run) -> Supervision:
         simulation=sum(c.evaluation for c in run.costs),
         operators=sum(c.operators for c in run.costs),
         simulated=sum(c.simulated for c in run.costs),
-        dollars=0.0,
+        requests=llm.get("requests", 0),
+        latency=llm.get("latency_s", 0),
+        input_tokens=llm.get("input_tokens", 0),
+        output_tokens=llm.get("output_tokens", 0),
+        fallbacks=llm.get("fallback_rates", 0) + llm.get("fallback_trees", 0),
+        dollars=llm.get("cost_usd") if llm else 0.0,
     )

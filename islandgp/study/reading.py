@@ -100,7 +100,8 @@ def read(found: Found) -> Run:
 
 
 def _cost(plain: dict[str, Any]) -> Cost:
-    return Cost(**{field.name: plain[field.name] for field in fields(Cost)})
+    known = {field.name for field in fields(Cost)}  # a line also says when it was written
+    return Cost(**{name: value for name, value in plain.items() if name in known})
 
 
 def _record(plain: dict[str, Any]) -> GenerationRecord:

@@ -18,6 +18,9 @@ from islandgp.study.reading import Found, read
 SHORT: Final = {"supervisor": "supervisor.name", "evaluator": "evaluator.factory"}
 """What people type, and the key that it means."""
 
+MLFLOW: Final = "mlflow:"
+"""What an MLflow filter string begins with instead; `tracking.fetch` takes care of it."""
+
 _RANGE = re.compile(r"range\((\d+)(?:,\s*(\d+))?\)")
 
 
@@ -41,7 +44,7 @@ def parse_arm(text: str) -> tuple[str, str]:
         StudyError: it has no name or no selection.
     """
     name, _, selection = text.partition("=")
-    if not re.fullmatch(r"[\w][\w.+ -]*", name.strip()) or not selection.strip():
+    if not re.fullmatch(r"\w[\w.+-]*", name.strip()) or not selection.strip():
         raise StudyError(
             f'Expected --arm NAME="KEY=VALUE ...", found {text!r};'
             ' for instance --arm expert="supervisor=expert".'
@@ -54,6 +57,8 @@ def parse_selection(text: str) -> Selection:
 
     A value is read as YAML; `range(30)` and `range(100, 130)` take each number in them.
     """
+    if text.startswith(MLFLOW):
+        return Selection(text, ())
     wanted = []
     for part in re.findall(r"(?:[^\s(]|\([^)]*\))+", text):
         key, equals, value = part.partition("=")
@@ -99,7 +104,7 @@ def select(name: str, text: str, runs: Sequence[Found]) -> tuple[Arm, tuple[str,
     if not finished:
         raise StudyError(_nothing(name, selection, runs, len(fitting)))
     chosen = sorted(map(read, finished), key=lambda r: (r.seed, str(r.path)))
-    notes = ()
+    notes: tuple[str, ...] = ()
     if left := [f.path.name for f in fitting if not f.finished]:
         notes = (
             f"{name}: {len(left)} unfinished runs are left out ({', '.join(left[:3])}"
@@ -120,9 +125,8 @@ def _nothing(name: str, selection: Selection, runs: Sequence[Found], unfinished:
         near = get_close_matches(key, [*known, *SHORT], 1, 0.5)
         hints.append(f" There is no key {key}{f', did you mean {near[0]}?' if near else '.'}")
     there = overview(runs)
-    return (
-        f"Expected runs for {name}={selection.text!r}, found none.{''.join(hints)}\n"
-        + ("There are:\n  " + "\n  ".join(there) if there else "There are no runs at all.")
+    return f"Expected runs for {name}={selection.text!r}, found none.{''.join(hints)}\n" + (
+        "There are:\n  " + "\n  ".join(there) if there else "There are no runs at all."
     )
 
 

@@ -6,13 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from islandgp.bt.limits import Limits
 from islandgp.bt.node import Node
 from islandgp.scoring.state import PopulationState
+from islandgp.supervision.crisis import Crisis
 
 
 class Phase(StrEnum):
@@ -66,6 +67,9 @@ class Guidance:
     notes: dict[str, str] = field(default_factory=dict)  # what a supervisor adds for the record
 
 
+_NEVER = Crisis(diversity_below=0, stagnant_epochs_above=1e6, emergency_rate=0)
+
+
 @dataclass(frozen=True, slots=True)
 class Setup:
     """What a run can give to a supervisor that is made for it."""
@@ -75,17 +79,43 @@ class Setup:
     limits: Limits  # of trees
     folder: Path | None  # where the run keeps its files, None when it keeps none
     example: Callable[[str], Node]  # a tree of grammar/examples by name; raises TreeError
+    crisis: Crisis = _NEVER  # when the run overrides the rate
+    adapt_mutation: bool = True  # False: rates are not used, and need not be worked out
+    inject: bool = True  # False: trees are not used, and need not be worked out
 
 
 class Supervisor(Protocol):
     """Advises once a generation. `tests/contracts` holds what every one promises.
 
     A supervisor that configuration can choose has two class attributes more:
-    `Settings`, a pydantic model, and `make(settings, setup)`.
+    `Settings`, a pydantic model, and `make(settings, setup)`. It may have
+    `ready(settings)`, which raises SupervisionError where it could not work; this is
+    asked before the first run of a command starts.
     """
 
     name: str
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """Guidance for the next generation; a function of the state and the generator's draws."""
+        ...
+
+
+@runtime_checkable
+class Service(Protocol):
+    """What a supervisor that needs somebody else's help has besides `advise`."""
+
+    def start(self) -> str:
+        """Gets ready, before generation 0; returns a line for the person who started the run.
+
+        Raises:
+            SupervisionError: the other side will never answer, and the run must not start.
+        """
+        ...
+
+    def spent(self) -> dict[str, float]:
+        """What the whole run's supervision has taken so far, by name; may be asked at any time."""
+        ...
+
+    def close(self) -> None:
+        """Frees what the supervisor holds; it is not asked afterwards."""
         ...

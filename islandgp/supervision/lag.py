@@ -7,40 +7,64 @@ generation g + lag, however long it took, so timing never changes a record.
 
 from __future__ import annotations
 
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
+from queue import SimpleQueue
+from threading import Thread
 
 from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, stream
-from islandgp.supervision.base import Guidance, Supervisor
+from islandgp.supervision.base import Guidance, Service, Supervisor
 
 
 class Desk:
-    """Where states are handed in and answers fetched."""
+    """Where states are handed in and answers fetched. States are answered in their order."""
 
     def __init__(self, supervisor: Supervisor, *, seed: int, lag: int) -> None:
         self.supervisor = supervisor
         self.seed = seed
         self.lag = lag
         self._asked: dict[int, Future[Guidance]] = {}  # by generation
-        self._thread = ThreadPoolExecutor(1, "supervisor") if lag else None
+        self._waiting: SimpleQueue[tuple[PopulationState, Future[Guidance]] | None] = SimpleQueue()
+        if lag:
+            # A daemon: a slow answer that nobody waits for must not keep the process from ending.
+            Thread(target=self._work, name="supervisor", daemon=True).start()
 
     def ask(self, state: PopulationState) -> None:
         """Hands a generation's state to the supervisor."""
-        generation = state.now.generation
-        rng = stream(self.seed, Stream.SUPERVISION, generation=generation)
-        if self._thread is not None:
-            self._asked[generation] = self._thread.submit(self.supervisor.advise, state, rng)
-            return
         answer: Future[Guidance] = Future()
-        answer.set_result(self.supervisor.advise(state, rng))
-        self._asked[generation] = answer
+        self._asked[state.now.generation] = answer
+        if self.lag:
+            self._waiting.put((state, answer))
+        else:
+            answer.set_result(self._advise(state))
 
     def answer(self, generation: int) -> Guidance | None:
         """What takes effect after `generation`: waits for it, None in the first `lag` ones."""
         answer = self._asked.pop(generation - self.lag, None)
         return answer.result() if answer is not None else None
 
+    def spent(self) -> dict[str, float]:
+        """What supervision has taken so far, by name; empty for a supervisor that takes nothing."""
+        return self.supervisor.spent() if isinstance(self.supervisor, Service) else {}
+
     def close(self) -> None:
-        """Forgets what is still asked."""
-        if self._thread is not None:
-            self._thread.shutdown(wait=False, cancel_futures=True)
+        """Forgets what is still asked, and lets the supervisor go."""
+        for answer in self._asked.values():
+            answer.cancel()
+        self._waiting.put(None)
+        if isinstance(self.supervisor, Service):
+            self.supervisor.close()
+
+    def _advise(self, state: PopulationState) -> Guidance:
+        rng = stream(self.seed, Stream.SUPERVISION, generation=state.now.generation)
+        return self.supervisor.advise(state, rng)
+
+    def _work(self) -> None:
+        while (next_one := self._waiting.get()) is not None:
+            state, answer = next_one
+            if not answer.set_running_or_notify_cancel():
+                continue
+            try:
+                answer.set_result(self._advise(state))
+            except BaseException as error:  # raised again where the answer is fetched
+                answer.set_exception(error)

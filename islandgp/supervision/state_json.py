@@ -25,7 +25,7 @@ FIELDS: Final[dict[str, str]] = {
     "fitness.mean_change": "mean now minus mean one generation ago, points",
     "fitness.best_trend": "slope of the best over the history, points a generation",
     "fitness.mean_trend": "slope of the mean over the history, points a generation",
-    "history[].generation": "one line for each recent generation, oldest first, the present one last",
+    "history[].generation": "a line for each recent generation, the present one last",
     "history[].best": "its highest fitness, points",
     "history[].mean": "its mean fitness, points",
     "history[].diversity": "its behavioural diversity",

@@ -113,7 +113,8 @@ def note(folder: RunFolder, about: About, status: Status) -> str:
         s = folder.summary()
         best = s["champion"]["record"]
         lines += [
-            f"- best fitness **{best['fitness']:,.0f}** in generation {s['champion']['generation']}",
+            f"- best fitness **{best['fitness']:,.0f}**"
+            f" in generation {s['champion']['generation']}",
             *(
                 f"- first {tier.title()} Robot: {'never' if g is None else f'generation {g}'}"
                 for tier, g in s["first"].items()

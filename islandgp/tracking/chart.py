@@ -67,17 +67,19 @@ def _panel(panel: Panel) -> str:
     def y(value: float) -> str:
         return f"{TOP + (high - value) / (high - low) * (HEIGHT - TOP - BOTTOM):.1f}"
 
-    parts = [f'<text x="{LEFT}" y="16" font-size="13" font-weight="bold">{_text(panel.title)}</text>']
+    parts = [
+        f'<text x="{LEFT}" y="16" font-size="13" font-weight="bold">{_text(panel.title)}</text>'
+    ]
     for i in range(5):
         value = low + i * (high - low) / 4
         parts.append(
             f'<path d="M{LEFT} {y(value)}H{WIDTH - RIGHT}" stroke="#ddd"/>'
             f'<text x="{LEFT - 6}" y="{y(value)}" dy="4" text-anchor="end">{_number(value)}</text>'
         )
-    for generation in sorted({round(i * max(last, 0) / 4) for i in range(5)}):
-        parts.append(
-            f'<text x="{x(generation)}" y="{HEIGHT - 18}" text-anchor="middle">{generation}</text>'
-        )
+    parts += (
+        f'<text x="{x(generation)}" y="{HEIGHT - 18}" text-anchor="middle">{generation}</text>'
+        for generation in sorted({round(i * max(last, 0) / 4) for i in range(5)})
+    )
     parts.append(f'<text x="{WIDTH - RIGHT}" y="{HEIGHT - 4}" text-anchor="end">generation</text>')
     at = LEFT
     for i, line in enumerate(panel.lines):

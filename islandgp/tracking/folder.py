@@ -18,6 +18,7 @@ import csv
 import json
 import os
 import re
+import traceback
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from enum import StrEnum
@@ -28,13 +29,11 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from islandgp.errors import RunError
+from islandgp.errors import IslandError, RunError
 from islandgp.evolution.checkpoint import dump, load_state, save_state, write_atomic
 from islandgp.evolution.record import RunState, Step
 
 LINEAGE = ("generation", "id", "origin", "parents", "mutation", "fitness", "specialist", "tiers")
-
-
 
 
 class Status(StrEnum):
@@ -88,15 +87,22 @@ class RunFolder:
         """Gives the folder back."""
         self._lock.release()
 
-    def fail(self, why: str) -> None:
-        """Writes down why the run failed."""
+    def fail(self, error: Exception) -> None:
+        """Writes down why the run failed: the message, and where it came from."""
         self.path.mkdir(parents=True, exist_ok=True)
-        write_atomic(self.path / "error.txt", why.encode())
+        trace = "".join(traceback.format_exception(error))
+        text = f"{error}\n\n{trace}" if isinstance(error, IslandError) else trace
+        write_atomic(self.path / "error.txt", text.encode())
 
     def error(self) -> str:
         """Why the run failed, or ""."""
         file = self.path / "error.txt"
         return file.read_text(encoding="utf-8") if file.exists() else ""
+
+    def reason(self) -> str:
+        """Why the run failed in a line: the message, or a traceback's last line; or ""."""
+        lines = [line for line in self.error().splitlines() if line.strip()]
+        return "" if not lines else lines[-1] if lines[0].startswith("Traceback") else lines[0]
 
     def status(self) -> Status:
         """How far the run is, whatever became of the process that was at work on it."""

@@ -72,7 +72,8 @@ def final_metrics(records: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, f
     """What can be said of a whole run only: emergence, and the shares of Fig. 8's decisions."""
     first: dict[str, int] = {}
     decisions: list[Mapping[str, Any]] = []
-    best, diversities = 0.0, []
+    best = 0.0
+    diversities: list[float] = []
     for record in records:
         s = record["snapshot"]
         best = max(best, s["best"]) if diversities else s["best"]

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from getpass import getuser
 from itertools import islice
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import yaml
 from filelock import FileLock
@@ -24,10 +24,12 @@ from islandgp.tracking.metrics import final_metrics, metrics
 from islandgp.tracking.parameters import flat
 from islandgp.tracking.parent import parent_run
 from islandgp.tracking.sent import LOCK, Sent, read_sent, write_sent
-from islandgp.tracking.store import Store, metric
+from islandgp.tracking.store import POINTS, Place, Store, metric
+
+if TYPE_CHECKING:
+    from mlflow.entities import Metric
 
 MARK: Final = "fitness/max"  # a metric that every generation has
-POINTS: Final = 1000  # MLflow's limit of metrics a call
 PARAMETERS: Final = 100  # MLflow's limit of parameters a call
 LONGEST: Final = 6000  # MLflow's limit of characters a parameter
 
@@ -69,6 +71,9 @@ class Mirror:
         if not sent.begun:
             self._begin(sent.run)
             sent = replace(sent, begun=True)
+        parent = parent_run(self.folder.path, self.store)
+        if parent is not None:
+            self.store.client.set_tag(sent.run, "mlflow.parentRunId", parent)
         if status is Status.RUNNING:
             self.store.client.update_run(sent.run, status=Status.RUNNING)
             sent = replace(sent, done="")
@@ -80,7 +85,7 @@ class Mirror:
         key = f"{self.about.id}.{self.about.identity}"
         if found := self.store.find("islandgp.id", key):
             return found
-        return create_run(self.store, self.about, key, parent_run(self.folder.path, self.store))
+        return create_run(self.store, self.about, key)
 
     def _begin(self, run: str) -> None:
         from mlflow.entities import Param
@@ -94,7 +99,8 @@ class Mirror:
     def _generations(self, sent: Sent) -> Sent:
         settled = self.folder.settled()
         while sent.generations < settled:
-            batch, step = [], sent.generations
+            batch: list[Metric] = []
+            step = sent.generations
             for step, at, values in self._values(sent.generations, settled):
                 if len(batch) + len(values) > POINTS:
                     break
@@ -112,11 +118,13 @@ class Mirror:
             yield record["snapshot"]["generation"], cost["at"], metrics(record, cost)
 
     def _end(self, sent: Sent, status: Status) -> Sent:
-        done = f"{status} {sent.generations}"
+        done = end_of(status, sent.generations)
         if sent.done == done:
             return sent
         client, ended = self.store.client, self._ended()
-        client.set_terminated(sent.run, status, ended)  # first: whatever fails below, it is not RUNNING
+        client.set_terminated(
+            sent.run, status, ended
+        )  # first: whatever fails below, it is not RUNNING
         for artifact in artifacts(self.folder):
             log_artifact(self.store, sent.run, artifact)
         client.set_tag(sent.run, "mlflow.note.content", note(self.folder, self.about, status))
@@ -133,7 +141,20 @@ class Mirror:
         return max((int(cost["at"]) for cost in self.folder.costs()), default=self.about.started)
 
 
-def create_run(store: Store, about: About, key: str, parent: str | None) -> str:
+def up_to_date(folder: RunFolder, place: Place) -> bool:
+    """Whether the place has all of a run on which nobody is at work, as far as the folder knows."""
+    about, sent = folder.about(), read_sent(folder.path)
+    if about is None or sent is None or not sent.is_in(place, about.identity):
+        return False
+    return sent.done == end_of(folder.status(), folder.settled())
+
+
+def end_of(status: Status, generations: int) -> str:
+    """What `Sent.done` says of a run that was sent at its end."""
+    return f"{status} {generations}"
+
+
+def create_run(store: Store, about: About, key: str) -> str:
     """A new MLflow run that `Store.find("islandgp.id", key)` finds again."""
     tags = {
         **about.tags,
@@ -142,8 +163,6 @@ def create_run(store: Store, about: About, key: str, parent: str | None) -> str:
         "mlflow.source.type": "LOCAL",
         "mlflow.source.name": about.command,
     }
-    if parent is not None:
-        tags["mlflow.parentRunId"] = parent
     run = store.client.create_run(
         store.experiment, start_time=about.started, tags=tags, run_name=about.title
     )

@@ -10,8 +10,9 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import Final
 
+from islandgp.tracking.brief import brief
 from islandgp.tracking.folder import RunFolder, Status
-from islandgp.tracking.mirror import Mirror
+from islandgp.tracking.mirror import Mirror, up_to_date
 from islandgp.tracking.store import MLflowSettings, Place, Store
 
 PAUSE: Final = 1.0  # s between two attempts after the run, while there is patience
@@ -35,10 +36,13 @@ class MLflow:
         self._given_up = Event()
         self._status = Status.RUNNING
         self._trouble = ""
+        self._thread: Thread | None = None
 
     def start(self, folder: RunFolder) -> None:
         """See `Tracker`."""
         self._folder = folder
+        if up_to_date(folder, self.place):
+            return
         self._wake.set()
         self._thread = Thread(target=self._work, name="mlflow mirror", daemon=True)
         self._thread.start()
@@ -52,10 +56,11 @@ class MLflow:
         self._status = status
         self._wake.set()
         try:
-            self._thread.join(self.patience)
+            if self._thread is not None:
+                self._thread.join(self.patience)
         finally:
             self._given_up.set()
-        if self._thread.is_alive() or self._trouble:
+        if self._trouble or (self._thread is not None and self._thread.is_alive()):
             reason = self._trouble or f"no answer in {self.patience:g} s"
             return (
                 f"MLflow: {self.place.uri} has not got all records ({reason}). They are safe; this"
@@ -73,15 +78,9 @@ class MLflow:
                 mirror = mirror or Mirror(self._folder, Store(self.place))
                 mirror.send(status)
                 self._trouble = ""
-            except Exception as error:  # noqa: BLE001 -- a store may fail in any way; the run goes on
+            except Exception as error:
                 self._trouble = brief(error)
             if status is not Status.RUNNING:
                 if not self._trouble or self._given_up.wait(PAUSE):
                     return
                 self._wake.set()
-
-
-def brief(error: Exception) -> str:
-    """The first line of an error, for a message."""
-    lines = str(error).strip().splitlines()
-    return (lines[0] if lines else type(error).__name__)[:200]

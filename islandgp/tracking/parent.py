@@ -1,6 +1,136 @@
-"""stub"""
+"""The MLflow run of a whole sweep: parent of its jobs, with what can be said of them together."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import replace
+from getpass import getuser
 from pathlib import Path
-from islandgp.tracking.store import Store
+
+from filelock import FileLock
+
+from islandgp.tracking.chart import svg
+from islandgp.tracking.folder import Status
+from islandgp.tracking.sent import LOCK, Sent, read_sent, write_sent
+from islandgp.tracking.store import POINTS, Store, metric
+from islandgp.tracking.summary import Arm, arm_table, arms, curves_csv, panels, sweep_note
+from islandgp.tracking.sweep_folder import SweepFile, SweepFolder
+
 
 def parent_run(folder: Path, store: Store) -> str | None:
-    return None
+    """The parent of a run in `folder`, made if need be; None if the run is no job of a sweep."""
+    sweep = SweepFolder(folder.parent)
+    file = sweep.read()
+    if file is None or folder.name not in {job.folder for job in file.jobs}:
+        return None
+    with FileLock(sweep.path / LOCK):
+        sent = _parent(sweep, file, store)
+        if sent.done and sweep.at_work():
+            store.client.update_run(sent.run, status=Status.RUNNING)
+            write_sent(sweep.path, replace(sent, done=""))
+        return sent.run
+
+
+def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> str | None:
+    """Sends what can be said of the sweep as a whole; returns the parent's id.
+
+    Each job must have been sent before. Raises whatever MLflow raises.
+    """
+    file = sweep.read()
+    if file is None:
+        return None
+    found = arms(sweep, file)
+    key = _digest(found)
+    with FileLock(sweep.path / LOCK):
+        sent = _parent(sweep, file, store)
+        if status is Status.RUNNING or sent.done == f"{status} {key}":
+            return sent.run
+        if sent.identity not in ("", key):  # its curves are of other jobs, and can't be taken back
+            store.client.delete_run(sent.run)
+            sent = _create(sweep, file, store)
+            write_sent(sweep.path, sent)
+        ended = _ended(sweep, file)
+        store.client.set_terminated(sent.run, status, ended)
+        if status is Status.FINISHED and sent.identity != key:
+            _curves(sent.run, store, found, ended)
+            sent = replace(sent, identity=key)
+        _texts(sent.run, store, sweep, file, found, status)
+        for job in file.jobs:
+            child = read_sent(sweep.path / job.folder)
+            if child is not None and child.uri == sent.uri:
+                store.client.set_tag(child.run, "mlflow.parentRunId", sent.run)
+        write_sent(sweep.path, replace(sent, done=f"{status} {key}"))
+        return sent.run
+
+
+def _parent(sweep: SweepFolder, file: SweepFile, store: Store) -> Sent:
+    sent, place = read_sent(sweep.path), store.place
+    if sent is None or (sent.uri, sent.experiment) != (place.uri, place.experiment):
+        run = store.find("islandgp.id", file.id)
+        sent = Sent(place.uri, place.experiment, "", run) if run else _create(sweep, file, store)
+    elif not store.exists(sent.run):
+        sent = _create(sweep, file, store)
+    write_sent(sweep.path, sent)
+    return sent
+
+
+def _create(sweep: SweepFolder, file: SweepFile, store: Store) -> Sent:
+    tags = {
+        "kind": "sweep",
+        "sweep": sweep.path.name,
+        "islandgp.id": file.id,
+        "mlflow.user": getuser(),
+        "mlflow.source.type": "LOCAL",
+        "mlflow.source.name": file.commands[-1],
+        "mlflow.note.content": f"`{file.commands[-1]}`",
+    }
+    run = store.client.create_run(
+        store.experiment, start_time=file.started, tags=tags, run_name=f"sweep {sweep.path.name}"
+    )
+    return Sent(store.place.uri, store.place.experiment, "", str(run.info.run_id))
+
+
+def _digest(found: list[Arm]) -> str:
+    """Of the runs that the curves are made from; "" while there are none."""
+    names = sorted(run.folder for arm in found for run in arm.finished)
+    return hashlib.sha256("\n".join(names).encode()).hexdigest()[:12] if names else ""
+
+
+def _curves(run: str, store: Store, found: list[Arm], at: int) -> None:
+    """The mean and the deviation over seeds, as metrics of the parent."""
+    points = [metric(name, value, at, step) for name, value, step in _points(found)]
+    for i in range(0, len(points), POINTS):
+        store.client.log_batch(run, metrics=points[i : i + POINTS])
+
+
+def _points(found: list[Arm]) -> Iterator[tuple[str, float, int]]:
+    for arm in found:
+        for curve in arm.curves:
+            for step, (mean, sd) in enumerate(zip(curve.mean, curve.sd, strict=True)):
+                yield f"{_safe(arm.name)}/{curve.name} mean", mean, step
+                yield f"{_safe(arm.name)}/{curve.name} sd", sd, step
+
+
+def _texts(
+    run: str, store: Store, sweep: SweepFolder, file: SweepFile, found: list[Arm], status: Status
+) -> None:
+    client = store.client
+    client.set_tag(run, "mlflow.note.content", sweep_note(sweep, file, found, status))
+    client.log_text(run, arm_table(found), "arms.md")
+    client.log_text(run, curves_csv(found), "curves.csv")
+    if any(arm.curves for arm in found):
+        client.log_text(run, svg(panels(found)), "curves.svg")
+    client.log_artifact(run, str(sweep.path / "sweep.json"))
+
+
+def _ended(sweep: SweepFolder, file: SweepFile) -> int:
+    """When the last generation of any job was written down, ms since 1970."""
+    records = (sweep.path / job.folder / "generations.jsonl" for job in file.jobs)
+    times = [int(1000 * path.stat().st_mtime) for path in records if path.exists()]
+    return max(times, default=file.started)
+
+
+def _safe(name: str) -> str:
+    """MLflow's metric names know letters, digits, and _-. :/ only."""
+    return "".join(c if c.isalnum() or c in "_-. " else "_" for c in name)

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from mlflow.tracking import MlflowClient
 
 SQLITE: Final = "sqlite:///"
+POINTS: Final = 1000  # MLflow's limit of metrics a call
 
 ENVIRONMENT: Final = {
     "MLFLOW_HTTP_REQUEST_TIMEOUT": "10",  # s a request; the default is 120
@@ -148,7 +149,8 @@ def _make(file: Path) -> None:
             return
         new = file.with_name(f".{file.name}.new")
         new.unlink(missing_ok=True)
-        store = SqlAlchemyStore(f"{SQLITE}{new}", str(file.with_name("mlartifacts")))
+        artifacts = str(file.with_name("mlartifacts"))
+        store = SqlAlchemyStore(f"{SQLITE}{new}", artifacts)  # type: ignore[no-untyped-call]
         store.engine.dispose()
         new.replace(file)
 

@@ -27,7 +27,6 @@ from islandgp.evolution.population import Evaluated, Individual, Origin, ranked
 from islandgp.scoring.diversity import diversity
 from islandgp.scoring.outcome import Outcome
 from islandgp.scoring.state import BEHAVIOURS
-from islandgp.seeding import Stream
 from tests.composed import composed
 from tests.made import evaluated, outcome
 from tests.strategies import nodes
@@ -343,8 +342,3 @@ def test_tables_that_cannot_be(change: dict[str, object], message: str) -> None:
     """A table whose slots cannot be filled is refused."""
     with pytest.raises(ValidationError, match=message):
         Allocation.model_validate({**composed().allocation.model_dump(), **change})
-
-
-def test_streams_are_not_shared() -> None:
-    """Each purpose has a number of its own."""
-    assert len({int(purpose) for purpose in Stream}) == len(Stream)

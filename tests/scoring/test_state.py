@@ -49,6 +49,14 @@ def test_stagnant(bests: list[float], expected: int) -> None:
     assert stagnant(history, 0.01) == expected
 
 
+def test_a_new_stage_counts_afresh() -> None:
+    """Other multipliers are another scale: a stage's first generation is never stagnant."""
+    bests = [(0, 900.0), (0, 900.0), (1, 500.0), (1, 500.0), (1, 500.0), (1, 600.0), (2, 600.0)]
+    history = [snapshot(g, stage=stage, best=best) for g, (stage, best) in enumerate(bests)]
+    found = [stagnant(history[: n + 1], 0.01) for n in range(len(history))]
+    assert found == [0, 1, 0, 1, 2, 0, 0]
+
+
 def test_behaviours() -> None:
     """The class, unless it is patrol-only, and the labels, in the order of BEHAVIOURS."""
     classes = composed().classes

@@ -29,9 +29,7 @@ def _lines(node: Node, places: Iterator[int], parent: str = "") -> Iterator[str]
     name = f"n{next(places)}"
     fill, stroke = COLOURS[node.kind]
     shape = _SHAPES.get(node.kind, "box")
-    yield (
-        f'  {name} [label="{label(node)}", shape={shape}, fillcolor="{fill}", color="{stroke}"]'
-    )
+    yield (f'  {name} [label="{label(node)}", shape={shape}, fillcolor="{fill}", color="{stroke}"]')
     if parent:
         yield f"  {parent} -> {name}"
     for child in node.children:

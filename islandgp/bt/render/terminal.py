@@ -51,5 +51,6 @@ def to_rich(tree: Node, notes: Sequence[Text] | None = None) -> Text:
     if notes is not None:
         width = max(line.cell_len for line in drawn) + 2
         for line, note in zip(drawn, notes, strict=True):
-            line.pad_right(width - line.cell_len).append(note)
+            line.pad_right(width - line.cell_len)
+            line.append(note)
     return Text("\n").join(drawn)

@@ -45,17 +45,14 @@ class AnthropicClient:
     ) -> None:
         """A local server needs no `key`; `transport` takes the network's place in tests."""
         self._key, self._base_url, self._transport = key, base_url, transport
-        self._loop = asyncio.new_event_loop()
-        # A daemon: a hanging name lookup must not keep the process from ending.
-        self._thread = Thread(target=self._loop.run_forever, name="llm", daemon=True)
-        self._thread.start()
+        self._running: tuple[asyncio.AbstractEventLoop, Thread] | None = None
         self._sdk: anthropic.AsyncAnthropic | None = None
 
     def send(self, request: Request, *, seconds: float) -> Reply | Failure:
         """See `Client`."""
         late = Failure(FailureKind.TIMEOUT, f"no whole answer within {seconds:g} s")
         attempt = asyncio.run_coroutine_threadsafe(
-            asyncio.wait_for(self._attempt(request), seconds), self._loop
+            asyncio.wait_for(self._attempt(request), seconds), self._loop()
         )
         try:
             return attempt.result(seconds + GRACE)
@@ -66,15 +63,29 @@ class AnthropicClient:
 
     def close(self) -> None:
         """See `Client`."""
+        if self._running is None:
+            return
+        loop, thread = self._running
         if self._sdk is not None:
-            asyncio.run_coroutine_threadsafe(self._sdk.close(), self._loop).result(GRACE)
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join(GRACE)
-        if not self._loop.is_running():
-            self._loop.close()
+            asyncio.run_coroutine_threadsafe(self._sdk.close(), loop).result(GRACE)
+        loop.call_soon_threadsafe(loop.stop)
+        thread.join(GRACE)
+        if not thread.is_alive():
+            loop.close()
+        self._running = None
+
+    def _loop(self) -> asyncio.AbstractEventLoop:
+        if self._running is None:
+            loop = asyncio.new_event_loop()
+            # A daemon: a hanging name lookup must not keep the process from ending.
+            thread = Thread(target=loop.run_forever, name="llm", daemon=True)
+            thread.start()
+            self._running = loop, thread
+        return self._running[0]
 
     async def _attempt(self, request: Request) -> Reply | Failure:
         import anthropic
+        import httpx2
 
         if self._sdk is None:
             self._sdk = _sdk(self._key or "none", self._base_url, self._transport)
@@ -86,8 +97,10 @@ class AnthropicClient:
         except anthropic.APITimeoutError:
             return Failure(FailureKind.TIMEOUT, "the connection timed out")
         except anthropic.APIConnectionError as error:
-            why = self._line(str(error.__cause__ or error))
-            return Failure(FailureKind.CONNECTION, f"no connection: {why}")
+            cause = error.__cause__ or error
+            unsent = isinstance(cause, (httpx2.ConnectError, httpx2.ProxyError))
+            kind = FailureKind.UNREACHABLE if unsent else FailureKind.CUT
+            return Failure(kind, self._line(str(cause)) or type(cause).__name__)
         except Exception as error:  # whatever the SDK makes of a broken answer is a broken answer
             return Failure(FailureKind.MALFORMED, self._line(f"{type(error).__name__}: {error}"))
 

@@ -19,7 +19,8 @@ class FailureKind(StrEnum):
     """Why there is no answer."""
 
     TIMEOUT = "timeout"  # no whole answer before the deadline
-    CONNECTION = "connection"  # refused, cut, or no such host
+    UNREACHABLE = "unreachable"  # no connection at all; nothing was sent
+    CUT = "cut"  # the connection broke off
     RATE_LIMITED = "rate_limited"  # 429
     OVERLOADED = "overloaded"  # 529
     SERVER = "server"  # 5xx, and 408 and 409, which ask for another attempt
@@ -33,7 +34,8 @@ class FailureKind(StrEnum):
 TRANSIENT: Final = frozenset(
     {
         FailureKind.TIMEOUT,
-        FailureKind.CONNECTION,
+        FailureKind.UNREACHABLE,
+        FailureKind.CUT,
         FailureKind.RATE_LIMITED,
         FailureKind.OVERLOADED,
         FailureKind.SERVER,
@@ -42,7 +44,7 @@ TRANSIENT: Final = frozenset(
 )
 """Failures that another attempt may mend."""
 
-CHARGED: Final = frozenset({FailureKind.TIMEOUT, FailureKind.CONNECTION, FailureKind.MALFORMED})
+CHARGED: Final = frozenset({FailureKind.TIMEOUT, FailureKind.CUT, FailureKind.MALFORMED})
 """Failures whose request may have been worked on and charged, without our hearing how much."""
 
 

@@ -31,5 +31,5 @@ def wait(failure: Failure, attempt: int, how: RetrySettings, rng: np.random.Gene
     What the server asks for, else half to all of an exponentially growing time:
     runs of a sweep that fail together do not come back together.
     """
-    backoff = min(how.longest_wait, how.first_wait * 2 ** (attempt - 1))
+    backoff = min(how.longest_wait, how.first_wait * 2.0 ** (attempt - 1))
     return max(failure.retry_after or 0.0, backoff * float(rng.uniform(0.5, 1)))

@@ -1,0 +1,41 @@
+# islandgp: `make run` and `make test` set up everything they need.
+.DEFAULT_GOAL := help
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.ready
+
+help:            ## list the targets
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/:/' | awk -F: '{printf "  make %-12s %s\n", $$1, $$2}'
+
+$(STAMP): pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]' -c constraints.txt
+	@touch $@
+
+setup: $(STAMP)  ## make the virtual environment in .venv
+
+run: $(STAMP)    ## evolve trees with the default experiment: offline, no key
+	$(BIN)/python -m islandgp $(ARGS)
+
+lint: $(STAMP)   ## ruff and mypy
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+test: lint       ## lint, types and the fast tests
+	$(BIN)/python -m pytest -n auto -m 'not slow'
+
+test-slow: $(STAMP) ## the long, exhaustive tests
+	$(BIN)/python -m pytest -n auto -m slow
+
+bench: $(STAMP)  ## the benchmarks, with goals beside figures
+	$(BIN)/python -m benchmarks
+
+ui: $(STAMP)     ## start the MLflow UI on this folder's runs
+	$(BIN)/islandgp ui
+
+clean:           ## remove the virtual environment and caches
+	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
+
+.PHONY: help setup run lint test test-slow bench ui clean

@@ -1,0 +1,300 @@
+"""Reads BehaviorTree.CPP XML, version 4, for the nodes that the language has too.
+
+Reactive composites become guards with abort rules: a condition in a
+ReactiveSequence checks itself, one in a ReactiveFallback interrupts. What has
+no equal here is refused with its place and a reason, never guessed.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Final, NoReturn
+
+from islandgp.bt.export.behaviortree_cpp import REST, TAGS
+from islandgp.bt.export.xml_reader import Element, read_xml
+from islandgp.bt.language import MAX_LEVELS, parse, to_text
+from islandgp.bt.node import ACTIONS, KEYS, REPEATS, Node
+from islandgp.bt.source import closest
+from islandgp.errors import TreeError
+
+_EXPLICIT: Final = ("Action", "Condition", "Control", "Decorator")  # <Action ID="X"/> is <X/>
+_COMPARISON: Final = re.compile(r"\s*(\w+)\s*(<=|>=|==|!=|<|>)\s*(true|false|-?\d+(?:\.\d+)?)\s*")
+_FLAG: Final = re.compile(r"\s*(!?)\s*(\w+)\s*")
+_OPPOSITE: Final = {
+    "<": ">=",
+    ">=": "<",
+    ">": "<=",
+    "<=": ">",
+    "==": "!=",
+    "!=": "==",
+    "is": "not",
+    "not": "is",
+}
+_ATTRIBUTES: Final[dict[str, tuple[str, ...]]] = {
+    "ScriptCondition": ("code",),
+    "Repeat": ("num_cycles",),
+    "Parallel": ("success_count", "failure_count"),
+}
+
+
+def from_xml(text: str, *, name: str = "<xml>") -> Node:
+    """The main tree of a file, with its SubTrees expanded.
+
+    Raises:
+        TreeError: not such a file, or it holds something that the language has not; the message
+            tells the place.
+    """
+    root = read_xml(text, name=name)
+    tree = _Importer(name, root).main()
+    # The text of the tree is read again, as only the language knows what a right tree is.
+    return parse(to_text(tree), name=f"{name}, as text")
+
+
+class _Importer:
+    def __init__(self, name: str, root: Element) -> None:
+        self._name = name
+        self._root = root
+        self._trees = {
+            element.attributes.get("ID", ""): element
+            for element in root.children
+            if element.tag == "BehaviorTree"
+        }
+        self._open: list[str] = []  # trees that are being expanded
+        self._level = 0
+
+    def main(self) -> Node:
+        if self._root.tag != "root" or not self._trees:
+            self._fail(self._root, "expected <root> with a <BehaviorTree>")
+        version = self._root.attributes.get("BTCPP_format", "3")
+        if version != "4":
+            self._fail(self._root, f'expected BTCPP_format="4", found version {version}')
+        first = next(iter(self._trees))
+        asked = self._root.attributes.get("main_tree_to_execute")
+        if asked is None and len(self._trees) > 1:
+            self._fail(self._root, "expected main_tree_to_execute, as there are several trees")
+        return self._tree(asked or first, self._root)
+
+    def _tree(self, identity: str, user: Element) -> Node:
+        if identity not in self._trees:
+            known = ", ".join(self._trees)
+            self._fail(user, f"there is no <BehaviorTree ID={identity!r}>; there are {known}")
+        if identity in self._open:
+            self._fail(user, f"the tree {identity!r} contains itself")
+        tree = self._trees[identity]
+        if len(tree.children) != 1:
+            self._fail(tree, f"expected one node in a <BehaviorTree>, found {len(tree.children)}")
+        self._open.append(identity)
+        node = self._node(tree.children[0])
+        self._open.pop()
+        return node
+
+    def _node(self, element: Element) -> Node:
+        self._level += 1
+        if self._level > MAX_LEVELS:
+            self._fail(element, f"expected at most {MAX_LEVELS} levels")
+        node = self._read(element)
+        self._level -= 1
+        return node
+
+    def _read(self, element: Element) -> Node:
+        tag = _tag(element)
+        if tag == "SubTree":
+            return self._tree(element.attributes.get("ID", ""), element)
+        self._check_attributes(element, tag)
+        if tag in ("Sequence", "Fallback"):
+            return self._with_memory(tag, self._children(element))
+        if tag == "ReactiveSequence":
+            return self._reactive_sequence(element, self._children(element))
+        if tag == "ReactiveFallback":
+            return self._reactive_fallback(element, self._children(element))
+        if tag == "Inverter":
+            return Node("inverter", (), (self._node(self._only_child(element)),))
+        if tag == "Repeat":
+            return self._repeat(element)
+        if tag == "Parallel":
+            return self._parallel(element)
+        if tag == "ScriptCondition":
+            self._fail(
+                element,
+                "a condition must stand before something that it guards, in a Sequence or Fallback",
+            )
+        if tag not in ACTIONS:
+            self._unknown(element, tag)
+        if element.children:
+            self._fail(element, f"the action {tag} has no children")
+        return Node("action", (tag,))
+
+    def _with_memory(self, tag: str, elements: Sequence[Element]) -> Node:
+        """A condition guards all that stands behind it."""
+        kind = "sequence" if tag == "Sequence" else "selector"
+        parts: list[Node] = []
+        for index, element in enumerate(elements):
+            behind = elements[index + 1 :]
+            if _tag(element) == "ScriptCondition" and behind:
+                inner = (
+                    self._node(behind[0]) if len(behind) == 1 else self._with_memory(tag, behind)
+                )
+                parts.append(self._guard(element, inner, "none", inverted=kind == "selector"))
+                break
+            part = self._node(element)
+            if element.attributes.get("name") == REST and part.kind == kind and not behind:
+                parts += part.children  # as our own export nested it
+            else:
+                parts.append(part)
+        return parts[0] if len(parts) == 1 and len(elements) > 1 else Node(kind, (), tuple(parts))
+
+    def _reactive_sequence(self, element: Element, elements: Sequence[Element]) -> Node:
+        if _tag(elements[0]) == "ScriptCondition" and len(elements) > 1:
+            rest = elements[1:]
+            inner = (
+                self._node(rest[0]) if len(rest) == 1 else self._reactive_sequence(element, rest)
+            )
+            return self._guard(elements[0], inner, "self", inverted=False)
+        return self._interrupting("sequence", element, elements)
+
+    def _reactive_fallback(self, element: Element, elements: Sequence[Element]) -> Node:
+        if _tag(elements[0]) == "ScriptCondition" and len(elements) > 1:
+            rest = elements[1:]
+            inner = (
+                self._node(rest[0]) if len(rest) == 1 else self._reactive_fallback(element, rest)
+            )
+            return self._guard(elements[0], inner, "self", inverted=True)
+        return self._interrupting("selector", element, elements)
+
+    def _interrupting(self, kind: str, element: Element, elements: Sequence[Element]) -> Node:
+        """A composite whose branches, but for the last, begin with a guard that interrupts."""
+        *earlier, last = elements
+        parts = []
+        for branch in earlier:
+            part = self._node(branch)
+            if not _interruptible(part, kind):
+                self._fail(
+                    branch,
+                    f"in a {element.tag}, all but the last child must begin with a condition:"
+                    " the language takes a branch up again only when a condition asks for it",
+                )
+            parts.append(_interrupts(part))
+        end = self._node(last)
+        nested = last.attributes.get("name") == REST and end.kind == kind
+        parts += end.children if nested else [end]
+        return Node(kind, (), tuple(parts))
+
+    def _guard(self, element: Element, child: Node, abort: str, *, inverted: bool) -> Node:
+        """Runs its child where a condition holds; inverted: succeeds there, else runs the child."""
+        self._check_attributes(element, "ScriptCondition")
+        for key, operator, number in reversed(self._conditions(element, alone=inverted)):
+            if inverted:
+                guard = Node(
+                    "when",
+                    (key, _OPPOSITE[operator], number, abort),
+                    (Node("inverter", (), (child,)),),
+                )
+                child = Node("inverter", (), (guard,))
+            else:
+                child = Node("when", (key, operator, number, abort), (child,))
+        return child
+
+    def _conditions(self, element: Element, *, alone: bool) -> list[tuple[str, str, float]]:
+        code = element.attributes.get("code", "")
+        terms = [code] if alone else code.split("&&")
+        return [self._condition(element, term) for term in terms]
+
+    def _condition(self, element: Element, code: str) -> tuple[str, str, float]:
+        if match := _COMPARISON.fullmatch(code):
+            key, operator, number = match.groups()
+        elif match := _FLAG.fullmatch(code):
+            key, operator, number = match[2], "==", "false" if match[1] else "true"
+        else:
+            self._fail(
+                element,
+                f"expected a condition such as batteryLevel < 25 or !foundGarbage, found {code!r}",
+            )
+        if key not in KEYS:
+            guess = closest(key, KEYS)
+            hint = f"did you mean {guess}?" if guess else f"there are {', '.join(KEYS)}"
+            self._fail(element, f"unknown blackboard key {key!r}; {hint}")
+        if not KEYS[key].flag:
+            if number in ("true", "false"):
+                self._fail(element, f"{key} is a number, found {code.strip()!r}")
+            return key, operator, float(number)
+        if operator not in ("==", "!=") or number not in ("true", "false", "1", "0"):
+            self._fail(element, f"{key} is yes or no, found {code.strip()!r}")
+        yes = (number in ("true", "1")) == (operator == "==")
+        return key, "is" if yes else "not", 0.0
+
+    def _repeat(self, element: Element) -> Node:
+        count = element.attributes.get("num_cycles", "")
+        fewest, most = REPEATS
+        if not (count.isdecimal() and fewest <= int(count) <= most):
+            self._fail(element, f"expected num_cycles from {fewest} to {most}, found {count!r}")
+        return Node("repeater", (int(count),), (self._node(self._only_child(element)),))
+
+    def _parallel(self, element: Element) -> Node:
+        children = self._children(element)
+        policies = []
+        for attribute, default in (("success_count", "-1"), ("failure_count", "1")):
+            value = element.attributes.get(attribute, default)
+            if value in ("-1", str(len(children))) and value != "1":
+                policies.append("all")
+            elif value == "1":
+                policies.append("one")
+            else:
+                self._fail(
+                    element,
+                    f"expected {attribute} 1 or all {len(children)} (-1), found {value!r}:"
+                    " a parallel here asks one child or all",
+                )
+        return Node("parallel", tuple(policies), tuple(map(self._node, children)))
+
+    def _children(self, element: Element) -> list[Element]:
+        if not element.children:
+            self._fail(element, f"expected children in <{element.tag}>")
+        return element.children
+
+    def _only_child(self, element: Element) -> Element:
+        if len(element.children) != 1:
+            self._fail(
+                element, f"expected one child in <{element.tag}>, found {len(element.children)}"
+            )
+        return element.children[0]
+
+    def _check_attributes(self, element: Element, tag: str) -> None:
+        for attribute in element.attributes:
+            if attribute not in ("name", "ID", *_ATTRIBUTES.get(tag, ())):
+                self._fail(element, f"the language has nothing like {attribute!r} of {tag}")
+
+    def _unknown(self, element: Element, tag: str) -> NoReturn:
+        known = (*TAGS.values(), "SubTree", *ACTIONS)
+        guess = closest(tag, known)
+        hint = f"did you mean {guess}?" if guess else f"there are {', '.join(known)}"
+        self._fail(element, f"the language has no node {tag!r}; {hint}")
+
+    def _fail(self, element: Element, message: str) -> NoReturn:
+        line, column = element.line, element.column
+        raise TreeError(f"{self._name}:{line}:{column}: {message}", line=line, column=column)
+
+
+def _tag(element: Element) -> str:
+    return element.attributes.get("ID", "") if element.tag in _EXPLICIT else element.tag
+
+
+def _interruptible(branch: Node, kind: str) -> bool:
+    """Whether the branch hands over while its outermost guard is false."""
+    hands_over = kind == "selector"
+    while branch.kind in ("when", "inverter", "repeater"):
+        if branch.kind == "when":
+            return hands_over
+        hands_over ^= branch.kind == "inverter"
+        branch = branch.children[0]
+    return False
+
+
+def _interrupts(branch: Node) -> Node:
+    """The branch with guards that interrupt as well, down to its first composite or action."""
+    if branch.kind not in ("when", "inverter", "repeater"):
+        return branch
+    args = branch.args
+    if branch.kind == "when":
+        args = (*args[:3], {"none": "lower", "self": "both"}.get(str(args[3]), args[3]))
+    return Node(branch.kind, args, (_interrupts(branch.children[0]),))

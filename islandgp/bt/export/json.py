@@ -1,0 +1,114 @@
+"""Trees as JSON, without loss: reading what was written gives the tree again.
+
+    {"format": "islandgp-tree", "version": 1,
+     "tree": {"kind": "when", "key": "batteryLevel", "op": "<", "number": 25,
+              "abort": "lower", "children": [{"kind": "action", "name": "SeekCharger"}]}}
+
+An argument's name is that of `KINDS`. Comments and named subtrees are not part of
+a tree, so they are not in here.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any, Final, NoReturn
+
+from islandgp.bt.language import MAX_LEVELS, parse, to_text
+from islandgp.bt.node import KINDS, Node
+from islandgp.bt.source import closest
+from islandgp.errors import TreeError
+
+FORMAT: Final = "islandgp-tree"
+VERSION: Final = 1
+
+
+def to_json(tree: Node) -> str:
+    """The text of a JSON file."""
+    whole = {"format": FORMAT, "version": VERSION, "tree": _plain(tree)}
+    return json.dumps(whole, indent=2) + "\n"
+
+
+def from_json(text: str, *, name: str = "<json>") -> Node:
+    """The tree in a JSON text.
+
+    Raises:
+        TreeError: it is not JSON, or not such a tree; the message tells where.
+    """
+    try:
+        whole = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise TreeError(
+            f"{name}:{error.lineno}:{error.colno}: not JSON: {error.msg}",
+            line=error.lineno,
+            column=error.colno,
+        ) from None
+    except RecursionError:
+        raise TreeError(f"{name}: the tree is nested too deeply") from None
+    if not isinstance(whole, dict) or whole.get("format") != FORMAT:
+        raise TreeError(f'{name}: expected an object with "format": "{FORMAT}"')
+    if whole.get("version") != VERSION:
+        raise TreeError(f'{name}: expected "version": {VERSION}, found {whole.get("version")!r}')
+    tree = _Reader(name).node(whole.get("tree"), "tree", 1)
+    # The text of the tree is read again, as only the language knows what a right tree is.
+    return parse(to_text(tree), name=f"{name}, as text")
+
+
+def _plain(node: Node) -> dict[str, Any]:
+    found: dict[str, Any] = {"kind": node.kind}
+    for argument, value in zip(KINDS[node.kind].args, node.args, strict=True):
+        whole = isinstance(value, float) and value == int(value)
+        found[argument] = int(value) if whole else value
+    if node.children:
+        found["children"] = [_plain(child) for child in node.children]
+    return found
+
+
+class _Reader:
+    """Turns plain values into nodes; only their form is checked here."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def node(self, value: Any, at: str, level: int) -> Node:
+        """The node at a path such as `tree.children[0]`."""
+        if not isinstance(value, dict):
+            self._fail(at, f"expected a node, found {value!r:.40}")
+        if level > MAX_LEVELS:
+            self._fail(at, f"expected at most {MAX_LEVELS} levels")
+        kind = value.get("kind")
+        if not isinstance(kind, str) or kind not in KINDS:
+            guess = closest(str(kind), KINDS)
+            hint = f"; did you mean {guess!r}?" if guess else ""
+            self._fail(at, f"expected a kind ({', '.join(KINDS)}), found {kind!r:.40}{hint}")
+        names = KINDS[kind].args
+        extra = value.keys() - {"kind", "children", *names}
+        if extra:
+            self._fail(at, f"unknown entry {min(extra)!r:.40} of {kind}")
+        children = value.get("children", [])
+        least, most = KINDS[kind].children
+        if not isinstance(children, list) or not least <= len(children) <= most:
+            wanted = least if least == most else f"at least {least}"
+            self._fail(at, f"expected {wanted} children of {kind}")
+        return Node(
+            kind,
+            tuple(self._argument(value, argument, at) for argument in names),
+            tuple(
+                self.node(child, f"{at}.children[{i}]", level + 1)
+                for i, child in enumerate(children)
+            ),
+        )
+
+    def _argument(self, value: dict[str, Any], argument: str, at: str) -> str | float:
+        found = value.get(argument)
+        if argument in ("number", "count"):
+            if isinstance(found, bool) or not isinstance(found, int | float):
+                self._fail(at, f"expected a number as {argument!r}, found {found!r:.40}")
+            if not abs(found) < 1e9:
+                self._fail(at, f"{argument!r} is out of range: {found!r:.40}")
+            return int(found) if found == int(found) and argument == "count" else float(found)
+        if not isinstance(found, str) or (not found.isidentifier() and argument != "op"):
+            self._fail(at, f"expected a word as {argument!r}, found {found!r:.40}")
+        return found
+
+    def _fail(self, at: str, message: str) -> NoReturn:
+        raise TreeError(f"{self._name}: {at}: {message}")

@@ -1,0 +1,124 @@
+"""A tree in the terms that BehaviorTree.CPP and py_trees share.
+
+Neither knows our abort rules. Both have composites with memory and composites
+that begin anew in each tick ("reactive"). A guard that checks itself is a
+reactive sequence of a check and its child; one that does not is a sequence with
+memory. A selector whose guards interrupt becomes a reactive one from such a
+branch on: what stands behind it is nested as one child, which keeps its own
+memory:
+
+    selector { A  when p { B }  C }    ->    fallback(A, reactive_fallback(guard(p, B), C))
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from islandgp.bt.node import Node
+from islandgp.bt.truth import chain, checks_itself, exposes, interrupts
+
+
+class Part(NamedTuple):
+    """A node of the other libraries, under our names.
+
+    Kinds: fallback, sequence (with memory), reactive_fallback, reactive_sequence, parallel,
+    inverter, repeat, check (a condition), action.
+    """
+
+    kind: str
+    args: tuple[str | float, ...] = ()  # of the node of ours that it comes from
+    children: tuple[Part, ...] = ()
+    rest: bool = False  # holds the branches behind reactive ones; no node of ours
+
+
+class Loss(NamedTuple):
+    """Something that is not the same after the export."""
+
+    about: str  # level, inner, dropped, repeat, judged, policy: the rows of docs/exports.md
+    message: str
+
+
+LEVEL = Loss(
+    "level",
+    "an interrupting guard takes over whenever it holds, not only when it turns true:"
+    " a branch that failed is tried again in the next tick",
+)
+DROPPED = Loss(
+    "dropped",
+    "an abort rule lower or both interrupts nothing: the other library has no such rule in"
+    " this place",
+)
+INNER = Loss(
+    "inner",
+    "below an interrupting guard, a guard without such a rule interrupts too, as both are asked"
+    " again in each tick",
+)
+
+
+def plan(tree: Node) -> Part:
+    """The tree in those terms."""
+    return _part(tree)
+
+
+def guard_losses(tree: Node) -> set[Loss]:
+    """What `plan` changes in the meaning of guards."""
+    found: set[Loss] = set()
+    if tree.kind in ("selector", "sequence"):
+        for branch in tree.children[:-1]:
+            if exposes(branch):
+                found.add(LEVEL if _reacts(branch, tree.kind) else DROPPED)
+                if _reacts(branch, tree.kind) and not all(map(interrupts, chain(branch))):
+                    found.add(INNER)
+    for child in tree.children:
+        found |= guard_losses(child)
+    return found
+
+
+def _part(node: Node) -> Part:
+    kind, children = node.kind, node.children
+    if kind == "action":
+        return Part("action", node.args)
+    if kind == "when":
+        check = Part("check", node.args[:3])
+        kind = "reactive_sequence" if checks_itself(node) else "sequence"
+        return Part(kind, node.args, (check, _part(children[0])))
+    if kind in ("selector", "sequence"):
+        return _composite(node)
+    other = {"inverter": "inverter", "repeater": "repeat", "parallel": "parallel"}[kind]
+    return Part(other, node.args, tuple(map(_part, children)))
+
+
+def _composite(node: Node) -> Part:
+    """Runs of reactive branches and of plain ones, each run nested in the one before it."""
+    plain = "fallback" if node.kind == "selector" else "sequence"
+    branches = [(_part(b), _reacts(b, node.kind)) for b in node.children[:-1]]
+    held: list[Part] = [_part(node.children[-1])]
+    reactive = False  # whether `held` is a run of reactive branches and its last child
+    for part, reacts in reversed(branches):
+        if reacts != reactive and len(held) > 1:
+            held = [Part(_kind(plain, reactive), (), tuple(held), rest=True)]
+        reactive = reacts
+        held.insert(0, part)
+    return Part(_kind(plain, reactive), (), tuple(held))
+
+
+def _kind(plain: str, reactive: bool) -> str:
+    return f"reactive_{plain}" if reactive else plain
+
+
+def _reacts(branch: Node, composite: str) -> bool:
+    """Whether a reactive composite says what an interrupting guard of this branch says.
+
+    Ticked again while its condition is false, the branch must hand over to the
+    branches behind it: a failing guard does so in a selector, an inverted one in
+    a sequence.
+    """
+    hands_over = composite == "selector"
+    while branch.kind in ("when", "inverter", "repeater"):
+        if branch.kind == "inverter":
+            hands_over = not hands_over
+        elif branch.kind == "when":
+            # The outermost guard decides: below one that does not interrupt, nothing can.
+            return interrupts(branch) and hands_over
+        branch = branch.children[0]
+    return False

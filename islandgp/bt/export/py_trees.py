@@ -1,0 +1,119 @@
+"""Trees as a Python module that builds a py_trees tree.
+
+The module needs py_trees alone. Its `create_tree(action)` asks `action(name)`
+for the behaviour of each leaf, which is where the robot's own code comes in,
+and reads the blackboard under our keys. What is not the same: `losses`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+from islandgp.bt.export.plan import Loss, Part, guard_losses, plan
+from islandgp.bt.language import to_text
+from islandgp.bt.node import KEYS, Node, walk
+from islandgp.bt.printer import head, number_text
+
+POLICY = Loss(
+    "policy",
+    "any failing child fails a Parallel of py_trees; there is no failure all",
+)
+
+_HEAD: Final = '''"""A behaviour tree for py_trees, written by islandgp.
+
+{text}
+Blackboard keys (a robot writes them before each tick):
+{keys}
+"""
+
+import operator
+
+from py_trees.behaviours import CheckBlackboardVariableValue
+from py_trees.common import ComparisonExpression, ParallelPolicy
+from py_trees.composites import Parallel, Selector, Sequence
+from py_trees.decorators import EternalGuard, Inverter, Repeat
+
+
+def check(key, compare, value):
+    """Succeeds when the condition holds."""
+    return CheckBlackboardVariableValue(key, ComparisonExpression(key, value, compare))
+
+
+def guard(key, compare, value, child):
+    """Runs its child while the condition holds; asks again in each tick."""
+    def holds(blackboard):
+        return compare(blackboard.get(key), value)
+    return EternalGuard(key, child, holds, {{key}})
+
+
+def create_tree(action):
+    """The root; `action(name)` gives the behaviour of a leaf, a new one at each call."""
+    return {tree}
+'''
+_COMPARE: Final = {"<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "!=": "ne"}
+
+
+def losses(tree: Node) -> list[Loss]:
+    """What does not mean the same in py_trees, each kind once."""
+    found = guard_losses(tree)
+    for node in walk(tree):
+        if node.kind == "parallel" and node.args[1] == "all" and len(node.children) > 1:
+            found.add(POLICY)
+    return sorted(found)
+
+
+def to_python(tree: Node) -> str:
+    """The text of a Python module."""
+    text = "".join(f"    {line}\n" for line in to_text(tree).splitlines())
+    keys = "\n".join(f"    {name}: {key.meaning}" for name, key in KEYS.items())
+    body = "\n".join(_lines(plan(tree), "    ")).strip().removesuffix(",")
+    return _HEAD.format(text=text, keys=keys, tree=body)
+
+
+def _lines(part: Part, indent: str) -> Iterator[str]:
+    before, behind = _around(part)
+    if not part.children:
+        yield f"{indent}{before}{behind},"
+        return
+    yield f"{indent}{before}"
+    for child in _inside(part):
+        yield from _lines(child, indent + "    ")
+    yield f"{indent}{behind},"
+
+
+def _inside(part: Part) -> tuple[Part, ...]:
+    return part.children[1:] if _is_guard(part) else part.children
+
+
+def _is_guard(part: Part) -> bool:
+    return part.kind == "reactive_sequence" and part.children[0].kind == "check"
+
+
+def _around(part: Part) -> tuple[str, str]:
+    """The Python text before and behind a node's children."""
+    kind = part.kind
+    if kind == "action":
+        return f"action({str(part.args[0])!r}", ")"
+    if kind == "check":
+        return f"check({_condition(part)}", ")"
+    if _is_guard(part):
+        return f"guard({_condition(part.children[0])}, child=", ")"
+    if kind in ("fallback", "reactive_fallback"):
+        return f"Selector('selector', memory={kind == 'fallback'}, children=[", "])"
+    if kind in ("sequence", "reactive_sequence"):
+        return f"Sequence('sequence', memory={kind == 'sequence'}, children=[", "])"
+    if kind == "parallel":
+        node = Node("parallel", part.args)
+        policy = "SuccessOnOne()" if part.args[0] == "one" else "SuccessOnAll(synchronise=True)"
+        return f"Parallel({head(node)!r}, ParallelPolicy.{policy}, children=[", "])"
+    if kind == "inverter":
+        return "Inverter('inverter', child=", ")"
+    return "Repeat('repeater', num_success=" + f"{int(part.args[0])}, child=", ")"
+
+
+def _condition(check: Part) -> str:
+    key, operator, number = check.args
+    if operator in ("is", "not"):
+        return f"{str(key)!r}, operator.{'ne' if operator == 'is' else 'eq'}, 0"
+    return f"{str(key)!r}, operator.{_COMPARE[str(operator)]}, {number_text(float(number))}"

@@ -1,0 +1,64 @@
+"""XML with the line of each element, for messages that point into the file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NoReturn
+from xml.parsers import expat
+
+from islandgp.errors import TreeError
+
+DEEPEST = 300  # levels of elements
+
+
+@dataclass(slots=True)
+class Element:
+    """An element; text between elements is left out."""
+
+    tag: str
+    attributes: dict[str, str]
+    line: int  # from 1
+    column: int
+    children: list[Element] = field(default_factory=list)
+
+
+def read_xml(text: str, *, name: str) -> Element:
+    """The root element.
+
+    Raises:
+        TreeError: not well-formed, nested too deeply, or with a document type, which could hide
+            anything.
+    """
+    parser = expat.ParserCreate()
+    open_elements: list[Element] = []
+    roots: list[Element] = []
+
+    def fail(message: str, line: int, column: int) -> NoReturn:
+        raise TreeError(f"{name}:{line}:{column}: {message}", line=line, column=column)
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        line, column = parser.CurrentLineNumber, parser.CurrentColumnNumber + 1
+        if len(open_elements) >= DEEPEST:
+            fail(f"expected at most {DEEPEST} nested elements", line, column)
+        element = Element(tag, attributes, line, column)
+        (open_elements[-1].children if open_elements else roots).append(element)
+        open_elements.append(element)
+
+    def end(_: str) -> None:
+        open_elements.pop()
+
+    def doctype(*_: object) -> None:
+        fail(
+            "expected no document type",
+            parser.CurrentLineNumber,
+            parser.CurrentColumnNumber + 1,
+        )
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    parser.StartDoctypeDeclHandler = doctype
+    try:
+        parser.Parse(text, True)
+    except expat.ExpatError as error:
+        fail(f"not XML: {expat.ErrorString(error.code)}", error.lineno, error.offset + 1)
+    return roots[0]

@@ -1,0 +1,227 @@
+"""`check`: places in a tree file that are allowed but cannot be meant.
+
+A warning is about what the tree means, so it is found in the expanded tree and
+pointed out where that part is written. Each gives its reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import takewhile
+from typing import NamedTuple
+
+from islandgp.bt.facts import Condition, fact
+from islandgp.bt.language import plain
+from islandgp.bt.node import FAILURE, KEYS, Node
+from islandgp.bt.outcomes import HANDS_OVER, ends, never
+from islandgp.bt.printer import head
+from islandgp.bt.source import Source
+from islandgp.bt.syntax import File, Written, expanded, read
+from islandgp.bt.truth import (
+    ROOT,
+    Standing,
+    below,
+    checks_itself,
+    condition_of,
+    excludes,
+    implies,
+    may_interrupt,
+)
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Finding:
+    """A doubtful place in a file."""
+
+    line: int  # from 1
+    column: int
+    message: str  # with the reason
+
+    def text(self, source: str, *, name: str) -> str:
+        """The warning with the offending line and a caret, in the form of errors."""
+        written = Source(plain(source), name)
+        return str(written.error(f"warning: {self.message}", self.line, self.column))
+
+
+class _Place(NamedTuple):
+    """A node where it stands in the expanded tree."""
+
+    node: Node
+    standing: Standing
+    path: tuple[tuple[Node, int], ...]  # the nodes above it, each with the child that leads down
+
+
+def warnings(text: str, *, name: str = "<tree>") -> list[Finding]:
+    """The doubtful places of a file, in its order, each once.
+
+    Raises:
+        TreeError: the text is not a tree of the language.
+    """
+    file = read(text, name=name)
+    written = list(expanded(file))
+    found = set(_unused(file))
+    cold: set[int] = set()  # places below a node that never runs: one warning is enough
+    places = list(_places(_tree(written), ROOT, ()))
+    for index, place in enumerate(places):
+        if index in cold:
+            continue
+        for at, message, whole in _about(place, index, places):
+            found.add(Finding(written[at].line, written[at].column, message))
+            if whole:
+                cold.update(range(at, at + _size(places[at].node)))
+    return sorted(found)
+
+
+def _tree(written: Sequence[Written]) -> Node:
+    """The expanded tree of its nodes in document order."""
+    rest = iter(written)
+
+    def build() -> Node:
+        one = next(rest)
+        return one.node._replace(children=tuple(build() for _ in one.children))
+
+    return build()
+
+
+def _size(node: Node) -> int:
+    return 1 + sum(map(_size, node.children))
+
+
+def _places(node: Node, standing: Standing, path: tuple[tuple[Node, int], ...]) -> Iterator[_Place]:
+    yield _Place(node, standing, path)
+    for index, child in enumerate(node.children):
+        yield from _places(child, below(node, standing, index), (*path, (node, index)))
+
+
+def _unused(file: File) -> Iterator[Finding]:
+    used = {w.node.args[0] for w in _all(file) if w.node.kind == "use"}
+    for definition in file.definitions:
+        if definition.name not in used:
+            message = f"subtree {definition.name!r} is never used"
+            yield Finding(definition.line, definition.column, message)
+
+
+def _all(file: File) -> Iterator[Written]:
+    waiting = [file.root, *(definition.body for definition in file.definitions)]
+    while waiting:
+        written = waiting.pop()
+        yield written
+        waiting += written.children
+
+
+def _about(place: _Place, at: int, places: Sequence[_Place]) -> Iterator[tuple[int, str, bool]]:
+    """Warnings about one node: where, what, and whether all below that place never runs."""
+    node, standing, path = place
+    kind = node.kind
+    if kind in HANDS_OVER:
+        yield from _never_goes_on(node, standing, at)
+    elif kind == "inverter" and node.children[0].kind == "inverter":
+        yield at, "double inverter: the two undo each other", False
+    elif kind == "when":
+        yield from _guard(node, standing, path, at)
+    elif kind == "action":
+        yield from _action(place, at, places)
+
+
+def _never_goes_on(node: Node, standing: Standing, at: int) -> Iterator[tuple[int, str, bool]]:
+    go_on = HANDS_OVER[node.kind]
+    child_at = at + 1
+    for index, child in enumerate(node.children):
+        child_at += _size(child)
+        last = index == len(node.children) - 1
+        if not last and go_on not in ends(child, below(node, standing, index)):
+            word = "fails" if go_on == FAILURE else "succeeds"
+            message = (
+                f"this branch can never run: {head(child)} before it never {word},"
+                f" so the {node.kind} never comes here"
+            )
+            yield child_at, message, True
+            return
+
+
+def _guard(
+    node: Node, standing: Standing, path: tuple[tuple[Node, int], ...], at: int
+) -> Iterator[tuple[int, str, bool]]:
+    asked = condition_of(node)
+    if never(node, standing):
+        yield at + 1, f"this branch can never run: {_why_not(asked, standing.at_start, path)}", True
+    elif implies(standing.at_start, asked):
+        needless = not checks_itself(node) or implies(standing.always, asked)
+        if needless and not may_interrupt(node, standing):
+            message = f"this guard says nothing new: {_why(asked, path)}"
+            yield at, message, False
+    elif node.args[3] == "lower" and standing.observer is None:
+        message = "abort lower does nothing here: no composite has a later branch to stop"
+        yield at, message, False
+
+
+def _action(place: _Place, at: int, places: Sequence[_Place]) -> Iterator[tuple[int, str, bool]]:
+    node, standing, path = place
+    name = str(node.args[0])
+    known = fact(name)
+    needs = [(needed, standing.at_start) for needed in known.to_start]
+    needs += [(needed, standing.always) for needed in known.to_succeed]
+    for needed, holding in needs:
+        if not excludes(holding, needed):
+            continue
+        if needed.key == "robotCurrentExtraCapacity" and _room_changes(known.room, at, places):
+            continue
+        yield at, f"{name} can never succeed here: {_why_not(needed, holding, path, name)}", False
+        return
+
+
+def _room_changes(sign: int, at: int, places: Sequence[_Place]) -> bool:
+    """Whether an action before this one may change the room in the same tick.
+
+    The blackboard tells the room at the start of the tick. In a tick, actions
+    run in document order.
+    """
+    own = places[at].path
+    for place in places[:at]:
+        if place.node.kind != "action" or fact(str(place.node.args[0])).room * sign >= 0:
+            continue
+        same = sum(
+            1
+            for _ in takewhile(lambda pair: pair[0] == pair[1], zip(place.path, own, strict=False))
+        )
+        (split, _), *rest = place.path[same:]
+        # Behind a success a selector does not go on; only these pass a success up unchanged.
+        passes = all(
+            above.kind in ("when", "selector", "repeater")
+            or (above.kind == "sequence" and index == len(above.children) - 1)
+            for above, index in rest
+        )
+        if not (split.kind == "selector" and passes):
+            return True
+    return False
+
+
+def _said(condition: Condition) -> str:
+    key, operator, number = condition
+    return head(Node("when", (key, operator, number, "both"))).removeprefix("when ")
+
+
+def _why_not(
+    needed: Condition,
+    known: Sequence[Condition],
+    path: Sequence[tuple[Node, int]],
+    name: str = "",
+) -> str:
+    lead = f"it needs {_said(needed)}" if name else f"{_said(needed)} can't hold"
+    guards = [c for c in _guards(path) if c in known and c.key == needed.key]
+    against = [c for c in guards if excludes((c,), needed)][-1:] or guards
+    if not against:
+        return f"{lead}, as {needed.key} is {KEYS[needed.key].meaning}"
+    return f"{lead}, but above it stands {' and '.join(f'when {_said(c)}' for c in against)}"
+
+
+def _why(asked: Condition, path: Sequence[tuple[Node, int]]) -> str:
+    same = [c for c in _guards(path) if implies((c,), asked)]
+    if not same:
+        return f"{_said(asked)} always holds"
+    return f"when {_said(same[-1])} stands above it already"
+
+
+def _guards(path: Sequence[tuple[Node, int]]) -> list[Condition]:
+    return [condition_of(above) for above, _ in path if above.kind == "when"]

@@ -1,0 +1,183 @@
+"""`islandgp compare`: two or more arms as the paper's tables, figures and statistics."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import click
+import yaml
+
+from islandgp.resources import resource
+
+if TYPE_CHECKING:
+    from islandgp.study.arms import Arm, Comparison
+    from islandgp.study.generalise import Generalisation
+    from islandgp.study.report import Report
+    from islandgp.tracking.store import Place
+
+EPILOG = """\b
+A selection is made of KEY=VALUE parts over the configuration, apart by spaces:
+  --arm expert="supervisor=expert" --arm baseline="supervisor=baseline"
+  --arm a="name=study seed=range(30) supervisor=llm" --arm b="my_sweep"
+  --arm a="mlflow:params.\\`supervisor.name\\` = 'expert'"
+A bare word is a sweep's name; mlflow: takes an MLflow filter string instead.
+"""
+
+
+@click.command(epilog=EPILOG)
+@click.option(
+    "--arm", "arms", multiple=True, required=True, metavar='NAME="SELECTION"', help="One arm."
+)
+@click.option(
+    "--runs",
+    type=click.Path(path_type=Path),
+    default=Path("runs"),
+    show_default=True,
+    help="Folder of the runs.",
+)
+@click.option("--name", default=None, help="Look at the runs of this sweep only.")
+@click.option(
+    "-o",
+    "--out",
+    type=click.Path(path_type=Path),
+    default=None,
+    help="Folder for the report.  [default: study/<arms>]",
+)
+@click.option("--force", is_flag=True, help="Compare arms that are not comparable, and say so.")
+@click.option(
+    "--worlds",
+    type=click.IntRange(0, 10_000),
+    default=30,
+    show_default=True,
+    help="Unseen worlds for the champions; 0 leaves them out.",
+)
+@click.option(
+    "--workers",
+    type=click.IntRange(0, 1024),
+    default=0,
+    help="Processes for the unseen worlds.  [default: one for each core]",
+)
+@click.option("--mlflow/--no-mlflow", default=True, help="Keep the report as an MLflow run.")
+@click.option("--uri", default=None, help="MLflow store.  [default: as in conf/tracking]")
+@click.option("--experiment", default=None, help="MLflow experiment.  [default: as in conf]")
+def command(
+    arms: tuple[str, ...],
+    runs: Path,
+    name: str | None,
+    out: Path | None,
+    force: bool,
+    worlds: int,
+    workers: int,
+    mlflow: bool,
+    uri: str | None,
+    experiment: str | None,
+) -> None:
+    """Compare arms of runs: the paper's tables, figures and statistics.
+
+    Writes one page (index.html), Markdown, CSV and figures (SVG, PNG), and keeps
+    them as an MLflow run.
+    """
+    from islandgp.study.building import build
+    from islandgp.study.comparable import compare_arms
+    from islandgp.study.select import parse_arm
+    from islandgp.study.writing import write
+
+    place = _place(uri, experiment)
+    wanted = [parse_arm(arm) for arm in arms]
+    with TemporaryDirectory(prefix="islandgp-compare-") as scratch:
+        chosen, notes = _select(wanted, runs, name, place, Path(scratch))
+    looked_in = [str(runs)] if any(not s.startswith("mlflow:") for _, s in wanted) else []
+    looked_in += [place.uri] if any(s.startswith("mlflow:") for _, s in wanted) else []
+    study = compare_arms(chosen, force=force, notes=notes, sources=looked_in)
+    unseen = _unseen(study, worlds, workers) if worlds else ()
+    report = build(study, unseen, worlds)
+    folder = out or Path("study") / "-".join(arm.name for arm in study.arms)
+    files = write(report, study, folder)
+    click.echo("\n".join([*(f"note: {note}" for note in study.notes), *_claims(report)]))
+    click.echo(f"\n{folder / 'index.html'}: the page; beside it report.md, tables/, figures/")
+    if mlflow:
+        click.echo(_publish(report, study, place, folder, files))
+
+
+def _place(uri: str | None, experiment: str | None) -> Place:
+    """Where MLflow is, as a run started here would have it."""
+    from islandgp.tracking.store import MLflowSettings, Place
+
+    file = resource("conf") / "tracking" / "mlflow.yaml"
+    policy = yaml.safe_load(file.read_text(encoding="utf-8"))["policy"]
+    given = {"uri": uri, "experiment": experiment}
+    policy |= {key: value for key, value in given.items() if value is not None}
+    return Place.of(MLflowSettings(**policy), Path.cwd())
+
+
+def _select(
+    wanted: list[tuple[str, str]], runs: Path, name: str | None, place: Place, cache: Path
+) -> tuple[list[Arm], list[str]]:
+    """The arms, and notes on runs that are left out."""
+    from islandgp.study.reading import find
+    from islandgp.study.select import MLFLOW, select
+    from islandgp.tracking.comparison import fetch
+
+    chosen: list[Arm] = []
+    notes: list[str] = []
+    on_disk = None
+    for arm, selection in wanted:
+        if selection.startswith(MLFLOW):
+            folders = fetch(place, selection.removeprefix(MLFLOW).strip(), cache)
+            there = [found for folder in folders for found in find(folder)]
+        else:
+            if on_disk is None:
+                on_disk = [f for f in find(runs) if name is None or f.flat["name"] == name]
+            there = on_disk
+        made, remarks = select(arm, selection, there)
+        chosen.append(made)
+        notes += remarks
+    return chosen, notes
+
+
+def _unseen(study: Comparison, worlds: int, workers: int) -> tuple[Generalisation, ...]:
+    """Each champion, and a hand-written tree, on worlds that no run has seen."""
+    from islandgp.bt.language import parse, to_text
+    from islandgp.evaluation.processes import Processes, cores
+    from islandgp.study.generalise import generalise
+
+    file = resource("grammar") / "examples" / "all_rounder.bt"
+    yardstick = to_text(parse(file.read_text(encoding="utf-8"), name=str(file)))
+    return generalise(
+        study,
+        lambda setting: Processes(setting, workers or cores()),
+        worlds=worlds,
+        yardstick=yardstick,
+    )
+
+
+def _claims(report: Report) -> list[str]:
+    """The claims table in lines for a terminal."""
+    lines = []
+    for table in report.tables:
+        if table.key.startswith("claims"):
+            lines += ["", table.title]
+            lines += [
+                f"  {claim:<40} {here:>24}  p BH {p:<8} {verdict}"
+                for claim, here, p, *_, verdict in table.rows
+            ]
+    return lines
+
+
+def _publish(
+    report: Report, study: Comparison, place: Place, folder: Path, files: list[Path]
+) -> str:
+    from islandgp.study.data import metrics
+    from islandgp.tracking.comparison import publish
+
+    return publish(
+        place,
+        f"compare {report.title}",
+        folder=folder,
+        files=files,
+        params={f"arm.{arm.name}": arm.selection for arm in study.arms},
+        metrics=metrics(report.findings),
+        note="\n".join([f"**{report.title}**", "", *report.doubts, "```", *_claims(report), "```"]),
+    )

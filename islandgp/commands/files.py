@@ -1,0 +1,56 @@
+"""Files that commands read and write, with errors that tell what is wrong with them."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Final
+
+import click
+
+from islandgp.bt.language import parse
+from islandgp.bt.node import Node
+from islandgp.errors import IslandError
+
+STDIN: Final = "-"
+
+FILE: Final = click.Path(exists=True, dir_okay=False, allow_dash=True)
+"""An argument that names a file; `-` is the standard input."""
+
+OUTPUT: Final = click.Path(dir_okay=False, allow_dash=True)
+"""An option that names a file to be written; `-` is the standard output."""
+
+
+def called(file: str) -> str:
+    """What messages call a file."""
+    return "<stdin>" if file == STDIN else file
+
+
+def read_text(file: str) -> str:
+    """The text of a file. Raises IslandError when it cannot be read as UTF-8."""
+    try:
+        data = sys.stdin.buffer.read() if file == STDIN else Path(file).read_bytes()
+        return data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise IslandError(
+            f"Expected UTF-8 text in {called(file)}, found the byte 0x{data[error.start]:02x}"
+            f" at position {error.start}; save it as UTF-8."
+        ) from None
+    except OSError as error:
+        raise IslandError(f"Expected to read {called(file)}: {error.strerror}.") from None
+
+
+def read_tree(file: str) -> Node:
+    """The tree in a file. Raises TreeError, IslandError."""
+    return parse(read_text(file), name=called(file))
+
+
+def write_text(file: str, text: str) -> None:
+    """Writes a file, or prints the text where `file` is `-`. Raises IslandError."""
+    if file == STDIN:
+        click.echo(text, nl=False)
+        return
+    try:
+        Path(file).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise IslandError(f"Expected to write {file}: {error.strerror}.") from None

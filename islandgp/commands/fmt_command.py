@@ -1,0 +1,41 @@
+"""`islandgp fmt`: tree files in canonical form, with their comments and named subtrees."""
+
+from __future__ import annotations
+
+import difflib
+import sys
+
+import click
+
+from islandgp.bt.format import format_text
+from islandgp.commands.files import FILE, STDIN, called, read_text, write_text
+
+
+@click.command()
+@click.argument("files", nargs=-1, required=True, type=FILE)
+@click.option("--check", is_flag=True, help="Write nothing; exit code 1 if a file would change.")
+@click.option("--diff", is_flag=True, help="Write nothing; show what would change.")
+def command(files: tuple[str, ...], check: bool, diff: bool) -> None:
+    """Bring FILES into the canonical form.
+
+    Comments and named subtrees stay. `-` reads the standard input and prints
+    the result.
+    """
+    changed = 0
+    for file in files:
+        before, name = read_text(file), called(file)
+        after = format_text(before, name=name)
+        if diff:
+            lines = difflib.unified_diff(
+                before.splitlines(), after.splitlines(), name, f"{name} (formatted)", lineterm=""
+            )
+            for line in lines:
+                click.echo(line)
+        elif file == STDIN and not check:
+            click.echo(after, nl=False)
+        elif before != after:
+            if not check:
+                write_text(file, after)
+            click.echo(f"{'would change' if check else 'changed'} {name}", err=True)
+        changed += before != after
+    sys.exit(1 if check and changed else 0)

@@ -1,0 +1,42 @@
+"""`islandgp show`: a picture of a tree."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import click
+
+from islandgp.bt.node import Node
+from islandgp.bt.render.dot import to_dot
+from islandgp.bt.render.mermaid import to_mermaid
+from islandgp.bt.render.svg import to_svg
+from islandgp.bt.render.terminal import to_lines, to_rich
+from islandgp.commands.files import FILE, OUTPUT, STDIN, read_tree, write_text
+
+FORMATS: Final[dict[str, Callable[[Node], str]]] = {
+    "text": lambda tree: "\n".join(to_lines(tree)) + "\n",
+    "svg": to_svg,
+    "mermaid": to_mermaid,
+    "dot": to_dot,
+}
+
+
+@click.command()
+@click.argument("file", type=FILE)
+@click.option("--format", "form", type=click.Choice([*FORMATS]), help="Default: by -o, else text.")
+@click.option("-o", "--output", type=OUTPUT, default=STDIN, help="File to write.")
+def command(file: str, form: str | None, output: str) -> None:
+    """Draw the tree in FILE: in the terminal, as SVG, Mermaid or Graphviz dot.
+
+    Named subtrees are drawn where they are used.
+    """
+    tree = read_tree(file)
+    endings = {".svg": "svg", ".mmd": "mermaid", ".mermaid": "mermaid", ".dot": "dot", ".gv": "dot"}
+    form = form or endings.get(f".{output.rpartition('.')[2]}", "text")
+    if form == "text" and output == STDIN:
+        from rich.console import Console
+
+        Console(soft_wrap=True, highlight=False).print(to_rich(tree))
+        return
+    write_text(output, FORMATS[form](tree))

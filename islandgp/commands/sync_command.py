@@ -1,0 +1,59 @@
+"""`islandgp sync`: sends records that a tracking server has not got yet."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from pydantic import ValidationError
+
+from islandgp.errors import TrackingError
+from islandgp.tracking.brief import brief
+from islandgp.tracking.store import MLflowSettings, Place
+from islandgp.tracking.sync import sync
+
+
+@click.command()
+@click.argument("folders", nargs=-1, type=click.Path(path_type=Path))
+@click.option(
+    "--uri", help="Send to this store, not to each run's own: sqlite:///FILE or http://..."
+)
+@click.option("--experiment", default="islandgp", help="MLflow experiment, with --uri.")
+def command(folders: tuple[Path, ...], uri: str | None, experiment: str) -> None:
+    """Send the records in FOLDERS (default: runs) that their store has not got yet.
+
+    A folder is a run's, a sweep's, or one that holds them. What was sent before
+    is not sent again.
+    """
+    place = None if uri is None else _place(uri, experiment)
+    for root in folders or (Path("runs"),):
+        _sync(root, place)
+
+
+def _place(uri: str, experiment: str) -> Place:
+    try:
+        settings = MLflowSettings(
+            uri=uri, artifacts="mlartifacts", experiment=experiment, patience=0
+        )
+    except ValidationError:
+        raise TrackingError(
+            f"Expected --uri sqlite:///FILE or http://..., found {uri!r}."
+        ) from None
+    return Place.of(settings, Path.cwd())
+
+
+def _sync(root: Path, place: Place | None) -> None:
+    if not root.is_dir():
+        raise TrackingError(f"Expected a folder of runs, found no folder {root}.")
+    done = sync(root, place)
+    for path in done.sent:
+        click.echo(f"sent       {path}")
+    click.echo(
+        f"{root}: {len(done.sent)} sent, {len(done.known)} were there already,"
+        f" {len(done.untracked)} without tracking, {len(done.failed)} not sent"
+    )
+    if done.failed:
+        lines = "\n".join(f"  {path}: {brief(error)}" for path, error in done.failed.items())
+        raise TrackingError(
+            f"Expected the store to take all records, found trouble; try again later:\n{lines}"
+        )

@@ -1,0 +1,94 @@
+"""The exact numbers behind the tables: one line a run, one line a comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+
+from islandgp.study.arms import Comparison
+from islandgp.study.findings import Finding
+from islandgp.study.measures import FAMILY, FURTHER
+from islandgp.study.overhead import supervision
+from islandgp.study.statistics import mean_sd, median
+from islandgp.study.table import to_csv
+
+TEST_COLUMNS = (
+    "first",
+    "second",
+    "measure",
+    "unit",
+    "n_first",
+    "n_second",
+    "mean_first",
+    "sd_first",
+    "mean_second",
+    "sd_second",
+    "median_first",
+    "median_second",
+    "censored_first",
+    "censored_second",
+    "U",
+    "z",
+    "p",
+    "kind",
+    "p_bh",
+    "r",
+    "paired_p",
+    "paired_kind",
+    "paired_p_bh",
+    "log_rank_p",
+    "log_rank_p_bh",
+)
+
+
+def runs_csv(study: Comparison) -> str:
+    """Every run's measures; an empty cell is a tier that never emerged."""
+    measures = (*FAMILY, *FURTHER)
+    rows = []
+    for arm in study.arms:
+        for run in arm.runs:
+            bill = asdict(supervision(run))
+            numbers = [m.of(run) for m in measures]
+            rows.append([arm.name, run.seed, run.supervisor, run.name, *numbers, *bill.values()])
+    bill_names = list(bill)
+    return to_csv(
+        ("arm", "seed", "supervisor", "name", *(m.key for m in measures), *bill_names), rows
+    )
+
+
+def tests_csv(findings: Sequence[Finding]) -> str:
+    """Every comparison; the mean and median of a sample with censored runs are left empty."""
+    return to_csv(TEST_COLUMNS, [_row(f) for f in findings])
+
+
+def _row(f: Finding) -> list[object]:
+    sides: list[tuple[float | None, float | None, float | None, int]] = []
+    for sample in f.samples:
+        known = [v for v in sample if v is not None]
+        left = len(sample) - len(known)
+        sides.append(
+            (None, None, None, left) if left else (*mean_sd(known), float(median(known)), 0)
+        )
+    (m1, s1, d1, c1), (m2, s2, d2, c2) = sides
+    t, p = f.rank, f.paired
+    return [
+        *f.arms,
+        f.measure.key,
+        f.measure.unit,
+        *t.n,
+        *(m1, s1, m2, s2, d1, d2, c1, c2),
+        *(t.u, t.z, t.p, t.kind, f.rank_q, t.r),
+        *(None if p is None else p.p, None if p is None else p.kind, f.paired_q),
+        *(f.log_rank, f.log_rank_q),
+    ]
+
+
+def metrics(findings: Sequence[Finding]) -> dict[str, float]:
+    """What an MLflow run of a comparison is to be found by."""
+    several = len({f.arms for f in findings}) > 1
+    found = {}
+    for f in findings:
+        name = f"{f.measure.key} {f.arms[0]} {f.arms[1]}" if several else f.measure.key
+        found[f"p_bh/{name}"] = f.rank_q
+        found[f"r/{name}"] = f.rank.r
+    return found

@@ -1,0 +1,156 @@
+"""Figures 4 and 5, and fitness by component."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from islandgp.scoring.rewards import Component
+from islandgp.study.arms import Arm, Comparison
+from islandgp.study.figures.style import (
+    FAINT,
+    INK,
+    Picture,
+    band,
+    epoch_lines,
+    legend,
+    look,
+    looks,
+    picture,
+    thousands,
+)
+from islandgp.study.measures import PHASES, best, phase_mean
+from islandgp.study.statistics import mean_sd
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def figure_4(study: Comparison) -> Picture:
+    """Best fitness by generation."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        for arm, how in looks(study):
+            band(
+                axes,
+                arm.name,
+                how,
+                [[s.best for s in r.snapshots[: study.generations]] for r in arm.runs],
+            )
+        epoch_lines(axes, study, stages=True)
+        axes.set(xlabel="Generation", ylabel="Best fitness of a generation (points)")
+        thousands(axes)
+        legend(figure, axes)
+
+    return picture(
+        "figure-4",
+        "Figure 4. Fitness by generation",
+        "Highest fitness of each generation: mean over runs, bands of ±1 standard deviation."
+        " Dashed lines end an epoch, darker ones a stage of the curriculum.",
+        draw,
+        height=3.8,
+    )
+
+
+def figure_5(study: Comparison) -> Picture:
+    """Best fitness by training stage."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        width = 0.8 / len(study.arms)
+        for i, (arm, how) in enumerate(looks(study)):
+            for k, phase in enumerate(PHASES):
+                values = [phase_mean(run, phase, best) for run in arm.runs]
+                at = k + (i - (len(study.arms) - 1) / 2) * width
+                mean, sd = mean_sd(values)
+                axes.bar(
+                    at,
+                    mean,
+                    width * 0.92,
+                    yerr=sd,
+                    color=how.colour,
+                    alpha=0.75,
+                    hatch=how.hatch,
+                    edgecolor="white",
+                    error_kw={"ecolor": INK, "capsize": 3, "elinewidth": 1},
+                    label=f"{arm.name} (n = {len(arm.runs)})" if k == 0 else None,
+                )
+                _points(axes, at, values, width, how.marker)
+        axes.set_xticks(range(len(PHASES)), [p.name(study.generations) for p in PHASES])
+        axes.grid(visible=False, axis="x")
+        axes.axhline(0, color=FAINT, linewidth=0.8)
+        axes.set_ylabel("Mean of the best fitness (points)")
+        thousands(axes)
+        legend(figure, axes)
+
+    return picture(
+        "figure-5",
+        "Figure 5. Fitness by training stage",
+        "Mean over a stage's generations of the highest fitness; bars: mean over runs, whiskers:"
+        " ±1 standard deviation, points: runs.",
+        draw,
+    )
+
+
+def _points(axes: Axes, at: float, values: list[float], width: float, marker: str) -> None:
+    """The single runs, spread sideways in their order so that they do not hide each other."""
+    n = len(values)
+    shift = [((i + 0.5) / n - 0.5) * width * 0.6 for i in range(n)]
+    axes.scatter(
+        [at + s for s in shift],
+        values,
+        s=9,
+        marker=marker,
+        facecolor="white",
+        edgecolor=INK,
+        linewidth=0.6,
+        zorder=3,
+    )
+
+
+def components(study: Comparison) -> Picture:
+    """Where the best individual's fitness comes from."""
+
+    def draw(figure: Figure) -> None:
+        panels = figure.subplots(1, len(study.arms), sharey=True, squeeze=False)[0]
+        for axes, arm in zip(panels, study.arms, strict=True):
+            _stack(axes, arm, study.generations)
+            epoch_lines(axes, study)
+            axes.set(title=arm.name, xlabel="Generation")
+            thousands(axes)
+        panels[0].set_ylabel("Points of the best individual")
+        legend(figure, panels[0], 5)
+
+    return picture(
+        "components",
+        "Fitness by component over generations",
+        "The terms of Eq. (1) for the best individual of each generation, mean over runs;"
+        " penalties are stacked below zero, the line is their sum.",
+        draw,
+        height=3.9,
+    )
+
+
+def _stack(axes: Axes, arm: Arm, generations: int) -> None:
+    import numpy as np
+
+    points = np.mean(
+        [[i.components for i in run.best[:generations]] for run in arm.runs], axis=0
+    )  # generations x components
+    x = np.arange(generations)
+    up, down = np.zeros(generations), np.zeros(generations)
+    for component in Component:
+        how, column = look(component), points[:, component]
+        positive, negative = column.clip(min=0), column.clip(max=0)
+        kind: dict[str, Any] = {
+            "facecolor": how.colour,
+            "edgecolor": "white",
+            "linewidth": 0.3,
+            "hatch": how.hatch,
+        }
+        axes.fill_between(x, up, up + positive, alpha=0.8, label=component.name.lower(), **kind)
+        axes.fill_between(x, down, down + negative, alpha=0.8, **kind)
+        up, down = up + positive, down + negative
+    axes.plot(x, points.sum(axis=1), color=INK, linewidth=1.4, label="fitness")
+    axes.axhline(0, color=INK, linewidth=0.6)

@@ -1,0 +1,200 @@
+"""How figures look: colours that colour-blind readers and printers keep apart.
+
+Arms differ in colour, line and marker at once, areas in colour and hatching, so
+that a figure still reads in grey.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+from islandgp.scoring.curriculum import Curriculum
+from islandgp.study.arms import Arm, Comparison
+from islandgp.study.notation import number
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Okabe and Ito's palette, from dark to light enough to differ in grey.
+PALETTE: Final = (
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#CC79A7",
+    "#E69F00",
+    "#56B4E9",
+    "#555555",
+    "#BBBBBB",
+)
+LINES: Final = ("-", "--", "-.", ":")
+MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X", "*")
+# Lines only: dots are curves, and make an SVG ten times as large.
+HATCHES: Final = ("", "////", "\\\\\\\\", "xxxx", "----", "||||", "++++", "//")
+INK: Final = "#222222"
+FAINT: Final = "#8a8a8a"
+WIDTH: Final = 7.2  # inches: the text width of a page
+DPI: Final = 150
+
+RC: Final[dict[str, Any]] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9,
+    "axes.titlesize": 9.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.edgecolor": "#666666",
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#e6e6e6",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.8,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "hatch.linewidth": 0.6,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "xtick.color": "#444444",
+    "ytick.color": "#444444",
+    "figure.facecolor": "white",
+    "svg.hashsalt": "islandgp",  # the same picture has the same bytes
+    "svg.fonttype": "path",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A finished figure."""
+
+    key: str  # file name without its ending
+    title: str
+    caption: str
+    svg: str
+    png: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """How an arm is drawn everywhere."""
+
+    colour: str
+    line: str
+    marker: str
+    hatch: str
+
+
+def looks(study: Comparison) -> Iterator[tuple[Arm, Look]]:
+    """The arms in order, each with its look."""
+    for i, arm in enumerate(study.arms):
+        yield arm, look(i)
+
+
+def look(i: int) -> Look:
+    """The look of the i-th arm or category."""
+    return Look(
+        PALETTE[i % len(PALETTE)],
+        LINES[i % len(LINES)],
+        MARKERS[i % len(MARKERS)],
+        HATCHES[i % len(HATCHES)],
+    )
+
+
+def picture(
+    key: str,
+    title: str,
+    caption: str,
+    draw: Callable[[Figure], None],
+    *,
+    height: float = 3.6,
+    width: float = WIDTH,
+    layout: Literal["constrained"] | None = "constrained",
+) -> Picture:
+    """Draws on a figure of `width` x `height` inches and saves it both ways."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context(RC):  # type: ignore[arg-type] # its keys are literals there
+        figure = Figure(figsize=(width, height), layout=layout)
+        draw(figure)
+        svg, png = io.StringIO(), io.BytesIO()
+        figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": None})
+        figure.savefig(png, format="png", dpi=DPI, metadata={"Software": None})
+    return Picture(key, title, caption, svg.getvalue(), png.getvalue())
+
+
+def curriculum(study: Comparison) -> Curriculum:
+    """The staged training of the first arm."""
+    return Curriculum(**study.arms[0].runs[0].config["curriculum"])
+
+
+def epoch_lines(axes: Axes, study: Comparison, *, stages: bool = False) -> None:
+    """Dashed lines where an epoch ends; with `stages`, the curriculum's stages by name on top."""
+    plan, n = curriculum(study), study.generations
+    starts = [0]
+    for g in range(1, n):
+        if plan.epoch(g) != plan.epoch(g - 1):
+            new_stage = plan.stage(g) != plan.stage(g - 1)
+            axes.axvline(
+                g - 0.5,
+                color="#7d7d7d" if new_stage else "#bdbdbd",
+                linestyle=(0, (4, 3)),
+                linewidth=0.9 if new_stage else 0.6,
+                zorder=0.5,
+            )
+            if new_stage:
+                starts.append(g)
+    axes.set_xlim(-0.5, n - 0.5)
+    if stages and len(starts) > 1:
+        for i, (start, end) in enumerate(zip(starts, [*starts[1:], n], strict=True), 1):
+            axes.text(
+                (start + end - 1) / 2,
+                1.01,
+                f"stage {i}",
+                transform=axes.get_xaxis_transform(),
+                ha="center",
+                va="bottom",
+                fontsize=8,
+                color="#555555",
+            )
+
+
+def band(axes: Axes, label: str, how: Look, columns: Sequence[Sequence[float]]) -> None:
+    """A line through the mean of each generation, with a band of ±1 SD over runs."""
+    import numpy as np
+
+    a = np.asarray(columns, float)  # runs x generations
+    mean = a.mean(axis=0)
+    x = np.arange(a.shape[1])
+    if len(a) > 1:
+        sd = a.std(axis=0, ddof=1)
+        axes.fill_between(x, mean - sd, mean + sd, color=how.colour, alpha=0.16, linewidth=0)
+        for edge in (mean - sd, mean + sd):
+            axes.plot(x, edge, color=how.colour, alpha=0.45, linewidth=0.6, linestyle=how.line)
+    axes.plot(
+        x,
+        mean,
+        color=how.colour,
+        linestyle=how.line,
+        marker=how.marker,
+        markevery=5,
+        markersize=4,
+        label=f"{label} (n = {len(a)})",
+    )
+
+
+def legend(figure: Figure, axes: Axes, columns: int = 4) -> None:
+    """The legend of a figure's axes below them, where it hides no data."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+
+
+def thousands(axes: Axes) -> None:
+    """Ticks such as 30,000 on the y axis."""
+    from matplotlib.ticker import FuncFormatter
+
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: number(v)))

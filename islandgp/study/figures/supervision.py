@@ -1,0 +1,118 @@
+"""Figures 7 and 8: mutation rates, and the pattern of decisions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from islandgp.study.arms import Arm, Comparison
+from islandgp.study.decisions import decisions, pattern_shares
+from islandgp.study.figures.style import (
+    Picture,
+    band,
+    epoch_lines,
+    legend,
+    look,
+    looks,
+    picture,
+)
+from islandgp.supervision.base import Pattern
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def figure_7(study: Comparison) -> Picture:
+    """Mutation rate by generation."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        for arm, how in looks(study):
+            band(
+                axes,
+                arm.name,
+                how,
+                [[s.rate for s in r.snapshots[: study.generations]] for r in arm.runs],
+            )
+        epoch_lines(axes, study, stages=True)
+        axes.set(xlabel="Generation", ylabel="Mutation rate that made the generation")
+        axes.set_ylim(bottom=0)
+        legend(figure, axes)
+
+    return picture(
+        "figure-7",
+        "Figure 7. Mutation rate",
+        "The rate in force, a crisis's emergency rate (Eq. 8) included: mean over runs, bands of"
+        " ±1 standard deviation. Dashed lines end an epoch.",
+        draw,
+    )
+
+
+def figure_8(study: Comparison) -> Picture | None:
+    """Patterns of decisions; None when no arm's supervisor names any."""
+    named = [arm for arm in study.arms if decisions(arm).patterns]
+    if not named:
+        return None
+
+    def draw(figure: Figure) -> None:
+        panels = figure.subplots(len(named), 2, squeeze=False, width_ratios=(1, 2))
+        for (left, right), arm in zip(panels, named, strict=True):
+            _totals(left, arm)
+            _over_time(right, arm, study)
+            right.set_title(f"{arm.name}: over generations")
+            left.set_title(f"{arm.name}: all decisions")
+
+    return picture(
+        "figure-8",
+        "Figure 8. Decision patterns",
+        "The labels of Table 6 that a supervisor gave to the state of the population: shares of"
+        " all decisions, and of the runs after each generation. Arms whose supervisor names no"
+        " pattern are not shown.",
+        draw,
+        height=0.9 + 2.6 * len(named),
+    )
+
+
+def _words(pattern: str) -> str:
+    return pattern.replace("_", " ")
+
+
+def _totals(axes: Axes, arm: Arm) -> None:
+    counts = decisions(arm)
+    for i, pattern in enumerate(Pattern):
+        how, share = look(i), counts.patterns[pattern] / counts.total
+        axes.barh(i, share, color=how.colour, alpha=0.8, hatch=how.hatch, edgecolor="white")
+        axes.text(share, i, f" {share:.1%}", va="center", ha="left", fontsize=8)
+    axes.set_yticks(range(len(Pattern)), [_words(p) for p in Pattern])
+    axes.invert_yaxis()
+    most = max(counts.patterns.values()) / counts.total
+    axes.set_xlim(0, most * 1.35)
+    axes.xaxis.set_major_formatter(lambda v, _: f"{v:.0%}")
+    axes.grid(visible=False, axis="y")
+
+
+def _over_time(axes: Axes, arm: Arm, study: Comparison) -> None:
+    shares = pattern_shares(arm, study.generations)
+    x = np.arange(study.generations - 1)
+    base = np.zeros(len(x))
+    for i, pattern in enumerate(Pattern):
+        how = look(i)
+        row = np.asarray(shares.get(pattern, [0.0] * study.generations))[: len(x)]
+        axes.bar(
+            x,
+            row,
+            0.95,
+            base,
+            color=how.colour,
+            alpha=0.8,
+            hatch=how.hatch,
+            edgecolor="white",
+            linewidth=0.2,
+        )
+        base = base + row
+    epoch_lines(axes, study)
+    axes.set_ylim(0, 1)
+    axes.yaxis.set_major_formatter(lambda v, _: f"{v:.0%}")
+    axes.set(xlabel="Generation", ylabel="Share of the runs")

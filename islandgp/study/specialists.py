@@ -1,0 +1,16 @@
+"""The rows of Table 13: two classes and two labels (section 3.8)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from islandgp.scoring.state import Snapshot
+
+SPECIALISTS: Final[dict[str, Callable[[Snapshot], int]]] = {
+    "pickup": lambda s: s.specialists["pickup"],
+    "humanoid": lambda s: s.specialists["humanoid"],
+    "charging": lambda s: s.charging,
+    "clearing": lambda s: s.clearing,
+}
+"""The rows of Table 13: two classes and two labels."""

@@ -1,0 +1,1 @@
+"""Tables 9 to 14, and those beyond the paper."""

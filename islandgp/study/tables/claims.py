@@ -1,0 +1,103 @@
+"""The paper's claims, one by one, beside what these runs show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from islandgp.study import paper
+from islandgp.study.emergence import reduction, summary
+from islandgp.study.findings import Finding, finding
+from islandgp.study.notation import (
+    change,
+    percent,
+    probability,
+)
+from islandgp.study.paper import MARK
+from islandgp.study.power import LEVEL
+from islandgp.study.statistics import mean_sd
+from islandgp.study.table import Table
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """What the paper says of its proposed system against its baseline."""
+
+    measure: str
+    text: str
+    direction: int  # of the first arm's values: -1 lower, +1 higher, 0 no difference
+    size: float | None  # the paper's difference as a share
+    p_bh: float | None
+
+
+CLAIMS: Final = (
+    Claim("first_complete", "Complete Robots come earlier", -1, -0.717, 0.0358),
+    Claim("first_excellent", "Excellent Robots come earlier", -1, -0.652, 0.036),
+    Claim("diversity_overall", "Behavioural diversity is higher", 1, 0.280, None),
+    Claim("mutation_rate", "with lower mutation rates", -1, None, None),
+    Claim("stage_early", "Early fitness is higher (the paper: not shown)", 1, 0.184, 0.057),
+    Claim("stage_mid", "Mid-training fitness is higher", 1, 0.402, 0.036),
+    Claim("stage_late", "Late fitness does not differ", 0, 0.002, 0.616),
+    Claim("max_ever", "The fitness ceiling does not differ", 0, -0.007, 1.0),
+    Claim("final_mean", "The final average fitness is lower", -1, -0.273, 0.036),
+)
+
+
+def claims_table(key: str, title: str, findings: Sequence[Finding], arms: tuple[str, str]) -> Table:
+    """One row a claim, the first arm standing for the paper's proposed system."""
+    rows = []
+    for claim in CLAIMS:
+        f = finding(findings, claim.measure, arms)
+        size, what = difference(f)
+        rows.append(
+            (
+                claim.text,
+                f"{percent(size)}{what}",
+                probability(f.rank_q),
+                percent(claim.size),
+                probability(claim.p_bh),
+                verdict(claim.direction, f),
+            )
+        )
+    return Table(
+        key,
+        title,
+        ("Claim", "here", "p BH", f"{MARK} difference", f"{MARK} p BH", "verdict"),
+        tuple(rows),
+        (
+            f"{arms[0]} stands for the paper's proposed system, {arms[1]} for its baseline."
+            f" 'Shown': p BH < {LEVEL:g}. 'Not shown' is no evidence that there is no difference;"
+            " the power note says what could have been found.",
+            paper.NOTE,
+        ),
+    )
+
+
+def difference(f: Finding) -> tuple[float | None, str]:
+    """By which share the first arm differs, and how that is measured when not by means."""
+    if not f.measure.emergence:
+        (a, _), (b, _) = (mean_sd(sample) for sample in f.numbers)
+        return change(a, b), ""
+    first, second = (summary(sample, f.generations) for sample in f.samples)
+    earlier = reduction(first, second)
+    if earlier is None:
+        return None, "never in either arm"
+    return -earlier[0], "" if earlier[1] == "means" else f" ({earlier[1]})"
+
+
+def verdict(direction: int, f: Finding) -> str:
+    """What the tests say of a claim; `direction` as in `Claim`."""
+    shown = f.rank_q < LEVEL
+    if direction == 0:
+        return "agrees: no difference shown" if not shown else f"differs: {_side(f)}, shown"
+    if f.rank.r == 0:
+        return "no difference"
+    same = (f.rank.r < 0) == (direction > 0)
+    if same:
+        return "agrees, shown" if shown else "same direction, not shown"
+    return "opposite, shown" if shown else "opposite direction, not shown"
+
+
+def _side(f: Finding) -> str:
+    return "lower" if f.rank.r > 0 else "higher"

@@ -1,0 +1,188 @@
+"""From a state to questions, and from answers to guidance (section 2.4).
+
+Everything here is a function of the state, the settings and the answers. Who
+gives the answers, the network or a record, is not known here, so that a replay
+goes through the same code as the run it repeats.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import numpy as np
+
+from islandgp.bt.limits import Limits
+from islandgp.resources import resource
+from islandgp.scoring.state import PopulationState
+from islandgp.supervision.base import Guidance, Setup, Supervisor
+from islandgp.supervision.llm.answers import DECISION, PROPOSAL, Decision, Proposal, schema
+from islandgp.supervision.llm.calls import Calls
+from islandgp.supervision.llm.conversation import Outcome, converse
+from islandgp.supervision.llm.dialect import Dialect
+from islandgp.supervision.llm.funnel import Check, Rejection, check_decision, check_proposal
+from islandgp.supervision.llm.message import Request
+from islandgp.supervision.llm.prompts import fixed_values, load_prompt, render, urgency
+from islandgp.supervision.llm.settings import LLMSettings, TreeSize
+from islandgp.supervision.state_json import state_text
+
+T = TypeVar("T")
+REASON: Final = 600  # characters of a fallback's reason that the record keeps
+_FILES: Final = ("mutation_rate", "tree_explore", "tree_exploit", "repair")
+_LATER: Final = ("generation", "state", "urgency", "stage", "error")  # known only in a generation
+
+
+class Adviser:
+    """Asks for a rate and for a tree, and puts the guidance together."""
+
+    def __init__(self, settings: LLMSettings, setup: Setup) -> None:
+        """Reads the prompts. Raises SupervisionError for one that cannot be filled in."""
+        self.settings, self.setup = settings, setup
+        folder = Path(settings.prompts) if settings.prompts else resource("prompts")
+        self.prompts = {name: load_prompt(name, folder) for name in _FILES}
+        self.values = {**fixed_values(), **_rates(settings)}
+        for prompt in self.prompts.values():
+            size = _size(settings.explore)
+            render(prompt, {**self.values, **size, **dict.fromkeys(_LATER, "")})
+        part = settings.fallback
+        policy = part.factory.Settings.model_validate(part.policy)
+        self.fallback: Supervisor = part.factory.make(policy, setup)
+
+    def advise(
+        self, state: PopulationState, rng: np.random.Generator, calls: Calls, dialect: Dialect
+    ) -> Guidance:
+        """Guidance from the answers; the fallback, which consumes `rng`, fills in what lacks."""
+        rate = self._rate(state, calls, dialect) if self.setup.adapt_mutation else None
+        tree = self._tree(state, calls, dialect) if self.setup.inject else None
+        asked = [outcome for outcome in (rate, tree) if outcome is not None]
+        missing = sum(outcome.value is None for outcome in asked)
+        backup = self.fallback.advise(state, rng) if missing else None
+        guidance = Guidance(None, None, _source(missing, len(asked)), notes=_notes(rate, tree))
+        if rate is not None and (decision := rate.value or backup) is not None:
+            guidance = replace(
+                guidance,
+                mutation_rate=decision.mutation_rate,
+                phase=decision.phase,
+                pattern=decision.pattern,
+                intervention=decision.intervention,
+                risk=decision.risk,
+                reasoning=decision.reasoning,
+            )
+        if tree is not None and (proposal := tree.value or backup) is not None:
+            guidance = replace(
+                guidance,
+                tree=proposal.tree,
+                target=proposal.target,
+                rationale=proposal.rationale,
+            )
+        return guidance
+
+    def rate_request(self, state: PopulationState, dialect: Dialect) -> Request:
+        """The question for a mutation rate."""
+        return self._request("mutation_rate", state, dialect, schema(DECISION), {})
+
+    def tree_request(self, state: PopulationState, dialect: Dialect) -> Request:
+        """The question for a tree."""
+        name, size = self._tree_phase(state)
+        return self._request(name, state, dialect, schema(PROPOSAL), _size(size))
+
+    def _rate(self, state: PopulationState, calls: Calls, dialect: Dialect) -> Outcome[Decision]:
+        request = self.rate_request(state, dialect)
+        return self._ask(calls, state, "rate", request, check_decision(self.settings.rate))
+
+    def _tree(self, state: PopulationState, calls: Calls, dialect: Dialect) -> Outcome[Proposal]:
+        _, size = self._tree_phase(state)
+        most = self.setup.limits
+        limits = Limits(min(size.most_depth, most.max_depth), min(size.most_nodes, most.max_nodes))
+        request = self.tree_request(state, dialect)
+        return self._ask(calls, state, "tree", request, check_proposal(limits))
+
+    def _ask(
+        self, calls: Calls, state: PopulationState, part: str, request: Request, check: Check[T]
+    ) -> Outcome[T]:
+        return converse(
+            calls,
+            state.now.generation,
+            part,
+            request,
+            check,
+            repairs=self.settings.repairs,
+            repair=self._repair,
+        )
+
+    def _tree_phase(self, state: PopulationState) -> tuple[str, TreeSize]:
+        """Section 2.4.6: exploration until robots of quality exist, exploitation after."""
+        how = self.settings
+        found = state.ever_excellent if how.exploit_from == "excellent" else state.ever_complete
+        return ("tree_exploit", how.exploit) if found else ("tree_explore", how.explore)
+
+    def _request(
+        self,
+        name: str,
+        state: PopulationState,
+        dialect: Dialect,
+        answer: dict[str, Any],
+        values: Mapping[str, str],
+    ) -> Request:
+        system, user = render(
+            self.prompts[name],
+            {
+                **self.values,
+                **values,
+                "generation": str(state.now.generation),
+                "state": state_text(state, self.setup.crisis),
+                "urgency": urgency(state, self.settings.rare),
+            },
+        )
+        how = self.settings
+        return Request(
+            model=how.model,
+            system=system,
+            turns=(user,),
+            max_tokens=how.max_tokens,
+            temperature=dialect.temperature,
+            schema=answer if dialect.structured else None,
+            cache=how.cache,
+        )
+
+    def _repair(self, rejection: Rejection) -> str:
+        values = {"stage": rejection.stage.value, "error": rejection.error}
+        return render(self.prompts["repair"], {**self.values, **values})[1]
+
+
+def _source(missing: int, asked: int) -> str:
+    """Who the guidance comes from, in the record's words."""
+    if missing == 0:
+        return "llm"
+    return "fallback" if missing == asked else "llm and fallback"
+
+
+def _notes(rate: Outcome[Decision] | None, tree: Outcome[Proposal] | None) -> dict[str, str]:
+    """For the record: where each part comes from, and the hash of every prompt of it."""
+    notes = {}
+    for name, outcome in (("rate", rate), ("tree", tree)):
+        if outcome is not None:
+            why = f": {outcome.why[:REASON]}" if outcome.why else ""
+            notes[name] = outcome.source + why
+            notes[f"{name}_prompts"] = " ".join(outcome.prompts)
+            if outcome.rejected:
+                notes[f"{name}_rejected"] = " ".join(outcome.rejected)
+    return notes
+
+
+def _rates(settings: LLMSettings) -> dict[str, str]:
+    """Table 8 as values for the prompts."""
+    ranges = {f"rate.{p}": f"{low:.2f} to {high:.2f}" for p, (low, high) in settings.phases.items()}
+    how = settings.rate
+    return {**ranges, "rate.least": f"{how.least:g}", "rate.most": f"{how.most:g}"}
+
+
+def _size(size: TreeSize) -> dict[str, str]:
+    return {
+        "depth": str(size.depth),
+        "nodes": size.nodes,
+        "most_depth": str(size.most_depth),
+        "most_nodes": str(size.most_nodes),
+    }

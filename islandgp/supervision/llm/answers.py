@@ -1,0 +1,94 @@
+"""What a model must answer: the two shapes, as types and as JSON schemas (section 2.4.6)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, Final
+
+from islandgp.bt.node import Node
+from islandgp.supervision.base import Pattern, Phase, Target
+
+LONGEST: Final = 1000  # characters of an explanation that the record keeps
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """The answer to the prompt `mutation_rate`."""
+
+    mutation_rate: float  # inside the range that the settings allow
+    phase: Phase
+    pattern: Pattern
+    intervention: bool
+    risk: str
+    reasoning: str
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """The answer to a prompt for a tree."""
+
+    tree: Node  # inside the limits
+    target: Target
+    rationale: str
+
+
+FieldType = type[StrEnum] | type[float] | type[bool] | type[str]
+
+DECISION: Final[Mapping[str, FieldType]] = {
+    "mutation_rate": float,
+    "phase": Phase,
+    "pattern": Pattern,
+    "intervention": bool,
+    "risk": str,
+    "reasoning": str,
+}
+PROPOSAL: Final[Mapping[str, FieldType]] = {"tree": str, "target": Target, "rationale": str}
+
+
+def schema(shape: Mapping[str, FieldType]) -> dict[str, Any]:
+    """The JSON schema of a shape. Ranges are not in it: servers drop them."""
+    return {
+        "type": "object",
+        "properties": {field: _json_type(kind) for field, kind in shape.items()},
+        "required": list(shape),
+        "additionalProperties": False,
+    }
+
+
+def _json_type(kind: FieldType) -> dict[str, Any]:
+    if issubclass(kind, StrEnum):
+        return {"type": "string", "enum": [member.value for member in kind]}
+    return {"type": {float: "number", bool: "boolean", str: "string"}[kind]}
+
+
+def faults(found: Mapping[str, Any], shape: Mapping[str, FieldType]) -> list[str]:
+    """What is wrong with the types of an answer's fields, a line each; fields too many are fine."""
+    wrong = []
+    for field, kind in shape.items():
+        if field not in found:
+            wrong.append(f"{field}: expected a value, found none")
+        elif not _is(found[field], kind):
+            wrong.append(f"{field}: expected {_wanted(kind)}, found {_shown(found[field])}")
+    return wrong
+
+
+def _is(value: Any, kind: FieldType) -> bool:
+    if kind is float:
+        # NaN, infinity and whole numbers of 400 digits are JSON to Python, but no numbers to us.
+        return isinstance(value, (int, float)) and type(value) is not bool and abs(value) < 1e300
+    if issubclass(kind, StrEnum):
+        return isinstance(value, str) and value in list(kind)
+    return isinstance(value, kind)
+
+
+def _wanted(kind: FieldType) -> str:
+    if issubclass(kind, StrEnum):
+        return f"one of {', '.join(kind)}"
+    return {float: "a number", bool: "true or false", str: "a text"}[kind]
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:60] + "..."

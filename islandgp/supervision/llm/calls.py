@@ -1,0 +1,163 @@
+"""Calls: a request goes out, is tried again if that may help, and is written down.
+
+`LiveCalls` asks the network, and what is written down already it does not ask
+again. `RecordedCalls` asks nobody.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+from typing import Final, Protocol
+
+from islandgp.errors import SupervisionError
+from islandgp.seeding import Stream, stream
+from islandgp.supervision.llm.ledger import Ledger, known_usage
+from islandgp.supervision.llm.message import Client, Failure, FailureKind, Reply, Request
+from islandgp.supervision.llm.prices import cost, most_tokens
+from islandgp.supervision.llm.retry import RetrySettings, final, wait
+from islandgp.supervision.llm.transcript import Attempt, Call, Part, Transcript
+
+_SLOTS: Final = {"probe": 0, "rate": 1, "tree": 2}  # of Stream.NETWORK
+
+
+class Calls(Protocol):
+    """Whoever answers calls."""
+
+    def ask(self, call: Call, request: Request) -> Reply | Failure:
+        """The answer to a call, after as many attempts as it takes."""
+        ...
+
+    def conclude(self, part: Part) -> None:
+        """Takes note of what became of a part of the guidance."""
+        ...
+
+
+class LiveCalls:
+    """Asks a client, within a budget."""
+
+    def __init__(
+        self,
+        client: Client,
+        transcript: Transcript,
+        ledger: Ledger,
+        retry: RetrySettings,
+        *,
+        seed: int,
+        sleep: Callable[[float], None] = time.sleep,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """`sleep` and `clock` take the time's place in tests."""
+        self.client, self.transcript, self.ledger, self.retry = client, transcript, ledger, retry
+        self.seed, self.sleep, self.clock = seed, sleep, clock
+        self._closed = False
+
+    def ask(self, call: Call, request: Request) -> Reply | Failure:
+        """See `Calls`. An answer that is written down for the same request is given again."""
+        done = [a for a in self.transcript.of(call) if a.request.digest == request.digest]
+        rng = stream(
+            self.seed,
+            Stream.NETWORK,
+            generation=call.generation + 1,
+            slot=10 * _SLOTS[call.part] + call.turn,
+        )
+        answer = done[-1].answer if done else None
+        number = done[-1].number if done else 0
+        while answer is None or not final(answer, number, self.retry):
+            waited = 0.0
+            if isinstance(answer, Failure):
+                waited = wait(answer, number, self.retry, rng)
+                self.sleep(waited)
+            number += 1
+            answer = self._attempt(call, number, request, waited)
+        return answer
+
+    def conclude(self, part: Part) -> None:
+        """See `Calls`."""
+        self.transcript.conclude(part)
+
+    def close(self) -> None:
+        """Ends a call that is under way in another thread: it leaves no trace in the record.
+
+        A run that goes on later makes the attempt again.
+        """
+        self._closed = True
+
+    def _attempt(self, call: Call, number: int, request: Request, waited: float) -> Reply | Failure:
+        most = most_tokens(request)
+        at, began = datetime.now(UTC).isoformat(timespec="milliseconds"), self.clock()
+        answer: Reply | Failure
+        if why := self.ledger.over(most):
+            answer = Failure(FailureKind.BUDGET, why)
+        else:
+            answer = self.client.send(request, seconds=self.retry.deadline)
+        if self._closed:
+            raise SupervisionError("The run is over; nobody waits for this answer.")
+        usage, price = known_usage(answer), self.ledger.price
+        attempt = Attempt(
+            call=call,
+            number=number,
+            request=request,
+            answer=answer,
+            usage=usage,
+            at_most=most if usage is None else usage,
+            usd=None if usage is None or price is None else cost(usage, price),
+            seconds=round(self.clock() - began, 3),
+            waited=round(waited, 3),
+            at=at,
+        )
+        self.transcript.add(attempt)
+        return answer
+
+
+class RecordedCalls:
+    """Answers from a transcript, which stays as it is."""
+
+    def __init__(self, transcript: Transcript) -> None:
+        self.transcript = transcript
+
+    def ask(self, call: Call, request: Request) -> Reply | Failure:
+        """See `Calls`.
+
+        Raises:
+            SupervisionError: the transcript has no answer, or one to another request.
+        """
+        done = self.transcript.of(call)
+        name = self.transcript.path or "the transcript"
+        if not done:
+            raise SupervisionError(
+                f"Expected an answer in {name} for the {call}, found none: the recorded run"
+                " ended before, or asked for less."
+            )
+        same = [a for a in done if a.request.digest == request.digest]
+        if not same:
+            raise SupervisionError(
+                f"Expected the recorded request in {name} for the {call}, found another one:\n"
+                + difference(done[-1].request, request)
+                + "\nA replay needs the code, the prompts, the configuration and the seed of the"
+                " recorded run."
+            )
+        return same[-1].answer
+
+    def conclude(self, part: Part) -> None:
+        """See `Calls`."""
+
+
+def difference(recorded: Request, now: Request) -> str:
+    """Where two requests differ, as a unified diff of at most 40 lines."""
+    lines = list(
+        difflib.unified_diff(_lines(recorded), _lines(now), "recorded", "now", lineterm="", n=1)
+    )
+    more = [f"... and {len(lines) - 40} lines more"] if len(lines) > 40 else []
+    return "\n".join(lines[:40] + more)
+
+
+def _lines(request: Request) -> list[str]:
+    plain = request.plain()
+    turns = [line for turn in request.turns for line in turn.splitlines()]
+    rest = {key: plain[key] for key in ("model", "max_tokens", "temperature", "schema", "cache")}
+    settings = [f"{key}: {json.dumps(value)}" for key, value in rest.items()]
+    return [*settings, *request.system.splitlines(), *turns]

@@ -1,0 +1,94 @@
+"""The probe at a run's start: how the server wants to be asked.
+
+It asks for a greeting in plain words and at the same time for a JSON schema.
+A server that answers with JSON keeps to schemas; one that greets does not know
+them. What a server refuses is left out the next time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+from islandgp.errors import SupervisionError
+from islandgp.supervision.llm.calls import Calls
+from islandgp.supervision.llm.funnel import find_object
+from islandgp.supervision.llm.message import TRANSIENT, Failure, FailureKind, Reply, Request
+from islandgp.supervision.llm.settings import LLMSettings
+from islandgp.supervision.llm.transcript import Call
+
+_SYSTEM: Final = "Answer in one short sentence."
+_QUESTION: Final = "Please greet me."
+_SCHEMA: Final[dict[str, Any]] = {
+    "type": "object",
+    "properties": {"greeting": {"type": "string"}},
+    "required": ["greeting"],
+    "additionalProperties": False,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect:
+    """How requests are made."""
+
+    structured: bool  # with a JSON schema; else a JSON object is looked for in the text
+    temperature: float | None  # None: not sent
+    note: str  # one line for people: what the probe found
+
+    def __str__(self) -> str:
+        output = "structured output" if self.structured else "JSON found in text"
+        heat = "no temperature" if self.temperature is None else f"temperature {self.temperature:g}"
+        return f"{output}, {heat} ({self.note})"
+
+
+def find_dialect(calls: Calls, settings: LLMSettings) -> Dialect:
+    """Asks the server; at most three calls.
+
+    Raises:
+        SupervisionError: no request of this run would ever be answered: the key, the model or
+            the address is wrong.
+    """
+    structured, temperature = settings.output != "text", settings.temperature
+    for turn in range(3):
+        request = Request(
+            settings.model,
+            _SYSTEM,
+            (_QUESTION,),
+            settings.max_tokens,
+            temperature,
+            _SCHEMA if structured else None,
+        )
+        answer = calls.ask(Call(-1, "probe", turn), request)
+        if isinstance(answer, Reply):
+            if settings.output == "auto" and structured:
+                structured = find_object(answer.text, ["greeting"]) is not None
+            return Dialect(structured, temperature, "as the probe found")
+        if answer.kind in TRANSIENT or answer.kind is FailureKind.BUDGET:
+            # The plainest dialect is understood everywhere. The run does not wait.
+            plain = settings.output == "structured"
+            return Dialect(plain, None, f"the probe got no answer: {answer.message}")
+        if answer.kind is not FailureKind.REJECTED or not (structured or temperature is not None):
+            raise _hopeless(answer, settings)
+        if structured and settings.output == "auto" and not _about_temperature(answer):
+            structured = False
+        elif temperature is not None:
+            temperature = None
+        else:
+            raise _hopeless(answer, settings)
+    raise AssertionError("each turn leaves something out, and there are two things to leave out")
+
+
+def _about_temperature(failure: Failure) -> bool:
+    return "temperature" in failure.message
+
+
+def _hopeless(failure: Failure, settings: LLMSettings) -> SupervisionError:
+    where = settings.base_url or "the Anthropic API"
+    remedy = {
+        FailureKind.UNAUTHORISED: "set another ANTHROPIC_API_KEY",
+        FailureKind.NOT_FOUND: "set supervisor.policy.model, or supervisor.policy.base_url",
+    }.get(failure.kind, "see what it says, or use supervisor=expert, which asks nobody")
+    return SupervisionError(
+        f"Expected an answer of the model {settings.model} from {where}, found"
+        f" {failure.kind} ({failure.message}); {remedy}."
+    )

@@ -1,0 +1,125 @@
+"""What supervision has taken so far, and the caps that end it (section 3.9, Table 14).
+
+The ledger is a sum over the transcript, so a resumed run goes on with the right
+sums. Caps are compared with the most that an attempt can take, before it is
+made: a cap is never passed, not even by an answer that never arrived.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+from pydantic import BaseModel, Field
+
+from islandgp.supervision.llm.message import CHARGED, Failure, FailureKind, Reply, Usage
+from islandgp.supervision.llm.prices import Price, cost
+from islandgp.supervision.llm.transcript import Attempt, Transcript
+
+
+class Caps(BaseModel, frozen=True, extra="forbid"):
+    """The most that one run may take; None: no cap."""
+
+    requests: int | None = Field(ge=0)  # sent, retries and repairs included
+    input_tokens: int | None = Field(ge=0)  # those read from and written to a cache included
+    output_tokens: int | None = Field(ge=0)
+    usd: float | None = Field(ge=0)
+    seconds: float | None = Field(ge=0)  # spent on attempts and on waiting between them
+
+
+@dataclass(slots=True)
+class Sums:
+    """What some attempts took together."""
+
+    requests: int = 0
+    input: int = 0
+    output: int = 0
+    usd: float = 0.0
+    seconds: float = 0.0
+
+
+def known_usage(answer: Reply | Failure) -> Usage | None:
+    """The tokens of an answer; None where a request was perhaps charged and nobody says how much.
+
+    A server that turns a request away does not charge it.
+    """
+    if isinstance(answer, Reply):
+        return answer.usage
+    return None if answer.kind in CHARGED else Usage()
+
+
+def _input(usage: Usage) -> int:
+    return usage.input + usage.cache_read + usage.cache_write
+
+
+class Ledger:
+    """Counts a transcript."""
+
+    def __init__(self, transcript: Transcript, price: Price | None, caps: Caps) -> None:
+        """`price` is None where nobody knows it; then no dollars are counted."""
+        self.transcript, self.price, self.caps = transcript, price, caps
+
+    def over(self, next_at_most: Usage) -> str:
+        """Which cap another attempt could pass, in words; "" for none."""
+        most = self._most()
+        asked = {
+            "requests": (most.requests + 1, self.caps.requests),
+            "input_tokens": (most.input + _input(next_at_most), self.caps.input_tokens),
+            "output_tokens": (most.output + next_at_most.output, self.caps.output_tokens),
+            "usd": (most.usd + self._usd(next_at_most), self.caps.usd),
+        }
+        for name, (found, cap) in asked.items():
+            if cap is not None and found > cap:
+                return f"another request could pass the cap {name}={cap}"
+        if self.caps.seconds is not None and most.seconds >= self.caps.seconds:
+            return f"the cap seconds={self.caps.seconds:g} is reached"
+        return ""
+
+    def _usd(self, usage: Usage) -> float:
+        return 0.0 if self.price is None else cost(usage, self.price)
+
+    def _most(self) -> Sums:
+        """The most that all attempts so far may have taken."""
+        sums = Sums()
+        for a in _sent(self.transcript.attempts):
+            sums.requests += 1
+            sums.input += _input(a.at_most)
+            sums.output += a.at_most.output
+            sums.usd += self._usd(a.at_most)
+            sums.seconds += a.seconds + a.waited
+        return sums
+
+    def totals(self) -> dict[str, float]:
+        """Sums from the run's start by name, for the costs of a generation and for MLflow."""
+        attempts, parts = _sent(self.transcript.attempts), list(self.transcript.parts)
+        usages = [a.usage for a in attempts if a.usage is not None]
+        failures = Counter(a.answer.kind for a in attempts if isinstance(a.answer, Failure))
+        rejected = Counter(stage for part in parts for stage in part.rejected)
+        found: dict[str, float] = {
+            "requests": len(attempts),
+            "calls": len({a.call for a in attempts}),
+            "input_tokens": sum(u.input for u in usages),
+            "output_tokens": sum(u.output for u in usages),
+            "cache_read_tokens": sum(u.cache_read for u in usages),
+            "cache_write_tokens": sum(u.cache_write for u in usages),
+            "latency_s": sum(a.seconds for a in attempts),
+            "waited_s": sum(a.waited for a in attempts),
+            "uncounted_requests": len(attempts) - len(usages),
+            "failures": failures.total(),
+            "rejections": rejected.total(),
+            "repaired": sum("repaired" in part.source for part in parts),
+            "fallback_rates": sum(p.source == "fallback" and p.part == "rate" for p in parts),
+            "fallback_trees": sum(p.source == "fallback" and p.part == "tree" for p in parts),
+        }
+        if self.price is not None:
+            found["cost_usd"] = sum(a.usd or 0.0 for a in attempts)
+            found["cost_usd_at_most"] = self._most().usd
+        found |= {f"failures_{kind}": count for kind, count in sorted(failures.items())}
+        found |= {f"rejected_{stage}": count for stage, count in sorted(rejected.items())}
+        return found
+
+
+def _sent(attempts: list[Attempt]) -> list[Attempt]:
+    """The attempts that reached the network."""
+    budget = FailureKind.BUDGET
+    return [a for a in list(attempts) if isinstance(a.answer, Reply) or a.answer.kind is not budget]

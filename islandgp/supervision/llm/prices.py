@@ -1,0 +1,46 @@
+"""What tokens cost: the dated price table of `conf/prices`."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, Field
+
+from islandgp.supervision.llm.message import Request, Usage
+
+PER: float = 1e6  # tokens that a price is for
+
+
+class Price(BaseModel, frozen=True, extra="forbid"):
+    """US dollars for a million tokens of one model."""
+
+    input: float = Field(ge=0)
+    output: float = Field(ge=0)
+    cache_read: float = Field(ge=0)
+    cache_write: float = Field(ge=0)  # kept for 5 minutes
+
+
+class Prices(BaseModel, frozen=True, extra="forbid"):
+    """The prices of one day."""
+
+    date: str = Field(pattern=r"^\d{4}-\d\d-\d\d$")  # when they were read
+    source: str
+    models: dict[str, Price]
+
+
+def cost(usage: Usage, price: Price) -> float:
+    """US dollars."""
+    return (
+        usage.input * price.input
+        + usage.output * price.output
+        + usage.cache_read * price.cache_read
+        + usage.cache_write * price.cache_write
+    ) / PER
+
+
+def most_tokens(request: Request) -> Usage:
+    """More tokens than a request can take: two bytes are never less than one token's share.
+
+    English text and JSON have three to four bytes a token; the schema and the
+    frame of the message are in the constant.
+    """
+    size = sum(len(text.encode()) for text in (request.system, *request.turns))
+    return Usage(input=size // 2 + 500, output=request.max_tokens)

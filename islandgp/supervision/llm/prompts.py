@@ -1,0 +1,143 @@
+"""Prompts: the files of `prompts/`, and how they are filled in (section 2.4.6).
+
+A file has a part `# system`, which is the same in every generation, and a part
+`# user`. `{{name}}` stands for a value; a name without a value is an error that
+says where it stands.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Final
+
+from islandgp.bt.node import ABORTS, ACTIONS, FLAG_OPERATORS, KEYS, KINDS, OPERATORS, REPEATS
+from islandgp.errors import SupervisionError
+from islandgp.resources import resource
+from islandgp.scoring.state import PopulationState
+from islandgp.supervision.base import Target
+from islandgp.supervision.state_json import FIELDS
+
+_VARIABLE: Final = re.compile(r"\{\{\s*([A-Za-z_][\w.]*)\s*\}\}")
+_PART: Final = re.compile(r"^# (system|user)\s*$", re.MULTILINE)
+
+TARGETS: Final[dict[Target, str]] = {
+    Target.PICKUP: "picks up garbage from the ground",
+    Target.HUMANOID: "takes garbage from humanoids; for a population that never serves them",
+    Target.CHARGING: "charges early and often; for a population that never charges",
+    Target.CLEARING: "delivers early and often; for a population that never delivers",
+    Target.RARE: "does what has almost died out; for a population of low diversity",
+    Target.INTEGRATION: "brings several behaviours together; for one that has found them all",
+    Target.EXPLORATION: "is unlike the others; for a population in stagnation or crisis",
+}
+"""Table 7, told to the model."""
+
+
+@dataclass(frozen=True, slots=True)
+class Prompt:
+    """One file of `prompts/`."""
+
+    name: str
+    system: str  # template, may be empty
+    user: str  # template
+
+
+def load_prompt(name: str, folder: Path) -> Prompt:
+    """Reads `<folder>/<name>.md`. Raises SupervisionError where it is missing or has no parts."""
+    path = folder / f"{name}.md"
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise SupervisionError(f"Expected a prompt in {path}, found none: {error}.") from None
+    head, *rest = _PART.split(text)
+    parts = dict(zip(rest[::2], rest[1::2], strict=True))
+    if head.strip() or "user" not in parts:
+        raise SupervisionError(
+            f"Expected {path} to have a part `# user`, perhaps after a part `# system`,"
+            f" found {', '.join(f'# {part}' for part in parts) or 'none of them'}."
+        )
+    return Prompt(name, parts.get("system", "").strip(), parts["user"].strip())
+
+
+def render(prompt: Prompt, values: Mapping[str, str]) -> tuple[str, str]:
+    """The system text and the user text with every variable filled in.
+
+    Raises:
+        SupervisionError: a variable has no value; the message names it.
+    """
+    return _fill(prompt.system, prompt.name, values), _fill(prompt.user, prompt.name, values)
+
+
+def _fill(template: str, name: str, values: Mapping[str, str]) -> str:
+    def value(match: re.Match[str]) -> str:
+        if match[1] in values:
+            return values[match[1]]
+        line = template.count("\n", 0, match.start()) + 1
+        near = get_close_matches(match[1], values, 1)
+        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(sorted(values))}"
+        text = template.splitlines()[line - 1].strip()
+        raise SupervisionError(
+            f"prompts/{name}.md: expected a known variable, found {{{{{match[1]}}}}} in"
+            f" {text!r}; {hint}"
+        )
+
+    return _VARIABLE.sub(value, template)
+
+
+def language() -> str:
+    """The language's reference, made from the grammar and the tables that declare its words."""
+    grammar = (resource("grammar") / "bt.lark").read_text(encoding="utf-8").strip()
+    numbers = [name for name, key in KEYS.items() if not key.flag]
+    flags = [name for name, key in KEYS.items() if key.flag]
+    return "\n".join(
+        (
+            "The grammar, in Lark's notation:",
+            "",
+            f"```lark\n{grammar}\n```",
+            "",
+            "Nodes:",
+            *(f"- {name}: {kind.meaning}" for name, kind in KINDS.items()),
+            "",
+            f"A repeater counts from {REPEATS[0]} to {REPEATS[1]}. The abort rules of a `when` are"
+            f" {', '.join(ABORTS)}; without one it is {ABORTS[-1]}.",
+            "",
+            "Actions:",
+            *(f"- {name}: {action.meaning}" for name, action in ACTIONS.items()),
+            "",
+            f"Keys that are numbers, compared with one of {' '.join(OPERATORS)}:",
+            *(f"- {name}: {KEYS[name].meaning}" for name in numbers),
+            "",
+            f"Keys that are yes or no, as `when KEY` or `when {FLAG_OPERATORS[1]} KEY`:",
+            *(f"- {name}: {KEYS[name].meaning}" for name in flags),
+        )
+    )
+
+
+def fixed_values() -> dict[str, str]:
+    """Values that no run and no generation changes: the language, the fields, the examples."""
+    examples = sorted((resource("grammar") / "examples").glob("*.bt"))
+    return {
+        "language": language(),
+        "fields": "\n".join(f"- {name}: {meaning}" for name, meaning in FIELDS.items()),
+        "targets": "\n".join(f"- {target}: {meaning}" for target, meaning in TARGETS.items()),
+        **{
+            f"example.{path.stem}": f"```\n{path.read_text(encoding='utf-8').strip()}\n```\n"
+            for path in examples
+        },
+    }
+
+
+def urgency(state: PopulationState, rare: float) -> str:
+    """How urgent each behaviour is, the most urgent first (section 2.4.6).
+
+    `rare` is the share of the population below which a behaviour counts as rare.
+    """
+    lines = []
+    for name in state.lacking:
+        count = state.now.doing[name]
+        word = "MISSING" if not count else "rare" if count < rare * state.population else "present"
+        lines.append(f"- {name}: {count} of {state.population} individuals do it: {word}")
+    return "\n".join(lines)

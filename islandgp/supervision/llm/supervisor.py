@@ -1,0 +1,120 @@
+"""The supervisor that asks a large language model (section 2.4)."""
+
+from __future__ import annotations
+
+import logging
+import os
+from dataclasses import asdict
+
+import numpy as np
+
+from islandgp.errors import SupervisionError
+from islandgp.scoring.state import PopulationState
+from islandgp.supervision.base import Guidance, Setup
+from islandgp.supervision.llm.adviser import Adviser
+from islandgp.supervision.llm.calls import LiveCalls
+from islandgp.supervision.llm.client import AnthropicClient
+from islandgp.supervision.llm.dialect import Dialect, find_dialect
+from islandgp.supervision.llm.ledger import Ledger
+from islandgp.supervision.llm.message import Client
+from islandgp.supervision.llm.settings import LLMSettings
+from islandgp.supervision.llm.transcript import NAME, Transcript
+
+_WAYS = """\
+Expected a key or an address for supervisor=llm, found none. There are three ways:
+  1. the Anthropic API: set ANTHROPIC_API_KEY in the environment;
+  2. a local server that speaks its language (Ollama, vLLM, llama.cpp):
+     supervisor.policy.base_url=http://localhost:11434 supervisor.policy.model=<its model>;
+  3. no model: supervisor=expert works offline and free of charge, and
+     supervisor=replay supervisor.policy.transcript=<a run's folder> repeats a recorded run."""
+
+
+class LLM:
+    """Asks, and writes down every attempt; falls back where there is no usable answer."""
+
+    name = "llm"
+    Settings = LLMSettings
+
+    @classmethod
+    def ready(cls, settings: LLMSettings) -> None:
+        """Raises SupervisionError where there is neither a key nor an address."""
+        if _key(settings) is None and _base_url(settings) is None:
+            raise SupervisionError(_WAYS)
+
+    @classmethod
+    def make(cls, settings: LLMSettings, setup: Setup) -> LLM:
+        """See `Supervisor`."""
+        cls.ready(settings)
+        return cls(
+            settings, setup, AnthropicClient(key=_key(settings), base_url=_base_url(settings))
+        )
+
+    def __init__(self, settings: LLMSettings, setup: Setup, client: Client) -> None:
+        """Nothing is sent and nothing written before `start`, or the first question."""
+        self.settings, self.setup, self.client = settings, setup, client
+        self.adviser = Adviser(settings, setup)
+        self._calls: LiveCalls | None = None
+        self._dialect: Dialect | None = None
+        self._warned = False
+
+    def start(self) -> str:
+        """See `Service`: opens the transcript, and finds out how the server wants to be asked."""
+        calls = self._open()
+        start = calls.transcript.start
+        if start is None:
+            self._dialect = find_dialect(calls, self.settings)
+            told = self.settings.model_dump(mode="json", exclude={"api_key"})
+            calls.transcript.begin({"settings": told, "dialect": asdict(self._dialect)})
+        else:
+            self._dialect = Dialect(**start["dialect"])
+        place = _base_url(self.settings) or "the Anthropic API"
+        return f"Supervised by {self.settings.model} at {place}: {self._dialect}"
+
+    def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
+        """See `Supervisor`. A failure of any kind ends in the fallback, never in an error."""
+        if self._dialect is None:
+            self.start()
+        assert self._dialect is not None
+        guidance = self.adviser.advise(state, rng, self._open(), self._dialect)
+        self._warn(guidance, state.now.generation)
+        return guidance
+
+    def spent(self) -> dict[str, float]:
+        """See `Service`."""
+        return {} if self._calls is None else self._calls.ledger.totals()
+
+    def close(self) -> None:
+        """See `Service`."""
+        if self._calls is not None:
+            self._calls.close()
+        self.client.close()
+
+    def _open(self) -> LiveCalls:
+        if self._calls is None:
+            folder, how = self.setup.folder, self.settings
+            transcript = Transcript(None if folder is None else folder / NAME)
+            ledger = Ledger(transcript, how.price, how.caps)
+            self._calls = LiveCalls(
+                self.client, transcript, ledger, how.retry, seed=self.setup.seed
+            )
+        return self._calls
+
+    def _warn(self, guidance: Guidance, generation: int) -> None:
+        """Tells once that the budget is used up; the record tells it in every generation."""
+        said = [why for why in guidance.notes.values() if why.startswith("fallback: budget")]
+        if said and not self._warned:
+            self._warned = True
+            logging.getLogger("islandgp").warning(
+                "Supervision goes on with the fallback from generation %d: %s",
+                generation,
+                said[0].removeprefix("fallback: budget: "),
+            )
+
+
+def _key(settings: LLMSettings) -> str | None:
+    given = settings.api_key.get_secret_value() if settings.api_key is not None else ""
+    return given or os.environ.get("ANTHROPIC_API_KEY") or None
+
+
+def _base_url(settings: LLMSettings) -> str | None:
+    return settings.base_url or os.environ.get("ANTHROPIC_BASE_URL") or None

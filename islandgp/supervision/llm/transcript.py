@@ -1,0 +1,212 @@
+"""The transcript: every attempt of a run, one line each, written before anything is made of it.
+
+It is what a resumed run and a replay read instead of asking again, what the
+ledger counts, and what a person reads to see who said what. Its lines are JSON
+objects with a field `line` that says of which sort they are:
+
+start    the settings and the dialect that the requests were made with
+system   a system prompt, once, under its hash
+attempt  one attempt at a call: where, request, reply or failure, tokens, dollars, seconds
+part     what became of one part of the guidance: its source, and the stages that rejected it
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from islandgp.errors import SupervisionError
+from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage
+
+NAME: Final = "transcript.jsonl"
+FORMAT: Final = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """Where in a run a call belongs."""
+
+    generation: int  # whose state is asked about; -1 for the probe
+    part: str  # "rate", "tree" or "probe"
+    turn: int  # 0: the question, 1 and up: repairs
+
+    def __str__(self) -> str:
+        turn = f", repair {self.turn}" if self.turn else ""
+        return f"{self.part} after generation {self.generation}{turn}"
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt:
+    """One attempt at a call."""
+
+    call: Call
+    number: int  # from 1
+    request: Request
+    answer: Reply | Failure
+    usage: Usage | None  # tokens; None: nobody knows
+    at_most: Usage  # tokens that it may have taken; `usage` where that is known
+    usd: float | None  # of `usage`; None: unknown tokens or an unknown price
+    seconds: float  # until the answer
+    waited: float  # s before the attempt
+    at: str  # ISO time of the start
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What became of one part of the guidance of a generation."""
+
+    generation: int
+    part: str
+    source: str  # "llm", "llm, repaired", "fallback", ...
+    why: str  # of a fallback, else ""
+    rejected: tuple[str, ...]  # stages of the funnel, in order
+
+
+class Transcript:
+    """A transcript's lines, in memory and in a file that only grows."""
+
+    def __init__(self, path: Path | None) -> None:
+        """Reads what is there; a last line that was cut off by a kill is dropped.
+
+        Raises:
+            SupervisionError: the file is no transcript.
+        """
+        self.path = path
+        self.start: dict[str, Any] | None = None
+        self.attempts: list[Attempt] = []
+        self.parts: list[Part] = []
+        self._systems: dict[str, str] = {}
+        self._whole: int | None = None  # bytes of whole lines, where a piece of one follows
+        if path is not None and path.exists():
+            found = path.read_bytes()
+            kept = found[: found.rfind(b"\n") + 1]
+            if kept != found:
+                self._whole = len(kept)
+            self._load(kept, path)
+
+    def of(self, call: Call) -> list[Attempt]:
+        """The attempts at a call, in order."""
+        return [a for a in self.attempts if a.call == call]
+
+    def begin(self, start: Mapping[str, Any]) -> None:
+        """Writes how the requests are made."""
+        self.start = {"format": FORMAT, **start}
+        self._write({"line": "start", **self.start})
+
+    def add(self, attempt: Attempt) -> None:
+        """Writes an attempt down before it returns."""
+        self.attempts.append(attempt)
+        digest = _sha256(attempt.request.system)
+        if digest not in self._systems:
+            self._systems[digest] = attempt.request.system
+            text = attempt.request.system
+            self._write({"line": "system", "sha256": digest, "text": text})
+        self._write({"line": "attempt", **_plain(attempt, digest)})
+
+    def conclude(self, part: Part) -> None:
+        """Writes down what became of a part, once."""
+        if part not in self.parts:
+            self.parts.append(part)
+            self._write({"line": "part", **asdict(part)})
+
+    def _write(self, line: Mapping[str, Any]) -> None:
+        if self.path is None:
+            return
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        with self.path.open("ab") as file:
+            if self._whole is not None:
+                file.truncate(self._whole)
+                self._whole = None
+            file.write(json.dumps(line, ensure_ascii=False, allow_nan=False).encode() + b"\n")
+            file.flush()
+            os.fsync(file.fileno())
+
+    def _load(self, data: bytes, path: Path) -> None:
+        try:
+            for line in _lines(data):
+                kind = line.pop("line")
+                if kind == "start":
+                    self.start = line
+                elif kind == "system":
+                    self._systems[line["sha256"]] = line["text"]
+                elif kind == "attempt":
+                    self.attempts.append(_attempt(line, self._systems))
+                elif kind == "part":
+                    self.parts.append(Part(**{**line, "rejected": tuple(line["rejected"])}))
+        except (ValueError, KeyError, TypeError) as error:
+            raise SupervisionError(
+                f"Expected a transcript in {path}, found a damaged file"
+                f" ({type(error).__name__}: {error}); move it away to ask again."
+            ) from None
+
+
+def find_transcript(place: Path) -> Path:
+    """The transcript in a run's folder, or the file itself.
+
+    Raises:
+        SupervisionError: there is none.
+    """
+    path = place / NAME if place.is_dir() else place
+    if not path.is_file():
+        raise SupervisionError(
+            f"Expected a run's folder with a {NAME}, or such a file, found nothing at {path};"
+            " a run with supervisor=llm leaves one in its folder."
+        )
+    return path
+
+
+def _lines(data: bytes) -> Iterator[dict[str, Any]]:
+    for line in data.splitlines():
+        yield json.loads(line)
+
+
+def _plain(attempt: Attempt, system: str) -> dict[str, Any]:
+    request = attempt.request.plain()
+    answer = attempt.answer
+    return {
+        **asdict(attempt.call),
+        "attempt": attempt.number,
+        "at": attempt.at,
+        "request": {**request, "system": system},
+        "digest": attempt.request.digest,
+        "prompt": attempt.request.prompt_digest,
+        "reply": asdict(answer) if isinstance(answer, Reply) else None,
+        "failure": asdict(answer) if isinstance(answer, Failure) else None,
+        "usage": None if attempt.usage is None else asdict(attempt.usage),
+        "at_most": asdict(attempt.at_most),
+        "usd": attempt.usd,
+        "seconds": attempt.seconds,
+        "waited": attempt.waited,
+    }
+
+
+def _attempt(line: Mapping[str, Any], systems: Mapping[str, str]) -> Attempt:
+    said = line["request"]
+    request = Request(**{**said, "system": systems[said["system"]], "turns": tuple(said["turns"])})
+    answer: Reply | Failure
+    if line["reply"] is not None:
+        answer = Reply(**{**line["reply"], "usage": Usage(**line["reply"]["usage"])})
+    else:
+        failure = line["failure"]
+        answer = Failure(**{**failure, "kind": FailureKind(failure["kind"])})
+    return Attempt(
+        call=Call(line["generation"], line["part"], line["turn"]),
+        number=line["attempt"],
+        request=request,
+        answer=answer,
+        usage=None if line["usage"] is None else Usage(**line["usage"]),
+        at_most=Usage(**line["at_most"]),
+        usd=line["usd"],
+        seconds=line["seconds"],
+        waited=line["waited"],
+        at=line["at"],
+    )
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -1,0 +1,68 @@
+"""A recorded run again, offline: the answers come from its transcript (DESIGN: supervisor=replay).
+
+The states, the prompts, the funnel and the fallback are worked out anew, by the
+same code as in the recorded run; only the network's part is read. So the
+records come out the same bit for bit, or the replay ends with the difference.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from pydantic import BaseModel, Field, ValidationError
+
+from islandgp.errors import SupervisionError
+from islandgp.scoring.state import PopulationState
+from islandgp.supervision.base import Guidance, Setup
+from islandgp.supervision.llm.adviser import Adviser
+from islandgp.supervision.llm.calls import RecordedCalls
+from islandgp.supervision.llm.dialect import Dialect
+from islandgp.supervision.llm.settings import LLMSettings
+from islandgp.supervision.llm.transcript import Transcript, find_transcript
+
+
+class ReplaySettings(BaseModel, frozen=True, extra="forbid"):
+    """Which record to repeat."""
+
+    transcript: str = Field(min_length=1)  # a run's folder, or a transcript.jsonl
+
+
+class Replay:
+    """Gives the guidance of a recorded run; its record keeps the recorded source."""
+
+    name = "replay"
+    Settings = ReplaySettings
+
+    @classmethod
+    def ready(cls, settings: ReplaySettings) -> None:
+        """Raises SupervisionError where there is no transcript."""
+        find_transcript(Path(settings.transcript))
+
+    @classmethod
+    def make(cls, settings: ReplaySettings, setup: Setup) -> Replay:
+        """See `Supervisor`."""
+        path = find_transcript(Path(settings.transcript))
+        transcript = Transcript(path)
+        try:
+            start = transcript.start or {}
+            recorded = LLMSettings.model_validate(start["settings"])
+            dialect = Dialect(**start["dialect"])
+        except (KeyError, TypeError, ValidationError) as error:
+            raise SupervisionError(
+                f"Expected the settings of a recorded run at the top of {path}, found"
+                f" {type(error).__name__}: {error}."
+            ) from None
+        return cls(Adviser(recorded, setup), transcript, dialect)
+
+    def __init__(self, adviser: Adviser, transcript: Transcript, dialect: Dialect) -> None:
+        self.adviser, self.dialect = adviser, dialect
+        self._calls = RecordedCalls(transcript)
+
+    def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
+        """See `Supervisor`.
+
+        Raises:
+            SupervisionError: the record has no answer to this state.
+        """
+        return self.adviser.advise(state, rng, self._calls, self.dialect)

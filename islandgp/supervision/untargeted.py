@@ -1,0 +1,44 @@
+"""The ablation "random injection": as many trees, of the same library, blind to the state.
+
+If targeting is what helps (Table 7), the expert beats this; if any good tree
+helps, the two are alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from islandgp.scoring.state import PopulationState
+from islandgp.supervision.base import Guidance, Setup, Target
+from islandgp.supervision.expert import Expert, ExpertSettings
+
+
+class Untargeted:
+    """The expert's rate, and a tree for a target drawn at random."""
+
+    name = "untargeted"
+    Settings = ExpertSettings
+
+    @classmethod
+    def make(cls, settings: ExpertSettings, setup: Setup) -> Untargeted:
+        """See `Supervisor`."""
+        return cls(Expert.make(settings, setup))
+
+    def __init__(self, expert: Expert) -> None:
+        self.expert = expert
+
+    def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
+        """Every target of Table 7 is as likely as any other."""
+        guidance = self.expert.advise(state, rng)
+        target = list(Target)[rng.integers(len(Target))]
+        trees = self.expert.settings.trees[target]
+        name = trees[rng.integers(len(trees))]
+        return replace(
+            guidance,
+            source=self.name,
+            target=target,
+            tree=self.expert.library[name],
+            rationale=f"{target}, drawn at random: tree {name}",
+        )

@@ -1,0 +1,80 @@
+"""The ablation "another seed's record": guidance that was given to another population.
+
+Rates and trees are those that some supervisor gave in another run, generation
+by generation, whatever the state is here. If reading the state is what helps,
+the supervisor beats this; if its schedule alone helps, the two are alike.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, Field
+
+from islandgp.bt.language import parse
+from islandgp.errors import SupervisionError
+from islandgp.scoring.state import PopulationState
+from islandgp.supervision.base import Guidance, Pattern, Phase, Setup, Target
+
+
+class YokedSettings(BaseModel, frozen=True, extra="forbid"):
+    """Whose record it is."""
+
+    record: str = Field(min_length=1)  # a run's folder; {seed} stands for the other seed
+    seeds: int = Field(ge=2)  # the other seed is the next of so many, the first after the last
+
+    def folder(self, seed: int) -> Path:
+        """The run that leads the run of a seed."""
+        return Path(self.record.replace("{seed}", str((seed + 1) % self.seeds)))
+
+
+class Yoked:
+    """Repeats another run's guidance, blind to the state."""
+
+    name = "yoked"
+    Settings = YokedSettings
+
+    @classmethod
+    def make(cls, settings: YokedSettings, setup: Setup) -> Yoked:
+        """See `Supervisor`. Raises SupervisionError where the record is missing or too short."""
+        folder = settings.folder(setup.seed)
+        file = folder / "generations.jsonl"
+        if not file.is_file():
+            raise SupervisionError(
+                f"Expected the record of another run in {folder}, found none; run it first, with"
+                f" seed={(setup.seed + 1) % settings.seeds}, or set supervisor.policy.record."
+            )
+        lines = file.read_text(encoding="utf-8").splitlines()
+        given = [json.loads(line)["guidance"] for line in lines]
+        if len(given) < setup.generations:
+            raise SupervisionError(
+                f"Expected a record of {setup.generations} generations in {folder},"
+                f" found {len(given)}; let that run finish first."
+            )
+        return cls(given)
+
+    def __init__(self, given: list[dict[str, Any] | None]) -> None:
+        """`given` is the guidance of each generation's record."""
+        self.given = given
+
+    def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:  # noqa: ARG002 -- the protocol's
+        """What was said after the same generation of the other run."""
+        said = self.given[state.now.generation]
+        if said is None:
+            return Guidance(None, None, self.name, reasoning="the other run ended here")
+        return Guidance(
+            mutation_rate=said["wanted_rate"],
+            tree=None if said["tree"] is None else parse(said["tree"]),
+            source=self.name,
+            phase=None if said["phase"] is None else Phase(said["phase"]),
+            pattern=None if said["pattern"] is None else Pattern(said["pattern"]),
+            target=None if said["target"] is None else Target(said["target"]),
+            intervention=said["intervention"],
+            risk=said["risk"],
+            reasoning=said["reasoning"],
+            rationale=said["rationale"],
+            notes={"led_by": said["source"]},
+        )

@@ -1,0 +1,158 @@
+"""A sweep: many jobs, whoever launches them, and one account of them at the end.
+
+What a job came to is read from its folder: so it is known however the job was
+launched, and also when its process died.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from threading import Thread
+from typing import Final
+
+from omegaconf import DictConfig
+
+from islandgp.compose import Planned, is_choice
+from islandgp.errors import ConfigError
+from islandgp.run import choose
+from islandgp.sweep_job import sweep_job
+from islandgp.sweep_progress import Start, Watch, written_since
+from islandgp.tracking.brief import brief
+from islandgp.tracking.folder import RunFolder
+from islandgp.tracking.parameters import redacted
+from islandgp.tracking.summary import arm_table, arms
+from islandgp.tracking.sweep_folder import SweepFolder, SweepJob
+
+Launch = Callable[[Callable[[DictConfig], None], list[str]], None]
+"""Hands a job function to Hydra, with overrides besides the command's own."""
+
+LAUNCHES: Final = 3  # starts of a launcher that breaks down, the first one included
+
+
+def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
+    """Runs the jobs; returns the exit code: 0, 1 when jobs failed, 130 after Ctrl-C.
+
+    Raises:
+        ConfigError: two jobs are the same run.
+        RunError: another sweep is at work in the same folder.
+    """
+    entries = _entries(jobs)
+    interrupted = False
+    with ExitStack() as stack:
+        for sweep, own in entries.items():
+            sweep.open(command, list(own.values()))
+            stack.callback(sweep.close)
+        try:
+            _launch_all(jobs, entries, launch)
+        except KeyboardInterrupt:
+            interrupted = True
+    try:
+        _send(entries, jobs)
+    except KeyboardInterrupt:
+        interrupted = True
+    for sweep in entries:
+        if (file := sweep.read()) is not None:
+            print(f"\n{arm_table(arms(sweep, file))}\nResults: {sweep.path}")
+    if interrupted:
+        print("islandgp: stopped; the same command goes on from here", file=sys.stderr)
+        return 130
+    return _report_unfinished(entries)
+
+
+Entries = dict[SweepFolder, dict[Path, SweepJob]]
+"""Each sweep's jobs, by the folder that a job's configuration names.
+
+There is more than one sweep where the command sweeps over names.
+"""
+
+
+def _entries(jobs: Sequence[Planned]) -> Entries:
+    sweeps: dict[Path, dict[Path, SweepJob]] = {}
+    for job in jobs:
+        own = sweeps.setdefault(job.folder.parent, {})
+        if job.folder in own:
+            raise ConfigError(
+                "Expected jobs that differ, found two that are the same run:"
+                f" {job.folder.name}; take one of them out of the sweep."
+            )
+        own[job.folder] = _entry(job)
+    return {SweepFolder(path): own for path, own in sweeps.items()}
+
+
+def _entry(job: Planned) -> SweepJob:
+    folder = choose(RunFolder(job.folder), job.settings.resume, redacted(job.config))
+    return SweepJob(
+        folder=folder.path.name,
+        supervisor=job.settings.supervisor.name,
+        seed=job.settings.seed,
+        choices=tuple(o for o in job.overrides if is_choice(o)),
+        generations=job.settings.gp.generations,
+        command=job.command,
+    )
+
+
+def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> None:
+    """Launches what is not finished, again if the launcher itself breaks down under way."""
+    first = next(iter(entries))
+    start = Start.now({named: job for own in entries.values() for named, job in own.items()})
+    how = "off" if jobs[0].launcher == "BasicLauncher" else jobs[0].settings.progress
+    for _ in range(LAUNCHES):
+        try:
+            with Watch(start, how):
+                launch(sweep_job(start), [f"hydra.sweep.dir={first.path}"])
+        except Exception as error:
+            print(f"islandgp: the launcher broke down ({brief(error)})", file=sys.stderr)
+        finally:
+            # Hydra writes the whole command into it, with any secret that it holds.
+            (first.path / "multirun.yaml").unlink(missing_ok=True)
+        if all(run.finished() or written_since(run, start.at) for run in start.runs()):
+            break
+
+
+def _send(entries: Entries, jobs: Sequence[Planned]) -> None:
+    """Lets the tracking store know how the jobs and the sweep as a whole ended."""
+    patience = max(float(job.settings.tracking.policy.get("patience", 20)) for job in jobs)
+
+    def work() -> None:
+        from islandgp.tracking.sync import sync
+
+        for sweep in entries:
+            for path, error in sync(sweep.path).failed.items():
+                trouble.append(f"{path}: {brief(error)}")
+        trouble.append("")
+
+    trouble: list[str] = []
+    thread = Thread(target=work, name="sweep mirror", daemon=True)
+    thread.start()
+    thread.join(patience)
+    if trouble != [""]:
+        why = trouble[0] if trouble else f"no answer in {patience:g} s"
+        paths = " ".join(str(sweep.path) for sweep in entries)
+        print(
+            f"MLflow has not got all records ({why}). They are safe; this sends them:\n"
+            f"  islandgp sync {paths}",
+            file=sys.stderr,
+        )
+
+
+def _report_unfinished(entries: Entries) -> int:
+    """Lists each job that is not finished with the command that runs it again."""
+    bad = [
+        (sweep.run(job), job)
+        for sweep, own in entries.items()
+        for job in own.values()
+        if not sweep.run(job).finished()
+    ]
+    if not bad:
+        return 0
+    total = sum(len(own) for own in entries.values())
+    print(f"\n{len(bad)} of {total} jobs not finished:", file=sys.stderr)
+    for run, job in bad:
+        print(f"\n  {job.folder}: {run.reason() or 'its process died'}", file=sys.stderr)
+        if run.error():
+            print(f"    error:  {run.path / 'error.txt'}", file=sys.stderr)
+        print(f"    again:  {job.command}", file=sys.stderr)
+    return 1

@@ -1,0 +1,144 @@
+"""How far a sweep is, in one line: read from its folders, so that no launcher matters."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from threading import Event, Thread
+from time import time
+from types import TracebackType
+from typing import Final, Literal, Self
+
+from islandgp.progress import duration
+from islandgp.tracking.folder import RunFolder, Status
+from islandgp.tracking.sweep_folder import SweepJob
+
+PERIOD: Final = 1.0  # s between two looks
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """A sweep at its start; jobs get it wherever they run, so it holds plain values only."""
+
+    at: float  # s since 1970
+    jobs: dict[Path, SweepJob]  # by the folder that their configuration names
+    before: int  # generations that were there already
+
+    @classmethod
+    def now(cls, jobs: dict[Path, SweepJob]) -> Self:
+        """The sweep starts now."""
+        start = cls(time(), jobs, 0)
+        return replace(start, before=sum(run.settled() for run in start.runs()))
+
+    def run(self, named: Path) -> RunFolder:
+        """The folder of the job whose configuration names the folder `named`."""
+        return RunFolder(named.with_name(self.jobs[named].folder))
+
+    def runs(self) -> Iterator[RunFolder]:
+        """All jobs' folders."""
+        return (self.run(named) for named in self.jobs)
+
+
+def sweep_line(start: Start) -> str:
+    """Jobs done, running and failed, and the time left."""
+    found = [(run.status(), run.settled()) for run in start.runs()]
+    states = [status for status, _ in found]
+    failed = sum(
+        status is Status.FAILED and written_since(run, start.at)
+        for run, status in zip(start.runs(), states, strict=True)
+    )
+    generations = sum(settled for _, settled in found)
+    total = sum(job.generations for job in start.jobs.values())
+    new = generations - start.before
+    left = f", {duration((time() - start.at) * (total - generations) / new)} left" if new else ""
+    names = ", ".join(dict.fromkeys(path.parent.name for path in start.jobs))
+    return (
+        f"sweep {names}: {states.count(Status.FINISHED)} of {len(states)} done,"
+        f" {states.count(Status.RUNNING)} running, {failed} failed,"
+        f" generation {generations} of {total}{left}"
+    )
+
+
+def written_since(run: RunFolder, at: float) -> bool:
+    """Whether a run's error was written after a time, s since 1970."""
+    file = run.path / "error.txt"
+    return file.exists() and file.stat().st_mtime >= at
+
+
+def job_line(run: RunFolder) -> str:
+    """What one job came to."""
+    if not run.finished():
+        why = run.reason()
+        return f"{run.path.name}: {f'failed: {why}' if why else 'stopped'}"
+    s = run.summary()
+    first = s["first"]["complete"]
+    emerged = (
+        "no Complete Robot" if first is None else f"first Complete Robot in generation {first}"
+    )
+    best = s["champion"]["record"]["fitness"]
+    return f"{run.path.name}: best fitness {best:,.0f}, {emerged}, {duration(s['seconds'])}"
+
+
+class Watch:
+    """Shows the line while a launcher is at work. A context manager."""
+
+    def __init__(self, start: Start, how: Literal["auto", "plain", "off"]) -> None:
+        """`auto`: one live line on a terminal, else a line whenever a job has ended."""
+        self.start = start
+        self.how = how
+        self._over = Event()
+        self._thread = Thread(target=self._work, name="sweep progress", daemon=True)
+
+    def __enter__(self) -> Self:
+        if self.how != "off":
+            self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._over.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _work(self) -> None:
+        if self.how == "auto" and sys.stderr.isatty():
+            self._live()
+        else:
+            self._plain()
+
+    def _plain(self) -> None:
+        told = {run.path for run in self.start.runs() if run.finished()}
+        print(sweep_line(self.start), file=sys.stderr, flush=True)
+        over = False
+        while not over:
+            over = self._over.wait(PERIOD)
+            ended = [run for run in self.start.runs() if self._ended(run) and run.path not in told]
+            for run in ended:
+                told.add(run.path)
+                print(job_line(run), file=sys.stderr, flush=True)
+            if ended:
+                print(sweep_line(self.start), file=sys.stderr, flush=True)
+
+    def _live(self) -> None:
+        from rich.console import Console
+        from rich.live import Live
+
+        told = {run.path for run in self.start.runs() if run.finished()}
+        with Live(sweep_line(self.start), console=Console(stderr=True), auto_refresh=False) as live:
+            over = False
+            while not over:
+                over = self._over.wait(PERIOD)
+                for run in self.start.runs():
+                    if self._ended(run) and run.path not in told:
+                        told.add(run.path)
+                        live.console.print(job_line(run), highlight=False)
+                live.update(sweep_line(self.start), refresh=True)
+
+    def _ended(self, run: RunFolder) -> bool:
+        return run.finished() or written_since(run, self.start.at)

@@ -1,0 +1,223 @@
+"""A loopback server that speaks the Messages API, with scripted answers and scripted faults."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable, Mapping
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from types import TracebackType
+from typing import Any, Final, Self
+
+from islandgp.testing.answers import scripted_answer
+from islandgp.testing.faults import ANSWER_FAULTS, Fault, Script, no_faults, spoiled
+
+WAIT: Final = 60.0  # s that a silent or dripping answer goes on at most
+
+
+class MessagesServer:
+    """The server, as a context manager; `requests` and `keys` hold what came in."""
+
+    def __init__(
+        self,
+        script: Script = no_faults,
+        answer: Callable[[Mapping[str, Any]], Any] = scripted_answer,
+        *,
+        structured: bool = True,
+        temperature: bool = True,
+        delay: float = 0.0,
+    ) -> None:
+        """A server that knows schemas or not, takes temperatures or not, and thinks `delay` s."""
+        self.script, self.answer, self.delay = script, answer, delay
+        self.structured, self.temperature = structured, temperature
+        self.requests: list[dict[str, Any]] = []
+        self.keys: list[str] = []  # credentials as they were sent
+        self.over = threading.Event()
+        self._lock = threading.Lock()
+        self._http = _Http(self)
+
+    @property
+    def url(self) -> str:
+        """For `supervisor.policy.base_url`."""
+        return f"http://127.0.0.1:{self._http.server_port}"
+
+    def __enter__(self) -> Self:
+        threading.Thread(target=self._http.serve_forever, args=(0.02,), daemon=True).start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.over.set()
+        self._http.shutdown()
+        self._http.server_close()
+
+    def take(self, request: dict[str, Any], key: str) -> Fault | None:
+        """Notes a request down; returns what goes wrong with it."""
+        with self._lock:
+            self.requests.append(request)
+            self.keys.append(key)
+            return self.script(len(self.requests) - 1)
+
+
+class _Http(ThreadingHTTPServer):
+    daemon_threads = True
+    block_on_close = False
+
+    def __init__(self, owner: MessagesServer) -> None:
+        super().__init__(("127.0.0.1", 0), _Handler)
+        self.owner = owner
+
+    def handle_error(self, request: object, client_address: object) -> None:
+        """A client that goes away is what these tests are about."""
+
+
+class _Handler(BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+    server: _Http
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Prints nothing."""
+
+    def do_POST(self) -> None:
+        owner = self.server.owner
+        request = json.loads(self.rfile.read(int(self.headers["content-length"])))
+        key = self.headers.get("x-api-key") or self.headers.get("authorization") or ""
+        fault = owner.take(request, key)
+        if owner.delay:
+            owner.over.wait(owner.delay)
+        if fault is not None and fault not in ANSWER_FAULTS:
+            self._fail(fault, request, key)
+            return
+        refused = self._unsupported(request)
+        if refused:
+            self._error(400, "invalid_request_error", refused)
+            return
+        self._send(200, _message(request, *self._text(request, fault)))
+
+    def _unsupported(self, request: Mapping[str, Any]) -> str:
+        owner = self.server.owner
+        if "temperature" in request and not owner.temperature:
+            return "temperature: Extra inputs are not permitted"
+        return ""
+
+    def _text(self, request: Mapping[str, Any], fault: Fault | None) -> tuple[str, str]:
+        """The answer's text and its stop reason."""
+        owner = self.server.owner
+        answer = owner.answer(request)
+        if isinstance(answer, str):
+            return answer, "end_turn"
+        if fault is not None:
+            return spoiled(answer, fault)
+        if owner.structured and "output_config" in request:
+            return json.dumps(answer), "end_turn"
+        if "greeting" in answer:
+            return str(answer["greeting"]), "end_turn"
+        return f"Here is my answer.\n\n```json\n{json.dumps(answer)}\n```\n", "end_turn"
+
+    def _fail(self, fault: Fault, request: Mapping[str, Any], key: str) -> None:
+        body = json.dumps(_message(request, json.dumps(self.server.owner.answer(request)))).encode()
+        match fault:
+            case Fault.SILENCE:
+                self.server.owner.over.wait(WAIT)
+                self.close_connection = True
+            case Fault.DRIP:
+                self._start(200, len(body) + 10_000)
+                self._drip()
+            case Fault.DRIP_HEADERS:
+                self._drip(b"HTTP/1.1 200 OK\r\nX-Slow: ")
+            case Fault.RETRY_SOON:
+                self._error(429, "rate_limit_error", "slow down", {"retry-after": "0"})
+            case Fault.RETRY_LATER:
+                self._error(429, "rate_limit_error", "come tomorrow", {"retry-after": "86400"})
+            case Fault.SERVER_ERROR:
+                self._error(500, "api_error", "internal error")
+            case Fault.OVERLOADED:
+                self._error(529, "overloaded_error", "overloaded")
+            case Fault.BAD_REQUEST:
+                self._error(400, "invalid_request_error", "max_tokens: not today")
+            case Fault.UNAUTHORISED:
+                self._error(401, "authentication_error", f"invalid key {key}")
+            case Fault.CUT:
+                self._start(200, len(body))
+                self.wfile.write(body[: len(body) // 2])
+                self.close_connection = True
+            case Fault.HTML:
+                page = b"<html><body>Please log in to the network.</body></html>"
+                self._start(200, len(page), "text/html")
+                self.wfile.write(page)
+            case Fault.TRUNCATED:
+                self._start(200, len(body) // 2)
+                self.wfile.write(body[: len(body) // 2])
+            case Fault.REFUSAL:
+                self._send(200, {**_message(request, "", "refusal"), "content": []})
+            case Fault.WRONG_BODY:
+                wrong = {"content": 7, "usage": "many", "stop_reason": ["end_turn"]}
+                self._send(200, {**_message(request, ""), **wrong})
+
+    def _drip(self, first: bytes = b"") -> None:
+        """A byte now and then, until the other side goes or the server is closed."""
+        self.close_connection = True
+        owner = self.server.owner
+        self.wfile.write(first)
+        for _ in range(int(WAIT / 0.02)):
+            if owner.over.wait(0.02):
+                return
+            self.wfile.write(b" ")
+            self.wfile.flush()
+
+    def _error(
+        self, status: int, kind: str, message: str, headers: Mapping[str, str] | None = None
+    ) -> None:
+        error = {"type": "error", "error": {"type": kind, "message": message}}
+        self._send(status, error, headers)
+
+    def _send(
+        self, status: int, value: Mapping[str, Any], headers: Mapping[str, str] | None = None
+    ) -> None:
+        body = json.dumps(value).encode()
+        self._start(status, len(body), headers=headers)
+        self.wfile.write(body)
+
+    def _start(
+        self,
+        status: int,
+        length: int,
+        kind: str = "application/json",
+        headers: Mapping[str, str] | None = None,
+    ) -> None:
+        self.send_response(status)
+        for name, value in {
+            "content-type": kind,
+            "content-length": str(length),
+            **(headers or {}),
+        }.items():
+            self.send_header(name, value)
+        self.end_headers()
+
+
+def _message(
+    request: Mapping[str, Any], text: str, stop_reason: str = "end_turn"
+) -> dict[str, Any]:
+    """A message as the API sends it; tokens are counted as a quarter of the characters."""
+    size = len(str(request.get("system", ""))) + sum(
+        len(str(m["content"])) for m in request["messages"]
+    )
+    return {
+        "id": "msg_scripted",
+        "type": "message",
+        "role": "assistant",
+        "model": request["model"],
+        "content": [{"type": "text", "text": text}],
+        "stop_reason": stop_reason,
+        "stop_sequence": None,
+        "usage": {
+            "input_tokens": size // 4,
+            "output_tokens": len(text) // 4,
+            "cache_read_input_tokens": 0,
+            "cache_creation_input_tokens": 0,
+        },
+    }

@@ -1,0 +1,98 @@
+"""Comparisons and MLflow: runs chosen by a filter string, and a report kept as a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from getpass import getuser
+from pathlib import Path
+from time import time
+from typing import Final
+
+from islandgp.errors import StudyError, TrackingError
+from islandgp.tracking.brief import brief
+from islandgp.tracking.store import Place, Store, metric
+
+NEEDED: Final = ("config.yaml", "generations.jsonl", "costs.jsonl", "summary.json")
+"""The artifacts that make a run's folder again."""
+
+MOST: Final = 10_000  # runs that a filter may choose
+
+
+def fetch(place: Place, filter_string: str, cache: Path) -> list[Path]:
+    """Downloads the run folders that an MLflow filter chooses to `cache`/<run id>.
+
+    Parent runs of sweeps and comparisons are passed over: they hold no records.
+
+    Raises:
+        StudyError: the filter is wrong, or chooses no run with records.
+        TrackingError: the store cannot be asked.
+    """
+    from mlflow.exceptions import MlflowException
+
+    try:
+        store = Store(place)
+        page = store.client.search_runs([store.experiment], filter_string, max_results=MOST)
+        folders = [
+            _download(store, str(run.info.run_id), cache)
+            for run in page
+            if set(NEEDED) <= {f.path for f in store.client.list_artifacts(run.info.run_id)}
+        ]
+    except MlflowException as error:
+        if error.error_code == "INVALID_PARAMETER_VALUE":
+            raise StudyError(
+                f"Expected an MLflow filter, found {filter_string!r}: {brief(error)}"
+            ) from error
+        raise TrackingError(
+            f"Expected an answer from the MLflow store {place.uri}, found {brief(error)}"
+        ) from error
+    if not folders:
+        raise StudyError(
+            f"Expected finished runs for the MLflow filter {filter_string!r} in {place.uri}"
+            f" (experiment {place.experiment}), found {len(page)} runs, none with records."
+        )
+    return folders
+
+
+def _download(store: Store, run: str, cache: Path) -> Path:
+    folder = cache / run
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in NEEDED:
+        if not (folder / name).exists():
+            store.client.download_artifacts(run, name, str(folder))
+    return folder
+
+
+def publish(
+    place: Place,
+    title: str,
+    *,
+    folder: Path,
+    files: Sequence[Path],
+    params: Mapping[str, str],
+    metrics: Mapping[str, float],
+    note: str,
+) -> str:
+    """Keeps a report as an MLflow run: its files as artifacts; returns a line for the user.
+
+    A store that is away costs the MLflow run, not the report.
+    """
+    from mlflow.entities import Param
+
+    try:
+        store, now = Store(place), int(1000 * time())
+        tags = {"kind": "comparison", "mlflow.user": getuser(), "mlflow.note.content": note}
+        run = store.client.create_run(store.experiment, tags=tags, run_name=title).info.run_id
+        store.client.log_batch(
+            run,
+            metrics=[metric(key, value, now, 0) for key, value in metrics.items()],
+            params=[Param(key, value) for key, value in params.items()],
+        )
+        for file in files:
+            within = file.relative_to(folder).parent.as_posix()
+            store.client.log_artifact(run, str(file), None if within == "." else within)
+        store.client.set_terminated(run)
+    except Exception as error:
+        return (
+            f"MLflow: {place.uri} has not got the report ({brief(error)}); the files are complete."
+        )
+    return f"MLflow: {place.uri}, run {title!r}"

@@ -1,0 +1,167 @@
+"""A sweep's results over its seeds: curves and tables, arm by arm.
+
+An arm is what the jobs share that differ by nothing but their seed. Statistics
+proper are `islandgp.study`'s; here are means and deviations to look at.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from io import StringIO
+from statistics import fmean, median, stdev
+from typing import Any, Final
+
+from islandgp.tracking.chart import Line, Panel
+from islandgp.tracking.folder import RunFolder, Status
+from islandgp.tracking.sweep_folder import SweepFile, SweepFolder, SweepJob
+
+MEASURES: Final[dict[str, Callable[[dict[str, Any]], float]]] = {
+    "best fitness": lambda s: float(s["best"]),
+    "mean fitness": lambda s: float(s["mean"]),
+    "diversity": lambda s: float(s["diversity"]),
+    "complete robots": lambda s: float(s["tiers"]["complete"]),
+    "excellent robots": lambda s: float(s["tiers"]["excellent"]),
+    "mutation rate": lambda s: float(s["rate"]),
+}
+"""What is drawn over generations: a name, and the number in a snapshot."""
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """A measure by generation, over an arm's finished runs."""
+
+    name: str
+    mean: tuple[float, ...]
+    sd: tuple[float, ...]  # sample standard deviation; 0 for a single run
+
+
+@dataclass(frozen=True, slots=True)
+class Arm:
+    """One arm of a sweep."""
+
+    name: str
+    jobs: tuple[SweepJob, ...]
+    finished: tuple[SweepJob, ...]
+    summaries: tuple[dict[str, Any], ...]  # of the finished ones
+    curves: tuple[Curve, ...]
+
+
+def arms(sweep: SweepFolder, file: SweepFile) -> list[Arm]:
+    """The arms with what their finished runs came to."""
+    return [_arm(sweep, name, jobs) for name, jobs in file.arms().items()]
+
+
+def _arm(sweep: SweepFolder, name: str, jobs: list[SweepJob]) -> Arm:
+    finished = [job for job in jobs if sweep.run(job).finished()]
+    runs = [_snapshots(sweep.run(job)) for job in finished]
+    length = min((len(run) for run in runs), default=0)
+    curves = [
+        _curve(measure, [[of(run[g]) for run in runs] for g in range(length)])
+        for measure, of in MEASURES.items()
+        if length
+    ]
+    summaries = tuple(sweep.run(job).summary() for job in finished)
+    return Arm(name, tuple(jobs), tuple(finished), summaries, tuple(curves))
+
+
+def _snapshots(run: RunFolder) -> list[dict[str, Any]]:
+    return [record["snapshot"] for record in run.records()]
+
+
+def _curve(name: str, columns: list[list[float]]) -> Curve:
+    return Curve(
+        name,
+        tuple(fmean(column) for column in columns),
+        tuple(stdev(column) if len(column) > 1 else 0.0 for column in columns),
+    )
+
+
+def panels(found: Sequence[Arm]) -> list[Panel]:
+    """A picture for each measure: the arms' means with a band of one deviation."""
+    return [
+        Panel(
+            f"{measure.capitalize()}: mean and deviation over seeds",
+            tuple(
+                Line(f"{arm.name} (n={len(arm.finished)})", curve.mean, curve.sd)
+                for arm in found
+                for curve in arm.curves
+                if curve.name == measure
+            ),
+        )
+        for measure in MEASURES
+    ]
+
+
+def curves_csv(found: Sequence[Arm]) -> str:
+    """The curves as a table: arm, measure, generation, mean, sd, runs."""
+    text = StringIO()
+    out = csv.writer(text, lineterminator="\n")
+    out.writerow(("arm", "measure", "generation", "mean", "sd", "runs"))
+    for arm in found:
+        for curve in arm.curves:
+            for g, (mean, sd) in enumerate(zip(curve.mean, curve.sd, strict=True)):
+                out.writerow((arm.name, curve.name, g, mean, sd, len(arm.finished)))
+    return text.getvalue()
+
+
+def arm_table(found: Sequence[Arm]) -> str:
+    """One row an arm, in Markdown."""
+    head = (
+        "arm",
+        "runs finished",
+        "best fitness, mean ± sd",
+        "first Complete, median",
+        "first Excellent, median",
+        "mean diversity",
+    )
+    rows = [head, *(_row(arm) for arm in found)]
+    lines = ["| " + " | ".join(row) + " |" for row in rows]
+    return "\n".join([lines[0], "|---" * len(head) + "|", *lines[1:]]) + "\n"
+
+
+def _row(arm: Arm) -> tuple[str, ...]:
+    finished = f"{len(arm.finished)} of {len(arm.jobs)}"
+    if not arm.summaries:
+        return (arm.name, finished, "", "", "", "")
+    best = [s["champion"]["record"]["fitness"] for s in arm.summaries]
+    spread = f" ± {stdev(best):,.0f}" if len(best) > 1 else ""
+    diversity = fmean(s["mean_diversity"] for s in arm.summaries)
+    return (
+        arm.name,
+        finished,
+        f"{fmean(best):,.0f}{spread}",
+        _emergence(arm, "complete"),
+        _emergence(arm, "excellent"),
+        f"{diversity:.3f}",
+    )
+
+
+def _emergence(arm: Arm, tier: str) -> str:
+    """The median over the runs that got there, and how many did."""
+    came = [g for s in arm.summaries if (g := s["first"][tier]) is not None]
+    n = len(arm.summaries)
+    return f"generation {median(came):g} ({len(came)} of {n})" if came else f"never (0 of {n})"
+
+
+def sweep_note(sweep: SweepFolder, file: SweepFile, found: Sequence[Arm], status: Status) -> str:
+    """What MLflow shows as the sweep's description, in Markdown."""
+    seeds = sorted({job.seed for job in file.jobs})
+    lines = [
+        f"# Sweep {sweep.path.name} ({status.value.lower()})",
+        "",
+        f"{len(file.jobs)} runs: {len(found)} arm{'s' * (len(found) != 1)},"
+        f" seeds {', '.join(map(str, seeds))}.",
+        "",
+        *(f"    {command}" for command in file.commands),
+        "",
+        arm_table(found),
+    ]
+    if broken := [job for job in file.jobs if sweep.run(job).status() is not Status.FINISHED]:
+        lines += ["## Not finished", ""]
+        for job in broken:
+            state = sweep.run(job).status().value.lower()
+            lines.append(f"- {job.folder} ({state}): `{job.command}`")
+    lines += ["", f"Records: `{sweep.path}`"]
+    return "\n".join(lines) + "\n"

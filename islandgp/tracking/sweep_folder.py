@@ -1,0 +1,127 @@
+"""A sweep's folder: the runs of one name, whatever command and launcher made them.
+
+sweep.json      what was asked for: one entry a job; later commands add to it
+<job>/          each job's run (tracking.folder)
+tracking.json   the MLflow run that is the parent of all of them
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from time import time
+from uuid import uuid4
+
+from filelock import FileLock, Timeout
+
+from islandgp.errors import RunError
+from islandgp.evolution.checkpoint import write_atomic
+from islandgp.tracking.folder import RunFolder, Status, locked
+
+
+@dataclass(frozen=True, slots=True)
+class SweepJob:
+    """One job of a sweep."""
+
+    folder: str  # the run's folder inside the sweep's
+    supervisor: str
+    seed: int
+    choices: tuple[str, ...]  # its overrides but the seed, as key=value
+    generations: int
+    command: str  # that runs this job alone
+
+
+@dataclass(frozen=True, slots=True)
+class SweepFile:
+    """What sweep.json holds."""
+
+    id: str
+    started: int  # ms since 1970
+    commands: tuple[str, ...]  # oldest first
+    jobs: tuple[SweepJob, ...]
+
+    def arm(self, job: SweepJob) -> str:
+        """What a job has in common with those that differ from it by the seed only."""
+        everywhere = set.intersection(*(set(j.choices) for j in self.jobs))
+        own = [
+            c
+            for c in job.choices
+            if c not in everywhere and not c.startswith(("supervisor=", "name="))
+        ]
+        return " ".join([job.supervisor, *own])
+
+    def arms(self) -> dict[str, list[SweepJob]]:
+        """The jobs by arm."""
+        found: dict[str, list[SweepJob]] = {}
+        for job in self.jobs:
+            found.setdefault(self.arm(job), []).append(job)
+        return found
+
+
+class SweepFolder:
+    """Writes and reads one sweep's folder; one sweep at a time works in it."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._lock = FileLock(path / ".lock")
+
+    def open(self, command: str, jobs: Sequence[SweepJob]) -> None:
+        """Takes the folder for this process, and adds the jobs to what was asked for.
+
+        Raises:
+            RunError: another sweep is at work here.
+        """
+        self.path.mkdir(parents=True, exist_ok=True)
+        try:
+            self._lock.acquire(timeout=1, poll_interval=0.05)
+        except Timeout:
+            raise RunError(
+                f"Expected to be the only sweep in {self.path}, found another one at work there;"
+                " wait for it, or give this one another name=..."
+            ) from None
+        old = self.read() or SweepFile(uuid4().hex, int(1000 * time()), (), ())
+        new = {_slot(job): job for job in (*old.jobs, *jobs)}
+        commands = (*(c for c in old.commands if c != command), command)
+        file = SweepFile(old.id, old.started, commands, tuple(new.values()))
+        write_atomic(self.path / "sweep.json", (json.dumps(asdict(file), indent=1) + "\n").encode())
+
+    def close(self) -> None:
+        """Gives the folder back."""
+        self._lock.release()
+
+    def read(self) -> SweepFile | None:
+        """What was asked for; None if no sweep was ever started here."""
+        path = self.path / "sweep.json"
+        if not path.exists():
+            return None
+        plain = json.loads(path.read_text(encoding="utf-8"))
+        jobs = tuple(SweepJob(**{**j, "choices": tuple(j["choices"])}) for j in plain["jobs"])
+        return SweepFile(**{**plain, "commands": tuple(plain["commands"]), "jobs": jobs})
+
+    def run(self, job: SweepJob) -> RunFolder:
+        """A job's own folder."""
+        return RunFolder(self.path / job.folder)
+
+    def at_work(self) -> bool:
+        """Whether a process holds the sweep."""
+        return locked(self.path / ".lock")
+
+    def status(self) -> Status:
+        """How far the jobs are, taken together, wherever they run.
+
+        Stopped jobs count for more than failed ones: the sweep is not at its end.
+        """
+        file = self.read()
+        found = {self.run(job).status() for job in file.jobs} if file else set()
+        for status in (Status.RUNNING, Status.KILLED, Status.FAILED):
+            if status in found:
+                return status
+        return Status.FINISHED
+
+
+def _slot(job: SweepJob) -> str:
+    """Jobs of one slot replace each other, as `resume=never` makes `expert-seed0.2`."""
+    return re.sub(r"\.\d+$", "", job.folder)

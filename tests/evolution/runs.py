@@ -1,0 +1,64 @@
+"""Whole evolutions on the fake evaluator."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict
+
+import numpy as np
+
+from islandgp.bt.node import Node
+from islandgp.evolution.checkpoint import dump
+from islandgp.evolution.loop import evolve
+from islandgp.evolution.plan import Plan
+from islandgp.evolution.record import GenerationRecord, RunState, Step
+from islandgp.scoring.state import PopulationState
+from islandgp.supervision.base import Guidance, Supervisor
+from tests.composed import composed
+from tests.evolution.fake import Fake
+
+SMALL = ("supervisor=baseline", "gp.population=12", "gp.generations=8")
+
+
+def plan(*overrides: str) -> Plan:
+    """A small plan, with overrides."""
+    return composed(*SMALL, *overrides).plan
+
+
+class Says:
+    """A supervisor that always says the same, and keeps the states it saw."""
+
+    name = "says"
+
+    def __init__(self, rate: float | None = 0.3, tree: Node | None = None) -> None:
+        self.rate = rate
+        self.tree = tree
+        self.seen: list[PopulationState] = []
+
+    def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
+        """See `Supervisor`; draws something, as supervisors may."""
+        self.seen.append(state)
+        rng.random(3)
+        return Guidance(self.rate, self.tree, self.name)
+
+
+def run(
+    how: Plan | None = None,
+    supervisor: Supervisor | None = None,
+    *,
+    seed: int = 1,
+    start: RunState | None = None,
+    evaluator: Fake | None = None,
+) -> list[Step]:
+    """All steps of a run."""
+    return list(evolve(how or plan(), seed, supervisor or Says(), evaluator or Fake(), start=start))
+
+
+def records(steps: list[Step]) -> list[GenerationRecord]:
+    """What the run leaves behind."""
+    return [step.record for step in steps]
+
+
+def lines(steps: list[Step]) -> Iterator[str]:
+    """The records as they stand on disk."""
+    return (dump(asdict(record)) for record in records(steps))

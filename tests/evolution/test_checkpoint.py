@@ -1,0 +1,94 @@
+"""Checkpoints: the same state comes back, and a damaged file is never taken for one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from islandgp.errors import RunError
+from islandgp.evolution.checkpoint import load_state, save_state, write_atomic
+from islandgp.evolution.loop import initial_state
+from islandgp.evolution.record import RunState
+from tests.evolution.runs import Says, lines, plan, run
+
+
+@pytest.fixture(scope="module")
+def states() -> list[RunState]:
+    """All states of a run, the first one included."""
+    steps = run(supervisor=Says(0.5))
+    return [initial_state(plan(), 1), *(step.state for step in steps if step.state is not None)]
+
+
+@pytest.fixture(scope="module")
+def saved(states: list[RunState], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The file of a run's last state."""
+    path = tmp_path_factory.mktemp("run") / "checkpoint.json"
+    save_state(path, states[-1])
+    return path
+
+
+def test_round_trip(states: list[RunState], tmp_path: Path) -> None:
+    """What is read equals what was written, and no other file is left behind."""
+    path = tmp_path / "checkpoint.json"
+    for state in states:
+        save_state(path, state)
+        assert load_state(path) == state
+    assert [file.name for file in tmp_path.iterdir()] == ["checkpoint.json"]
+
+
+def test_the_same_bytes(saved: Path, tmp_path: Path) -> None:
+    """Writing a state that was read gives the same file."""
+    again = tmp_path / "again.json"
+    save_state(again, load_state(saved))
+    assert again.read_bytes() == saved.read_bytes()
+
+
+def test_resume_through_the_file(states: list[RunState], tmp_path: Path) -> None:
+    """A run that goes on from its file ends in the same bytes as one in one go."""
+    expected = list(lines(run(supervisor=Says(0.5))))
+    for state in states:
+        save_state(tmp_path / "checkpoint.json", state)
+        again = run(supervisor=Says(0.5), start=load_state(tmp_path / "checkpoint.json"))
+        assert list(lines(again)) == expected[state.generation :]
+
+
+@settings(max_examples=150)
+@given(data=st.data())
+def test_one_wrong_byte(saved: Path, data: st.DataObject) -> None:
+    """A file with any one byte changed or any end missing is refused, and its path is told."""
+    whole = saved.read_bytes()
+    at = data.draw(st.integers(0, len(whole) - 2))
+    if data.draw(st.booleans()):
+        broken = whole[:at]
+    else:
+        byte = data.draw(st.integers(0, 255).filter(lambda b: b != whole[at]))
+        broken = whole[:at] + bytes([byte]) + whole[at + 1 :]
+    path = saved.with_name("broken.json")
+    path.write_bytes(broken)
+    with pytest.raises(RunError, match=r"broken\.json.*delete the run's folder or use resume="):
+        load_state(path)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "null", "[]", "{}", '{"state": 1}', '{"state": [], "sha256": 3}']
+)
+def test_other_files(tmp_path: Path, text: str) -> None:
+    """A file of something else is no checkpoint."""
+    path = tmp_path / "checkpoint.json"
+    path.write_text(text)
+    with pytest.raises(RunError, match="found a damaged file"):
+        load_state(path)
+
+
+def test_write_atomic_keeps_the_old_file(tmp_path: Path) -> None:
+    """A write that fails leaves the old file as it was."""
+    path = tmp_path / "file"
+    write_atomic(path, b"old")
+    with pytest.raises(TypeError):
+        write_atomic(path, "not bytes")  # type: ignore[arg-type]
+    assert path.read_bytes() == b"old"
+    write_atomic(path, b"new")
+    assert path.read_bytes() == b"new"

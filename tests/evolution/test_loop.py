@@ -1,0 +1,298 @@
+"""Algorithm 1 on a fake evaluator: what every run promises."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from islandgp.bt.language import parse
+from islandgp.bt.limits import within
+from islandgp.bt.node import Node
+from islandgp.evaluation.base import Job
+from islandgp.scoring.outcome import Outcome
+from islandgp.scoring.state import PopulationState
+from islandgp.supervision.base import Guidance
+from tests.composed import composed
+from tests.evolution.fake import Fake
+from tests.evolution.runs import Says, lines, plan, records, run
+from tests.goldens import check_golden
+from tests.made import outcome
+
+CHARGER = parse("sequence { SeekCharger ExecuteCharge }")
+
+
+@settings(max_examples=15)
+@given(seed=st.integers(0, 2**63 - 1), rate=st.floats(0, 1))
+def test_populations_stay_whole(seed: int, rate: float) -> None:
+    """Every generation has N individuals, named by slot, and every tree keeps the limits."""
+    how = plan()
+    for g, record in enumerate(records(run(how, Says(rate, CHARGER), seed=seed))):
+        assert [i.id for i in record.individuals] == [f"{g}.{slot}" for slot in range(12)]
+        assert sum(record.origins.values()) == 12
+        for i in record.individuals:
+            tree = parse(i.tree)
+            assert within(tree, how.gp.limits)
+
+
+def test_forty_one_generations_forty_of_them_supervised() -> None:
+    """The paper's counts: 41 evaluated populations, and an answer after all but the last."""
+    supervisor = Says()
+    steps = run(composed("supervisor=baseline").plan, supervisor)
+    assert [step.record.snapshot.generation for step in steps] == list(range(41))
+    assert [state.now.generation for state in supervisor.seen] == list(range(40))
+    assert steps[-1].record.guidance is None
+    assert steps[-1].state is None
+    assert all(step.record.guidance is not None for step in steps[:-1])
+
+
+def test_same_seed_same_bytes() -> None:
+    """A run is a function of its plan, seed, supervisor and outcomes."""
+    one, two, other = (list(lines(run(seed=seed))) for seed in (1, 1, 2))
+    assert one == two
+    assert one[0] != other[0]
+
+
+class Dying(Fake):
+    """Everybody serves humanoids in the first generation, nobody later."""
+
+    def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
+        """See `Evaluator`."""
+        found = super().evaluate(jobs)
+        return [replace(o, interactions=3.0 if len(self.asked) == 1 else 0.0) for o in found]
+
+
+def test_parents_exist() -> None:
+    """Parents belong to the generation before; an ancestor that comes back, to an earlier one."""
+    found = records(run(plan("gp.population=30"), evaluator=Dying()))
+    assert all(i.parents == () for i in found[0].individuals)
+    names = [{i.id for i in record.individuals} for record in found]
+    back = []
+    for before, record in enumerate(found[1:]):
+        for i in record.individuals:
+            if i.origin == "resurrected":
+                back.append(i)
+            else:
+                assert set(i.parents) <= names[before]
+    assert {i.parents[0] for i in back} <= names[0]
+    assert len(back) >= 6, "the humanoid class dies out in generation 1 and comes back six times"
+
+
+def test_unmutated_elites_keep_their_trees() -> None:
+    """At rate 0 an elite's tree is its parent's, and the best is never lost."""
+    found = records(run(supervisor=Says(0.0)))
+    trees = {i.id: i.tree for record in found for i in record.individuals}
+    for before, record in pairwise(found):
+        best = max(before.individuals, key=lambda i: i.fitness)
+        first = record.individuals[0]
+        assert (first.origin, first.parents, first.tree) == ("elite", (best.id,), best.tree)
+        for i in record.individuals:
+            assert i.mutation == ""
+            if i.origin in ("elite", "behavioural_elite", "resurrected", "copy"):
+                assert i.tree == trees[i.parents[0]]
+
+
+def test_a_rate_never_shifts_other_draws() -> None:
+    """Runs that differ in the rate alone differ, in the next generation, by mutations alone."""
+    calm, wild = records(run(supervisor=Says(0.0))), records(run(supervisor=Says(0.5)))
+    assert calm[0].individuals == wild[0].individuals
+    mutations = 0
+    for a, b in zip(calm[1].individuals, wild[1].individuals, strict=True):
+        assert (a.id, a.origin, a.parents) == (b.id, b.origin, b.parents)
+        assert b.mutation != "" or a == b
+        mutations += b.mutation != ""
+    assert 0 < mutations < 12
+
+
+def test_an_injected_tree_never_shifts_other_draws() -> None:
+    """Runs that differ in the injected tree differ, in the next generation, in its slot alone."""
+    how = plan("supervisor.inject=true")
+    without, with_ = (records(run(how, Says(0.4, tree))) for tree in (None, CHARGER))
+    assert without[0].individuals == with_[0].individuals
+    pairs = zip(without[1].individuals, with_[1].individuals, strict=True)
+    different = [(a.origin, b.origin) for a, b in pairs if a != b]
+    assert different == [("random", "injected")]
+
+
+def test_arms_share_their_worlds() -> None:
+    """Whatever supervisors say, runs of one seed meet the same worlds in each generation."""
+    arms = [run(supervisor=s) for s in (Says(0.0), Says(0.9, CHARGER), Says(None))]
+    worlds = [[record.worlds for record in records(steps)] for steps in arms]
+    assert worlds[0] == worlds[1] == worlds[2]
+    assert len(set(worlds[0])) == len(worlds[0])
+
+
+def test_one_world_for_all() -> None:
+    """By default everybody of a generation meets the same world."""
+    evaluator = Fake()
+    run(evaluator=evaluator)
+    assert [len({job.seed for job in jobs}) for jobs in evaluator.asked] == [1] * 8
+
+
+def test_own_worlds_and_several_episodes() -> None:
+    """Without a common world each individual has its own; each episode has another seed."""
+    evaluator = Fake()
+    found = records(run(plan("gp.common_world=false", "gp.episodes=3"), evaluator=evaluator))
+    for jobs, record in zip(evaluator.asked, found, strict=True):
+        assert len(jobs) == 36
+        assert tuple(job.seed for job in jobs) == record.worlds
+        assert len(set(record.worlds)) == 36
+        assert [job.tree for job in jobs] == [i.tree for i in record.individuals for _ in range(3)]
+    assert {len(i.endings) for record in found for i in record.individuals} == {3}
+
+
+def test_several_episodes_in_common_worlds() -> None:
+    """Everybody meets the same three worlds, and is worth the mean."""
+    evaluator = Fake()
+    found = records(run(plan("gp.episodes=3"), evaluator=evaluator))
+    jobs, record = evaluator.asked[0], found[0]
+    assert [job.seed for job in jobs] == [*record.worlds] * 12
+    fitness = [o.fitness for o in Fake().evaluate(jobs[:3])]
+    assert record.individuals[0].fitness == pytest.approx(sum(fitness) / 3)
+
+
+def test_stages_follow_the_curriculum() -> None:
+    """Jobs carry the stage of their generation."""
+    evaluator = Fake()
+    run(composed("supervisor=baseline", "gp.population=4").plan, evaluator=evaluator)
+    stages = [{job.stage for job in jobs} for jobs in evaluator.asked]
+    assert stages == [{0}] * 11 + [{1}] * 10 + [{2}] * 10 + [{3}] * 10
+
+
+def test_champion() -> None:
+    """The champion is the fittest individual of all generations so far, the first of equals."""
+    steps = run(supervisor=Says(0.9))
+    best = None
+    for step in steps:
+        for i in step.record.individuals:
+            if best is None or i.fitness > best.fitness:
+                best = i
+        assert step.champion.record == best
+        assert step.champion.record.id.startswith(f"{step.champion.generation}.")
+
+
+def test_rates() -> None:
+    """A rate takes effect in the next generation; before the first answer it is the initial one."""
+    found = records(run(supervisor=Says(0.25)))
+    assert [record.snapshot.rate for record in found] == [0.4] + [0.25] * 7
+
+
+def test_no_opinion_on_the_rate() -> None:
+    """A supervisor that says nothing about the rate leaves it as it is."""
+    assert {record.snapshot.rate for record in records(run(supervisor=Says(None)))} == {0.4}
+
+
+def test_adapt_mutation_off() -> None:
+    """Without `adapt_mutation` the rate stays, and the record tells what was wanted."""
+    found = records(run(plan("supervisor.adapt_mutation=false"), Says(0.9)))
+    assert {record.snapshot.rate for record in found} == {0.4}
+    assert {r.guidance.wanted_rate for r in found if r.guidance} == {0.9}
+
+
+@pytest.mark.parametrize(
+    ("overrides", "tree", "refused", "injected"),
+    [
+        (["supervisor.inject=true"], CHARGER, "", 1),
+        (["supervisor.inject=false"], CHARGER, "injection is switched off", 0),
+        (["supervisor.inject=true"], None, "", 0),
+        (
+            ["supervisor.inject=true", "gp.max_nodes=3", "gp.max_depth=2"],
+            parse("sequence { SeekCharger ExecuteCharge PatrolWaypoint }"),
+            "the tree breaks the limits",
+            0,
+        ),
+    ],
+)
+def test_injection(overrides: list[str], tree: Node | None, refused: str, injected: int) -> None:
+    """A tree takes its slot if it may and fits; else the record says why not."""
+    found = records(run(plan(*overrides), Says(0.0, tree)))
+    for before, record in pairwise(found):
+        assert before.guidance is not None
+        assert before.guidance.refused == refused
+        assert before.guidance.injected is bool(injected)
+        assert (before.guidance.tree is None) is (tree is None)
+        new = [i for i in record.individuals if i.origin == "injected"]
+        assert len(new) == injected
+        assert all(parse(i.tree) == tree for i in new)
+
+
+class OneClass(Fake):
+    """Everybody is patrol-only: diversity 0."""
+
+    def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
+        """See `Evaluator`."""
+        return [outcome(fitness=1.0) for _ in jobs]
+
+
+def test_crisis_overrides() -> None:
+    """Eq. (7) and (8): in a crisis the emergency rate holds, whatever was wanted, and is told."""
+    found = records(run(supervisor=Says(0.1), evaluator=OneClass()))
+    told = [(r.guidance.wanted_rate, r.guidance.crisis, r.guidance.applied_rate)
+            for r in found if r.guidance]  # fmt: skip
+    assert told == [(0.1, "diversity", 0.5)] * 7
+    assert [record.snapshot.rate for record in found] == [0.4] + [0.5] * 7
+
+
+def test_crisis_without_adaptation() -> None:
+    """The safeguard belongs to evolution, not to the supervisor: it works without `adapt`."""
+    found = records(run(plan("supervisor.adapt_mutation=false"), Says(0.1), evaluator=OneClass()))
+    assert {record.snapshot.rate for record in found[1:]} == {0.5}
+
+
+@pytest.mark.parametrize("spared", [True, False])
+def test_mutate_elites(spared: bool) -> None:
+    """As in the paper mutation hits everybody; `mutate_elites=false` spares elites and injected."""
+    how = plan(f"gp.mutate_elites={not spared}".lower(), "supervisor.inject=true")
+    hit = {
+        i.origin
+        for record in records(run(how, Says(1.0, CHARGER)))
+        for i in record.individuals
+        if i.mutation
+    }
+    assert {"elite", "behavioural_elite", "injected"} & hit == (
+        set() if spared else {"elite", "behavioural_elite", "injected"}
+    )
+    assert {"crossover", "copy"} <= hit
+
+
+class Probe:
+    """A supervisor whose rate depends on its own draws."""
+
+    name = "probe"
+
+    def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
+        """See `Supervisor`."""
+        return Guidance(float(rng.random()), None, self.name, reasoning=str(state.best_trend))
+
+
+@pytest.mark.parametrize("lag", [0, 1, 3])
+def test_resume_from_any_state(lag: int) -> None:
+    """A run that goes on from any of its states ends in the same records as one in one go."""
+    how = plan(f"supervisor.lag={lag}")
+    straight = run(how, Probe())
+    expected = list(lines(straight))
+    for at, step in enumerate(straight[:-1], 1):
+        again = run(how, Probe(), start=step.state)
+        assert list(lines(again)) == expected[at:]
+        assert again[-1].champion == straight[-1].champion
+
+
+def test_costs() -> None:
+    """Costs are counted beside the record: episodes asked for, and really simulated."""
+    steps = run(plan("gp.episodes=2"))
+    assert [(step.cost.episodes, step.cost.simulated) for step in steps] == [(24, 24)] * 8
+    assert all(min(step.cost.evaluation, step.cost.operators) >= 0 for step in steps)
+
+
+def test_three_generations_golden() -> None:
+    """Three generations of records, as somebody last read them."""
+    how = plan("gp.population=8", "gp.generations=3", "supervisor.inject=true")
+    found = records(run(how, Says(0.5, CHARGER), seed=7))
+    text = json.dumps([asdict(record) for record in found], indent=1)
+    check_golden("three_generations.json", text + "\n")

@@ -1,0 +1,60 @@
+"""Streams by purpose: distinct, stateless, and the same for ever."""
+
+from __future__ import annotations
+
+from itertools import product
+
+from islandgp.seeding import Stream, stream, world_seed
+
+
+def first(seed: int, purpose: Stream, generation: int, slot: int) -> int:
+    """The first draw of a stream."""
+    return int(stream(seed, purpose, generation=generation, slot=slot).integers(2**62))
+
+
+def test_streams_are_distinct() -> None:
+    """Another seed, purpose, generation or slot is another stream."""
+    places = list(product((0, 1, 2**40), Stream, (0, 1, 2, 40), (0, 1, 29)))
+    assert len({first(*place) for place in places}) == len(places) == 3 * 8 * 4 * 3
+
+
+def test_streams_keep_no_state() -> None:
+    """Asking twice gives the same draws twice, whatever was drawn in between."""
+    one = stream(5, Stream.MUTATION, generation=3, slot=7)
+    draws = one.random(10).tolist()
+    stream(5, Stream.MUTATION, generation=3, slot=8).random(1000)
+    assert stream(5, Stream.MUTATION, generation=3, slot=7).random(10).tolist() == draws
+
+
+def test_numbers_of_purposes() -> None:
+    """The numbers are part of every run's identity."""
+    assert {purpose.name: int(purpose) for purpose in Stream} == {
+        "INITIAL": 1,
+        "WORLD": 2,
+        "SELECTION": 3,
+        "CROSSOVER": 4,
+        "DIVERSITY": 5,
+        "MUTATION": 6,
+        "SUPERVISION": 7,
+        "NETWORK": 8,
+    }
+
+
+def test_the_same_for_ever() -> None:
+    """First draws as they were when the project began: a change here changes every run."""
+    assert [first(0, purpose, 1, 2) for purpose in (Stream.INITIAL, Stream.NETWORK)] == [
+        1418395269214005295,
+        1994482718393982649,
+    ]
+    assert [world_seed(0, generation=g, episode=e) for g, e in ((0, 0), (40, 0), (40, 1))] == [
+        1243955231,
+        531944655,
+        2430504513,
+    ]
+
+
+def test_world_seeds() -> None:
+    """World seeds fit into 32 bits, and differ by generation and episode."""
+    seeds = [world_seed(9, generation=g, episode=e) for g in range(41) for e in range(5)]
+    assert len(set(seeds)) == len(seeds)
+    assert all(0 <= seed < 2**32 for seed in seeds)

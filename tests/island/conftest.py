@@ -1,0 +1,36 @@
+"""Islands where everything lies where the test wants it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import pytest
+
+from islandgp.island import state
+from islandgp.island.script import SPAWN, Circle, Cue, Script
+
+Lay = Callable[..., None]
+END = (10**9, SPAWN, 0.0, 0.0)  # a cue beyond every episode
+
+
+@pytest.fixture
+def lay(monkeypatch: pytest.MonkeyPatch) -> Lay:
+    """Puts a day written by hand in the place of the one that a seed decides."""
+
+    def put(
+        *,
+        garbage: Sequence[complex] = (),
+        humanoids: Sequence[tuple[float, float]] = (),
+        cues: Sequence[Cue] = (),
+        obstacles: Sequence[Circle] = (),
+    ) -> None:
+        """`garbage` lies at x + iy, `humanoids` stand at (x, y)."""
+        script = Script(
+            obstacles=tuple(obstacles),
+            garbage=tuple(garbage),
+            humanoids=tuple((x, y, 0.0, 0.0) for x, y in humanoids),
+            cues=(*sorted(cues), END),
+        )
+        monkeypatch.setattr(state, "write_script", lambda _world, _seed: script)
+
+    return put

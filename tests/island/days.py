@@ -1,0 +1,106 @@
+"""Episodes for tests: worlds with a few numbers changed, and what happened at each step."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+from islandgp.bt.language import parse
+from islandgp.bt.node import STATUS_NAMES
+from islandgp.island.episode import Episode, run_episode
+from islandgp.island.journal import Award, Event
+from islandgp.island.robot import MICRO
+from islandgp.island.state import Island
+from islandgp.island.world import World
+from islandgp.scoring.rewards import award
+from tests.composed import composed
+
+
+def world(**changes: Any) -> World:
+    """The default island; a mapping changes a part: `world(robot={"speed": 3})`."""
+    plain = composed().world.model_dump()
+    for name, value in changes.items():
+        plain[name] = {**plain[name], **value} if isinstance(value, dict) else value
+    return World.model_validate(plain)
+
+
+def points(stage: int = 0) -> Award:
+    """The paper's rewards in a stage (from 0)."""
+    settings = composed()
+    return award(settings.rewards, settings.curriculum.multipliers(stage))
+
+
+@dataclass(frozen=True)
+class Moment:
+    """The island after a tick."""
+
+    step: int
+    x: float
+    y: float
+    battery: float  # %
+    load: int
+    board: tuple[float, ...]
+    status: str  # of the root
+    lying: int  # items on the ground
+    carried: tuple[int, ...]  # by each humanoid
+    touching: frozenset[int]  # humanoids, or below 0 static shapes
+
+
+@dataclass(frozen=True)
+class Day:
+    """An episode and its moments, one for each step."""
+
+    episode: Episode
+    moments: tuple[Moment, ...]
+
+    @property
+    def statuses(self) -> list[str]:
+        """The root's status at each tick."""
+        return [moment.status for moment in self.moments]
+
+    def amounts(self, event: Event) -> list[float]:
+        """The amounts of all events of a kind, in order."""
+        return [amount for _, found, amount in self.episode.events if found is event]
+
+    def steps(self, event: Event) -> list[int]:
+        """When they happened."""
+        return [step for step, found, _ in self.episode.events if found is event]
+
+    def counts(self) -> dict[str, int]:
+        """Events by name; leftover garbage, which every episode has, left out."""
+        found = Counter(event.name for _, event, _ in self.episode.events)
+        del found["LEFTOVER"]
+        return dict(found)
+
+
+def day(tree: str, island: World, *, seed: int = 0, stage: int = 0) -> Day:
+    """Runs a tree and looks at every step."""
+    moments: list[Moment] = []
+    root: list[int] = []
+
+    def watch(node: int, status: int) -> None:
+        if node == 0:
+            root.append(status)
+
+    def observe(now: Island) -> None:
+        robot = now.robot
+        moments.append(
+            Moment(
+                step=now.step,
+                x=robot.x,
+                y=robot.y,
+                battery=robot.battery / MICRO,
+                load=robot.load,
+                board=tuple(now.board),
+                status=STATUS_NAMES[root[-1]],
+                lying=now.ground.count,
+                carried=tuple(now.humanoids.items),
+                touching=frozenset(now.physics.contacts.touching),
+            )
+        )
+
+    episode = run_episode(
+        parse(tree), island, seed, points(stage), stepwise=True, watch=watch, observe=observe
+    )
+    return Day(episode, tuple(moments))

@@ -1,0 +1,168 @@
+"""An episode is a function of tree, world, seed and award, and skipping steps changes nothing."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections import Counter
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from islandgp.bt.language import parse, to_text
+from islandgp.bt.limits import Limits, within
+from islandgp.bt.node import Node
+from islandgp.evolution.generation import random_tree
+from islandgp.island.episode import Episode, run_episode
+from islandgp.island.world import World
+from tests.composed import composed
+from tests.goldens import check_golden
+from tests.island.days import points, world
+from tests.strategies import nodes
+
+LIMITS = Limits(max_depth=8, max_nodes=50)
+ALL_ROUNDER = """
+selector {
+  when batteryLevel < 20 abort lower { sequence { SeekCharger ExecuteCharge } }
+  when robotCurrentExtraCapacity <= 5 { DeliverToClearingPoint }
+  when isHumanoidWantToClear { MoveToHumanoid }
+  when foundGarbage { sequence { MoveToGarbage PickupGarbage } }
+  PatrolWaypoint
+}
+"""
+RESTLESS = """
+parallel success all failure all {
+  repeater 5 { sequence { MoveToGarbage PickupGarbage } }
+  when batteryLevel < 60 abort both { parallel { SeekCharger PatrolWaypoint } }
+  selector { MoveToHumanoid when lap >= 1 { DeliverToClearingPoint } PatrolWaypoint }
+}
+"""
+
+
+def both_ways(tree: Node, island: World, seed: int) -> tuple[Episode, Episode]:
+    """The episode in one go and step by step; ticks are a cost and may differ."""
+    quick = run_episode(tree, island, seed, points())
+    slow = run_episode(tree, island, seed, points(), stepwise=True)
+    assert quick.ticks <= slow.ticks
+    return replace(quick, ticks=0), replace(slow, ticks=0)
+
+
+def busy() -> World:
+    """A small island where much happens: contacts, rocks, thresholds."""
+    return world(
+        side=120,
+        start=[60, 60],
+        chargers=[[20, 20], [100, 100]],
+        clearing_points=[[20, 100]],
+        waypoints=[[60, 20], [100, 60], [60, 100], [20, 60]],
+        humanoids={"count": 12},
+        obstacles={"count": 8},
+        episode={"length": 150},
+    )
+
+
+def gp_tree(seed: int) -> Node:
+    """A tree as genetic programming begins with."""
+    return random_tree(np.random.default_rng(seed), composed().gp.trees, LIMITS)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_stepwise_is_the_same_for_random_trees(seed: int) -> None:
+    """Skipping the steps at which nothing can change gives the same episode to the last bit."""
+    quick, slow = both_ways(gp_tree(seed), busy(), seed)
+    assert quick == slow
+
+
+@settings(max_examples=20)
+@given(tree=nodes(max_leaves=10, max_repeats=3), seed=st.integers(0, 5))
+def test_stepwise_is_the_same_for_any_tree(tree: Node, seed: int) -> None:
+    """The same for trees that no genetic programming would think of."""
+    if within(tree, LIMITS):
+        quick, slow = both_ways(tree, busy(), seed)
+        assert quick == slow
+
+
+@pytest.mark.parametrize("tree", [ALL_ROUNDER, RESTLESS], ids=["all-rounder", "restless"])
+def test_stepwise_is_the_same_on_the_island(tree: str) -> None:
+    """The same over the whole 420 s on the paper's island."""
+    quick, slow = both_ways(parse(tree), world(), 4)
+    assert quick == slow
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(200))
+def test_stepwise_is_the_same_often(seed: int) -> None:
+    """The same for two hundred trees, on both islands."""
+    for island in (busy(), world()):
+        quick, slow = both_ways(gp_tree(1000 + seed), island, seed % 7)
+        assert quick == slow, to_text(gp_tree(1000 + seed))
+
+
+@pytest.mark.slow
+@settings(max_examples=300)
+@given(tree=nodes(max_leaves=16, max_repeats=5), seed=st.integers(0, 20))
+def test_stepwise_is_the_same_for_any_tree_often(tree: Node, seed: int) -> None:
+    """The same for three hundred odd trees."""
+    if within(tree, LIMITS):
+        quick, slow = both_ways(tree, busy(), seed)
+        assert quick == slow
+
+
+def test_skipping_is_worth_it() -> None:
+    """The all-rounder is ticked in a small part of the steps."""
+    found = run_episode(parse(ALL_ROUNDER), world(), 0, points())
+    assert found.ticks < found.steps / 2
+
+
+def test_earlier_episodes_leave_no_trace() -> None:
+    """The same episode before and after others, in other worlds."""
+    tree, island = parse(ALL_ROUNDER), busy()
+    before = run_episode(tree, island, 3, points())
+    for seed in range(3):
+        run_episode(gp_tree(seed), world(episode={"length": 30}), seed, points())
+        run_episode(tree, island, 4, points())
+    assert run_episode(tree, island, 3, points()) == before
+
+
+def test_seeds_differ() -> None:
+    """Another seed is another day."""
+    tree, island = parse(ALL_ROUNDER), busy()
+    fitness = {run_episode(tree, island, seed, points()).fitness for seed in range(4)}
+    assert len(fitness) == 4
+
+
+def test_another_process() -> None:
+    """Another process, with another hash seed, comes to the same episode."""
+    code = (
+        "from islandgp.bt.language import parse\n"
+        "from islandgp.island.episode import run_episode\n"
+        "from tests.island.days import points\n"
+        "from tests.island.test_determinism import ALL_ROUNDER, busy\n"
+        "print(run_episode(parse(ALL_ROUNDER), busy(), 5, points()))\n"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=Path(__file__).parents[2],
+        env={**os.environ, "PYTHONHASHSEED": "12345", "PYTHONPATH": "."},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    here = run_episode(parse(ALL_ROUNDER), busy(), 5, points())
+    assert found.stdout == f"{here}\n"
+
+
+def test_all_rounder_golden() -> None:
+    """One day of the all-rounder on the paper's island, as somebody last read it."""
+    found = run_episode(parse(ALL_ROUNDER), world(), 2024, points())
+    plain = asdict(found)
+    del plain["ticks"]
+    plain["counts"] = dict(sorted(Counter(event.name for _, event, _ in found.events).items()))
+    plain["events"] = [f"{step} {event.name} {amount:g}" for step, event, amount in found.events]
+    check_golden("all_rounder_episode.json", json.dumps(plain, indent=1) + "\n")

@@ -1,0 +1,308 @@
+"""The real SDK over a real socket: whatever the other side does, an attempt ends in time, as a value."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import httpx2
+import pytest
+
+from islandgp.supervision.llm.client import LARGEST, AnthropicClient
+from islandgp.supervision.llm.message import SANE, Failure, FailureKind, Reply, Request, Usage
+from islandgp.testing.faults import Fault
+from islandgp.testing.server import MessagesServer
+
+KEY = "sk-test-0123456789abcdef"
+ASK = Request("m", "Be brief.", ("Hello?",), 100)
+DEADLINE = 0.4  # s
+
+
+@pytest.fixture(autouse=True)
+def _no_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The SDK and its HTTP library read these; a developer's must not reach a test."""
+    for name in ("ANTHROPIC_BASE_URL", "ANTHROPIC_CUSTOM_HEADERS", "HTTP_PROXY", "ALL_PROXY"):
+        monkeypatch.delenv(name, raising=False)
+        monkeypatch.delenv(name.lower(), raising=False)
+
+
+@contextmanager
+def client_of(url: str) -> Iterator[AnthropicClient]:
+    client = AnthropicClient(key=KEY, base_url=url)
+    try:
+        yield client
+    finally:
+        client.close()
+
+
+def failure(fault: Fault, seconds: float = DEADLINE) -> Failure:
+    with MessagesServer(lambda _: fault) as server, client_of(server.url) as client:
+        found = client.send(ASK, seconds=seconds)
+    assert isinstance(found, Failure), found
+    return found
+
+
+def mocked(body: bytes, status: int = 200, **headers: str) -> Reply | Failure:
+    """What becomes of a response, with a mock transport in the network's place."""
+    transport = httpx2.MockTransport(
+        lambda _: httpx2.Response(status, content=body, headers=headers)
+    )
+    client = AnthropicClient(key=KEY, base_url="http://mock", transport=transport)
+    try:
+        return client.send(ASK, seconds=5)
+    finally:
+        client.close()
+
+
+def test_an_answer_comes_back_with_its_usage() -> None:
+    """Text, stop reason and tokens of a good answer arrive as they were sent."""
+    with (
+        MessagesServer(answer=lambda _: "Hello, island.") as server,
+        client_of(server.url) as client,
+    ):
+        found = client.send(ASK, seconds=5)
+    assert found == Reply("Hello, island.", "end_turn", Usage(input=15 // 4, output=14 // 4))
+
+
+def test_what_is_sent() -> None:
+    """Schema, temperature and a cache mark are sent where the request has them, turns alternate."""
+    schema = {"type": "object"}
+    full = Request("m", "s", ("a", "b", "c"), 9, temperature=0.7, schema=schema, cache=True)
+    with MessagesServer() as server, client_of(server.url) as client:
+        client.send(full, seconds=5)
+        client.send(ASK, seconds=5)
+    sent, plain = server.requests
+    assert sent == {
+        "model": "m",
+        "system": "s",
+        "max_tokens": 9,
+        "messages": [
+            {"role": "user", "content": "a"},
+            {"role": "assistant", "content": "b"},
+            {"role": "user", "content": "c"},
+        ],
+        "temperature": 0.7,
+        "output_config": {"format": {"type": "json_schema", "schema": schema}},
+        "cache_control": {"type": "ephemeral"},
+    }
+    assert set(plain) == {"model", "system", "max_tokens", "messages"}
+
+
+@pytest.mark.parametrize("fault", [Fault.SILENCE, Fault.DRIP, Fault.DRIP_HEADERS])
+def test_the_deadline_is_hard(fault: Fault) -> None:
+    """A server that says nothing, or a byte now and then, is left at the deadline."""
+    began = time.monotonic()
+    found = failure(fault)
+    assert found.kind is FailureKind.TIMEOUT
+    assert time.monotonic() - began < DEADLINE + 1
+
+
+def test_a_server_that_never_accepts_is_left_at_the_deadline() -> None:
+    """The deadline holds before there is a connection, too."""
+    with socket.create_server(("127.0.0.1", 0), backlog=0) as server:
+        address = server.getsockname()
+        blockers = [socket.socket() for _ in range(4)]
+        for s in blockers:
+            s.setblocking(False)
+            s.connect_ex(address)
+        with client_of(f"http://127.0.0.1:{address[1]}") as client:
+            found = client.send(ASK, seconds=DEADLINE)
+        for s in blockers:
+            s.close()
+    assert isinstance(found, Failure)
+    assert found.kind is FailureKind.TIMEOUT
+
+
+@pytest.mark.parametrize(
+    ("fault", "kind", "said"),
+    [
+        (Fault.RETRY_SOON, FailureKind.RATE_LIMITED, "status 429: slow down"),
+        (Fault.RETRY_LATER, FailureKind.RATE_LIMITED, "status 429: come tomorrow"),
+        (Fault.SERVER_ERROR, FailureKind.SERVER, "status 500: internal error"),
+        (Fault.OVERLOADED, FailureKind.OVERLOADED, "status 529: overloaded"),
+        (Fault.BAD_REQUEST, FailureKind.REJECTED, "status 400: max_tokens: not today"),
+        (Fault.HTML, FailureKind.MALFORMED, "begins with '<html>"),
+        (Fault.TRUNCATED, FailureKind.MALFORMED, "JSONDecodeError"),
+        (Fault.WRONG_BODY, FailureKind.MALFORMED, "TypeError"),
+        (Fault.CUT, FailureKind.CUT, "peer closed connection"),
+    ],
+)
+def test_a_fault_becomes_a_failure_that_says_what_it_was(
+    fault: Fault, kind: FailureKind, said: str
+) -> None:
+    """Each fault of the transport has its kind, and a message for people."""
+    found = failure(fault, seconds=5)
+    assert found.kind is kind
+    assert said in found.message
+
+
+def test_each_request_is_sent_once() -> None:
+    """The SDK retries nothing: attempts are counted and charged one by one here."""
+    with (
+        MessagesServer(lambda _: Fault.SERVER_ERROR) as server,
+        client_of(server.url) as client,
+    ):
+        client.send(ASK, seconds=5)
+        assert len(server.requests) == 1
+
+
+def test_a_client_works_on_after_a_failure() -> None:
+    """A timed-out attempt leaves nothing behind that hinders the next."""
+    faults = [Fault.DRIP, Fault.CUT, Fault.SILENCE, None]
+    with MessagesServer(lambda n: faults[n]) as server, client_of(server.url) as client:
+        found = [client.send(ASK, seconds=DEADLINE) for _ in faults]
+    assert [isinstance(f, Reply) for f in found] == [False, False, False, True]
+
+
+def test_nobody_listens() -> None:
+    """A refused connection is told apart from a broken one: nothing was sent, nothing charged."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    with client_of(f"http://127.0.0.1:{port}") as client:
+        found = client.send(ASK, seconds=5)
+    assert isinstance(found, Failure)
+    assert found.kind is FailureKind.UNREACHABLE
+
+
+def test_an_error_never_repeats_the_key() -> None:
+    """A server that quotes the key in its error does not get it into our messages."""
+    found = failure(Fault.UNAUTHORISED, seconds=5)
+    assert found.kind is FailureKind.UNAUTHORISED
+    assert KEY not in found.message
+    assert "[key]" in found.message
+
+
+def test_an_answer_never_repeats_the_key() -> None:
+    """Nor does an answer that quotes it, or a broken body of which the start is shown."""
+    with (
+        MessagesServer(answer=lambda _: f"Your key is {KEY}!") as server,
+        client_of(server.url) as client,
+    ):
+        found = client.send(ASK, seconds=5)
+    assert isinstance(found, Reply)
+    assert found.text == "Your key is [key]!"
+    broken = mocked(b"x" * 70 + KEY.encode())
+    assert isinstance(broken, Failure)
+    assert KEY[:8] not in broken.message
+
+
+def test_odd_text_is_made_storable() -> None:
+    """Lone surrogates and control characters do not get past the seam."""
+    body = rb'{"content": [{"type": "text", "text": "a\ud800b\u001b[31m\nc"}], "usage": {}}'
+    found = mocked(body)
+    assert isinstance(found, Reply)
+    assert found.text == "a?b [31m\nc"
+
+
+def test_only_text_blocks_are_read() -> None:
+    """A model that thinks aloud in blocks of their own does not spoil its answer."""
+    body = (
+        b'{"content": [{"type": "thinking", "thinking": "hm"}, {"type": "text", "text": "yes"}],'
+        b' "stop_reason": "end_turn", "usage": {"input_tokens": 3, "output_tokens": 4,'
+        b' "cache_read_input_tokens": 5, "cache_creation_input_tokens": 6}}'
+    )
+    assert mocked(body) == Reply("yes", "end_turn", Usage(3, 4, 5, 6))
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"",
+        b"null",
+        b"[]",
+        b'"text"',
+        b"\xff\xfe",
+        b"[" * 200_000,
+        b'{"content": [{}]}',
+        b'{"content": null}',
+        b'{"content": [], "usage": {"input_tokens": -5}}',
+        b'{"content": [], "usage": {"output_tokens": true}}',
+        b'{"content": [{"type": "text", "text": 5}]}',
+    ],
+)
+def test_a_body_that_is_no_message_is_malformed(body: bytes) -> None:
+    """Nothing of it is believed, and nothing of it raises."""
+    found = mocked(body)
+    assert isinstance(found, Failure)
+    assert found.kind is FailureKind.MALFORMED
+
+
+def test_an_endless_body_is_left() -> None:
+    """A body that is too large ends the attempt before it fills the memory."""
+
+    def flood(server: socket.socket, sent: list[int]) -> None:
+        connection, _ = server.accept()
+        with connection:
+            connection.recv(65536)
+            connection.sendall(b"HTTP/1.1 200 OK\r\ntransfer-encoding: chunked\r\n\r\n")
+            chunk = b"100000\r\n" + b" " * 0x100000 + b"\r\n"
+            try:
+                for _ in range(1000):
+                    connection.sendall(chunk)
+                    sent.append(len(chunk))
+            except OSError:
+                return
+
+    sent: list[int] = []
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        thread = threading.Thread(target=flood, args=(server, sent))
+        thread.start()
+        with client_of(f"http://127.0.0.1:{server.getsockname()[1]}") as client:
+            found = client.send(ASK, seconds=10)
+        thread.join()
+    assert isinstance(found, Failure)
+    assert str(LARGEST) in found.message
+    assert sum(sent) < 4 * LARGEST
+
+
+def test_a_huge_answer_is_cut() -> None:
+    """No more of an answer is kept than can be of use."""
+    found = mocked(
+        b'{"content": [{"type": "text", "text": "' + b"x" * (2 * SANE) + b'"}], "usage": {}}'
+    )
+    assert isinstance(found, Reply)
+    assert len(found.text) == SANE + 1
+
+
+@pytest.mark.parametrize(
+    ("header", "seconds"),
+    [("7", 7.0), ("0.5", 0.5), ("-3", 0.0), ("inf", None), ("nan", None), ("soon", None)],
+)
+def test_retry_after_is_read(header: str, seconds: float | None) -> None:
+    """Seconds are taken as they are, nonsense is ignored."""
+    found = mocked(b"{}", 429, **{"retry-after": header})
+    assert isinstance(found, Failure)
+    assert found.retry_after == seconds
+
+
+def test_retry_after_may_be_a_date() -> None:
+    """A date in the past asks for no wait, one far ahead for a long one."""
+    past = mocked(b"{}", 429, **{"retry-after": "Wed, 21 Oct 2015 07:28:00 GMT"})
+    ahead = mocked(b"{}", 429, **{"retry-after": "Wed, 21 Oct 2065 07:28:00 GMT"})
+    assert isinstance(past, Failure)
+    assert isinstance(ahead, Failure)
+    assert past.retry_after == 0
+    assert ahead.retry_after is not None
+    assert ahead.retry_after > 1e8
+
+
+def test_redirects_are_not_followed() -> None:
+    """The key goes nowhere but to the address that was given."""
+    found = mocked(b"", 302, location="http://elsewhere.example/")
+    assert isinstance(found, Failure)
+    assert found.kind is FailureKind.REJECTED
+
+
+def test_closing_is_prompt_and_final() -> None:
+    """A client can be closed unused, and no thread of it stays."""
+    before = threading.active_count()
+    AnthropicClient(key=None, base_url="http://127.0.0.1:1").close()
+    with MessagesServer(lambda _: Fault.DRIP) as server:
+        client = AnthropicClient(key=None, base_url=server.url)
+        client.send(ASK, seconds=0.1)
+        client.close()
+    assert not [t for t in threading.enumerate() if t.name == "llm"]
+    assert threading.active_count() <= before + 2

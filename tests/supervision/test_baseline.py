@@ -1,0 +1,64 @@
+"""The paper's baseline, by hand: up on stagnation, down on improvement, within its limits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from islandgp.supervision.base import Guidance
+from islandgp.supervision.baseline import Baseline, BaselineSettings
+from islandgp.supervision.fixed import Fixed, FixedSettings
+from tests.made import snapshot, state
+
+SETTINGS = BaselineSettings(patience=2, up=1.15, down=0.9, rates=(0.1, 0.5))
+
+
+def advice(bests: list[float], rate: float) -> Guidance:
+    """What the baseline says after these generations, at this rate."""
+    history = [snapshot(g, best=best, rate=rate) for g, best in enumerate(bests)]
+    return Baseline(SETTINGS).advise(state(history), np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    ("bests", "rate", "expected"),
+    [
+        ([100], 0.4, 0.4),  # nothing to compare with yet
+        ([100, 200], 0.4, 0.36),  # better: 0.4 * 0.9
+        ([100, 100], 0.4, 0.4),  # one generation of patience
+        ([100, 100, 100], 0.4, 0.46),  # two: 0.4 * 1.15
+        ([100, 100, 100, 100], 0.4, 0.46),
+        ([100, 100, 100, 200], 0.4, 0.36),
+        ([100, 100, 100], 0.45, 0.5),  # at most 0.5
+        ([100, 100, 100], 0.5, 0.5),
+        ([100, 200], 0.105, 0.1),  # at least 0.1
+        ([100, 200], 0.1, 0.1),
+        ([100], 0.9, 0.5),  # from outside it comes back in
+        ([100], 0.0, 0.1),
+    ],
+)
+def test_rate(bests: list[float], rate: float, expected: float) -> None:
+    """The rate moves by its factor, and never leaves its range."""
+    assert advice(bests, rate).mutation_rate == pytest.approx(expected)
+
+
+def test_never_injects() -> None:
+    """The baseline has no trees to give; the reason names what it saw."""
+    found = advice([100, 100, 100], 0.4)
+    assert found.tree is None
+    assert found.reasoning == "no better fitness for 2 generations"
+
+
+@pytest.mark.parametrize("rates", [(0.5, 0.1), (-0.1, 0.5), (0.1, 1.5)])
+def test_ranges_that_cannot_be(rates: tuple[float, float]) -> None:
+    """A range of rates is a range of rates."""
+    with pytest.raises(ValidationError, match="expected 0 <= least <= most <= 1"):
+        BaselineSettings(patience=2, up=1.15, down=0.9, rates=rates)
+
+
+def test_fixed() -> None:
+    """`fixed` says the same whatever it sees, and injects nothing."""
+    fixed = Fixed(FixedSettings(rate=0.3))
+    for history in ([snapshot(0)], [snapshot(0), snapshot(1, best=1e6, diversity=0.0)]):
+        found = fixed.advise(state(history), np.random.default_rng(0))
+        assert (found.mutation_rate, found.tree, found.source) == (0.3, None, "fixed")

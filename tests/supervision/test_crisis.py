@@ -1,0 +1,35 @@
+"""Eq. (7) and (8) at their thresholds."""
+
+from __future__ import annotations
+
+import pytest
+
+from islandgp.supervision.crisis import Crisis, applied_rate, crisis_reason
+from tests.made import snapshot, state
+
+CRISIS = Crisis(diversity_below=0.15, stagnant_epochs_above=3, emergency_rate=0.5)
+
+
+@pytest.mark.parametrize(
+    ("diversity", "plateau", "reason"),
+    [
+        (0.6, 0, ""),
+        (0.15, 0, ""),  # not below
+        (0.149, 0, "diversity"),
+        (0.0, 0, "diversity"),
+        (0.6, 15, ""),  # 3 epochs of 5 generations are not more than 3
+        (0.6, 16, "stagnation"),
+        (0.1, 16, "diversity"),  # both: diversity is named
+    ],
+)
+def test_crisis_reason(diversity: float, plateau: int, reason: str) -> None:
+    """Eq. (7): diversity below its threshold, or stagnation for more than so many epochs."""
+    history = [snapshot(g, diversity=diversity) for g in range(plateau + 1)]
+    assert crisis_reason(state(history), CRISIS) == reason
+
+
+def test_applied_rate() -> None:
+    """Eq. (8): the emergency rate in a crisis, else the wanted one."""
+    assert applied_rate(0.12, "", CRISIS) == 0.12
+    assert applied_rate(0.12, "diversity", CRISIS) == 0.5
+    assert applied_rate(0.9, "stagnation", CRISIS) == 0.5

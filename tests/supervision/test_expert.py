@@ -1,0 +1,243 @@
+"""Tables 6, 7 and 8 as the expert reads them: a state for each row."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from islandgp.bt.limits import within
+from islandgp.bt.node import Node, walk
+from islandgp.run import example
+from islandgp.scoring.state import PopulationState, Snapshot
+from islandgp.supervision.base import Pattern, Phase, Setup, Target
+from islandgp.supervision.expert import (
+    Expert,
+    ExpertSettings,
+    choose_target,
+    classify_pattern,
+    classify_phase,
+)
+from tests.composed import composed, plain
+from tests.made import snapshot, state
+
+TABLE_8 = {
+    Phase.EARLY_EXPLORATION: (0.40, 0.50),
+    Phase.EXPLOITATION: (0.10, 0.20),
+    Phase.REFINEMENT: (0.15, 0.25),
+    Phase.BALANCED_OPTIMIZATION: (0.18, 0.28),
+    Phase.BALANCED_EXPLORATION: (0.30, 0.40),
+    Phase.AGGRESSIVE_EXPLORATION: (0.35, 0.45),
+    Phase.CRISIS_INTERVENTION: (0.45, 0.50),
+}
+WORKERS = {
+    Target.HUMANOID: "MoveToHumanoid",
+    Target.CHARGING: "ExecuteCharge",
+    Target.CLEARING: "DeliverToClearingPoint",
+    Target.PICKUP: "PickupGarbage",
+}
+
+
+@cache
+def how() -> ExpertSettings:
+    """The configured trees and rates, with the thresholds that the states below are made for."""
+    policy = plain("supervisor=expert")["supervisor"]["policy"]
+    thresholds = {"several": 3, "plateau": 5, "strong": 0.2, "rare": 0.1, "collapse": 0.25}
+    return ExpertSettings.model_validate({**policy, **thresholds})
+
+
+@cache
+def expert() -> Expert:
+    """As a run makes it."""
+    return Expert.make(how(), Setup(0, 41, composed().gp.limits, None, example))
+
+
+def past(n: int, **changes: object) -> list[Snapshot]:
+    """`n` generations that are all alike: their best stagnates for n - 1."""
+    return [snapshot(g, **changes) for g in range(n)]  # type: ignore[arg-type]
+
+
+EARLY = past(3)
+PHASES = [
+    # nobody has ever been Complete
+    (EARLY, Phase.EARLY_EXPLORATION),
+    (past(3, diversity=0.0), Phase.EARLY_EXPLORATION),
+    (past(12), Phase.EARLY_EXPLORATION),
+    # Complete Robots have been, and are no more
+    ([snapshot(0, complete=1), snapshot(1)], Phase.AGGRESSIVE_EXPLORATION),
+    ([snapshot(0, complete=1), snapshot(1, diversity=0.2)], Phase.CRISIS_INTERVENTION),
+    ([snapshot(0, complete=1), snapshot(1, diversity=0.25)], Phase.AGGRESSIVE_EXPLORATION),
+    # some are there
+    ([snapshot(0, complete=1, diversity=0.2)], Phase.AGGRESSIVE_EXPLORATION),
+    ([snapshot(0, complete=9, diversity=0.2)], Phase.AGGRESSIVE_EXPLORATION),
+    ([snapshot(0, complete=2)], Phase.REFINEMENT),
+    (past(5, complete=2), Phase.REFINEMENT),  # 4 generations on the plateau
+    (past(6, complete=2), Phase.BALANCED_EXPLORATION),  # 5
+    (
+        [snapshot(0, complete=2, diversity=0.5), snapshot(1, complete=2, diversity=0.28)],
+        Phase.BALANCED_EXPLORATION,  # low diversity that falls
+    ),
+    (
+        [snapshot(0, complete=2, diversity=0.26), snapshot(1, complete=2, diversity=0.28)],
+        Phase.REFINEMENT,  # low diversity that rises
+    ),
+    (
+        [snapshot(0, complete=2, diversity=0.7), snapshot(1, complete=2, diversity=0.5)],
+        Phase.REFINEMENT,  # diversity that falls, and is not low
+    ),
+    # several are there
+    ([snapshot(0, complete=3)], Phase.REFINEMENT),
+    ([snapshot(0, complete=3), snapshot(1, complete=3, best=1201.0)], Phase.EXPLOITATION),
+    ([snapshot(0, complete=3), snapshot(1, complete=3, best=1200.0)], Phase.REFINEMENT),
+    (past(6, complete=3), Phase.BALANCED_OPTIMIZATION),
+]
+
+
+@pytest.mark.parametrize(("history", "phase"), PHASES)
+def test_phase(history: list[Snapshot], phase: Phase) -> None:
+    """Table 8: each phase in the states it is for, and next to its borders."""
+    assert classify_phase(state(history), how()) is phase
+
+
+def test_every_phase_is_reached() -> None:
+    """The states above cover all rows of Table 8."""
+    assert {phase for _, phase in PHASES} == set(Phase)
+
+
+PATTERNS = [
+    (EARLY, Pattern.EXPLORATION_PHASE),
+    (past(10), Pattern.EXPLORATION_PHASE),
+    (past(11), Pattern.STAGNATION),  # 10 generations without a better best
+    (past(3, diversity=0.24), Pattern.PREMATURE_CONVERGENCE),
+    (past(3, diversity=0.25), Pattern.EXPLORATION_PHASE),
+    (past(11, diversity=0.0), Pattern.STAGNATION),
+    (past(3, complete=1), Pattern.HEALTHY_PROGRESS),
+    ([snapshot(0, complete=1), snapshot(1, best=1300.0)], Pattern.RAPID_IMPROVEMENT),
+    ([snapshot(0, complete=1), snapshot(1, best=1100.0)], Pattern.HEALTHY_PROGRESS),
+]
+
+
+@pytest.mark.parametrize(("history", "pattern"), PATTERNS)
+def test_pattern(history: list[Snapshot], pattern: Pattern) -> None:
+    """Table 6: each label in the states it is for."""
+    assert classify_pattern(state(history), how()) is pattern
+
+
+def test_every_pattern_is_reached() -> None:
+    """The states above cover all rows of Table 6."""
+    assert {pattern for _, pattern in PATTERNS} == set(Pattern)
+
+
+TARGETS = [
+    # 3 of 30 individuals are not too few, 2 are
+    (past(1, doing={"humanoid": 3}), Target.INTEGRATION),
+    (past(1, doing={"humanoid": 2}), Target.HUMANOID),
+    (past(1, doing={"charging": 0}), Target.CHARGING),
+    (past(1, doing={"clearing": 1}), Target.CLEARING),
+    (past(1, doing={"pickup": 2}), Target.PICKUP),
+    # the fewest first; of equals the one that is hardest to find
+    (past(1, doing={"pickup": 0, "charging": 1}), Target.PICKUP),
+    (past(1, doing=dict.fromkeys(WORKERS, 0)), Target.CHARGING),
+    (past(1, doing={"humanoid": 1, "clearing": 1}), Target.CLEARING),
+    # nothing is missing
+    (past(1), Target.INTEGRATION),
+    (past(11), Target.EXPLORATION),  # 10 generations without a better best
+    (past(10), Target.INTEGRATION),
+    (past(1, diversity=0.2), Target.RARE),
+    (past(11, diversity=0.2), Target.EXPLORATION),
+    (past(11, doing={"clearing": 0}), Target.CLEARING),  # what is missing comes first
+]
+
+
+@pytest.mark.parametrize(("history", "target"), TARGETS)
+def test_target(history: list[Snapshot], target: Target) -> None:
+    """Table 7: what the next tree is for."""
+    assert choose_target(state(history), how()) is target
+
+
+def test_every_target_is_reached() -> None:
+    """The states above cover all rows of Table 7."""
+    assert {target for _, target in TARGETS} == set(Target)
+
+
+def test_table_8_is_configured() -> None:
+    """The ranges of Table 8 stand in the configuration."""
+    assert how().rates == TABLE_8
+
+
+@st.composite
+def states(draw: st.DrawFn) -> PopulationState:
+    """Any short history."""
+    counts = st.integers(0, 30)
+    return state(
+        [
+            snapshot(
+                g,
+                best=draw(st.floats(-1e5, 1e5)),
+                diversity=draw(st.floats(0, 0.75)),
+                complete=draw(st.sampled_from([0, 0, 1, 2, 3, 10, 30])),
+                doing={name: draw(counts) for name in ("pickup", "humanoid")},
+            )
+            for g in range(draw(st.integers(1, 12)))
+        ]
+    )
+
+
+@given(states(), st.integers(0, 2**32))
+def test_advice_keeps_the_tables(seen: PopulationState, seed: int) -> None:
+    """Whatever the state: a rate inside its phase's range, and a tree for the target."""
+    found = expert().advise(seen, np.random.default_rng(seed))
+    assert found.phase is not None
+    assert found.target is not None
+    assert found.mutation_rate is not None
+    low, high = TABLE_8[found.phase]
+    assert low <= found.mutation_rate <= high
+    assert found.tree in [example(name) for name in how().trees[found.target]]
+    assert found.phase is classify_phase(seen, expert().settings)
+    assert found.pattern is classify_pattern(seen, expert().settings)
+    assert found.source == "expert"
+
+
+@pytest.mark.parametrize(
+    ("complete", "rate"),
+    [(1, 0.25 - 0.1 / 6), (2, 0.25 - 0.1 / 3), (3, 0.2), (6, 0.15), (30, 0.15)],
+)
+def test_more_complete_robots_lower_rate(complete: int, rate: float) -> None:
+    """In refinement, 0.15-0.25, the rate falls with each Complete Robot, up to six."""
+    found = expert().advise(state([snapshot(0, complete=complete)]), np.random.default_rng(0))
+    assert found.mutation_rate == pytest.approx(rate)
+
+
+@pytest.mark.parametrize(("target", "action"), WORKERS.items())
+def test_trees_do_what_they_are_for(target: Target, action: str) -> None:
+    """A tree for a missing behaviour holds the action that shows it."""
+
+    def actions(tree: Node) -> set[str]:
+        return {str(node.args[0]) for node in walk(tree) if node.kind == "action"}
+
+    assert all(action in actions(example(name)) for name in how().trees[target])
+
+
+def test_trees_fit() -> None:
+    """Every tree of the configuration keeps the paper's limits."""
+    assert all(within(tree, composed().gp.limits) for tree in expert().library.values())
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("rates", {"exploitation": [0.1, 0.2]}, "missing early_exploration"),
+        ("rates", {**{p.value: [0.1, 0.2] for p in Phase}, "refinement": [0.3, 0.2]}, "refinement"),
+        ("trees", {"pickup": ["poor"]}, "missing humanoid"),
+        ("trees", {**{t.value: ["poor"] for t in Target}, "rare": []}, "missing rare"),
+    ],
+)
+def test_policies_that_cannot_be(key: str, value: object, message: str) -> None:
+    """A policy without a range for each phase or a tree for each target is refused."""
+    policy = {**plain("supervisor=expert")["supervisor"]["policy"], key: value}
+    with pytest.raises(ValidationError, match=message):
+        ExpertSettings.model_validate(policy)

@@ -1,0 +1,180 @@
+"""A simplified tree does the same as the original: rule by rule, on scripts, and on the island."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from islandgp.bt.engine import ABORTED, compile_tree
+from islandgp.bt.facts import fact
+from islandgp.bt.language import parse, to_text
+from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, size, walk
+from islandgp.bt.simplify import simplify
+from tests.bt.stage import short_tree
+from tests.composed import composed
+from tests.strategies import few_boards, few_numbers, nodes
+from tests.trees.worlds import Trace, island_trace, random_trees
+
+TREES = nodes(few_numbers(), max_leaves=14, max_repeats=3)
+BOARDS = st.lists(few_boards(), min_size=2, max_size=14)
+RESULTS = st.lists(st.sampled_from([FAILURE, SUCCESS, RUNNING, RUNNING]), min_size=1, max_size=40)
+
+
+def trace(tree: Node, boards: list[list[float]], results: list[int]) -> Trace:
+    """What a tree does on these boards: per tick its calls, what it aborts, and its status.
+
+    An action takes the next result, or if it can't return that one, RUNNING or SUCCESS.
+    """
+    board = list(boards[0])
+    leaves = {i: str(n.args[0]) for i, n in enumerate(walk(tree)) if n.kind == "action"}
+    calls: list[tuple[str, bool, int]] = []
+    aborted: list[str] = []
+    taken = 0
+
+    def action(name: str) -> Callable[[bool], int]:
+        can = fact(name).statuses
+
+        def act(fresh: bool) -> int:
+            nonlocal taken
+            status = results[taken % len(results)]
+            taken += 1
+            if status not in can:
+                status = RUNNING if RUNNING in can else SUCCESS
+            calls.append((name, fresh, status))
+            return status
+
+        return act
+
+    def watch(place: int, status: int) -> None:
+        if status == ABORTED and place in leaves:
+            aborted.append(leaves[place])
+
+    tick = compile_tree(tree, {n: action(n) for n in leaves.values()}, board, watch=watch)
+    ticks: Trace = []
+    for values in boards:
+        board[:] = values
+        status = tick()
+        # Aborts of one tick come in document order per subtree, so their order is not told.
+        ticks.append((tuple(calls), tuple(sorted(aborted)), status))
+        calls.clear()
+        aborted.clear()
+    return ticks
+
+
+@settings(max_examples=500, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(tree=TREES, boards=BOARDS, results=RESULTS)
+def test_same_trace_on_scripts(tree: Node, boards: list[list[float]], results: list[int]) -> None:
+    """Any tree and its simplified form call the same actions, abort the same, end the same."""
+    short = simplify(tree).tree
+    assert trace(short, boards, results) == trace(tree, boards, results)
+
+
+@settings(max_examples=200, deadline=None)
+@given(tree=TREES)
+def test_simplifying_twice_changes_nothing(tree: Node) -> None:
+    """The simplified tree is never larger, is in the language, and is its own simplified form."""
+    short, reasons = simplify(tree)
+    assert size(short) <= size(tree)
+    assert (size(short) < size(tree)) == bool(reasons)
+    assert simplify(short) == (short, ())
+    assert parse(to_text(short)) == short
+
+
+RULES = {
+    "double inverter": ("inverter { inverter { A } }", "A"),
+    "one child": ("selector { sequence { A } B }", "selector { A B }"),
+    "one child keeps its guard from being observed": (
+        "selector { sequence { when p { A } } B }",
+        "selector { when p abort self { A } B }",
+    ),
+    "one child in the last place": (
+        "selector { B sequence { when p { A } } }",
+        "selector { B when p { A } }",
+    ),
+    "selector in a selector": (
+        "selector { A selector { B when p { D } } }",
+        "selector { A B when p { D } }",
+    ),
+    "not last, with a guard that would be observed for longer": (
+        "selector { selector { when p { B } D } A }",
+        "selector { selector { when p { B } D } A }",
+    ),
+    "not last, without such a guard": (
+        "selector { selector { B when p { D } } A }",
+        "selector { B when p abort self { D } A }",
+    ),
+    "behind what never fails": ("selector { when p { A } G B }", "selector { when p { A } G }"),
+    "behind what never succeeds": (
+        "sequence { when x < 1 { when x > 2 { A } } B }",
+        "when x < 1 { when x > 2 { A } }",
+    ),
+    "a branch that never does anything": (
+        "selector { when x < 1 abort self { when x > 2 abort self { A } } B }",
+        "B",
+    ),
+    "a guard that can't hold but can call back stays": (
+        "selector { when x < 1 { when x > 2 abort self { A } } B E }",
+        "selector { when x < 1 { when x > 2 abort self { A } } B E }",
+    ),
+    "repeater 1": ("repeater 1 { A }", "A"),
+    "repeaters multiply": ("repeater 3 { repeater 4 { A } }", "repeater 12 { A }"),
+    "repeaters multiply up to 100": ("repeater 11 { repeater 10 { A } }",) * 2,
+    "a guard twice": ("when p abort none { when p abort self { A } }", "when p abort self { A }"),
+    "a guard that follows": ("when x < 1 { when x < 2 { A } }", "when x < 1 { A }"),
+    "a guard that follows, but observed": ("selector { when x < 1 { when x < 2 { A } } B }",) * 2,
+    "a guard that follows, further in": (
+        "when x < 1 { sequence { A when x < 2 { B } } }",
+        "when x < 1 { sequence { A B } }",
+    ),
+    "a guard that held at the start only": (
+        "when x < 1 abort none { sequence { A when x < 2 { B } } }",
+    )
+    * 2,
+    "a guard that the next one makes needless": (
+        "when x < 2 { when x < 1 { A } }",
+        "when x < 1 { A }",
+    ),
+    "a condition that always holds": ("when x >= 0 { A }", "A"),
+    "De Morgan": (
+        "inverter { sequence { inverter { A } inverter { B } } }",
+        "selector { A B }",
+    ),
+    "parallel in a parallel": ("parallel { A parallel { B D } }", "parallel { A B D }"),
+    "another parallel in a parallel": ("parallel { A parallel success one { B D } }",) * 2,
+    "never succeeds, never repeated": ("repeater 3 { inverter { G } }", "inverter { G }"),
+}
+
+
+@pytest.mark.parametrize("name", RULES)
+def test_rule(name: str) -> None:
+    """Each rule rewrites its example as told, and stays away where the meaning would change."""
+    before, after = RULES[name]
+    assert simplify(short_tree(before)).tree == short_tree(after)
+
+
+def test_on_the_island() -> None:
+    """Forty random trees and their simplified forms do the same, tick by tick, in two worlds."""
+    assert _compare(trees=40, worlds=2, seconds=60) >= 10
+
+
+@pytest.mark.slow
+def test_500_trees_on_five_worlds() -> None:
+    """500 random trees and their simplified forms do the same on five worlds, whole episodes."""
+    assert _compare(trees=500, worlds=5, seconds=420) >= 100
+
+
+def _compare(*, trees: int, worlds: int, seconds: float) -> int:
+    """How many of the random trees became shorter; fails where one behaves differently."""
+    island = composed()
+    shorter: Counter[bool] = Counter()
+    for tree in random_trees(island, trees):
+        short, reasons = simplify(tree)
+        shorter[bool(reasons)] += 1
+        for seed in range(worlds) if reasons else ():
+            expected = island_trace(island, tree, seed, seconds)
+            assert island_trace(island, short, seed, seconds) == expected, to_text(tree)
+    return shorter[True]
