@@ -21,10 +21,11 @@ from hydra._internal.utils import get_args_parser
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
+from islandgp.api_key import NONE, key_in, without_key
 from islandgp.compose import command_line, planned, read, run_folder
 from islandgp.errors import IslandError
 from islandgp.resources import resource
-from islandgp.run import choose, run
+from islandgp.run import check_ready, choose, run
 from islandgp.sweep import run_sweep
 from islandgp.tracking.folder import RunFolder
 from islandgp.tracking.parameters import redacted
@@ -35,23 +36,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     0: all is done; 1: a job failed; 2: the user's error; 130: stopped by Ctrl-C or SIGTERM.
     """
-    words = list(sys.argv[1:] if arguments is None else arguments)
-    args = get_args_parser().parse_args(words)
     try:
+        words = without_key(sys.argv[1:] if arguments is None else arguments)
+        args = get_args_parser().parse_args(words)
         with _terminate_as_ctrl_c():
             if args.help or args.hydra_help or args.info or args.cfg or args.shell_completion:
-                _start(words, _single)
+                _start(words, lambda _: None)
                 return 0
             jobs = list(planned(args, words, Path.cwd()))
+            if key_in(job.config for job in jobs):
+                words = _with(words, [NONE], args.overrides)
+                args = get_args_parser().parse_args(words)
+                jobs = list(planned(args, words, Path.cwd()))
             for job in jobs:
-                choose(RunFolder(job.folder), job.settings.resume, redacted(job.config))
+                folder = RunFolder(job.folder)
+                if not choose(folder, job.settings.resume, redacted(job.config)).finished():
+                    check_ready(job.settings)
             if args.multirun:
                 return run_sweep(
                     jobs,
                     command_line(words),
                     lambda job, extra: _start(_with(words, extra, args.overrides), job),
                 )
-            _start(words, _single)
+            _run_single(words)
     except IslandError as error:
         print(f"islandgp: {error}", file=sys.stderr)
         return 2
@@ -85,13 +92,23 @@ def _with(words: list[str], extra: list[str], overrides: list[str]) -> list[str]
     return [*words[:at], *extra, *words[at:]]
 
 
-def _single(config: DictConfig) -> None:
-    """The only job of a command."""
-    plain, settings = read(config)
-    hydra_config = HydraConfig.get()
-    home, overrides = Path(hydra_config.runtime.cwd), list(hydra_config.overrides.task)
-    folder = run_folder(settings, overrides, home)
-    print(run(settings, plain, folder, home=home, command=command_line(overrides)))
+def _run_single(words: Sequence[str]) -> None:
+    """The only job of a command. Raises what the run raises."""
+    errors: list[Exception] = []
+
+    def job(config: DictConfig) -> None:
+        plain, settings = read(config)
+        found = HydraConfig.get()
+        home, overrides = Path(found.runtime.cwd), list(found.overrides.task)
+        folder = run_folder(settings, overrides, home)
+        try:
+            print(run(settings, plain, folder, home=home, command=command_line(words)))
+        except Exception as error:  # Hydra would print the overrides, and any secret in them
+            errors.append(error)
+
+    _start(words, job)
+    if errors:
+        raise errors[0]
 
 
 @contextmanager

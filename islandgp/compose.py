@@ -74,8 +74,8 @@ def read(config: DictConfig) -> tuple[dict[str, Any], Settings]:
 def run_folder(settings: Settings, overrides: Sequence[str], home: Path) -> Path:
     """Where a run keeps its records: <runs>/<name>/<supervisor>-seed<n>[-<overrides>]."""
     words = []
-    for override in overrides:
-        key = _key(override)
+    last = {_key(override): override for override in overrides}  # Hydra takes the last of a key
+    for key, override in last.items():
         free = key.split(".")[0].split("/")[0] in FREE_GROUPS | NOT_IN_FOLDER
         if not is_secret(key) and (not free or key.startswith("supervisor.")):
             words.append(re.sub(r"[^A-Za-z0-9._=,+-]+", "_", override))

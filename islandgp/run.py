@@ -8,7 +8,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from time import perf_counter, time
+from time import time
 from typing import Any, Final
 from uuid import uuid4
 
@@ -44,21 +44,32 @@ def example(name: str) -> Node:
     return parse(path.read_text(encoding="utf-8"), name=str(path))
 
 
-def make_supervisor(settings: Settings, folder: Path | None) -> Supervisor:
-    """The supervisor that the settings choose. Raises SupervisionError when it cannot work."""
-    part = settings.supervisor
-    setup = Setup(
+def setup_of(settings: Settings, folder: Path | None) -> Setup:
+    """What a run gives to its supervisor."""
+    return Setup(
         seed=settings.seed,
         generations=settings.gp.generations,
         limits=settings.gp.limits,
         folder=folder,
         example=example,
         crisis=settings.gp.crisis,
-        adapt_mutation=part.adapt_mutation,
-        inject=part.inject,
+        adapt_mutation=settings.supervisor.adapt_mutation,
+        inject=settings.supervisor.inject,
     )
-    supervisor: Supervisor = part.factory.make(part.settings(), setup)
+
+
+def make_supervisor(settings: Settings, folder: Path | None) -> Supervisor:
+    """The supervisor that the settings choose. Raises SupervisionError when it cannot work."""
+    part = settings.supervisor
+    supervisor: Supervisor = part.factory.make(part.settings(), setup_of(settings, folder))
     return supervisor
+
+
+def check_ready(settings: Settings) -> None:
+    """Raises SupervisionError where the supervisor could not work, e.g. without a key."""
+    part = settings.supervisor
+    if hasattr(part.factory, "ready"):
+        part.factory.ready(part.settings())
 
 
 def make_evaluator(settings: Settings) -> Evaluator:
@@ -170,7 +181,6 @@ def _evolve(
     start = target.resume()
     done = start.generation if start is not None else 0
     evaluator = make_evaluator(settings)
-    began = perf_counter()
     champion: Champion | None = None
     try:
         steps = evolve(settings.plan, settings.seed, supervisor, evaluator, start=start)
@@ -189,12 +199,14 @@ def _evolve(
     finally:
         evaluator.close()
     assert champion is not None
-    target.finish(_summary(target, champion, perf_counter() - began))
+    target.finish(summary(target, champion))
 
 
-def _summary(target: RunFolder, champion: Champion, seconds: float) -> dict[str, Any]:
+def summary(target: RunFolder, champion: Champion) -> dict[str, Any]:
+    """What a run came to, from its records; `seconds` are those spent in its generations."""
     first: dict[str, int | None] = {"complete": None, "excellent": None}
     snapshots = [record["snapshot"] for record in target.records()]
+    seconds = (c["evaluation"] + c["supervision"] + c["operators"] for c in target.costs())
     for tier in first:
         first[tier] = next((s["generation"] for s in snapshots if s["tiers"][tier]), None)
     return {
@@ -204,7 +216,7 @@ def _summary(target: RunFolder, champion: Champion, seconds: float) -> dict[str,
         "final_mean": snapshots[-1]["mean"],
         "mean_diversity": sum(s["diversity"] for s in snapshots) / len(snapshots),
         "generations": len(snapshots),
-        "seconds": round(seconds, 3),
+        "seconds": round(sum(seconds), 3),
     }
 
 

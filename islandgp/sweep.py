@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from threading import Thread
+from threading import Event, Thread
 from typing import Final
 
 from omegaconf import DictConfig
@@ -115,20 +115,22 @@ def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> No
 def _send(entries: Entries, jobs: Sequence[Planned]) -> None:
     """Lets the tracking store know how the jobs and the sweep as a whole ended."""
     patience = max(float(job.settings.tracking.policy.get("patience", 20)) for job in jobs)
+    trouble: list[str] = []
+    over, alive = Event(), Event()
 
     def work() -> None:
         from islandgp.tracking.sync import sync
 
         for sweep in entries:
-            for path, error in sync(sweep.path).failed.items():
-                trouble.append(f"{path}: {brief(error)}")
-        trouble.append("")
+            found = sync(sweep.path, alive=alive.set)
+            trouble.extend(f"{path}: {brief(error)}" for path, error in found.failed.items())
+        over.set()
+        alive.set()
 
-    trouble: list[str] = []
-    thread = Thread(target=work, name="sweep mirror", daemon=True)
-    thread.start()
-    thread.join(patience)
-    if trouble != [""]:
+    Thread(target=work, name="sweep mirror", daemon=True).start()
+    while not over.is_set() and alive.wait(patience):
+        alive.clear()
+    if trouble or not over.is_set():
         why = trouble[0] if trouble else f"no answer in {patience:g} s"
         paths = " ".join(str(sweep.path) for sweep in entries)
         print(

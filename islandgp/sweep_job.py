@@ -6,7 +6,7 @@ import multiprocessing
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
@@ -14,8 +14,14 @@ from omegaconf import DictConfig
 from islandgp.compose import read, run_folder
 from islandgp.evaluation.processes import cores
 from islandgp.run import run
-from islandgp.settings import Settings
+from islandgp.settings import Part, Settings
 from islandgp.sweep_progress import Start, job_line, sweep_line, written_since
+
+ALONE: Final = frozenset({"BasicLauncher", "SlurmLauncher"})
+"""Launchers whose jobs have a terminal, or a log, to themselves."""
+
+LASTING: Final = frozenset({"BasicLauncher", "JoblibLauncher"})
+"""Launchers whose processes live on after a job."""
 
 
 def sweep_job(start: Start) -> Callable[[DictConfig], None]:
@@ -33,8 +39,7 @@ def sweep_job(start: Start) -> Callable[[DictConfig], None]:
         hydra = HydraConfig.get()
         home = Path(hydra.runtime.cwd)
         named = run_folder(settings, list(hydra.overrides.task), home)
-        at_once = jobs_at_once(hydra.launcher, len(start.jobs))
-        _run(plain, _fitted(settings, at_once), start, named, home)
+        _run(plain, _fitted(settings, hydra.launcher, len(start.jobs)), start, named, home)
 
     return job
 
@@ -55,33 +60,35 @@ def _run(config: dict[str, Any], settings: Settings, start: Start, named: Path, 
         print(job_line(target), file=sys.stderr, flush=True)
 
 
-def _fitted(settings: Settings, at_once: int) -> Settings:
-    """The settings of a job among several at a time.
-
-    Each gets its share of the cores, and only the launching process shows progress.
-    The configuration that is recorded stays what the user wrote.
-    """
+def _fitted(settings: Settings, launcher: Mapping[str, Any], jobs: int) -> Settings:
+    """The settings of a job among others; the recorded configuration stays the user's own."""
+    kind = str(launcher["_target_"]).rpartition(".")[2]
     changes: dict[str, Any] = {}
     if settings.resume == "never":
         changes["resume"] = "auto"  # the sweep has chosen its new folder
-    if at_once > 1:
-        changes["progress"] = "off"
-        policy = settings.evaluator.policy
-        if policy.get("workers") == 0:
-            share = {**policy, "workers": max(1, cores() // at_once)}
-            changes["evaluator"] = settings.evaluator.model_copy(update={"policy": share})
+    if kind not in ALONE:
+        changes["progress"] = "off"  # the launching process shows it
+    if (workers := workers_of(launcher, jobs)) and settings.evaluator.policy.get("workers") == 0:
+        changes["evaluator"] = _with_policy(settings.evaluator, "workers", workers)
+    if kind in LASTING and "patience" in settings.tracking.policy:
+        # The job need not wait for its tracker, which goes on in the background.
+        changes["tracking"] = _with_policy(settings.tracking, "patience", 0)
     return settings.model_copy(update=changes)
 
 
-def jobs_at_once(launcher: Mapping[str, Any], jobs: int) -> int:
-    """How many jobs a launcher runs on one machine at a time, as far as its settings tell."""
+def _with_policy(part: Part, key: str, value: int) -> Part:
+    return part.model_copy(update={"policy": {**part.policy, key: value}})
+
+
+def workers_of(launcher: Mapping[str, Any], jobs: int) -> int:
+    """A job's share of this machine's cores under a launcher of parallel jobs; 0: all of them."""
     kind = str(launcher["_target_"]).rpartition(".")[2]
     if kind == "JoblibLauncher":
         n = launcher["n_jobs"] or 1
-        return min(jobs, n if n > 0 else max(1, cores() + 1 + n))
+        at_once = min(jobs, n if n > 0 else max(1, cores() + 1 + n))
+        return max(1, cores() // at_once)
     if kind == "RayLauncher":
-        needs = float(launcher["ray"].get("remote", {}).get("num_cpus", 1)) or 1.0
-        return max(2, min(jobs, int(cores() / needs)))
+        return max(1, int(launcher["ray"].get("remote", {}).get("num_cpus", 1)))
     if kind == "LocalLauncher":  # submitit's, for trying it out
-        return jobs
-    return 1
+        return max(1, cores() // jobs)
+    return 0

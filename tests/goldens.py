@@ -8,6 +8,8 @@ every user's runs will see.
 from __future__ import annotations
 
 import os
+from difflib import unified_diff
+from itertools import islice
 from pathlib import Path
 
 import pytest
@@ -22,4 +24,9 @@ def check_golden(name: str, found: str) -> None:
         file.parent.mkdir(exist_ok=True)
         file.write_text(found, encoding="utf-8")
         pytest.skip(f"wrote {file.name}; read `git diff tests/golden` before it is kept")
-    assert found == file.read_text(encoding="utf-8")
+    if found == (expected := file.read_text(encoding="utf-8")):
+        return
+    texts = (expected.splitlines(), found.splitlines())
+    lines = unified_diff(*texts, "golden", "found", n=1, lineterm="")
+    shown = "\n".join(islice(lines, 30))
+    pytest.fail(f"{file.name} differs; GOLDEN=write writes it anew:\n{shown}", pytrace=False)

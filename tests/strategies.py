@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from islandgp.bt.language import MAX_NUMBER
 from islandgp.bt.node import ABORTS, ACTIONS, KEYS, OPERATORS, POLICIES, REPEATS, Node
+from islandgp.scoring.state import PopulationState, Snapshot, StateSettings, population_state
 
 _FLAGS = [name for name, key in KEYS.items() if key.flag]
 _NUMBERS = [name for name, key in KEYS.items() if not key.flag]
@@ -64,3 +65,59 @@ def nodes(
 
     leaf = st.sampled_from(list(ACTIONS)).map(lambda name: Node("action", (name,)))
     return st.recursive(leaf, grown, max_leaves=max_leaves)
+
+
+def snapshots(generation: int, population: int = 30) -> st.SearchStrategy[Snapshot]:
+    """One generation in any numbers that a population can have."""
+    count = st.integers(0, population)
+    share = st.floats(0, 1)
+    points = st.floats(-1e5, 1e6)
+    return st.builds(
+        Snapshot,
+        generation=st.just(generation),
+        epoch=st.just(max(1, -(-generation // 5))),
+        stage=st.integers(0, 3),
+        best=points,
+        mean=points,
+        sd=st.floats(0, 1e5),
+        diversity=st.floats(0, 0.75),
+        working=share,
+        specialists=st.fixed_dictionaries(
+            dict.fromkeys(("patrol_only", "pickup", "humanoid", "balanced"), count)
+        ),
+        charging=count,
+        clearing=count,
+        doing=st.fixed_dictionaries(
+            dict.fromkeys(("pickup", "humanoid", "clearing", "charging"), count)
+        ),
+        tiers=st.fixed_dictionaries(
+            dict.fromkeys(("excellent", "complete", "full_service", "balanced_elite"), count)
+        ),
+        distance=st.floats(0, 3000),
+        inactive=st.floats(0, 420),
+        size=st.floats(1, 50),
+        rate=share,
+    )
+
+
+@st.composite
+def population_states(draw: st.DrawFn, generations: int = 41) -> PopulationState:
+    """The state after any history of up to eight generations of a run."""
+    last = draw(st.integers(0, generations - 1))
+    first = max(0, last - draw(st.integers(0, 7)))
+    history = [draw(snapshots(g)) for g in range(first, last + 1)]
+    return population_state(
+        history,
+        StateSettings(window=5, improvement=0.01, low_diversity=0.3),
+        crossover_rate=0.8,
+        population=30,
+        generations=generations,
+        generations_per_epoch=5,
+        multipliers={
+            "garbage": 2.0,
+            "battery": 1.0,
+            "humanoid": 1.5,
+            "delivery": 1.0,
+            "leftover": 0.8,
+        },
+    )

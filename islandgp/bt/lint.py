@@ -152,7 +152,7 @@ def _guard(
             message = f"this guard says nothing new: {_why(asked, path)}"
             yield at, message, False
     elif node.args[3] == "lower" and standing.observer is None:
-        message = "abort lower does nothing here: no composite has a later branch to stop"
+        message = "abort lower is abort none here: no composite has a later branch to stop"
         yield at, message, False
 
 

@@ -175,11 +175,16 @@ def _place(token: Token) -> tuple[int, int]:
 
 def _above(head: list[_Word]) -> tuple[tuple[Comment, ...], bool]:
     """All comments before the last word of a head ends, and whether a blank line precedes it."""
-    found = list(head[0].before)
+    loose: list[str] = []
     for before, word in pairwise(head):
-        found += [Comment(before.behind, False)] if before.behind else []
-        found += word.before
-    return tuple(found), head[0].blank_before
+        loose += [before.behind] if before.behind else []
+        loose += [comment.text for comment in word.before]
+    blank = head[0].blank_before
+    if not loose:
+        return head[0].before, blank
+    first, *others = loose
+    moved = (Comment(first, blank), *(Comment(text, False) for text in others))
+    return (*head[0].before, *moved), False
 
 
 def _comments(gap: str, *, first: bool) -> tuple[str, tuple[Comment, ...], bool]:

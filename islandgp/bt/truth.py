@@ -16,7 +16,7 @@ from islandgp.bt.node import Node
 
 Conditions: TypeAlias = tuple[Condition, ...]
 
-_HOLDS: Final[dict[str, Callable[[float, float], bool]]] = {
+HOLDS: Final[dict[str, Callable[[float, float], bool]]] = {
     "<": lambda value, number: value < number,
     "<=": lambda value, number: value <= number,
     ">": lambda value, number: value > number,
@@ -26,6 +26,7 @@ _HOLDS: Final[dict[str, Callable[[float, float], bool]]] = {
     "is": lambda value, _: value != 0,
     "not": lambda value, _: value == 0,
 }
+"""Whether a value on the blackboard and the number of a condition are in its relation."""
 
 
 class Standing(NamedTuple):
@@ -116,7 +117,7 @@ def may_interrupt(guard: Node, standing: Standing) -> bool:
 
 
 def _holds(condition: Condition, value: float) -> bool:
-    return _HOLDS[condition.operator](value, condition.number)
+    return HOLDS[condition.operator](value, condition.number)
 
 
 def _samples(conditions: Iterable[Condition]) -> list[float]:

@@ -160,7 +160,7 @@ def _claims(report: Report) -> list[str]:
         if table.key.startswith("claims"):
             lines += ["", table.title]
             lines += [
-                f"  {claim:<40} {here:>24}  p BH {p:<8} {verdict}"
+                f"  {claim:<47} {here:>34}  p BH {p:<8} {verdict}"
                 for claim, here, p, *_, verdict in table.rows
             ]
     return lines

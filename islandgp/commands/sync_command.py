@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-from pydantic import ValidationError
 
 from islandgp.errors import TrackingError
 from islandgp.tracking.brief import brief
-from islandgp.tracking.store import MLflowSettings, Place
+from islandgp.tracking.place import place_from
+from islandgp.tracking.store import Place
 from islandgp.tracking.sync import sync
 
 
@@ -25,21 +25,9 @@ def command(folders: tuple[Path, ...], uri: str | None, experiment: str) -> None
     A folder is a run's, a sweep's, or one that holds them. What was sent before
     is not sent again.
     """
-    place = None if uri is None else _place(uri, experiment)
+    place = None if uri is None else place_from(uri, experiment)
     for root in folders or (Path("runs"),):
         _sync(root, place)
-
-
-def _place(uri: str, experiment: str) -> Place:
-    try:
-        settings = MLflowSettings(
-            uri=uri, artifacts="mlartifacts", experiment=experiment, patience=0
-        )
-    except ValidationError:
-        raise TrackingError(
-            f"Expected --uri sqlite:///FILE or http://..., found {uri!r}."
-        ) from None
-    return Place.of(settings, Path.cwd())
 
 
 def _sync(root: Path, place: Place | None) -> None:

@@ -13,6 +13,8 @@ import signal
 from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.connection import wait
+from threading import Thread
 
 from pydantic import BaseModel, Field
 
@@ -31,7 +33,16 @@ def cores() -> int:
 def _start(setting: Setting) -> None:
     global _setting
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
+    Thread(target=_end_with_parent, daemon=True).start()
     _setting = setting
+
+
+def _end_with_parent() -> None:
+    """Ends this worker when its parent is gone, killed perhaps, and can't do so itself."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)
 
 
 def _run(job: Job) -> Outcome:

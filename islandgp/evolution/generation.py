@@ -32,10 +32,14 @@ class TreeSettings(BaseModel, frozen=True, extra="forbid"):
     children: tuple[int, int]  # least and most children of a composite, >= 1
     repeats: int = Field(ge=1, le=100)  # most repetitions
     kinds: dict[str, float]  # weight of each inner node kind
+    operators: dict[str, float]  # weight of each comparison with a number
+    aborts: dict[str, float]  # weight of each abort rule
 
     @model_validator(mode="after")
     def _sound(self) -> TreeSettings:
         check_weights("kinds", self.kinds, [kind for kind in KINDS if kind != "action"])
+        check_weights("operators", self.operators, OPERATORS)
+        check_weights("aborts", self.aborts, ABORTS)
         if not 1 <= self.children[0] <= self.children[1]:
             raise ValueError(f"children: expected 1 <= least <= most, found {list(self.children)}")
         if not 2 <= self.depth[0] <= self.depth[1]:
@@ -75,7 +79,7 @@ def random_args(
 ) -> tuple[str | float, ...]:
     """The arguments of an inner node."""
     if kind == "when":
-        return _random_condition(rng)
+        return _random_condition(rng, settings)
     if kind == "repeater":
         return (float(rng.integers(1, settings.repeats + 1)),)
     if kind == "parallel":
@@ -83,13 +87,13 @@ def random_args(
     return ()
 
 
-def _random_condition(rng: np.random.Generator) -> tuple[str | float, ...]:
+def _random_condition(rng: np.random.Generator, settings: TreeSettings) -> tuple[str | float, ...]:
     name = KEY_NAMES[rng.integers(len(KEY_NAMES))]
     key = KEYS[name]
-    abort = ABORTS[rng.integers(len(ABORTS))]
+    abort = weighted(rng, settings.aborts)
     if key.flag:
         return name, FLAG_OPERATORS[rng.integers(len(FLAG_OPERATORS))], 0.0, abort
-    op = OPERATORS[rng.integers(len(OPERATORS))]
+    op = weighted(rng, settings.operators)
     steps = round((key.high - key.low) / key.step)
     return name, op, key.low + key.step * float(rng.integers(steps + 1)), abort
 

@@ -96,7 +96,8 @@ def _generation(plan: Plan, seed: int, state: RunState, desk: Desk, evaluator: E
     waited = 0.0
     if g + 1 < plan.gp.generations:
         before = perf_counter()
-        desk.ask(view)
+        if g + plan.switches.lag + 1 < plan.gp.generations:  # else nobody waits for the answer
+            desk.ask(view)
         answer = desk.answer(g)
         waited = perf_counter() - before
         guidance, tree = _decide(plan, view, answer, state.rate)
@@ -137,8 +138,10 @@ def _generation(plan: Plan, seed: int, state: RunState, desk: Desk, evaluator: E
 
 def _worlds(plan: Plan, seed: int, generation: int) -> tuple[int, ...]:
     """World seeds of a generation: one an episode, or one an individual and episode."""
+    since = {"generation": generation, "epoch": plan.curriculum.epoch(generation), "never": 0}
     n = plan.gp.episodes * (1 if plan.gp.common_world else plan.gp.population)
-    return tuple(world_seed(seed, generation=generation, episode=i) for i in range(n))
+    day = since[plan.gp.new_worlds]
+    return tuple(world_seed(seed, generation=day, episode=i) for i in range(n))
 
 
 def _evaluate(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from typing import Literal
+
 from pydantic import BaseModel, Field
 
 from islandgp.bt.limits import Limits
@@ -28,6 +30,7 @@ class GP(BaseModel, frozen=True, extra="forbid"):
     max_depth: int = Field(ge=2, le=50)
     max_nodes: int = Field(ge=3, le=1000)
     episodes: int = Field(ge=1, le=1000)  # an individual
+    new_worlds: Literal["generation", "epoch", "never"]  # when the worlds change
     common_world: bool  # one world a generation for all, or one for each individual
     trees: TreeSettings
     mutation: MutationSettings

@@ -20,7 +20,7 @@ PAGE: Final = Template("""<!doctype html>
 <style>
 :root { --ink: #1d2733; --soft: #5b6875; --line: #d9dfe5; --paper: #f4f1e8; --link: #0b5f94; }
 * { box-sizing: border-box; }
-body { margin: 0 auto; padding: 2rem 1.25rem 4rem; max-width: 62rem; color: var(--ink);
+body { margin: 0 auto; padding: 2rem 1.25rem 4rem; max-width: 78rem; color: var(--ink);
   background: #fff; font: 16px/1.55 system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; }
 h1 { font-size: 1.9rem; line-height: 1.2; margin: 0 0 .5rem; }
 h2 { font-size: 1.3rem; margin: 2.6rem 0 .8rem; padding-top: .6rem;
@@ -30,23 +30,23 @@ nav ul { columns: 18rem; padding-left: 1.2rem; margin: .5rem 0; }
 figure { margin: 1.5rem 0; }
 figcaption { font-weight: 600; margin-bottom: .4rem; }
 figure.picture img { display: block; max-width: 100%; height: auto; margin: 0 auto; }
+section > p, .note, figure.picture p { max-width: 60rem; }
 figure.picture p, .note { color: var(--soft); font-size: .86rem; margin: .4rem 0; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-size: .84rem; font-variant-numeric: tabular-nums;
   min-width: 50%; }
-th, td { padding: .3rem .6rem; text-align: right; border-bottom: 1px solid var(--line);
+th, td { padding: .3rem .45rem; text-align: right; border-bottom: 1px solid var(--line);
   vertical-align: top; }
-td { white-space: nowrap; }
-th:first-child, td:first-child { text-align: left; position: sticky; left: 0; background: #fff; }
+th:first-child, td:first-child { text-align: left; position: sticky; left: 0;
+  background: #fff; min-width: 9rem; }
 thead th { border-bottom: 2px solid var(--ink); vertical-align: bottom; }
 .paper { background: var(--paper); color: #5d5334; font-style: italic; }
 .doubts { border: 2px solid #b3261e; border-radius: 6px; padding: .6rem 1rem; background: #fdf2f1; }
 .doubts strong { color: #8c1d18; }
-.long td:first-child { white-space: normal; min-width: 12rem; }
 @media print {
   body { max-width: none; font-size: 10pt; padding: 0; }
   nav { display: none; } .scroll { overflow: visible; } table { font-size: 7pt; }
-  th, td { padding: .15rem .3rem; } td { white-space: normal; }
+  th, td { padding: .15rem .3rem; }
   figure { break-inside: avoid; } .paper { background: none; }
 }
 </style>

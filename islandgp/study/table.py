@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
@@ -59,9 +60,9 @@ def to_html(table: Table) -> str:
 
     def cells(tag: str, texts: Sequence[str]) -> str:
         return "".join(
-            f'<{tag} class="paper">{escape(text)}</{tag}>'
+            f'<{tag} class="paper">{_cell(text)}</{tag}>'
             if paper
-            else f"<{tag}>{escape(text)}</{tag}>"
+            else f"<{tag}>{_cell(text)}</{tag}>"
             for text, paper in zip(texts, theirs, strict=True)
         )
 
@@ -72,3 +73,9 @@ def to_html(table: Table) -> str:
         f'<div class="scroll"><table><thead><tr>{cells("th", table.columns)}</tr></thead>'
         f"<tbody>\n{body}\n</tbody></table></div>{notes}</figure>"
     )
+
+
+def _cell(text: str) -> str:
+    """Escaped, with the numbers kept in one piece where a line wraps."""
+    kept = re.sub(r" (±|%|:) ?", lambda m: m[0].replace(" ", "\N{NO-BREAK SPACE}"), text)
+    return escape(kept)

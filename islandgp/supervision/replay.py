@@ -10,7 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, ValidationError
 
 from islandgp.errors import SupervisionError
 from islandgp.scoring.state import PopulationState
@@ -25,7 +25,16 @@ from islandgp.supervision.llm.transcript import Transcript, find_transcript
 class ReplaySettings(BaseModel, frozen=True, extra="forbid"):
     """Which record to repeat."""
 
-    transcript: str = Field(min_length=1)  # a run's folder, or a transcript.jsonl
+    transcript: str | None  # a run's folder, or a transcript.jsonl
+
+    def path(self) -> Path:
+        """The file. Raises SupervisionError where there is none."""
+        if not self.transcript:
+            raise SupervisionError(
+                "Expected a recorded run to replay, found none; name its folder with"
+                " supervisor.policy.transcript=..."
+            )
+        return find_transcript(Path(self.transcript))
 
 
 class Replay:
@@ -37,12 +46,12 @@ class Replay:
     @classmethod
     def ready(cls, settings: ReplaySettings) -> None:
         """Raises SupervisionError where there is no transcript."""
-        find_transcript(Path(settings.transcript))
+        settings.path()
 
     @classmethod
     def make(cls, settings: ReplaySettings, setup: Setup) -> Replay:
         """See `Supervisor`."""
-        path = find_transcript(Path(settings.transcript))
+        path = settings.path()
         transcript = Transcript(path)
         try:
             start = transcript.start or {}

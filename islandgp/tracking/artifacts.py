@@ -5,10 +5,17 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
+import yaml
+
 from islandgp.bt.language import parse
+from islandgp.evaluation.base import Setting
+from islandgp.island.world import World
+from islandgp.scoring.curriculum import Curriculum
+from islandgp.scoring.rewards import Rewards
 from islandgp.tracking.chart import Line, Panel, svg
 from islandgp.tracking.folder import About, RunFolder, Status
 
@@ -47,17 +54,42 @@ def artifacts(folder: RunFolder) -> Iterator[Artifact]:
     if (best := folder.path / "best.bt").exists():
         text = best.read_text(encoding="utf-8")
         yield _made("best.bt.txt", lambda: text)  # MLflow shows .txt, not .bt
-        yield from _picture(text)
+        yield _made("best.svg", lambda: _picture(text))
+    if folder.finished():
+        yield _made("replay.html", lambda: _replay(folder))
 
 
 def _made(name: str, text: Callable[[], str]) -> Artifact:
     return Artifact(name, None, text)
 
 
-def _picture(tree: str) -> Iterator[Artifact]:
+def _picture(tree: str) -> str:
     from islandgp.bt.render.svg import to_svg
 
-    yield _made("best.svg", lambda: to_svg(parse(tree)))
+    return to_svg(parse(tree))
+
+
+def _replay(folder: RunFolder) -> str:
+    """The champion's episode, in the world and the stage in which it became the champion."""
+    from islandgp.viewer.page import replay_page
+
+    champion = folder.summary()["champion"]
+    config = yaml.safe_load(folder.config() or "")
+    generation, slot = (int(part) for part in champion["record"]["id"].split("."))
+    (record,) = islice(folder.records(generation), 1)
+    worlds = record["worlds"]
+    place = 0 if config["gp"]["common_world"] else slot * config["gp"]["episodes"]
+    return replay_page(
+        parse(champion["record"]["tree"]),
+        Setting(
+            World(**config["world"]),
+            Rewards(**config["rewards"]),
+            Curriculum(**config["curriculum"]),
+        ),
+        worlds[place],
+        record["snapshot"]["stage"],
+        f"{folder.path.name}: the best individual, generation {generation}",
+    )
 
 
 def table(records: list[dict[str, Any]]) -> dict[str, Any]:

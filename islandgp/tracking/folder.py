@@ -127,13 +127,22 @@ class RunFolder:
         return (self.path / "summary.json").exists()
 
     def resume(self) -> RunState | None:
-        """The state to go on from; cuts off what was written after it. None: from the start."""
+        """The state to go on from; cuts off what was written after it. None: from the start.
+
+        Raises:
+            RunError: the checkpoint is damaged, or records before it are missing.
+        """
         checkpoint = self.path / "checkpoint.json"
         state = load_state(checkpoint) if checkpoint.exists() else None
         for name in ("generations.jsonl", "costs.jsonl"):
             file = self.path / name
             lines = file.read_bytes().splitlines(keepends=True) if file.exists() else []
             keep = lines[: state.generation if state else 0]
+            if state is not None and len(keep) < state.generation:
+                raise RunError(
+                    f"Expected {state.generation} generations in {file}, found {len(keep)};"
+                    " delete the run's folder or use resume=never."
+                )
             if keep != lines or not file.exists():
                 write_atomic(file, b"".join(keep))
         return state

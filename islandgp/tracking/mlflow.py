@@ -70,7 +70,7 @@ class MLflow:
 
     def _work(self) -> None:
         mirror: Mirror | None = None
-        while not self._given_up.is_set():
+        while True:
             self._wake.wait()
             self._wake.clear()
             status = self._status

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 SECRET: Final = re.compile(r"(^|_)(api_?key|token|secret|password)$", re.IGNORECASE)
 HIDDEN: Final = "***"
+ALLOWED: Final = re.compile(r"[\w. :/-]+")  # names that MLflow takes; `<` is none
 
 
 def redacted(config: Mapping[str, Any]) -> dict[str, Any]:
@@ -30,7 +31,7 @@ def is_secret(key: str) -> bool:
 def flat(config: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, str]]:
     """Dotted keys and their values as text."""
     for key, value in config.items():
-        if isinstance(value, Mapping) and value:
+        if isinstance(value, Mapping) and value and all(ALLOWED.fullmatch(str(k)) for k in value):
             yield from flat(value, f"{path}{key}.")
         elif isinstance(value, str):
             yield f"{path}{key}", value

@@ -108,8 +108,8 @@ def _points(found: list[Arm]) -> Iterator[tuple[str, float, int]]:
     for arm in found:
         for curve in arm.curves:
             for step, (mean, sd) in enumerate(zip(curve.mean, curve.sd, strict=True)):
-                yield f"{_safe(arm.name)}/{curve.name} mean", mean, step
-                yield f"{_safe(arm.name)}/{curve.name} sd", sd, step
+                yield f"sweep/{_safe(arm.name)} {curve.name} mean", mean, step
+                yield f"sweep/{_safe(arm.name)} {curve.name} sd", sd, step
 
 
 def _texts(

@@ -144,10 +144,10 @@ def _make(file: Path) -> None:
         return
     from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
 
-    with FileLock(file.with_name(f".{file.name}.lock")):
+    with FileLock(file.with_name(f".{file.stem}.lock")):
         if _there(file):
             return
-        new = file.with_name(f".{file.name}.new")
+        new = file.with_name(f".{file.stem}.new")
         new.unlink(missing_ok=True)
         artifacts = str(file.with_name("mlartifacts"))
         store = SqlAlchemyStore(f"{SQLITE}{new}", artifacts)  # type: ignore[no-untyped-call]

@@ -109,13 +109,12 @@ class SweepFolder:
         """Whether a process holds the sweep."""
         return locked(self.path / ".lock")
 
-    def status(self) -> Status:
+    def status(self, file: SweepFile) -> Status:
         """How far the jobs are, taken together, wherever they run.
 
         Stopped jobs count for more than failed ones: the sweep is not at its end.
         """
-        file = self.read()
-        found = {self.run(job).status() for job in file.jobs} if file else set()
+        found = {self.run(job).status() for job in file.jobs}
         for status in (Status.RUNNING, Status.KILLED, Status.FAILED):
             if status in found:
                 return status

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-
-import yaml
 
 from islandgp.errors import IslandError
 from islandgp.tracking.folder import RunFolder, Status
 from islandgp.tracking.mirror import Mirror, up_to_date
 from islandgp.tracking.parent import send_sweep
-from islandgp.tracking.store import MLflowSettings, Place, Store
+from islandgp.tracking.place import place_of
+from islandgp.tracking.store import Place, Store
 from islandgp.tracking.sweep_folder import SweepFolder
-
-FACTORY = "islandgp.tracking.mlflow:MLflow"
 
 
 @dataclass(slots=True)
@@ -35,19 +32,13 @@ def run_folders(root: Path) -> Iterator[RunFolder]:
         yield RunFolder(file.parent)
 
 
-def place_of(folder: RunFolder) -> Place | None:
-    """Where a run's own configuration sends it; None with `tracking=off`."""
-    config: dict[str, Any] = yaml.safe_load(folder.config() or "{}") or {}
-    tracking, about = config.get("tracking", {}), folder.about()
-    if tracking.get("factory") != FACTORY or about is None:
-        return None
-    return Place.of(MLflowSettings(**tracking["policy"]), Path(about.home))
-
-
-def sync(root: Path, place: Place | None = None) -> Synced:
+def sync(
+    root: Path, place: Place | None = None, *, alive: Callable[[], None] = lambda: None
+) -> Synced:
     """Sends what is missing of all runs and sweeps below `root`, to `place` if it is given.
 
-    A store that is away, or a folder that cannot be sent, is in the result.
+    A store that is away, or a folder that cannot be sent, is in the result. `alive` is
+    called after each folder.
     """
     done = Synced()
     stores: dict[Place, Store | IslandError | Exception] = {}
@@ -66,15 +57,17 @@ def sync(root: Path, place: Place | None = None) -> Synced:
             done.sent.append(folder.path)
         except Exception as error:  # a store may fail in any way
             done.failed[folder.path] = error
+        alive()
     for path, where in sweeps.items():
         sweep = SweepFolder(path)
-        if sweep.read() is None:
+        if (file := sweep.read()) is None:
             continue
+        status = Status.RUNNING if sweep.at_work() else sweep.status(file)
         try:
-            status = Status.RUNNING if sweep.at_work() else sweep.status()
             send_sweep(sweep, _store(stores, where), status)
-        except Exception as error:
+        except Exception as error:  # as above
             done.failed[path] = error
+        alive()
     return done
 
 

@@ -122,10 +122,21 @@ def test_an_injected_tree_never_shifts_other_draws() -> None:
 
 def test_arms_share_their_worlds() -> None:
     """Whatever supervisors say, runs of one seed meet the same worlds in each generation."""
-    arms = [run(supervisor=s) for s in (Says(0.0), Says(0.9, CHARGER), Says(None))]
+    how = plan("gp.new_worlds=generation")
+    arms = [run(how, s) for s in (Says(0.0), Says(0.9, CHARGER), Says(None))]
     worlds = [[record.worlds for record in records(steps)] for steps in arms]
     assert worlds[0] == worlds[1] == worlds[2]
     assert len(set(worlds[0])) == len(worlds[0])
+
+
+@pytest.mark.parametrize(
+    ("when", "changes"),
+    [("generation", [1, 2, 3, 4, 5, 6, 7]), ("epoch", [6]), ("never", [])],
+)
+def test_new_worlds(when: str, changes: list[int]) -> None:
+    """Worlds change with each generation, with each epoch (generation 6 begins one), or never."""
+    worlds = [record.worlds for record in records(run(plan(f"gp.new_worlds={when}")))]
+    assert [g for g in range(1, 8) if worlds[g] != worlds[g - 1]] == changes
 
 
 def test_one_world_for_all() -> None:

@@ -16,11 +16,37 @@ from islandgp.island.world import World
 from islandgp.scoring.rewards import award
 from tests.composed import composed
 
+ISLAND: dict[str, Any] = {
+    # The numbers that the tests of this folder were worked out with, whatever becomes of conf.
+    "side": 300,
+    "start": [150, 150],
+    "chargers": [[60, 60], [240, 60], [60, 240], [240, 240]],
+    "clearing_points": [[60, 150], [240, 150]],
+    "waypoints": [
+        [150, 40], [215, 85], [260, 150], [215, 215], [150, 260], [85, 215], [40, 150], [85, 85],
+    ],
+    "robot": {
+        "speed": 5, "radius": 0.6, "capacity": 30, "perception": 15, "pickup_reach": 1.5,
+        "station_reach": 2, "battery_start": 70, "drain_moving": 0.2, "drain_standing": 0.05,
+        "charge_rate": 5, "charge_below": 95, "charge_again": 10, "patrol_segment": 20,
+    },
+    "garbage": {"initial": 120, "every": 2, "most": 150},
+    "humanoids": {
+        "count": 10, "speed": 1.2, "radius": 0.4, "turn_every": [4, 10], "most_items": 10,
+        "ask_from": 5, "reach": 2,
+    },
+    "obstacles": {"count": 15, "radius": [2, 4], "gap": 4, "layout_seed": 0},
+    "episode": {
+        "step": 0.1, "length": 420, "stagnation": 120, "stagnation_low_battery": 180,
+        "low_battery": 40, "negative": 60,
+    },
+}  # fmt: skip
+
 
 def world(**changes: Any) -> World:
-    """The default island; a mapping changes a part: `world(robot={"speed": 3})`."""
+    """ISLAND; a mapping changes a part: `world(robot={"speed": 3})`."""
     plain = composed().world.model_dump()
-    for name, value in changes.items():
+    for name, value in (*ISLAND.items(), *changes.items()):
         plain[name] = {**plain[name], **value} if isinstance(value, dict) else value
     return World.model_validate(plain)
 

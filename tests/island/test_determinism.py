@@ -90,7 +90,7 @@ def test_stepwise_is_the_same_for_any_tree(tree: Node, seed: int) -> None:
 
 @pytest.mark.parametrize("tree", [ALL_ROUNDER, RESTLESS], ids=["all-rounder", "restless"])
 def test_stepwise_is_the_same_on_the_island(tree: str) -> None:
-    """The same over the whole 420 s on the paper's island."""
+    """The same over the whole 420 s on the large island."""
     quick, slow = both_ways(parse(tree), world(), 4)
     assert quick == slow
 

@@ -1,4 +1,4 @@
-"""The real SDK over a real socket: whatever the other side does, an attempt ends in time, as a value."""
+"""The real SDK over a real socket: whatever the other side does, an attempt ends in time."""
 
 from __future__ import annotations
 
@@ -19,14 +19,6 @@ from islandgp.testing.server import MessagesServer
 KEY = "sk-test-0123456789abcdef"
 ASK = Request("m", "Be brief.", ("Hello?",), 100)
 DEADLINE = 0.4  # s
-
-
-@pytest.fixture(autouse=True)
-def _no_environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The SDK and its HTTP library read these; a developer's must not reach a test."""
-    for name in ("ANTHROPIC_BASE_URL", "ANTHROPIC_CUSTOM_HEADERS", "HTTP_PROXY", "ALL_PROXY"):
-        monkeypatch.delenv(name, raising=False)
-        monkeypatch.delenv(name.lower(), raising=False)
 
 
 @contextmanager

@@ -32,8 +32,8 @@ TAGS: Final[dict[str, str]] = {
 
 REPEAT = Loss(
     "repeat",
-    "Repeat goes on in the same tick when its child ends at once; a repeater here takes a tick"
-    " for each repetition",
+    "Repeat begins the next repetition in the tick in which one ends; a repeater here begins it in"
+    " the next tick",
 )
 JUDGED = Loss(
     "judged",

@@ -101,6 +101,8 @@ class _Importer:
         tag = _tag(element)
         if tag == "SubTree":
             return self._tree(element.attributes.get("ID", ""), element)
+        if tag not in TAGS.values() and tag not in ACTIONS:
+            self._unknown(element, tag)
         self._check_attributes(element, tag)
         if tag in ("Sequence", "Fallback"):
             return self._with_memory(tag, self._children(element))
@@ -119,8 +121,6 @@ class _Importer:
                 element,
                 "a condition must stand before something that it guards, in a Sequence or Fallback",
             )
-        if tag not in ACTIONS:
-            self._unknown(element, tag)
         if element.children:
             self._fail(element, f"the action {tag} has no children")
         return Node("action", (tag,))

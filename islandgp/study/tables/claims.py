@@ -49,11 +49,10 @@ def claims_table(key: str, title: str, findings: Sequence[Finding], arms: tuple[
     rows = []
     for claim in CLAIMS:
         f = finding(findings, claim.measure, arms)
-        size, what = difference(f)
         rows.append(
             (
                 claim.text,
-                f"{percent(size)}{what}",
+                difference(f),
                 probability(f.rank_q),
                 percent(claim.size),
                 probability(claim.p_bh),
@@ -74,16 +73,17 @@ def claims_table(key: str, title: str, findings: Sequence[Finding], arms: tuple[
     )
 
 
-def difference(f: Finding) -> tuple[float | None, str]:
+def difference(f: Finding) -> str:
     """By which share the first arm differs, and how that is measured when not by means."""
     if not f.measure.emergence:
         (a, _), (b, _) = (mean_sd(sample) for sample in f.numbers)
-        return change(a, b), ""
+        return percent(change(a, b))
     first, second = (summary(sample, f.generations) for sample in f.samples)
     earlier = reduction(first, second)
     if earlier is None:
-        return None, "never in either arm"
-    return -earlier[0], "" if earlier[1] == "means" else f" ({earlier[1]})"
+        return "never in either arm"
+    by = "" if earlier[1] == "means" else f" ({earlier[1]})"
+    return f"{percent(-earlier[0])}{by}"
 
 
 def verdict(direction: int, f: Finding) -> str:

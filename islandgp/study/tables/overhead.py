@@ -96,7 +96,9 @@ def _time_to_complete(arm: Arm) -> str:
     if not times:
         return f"never in {len(arm.runs)} runs"
     left = len(arm.runs) - len(times)
-    return spread(*mean_sd(times), 1) + (f" (never in {left} runs)" if left else "")
+    return spread(*mean_sd(times), 1) + (
+        f" (never in {left} of {len(arm.runs)} runs)" if left else ""
+    )
 
 
 def _seconds_to(run: Run, tier: Tier) -> float | None:

@@ -87,6 +87,7 @@ class LiveCalls:
         self._closed = True
 
     def _attempt(self, call: Call, number: int, request: Request, waited: float) -> Reply | Failure:
+        self._check_open()
         most = most_tokens(request)
         at, began = datetime.now(UTC).isoformat(timespec="milliseconds"), self.clock()
         answer: Reply | Failure
@@ -94,8 +95,7 @@ class LiveCalls:
             answer = Failure(FailureKind.BUDGET, why)
         else:
             answer = self.client.send(request, seconds=self.retry.deadline)
-        if self._closed:
-            raise SupervisionError("The run is over; nobody waits for this answer.")
+        self._check_open()
         usage, price = known_usage(answer), self.ledger.price
         attempt = Attempt(
             call=call,
@@ -111,6 +111,10 @@ class LiveCalls:
         )
         self.transcript.add(attempt)
         return answer
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise SupervisionError("The run is over; nobody waits for this answer.")
 
 
 class RecordedCalls:

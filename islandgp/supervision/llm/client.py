@@ -15,7 +15,7 @@ import time
 from collections.abc import AsyncIterator
 from concurrent.futures import CancelledError
 from email.utils import parsedate_to_datetime
-from threading import Thread
+from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any, Final
 
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage, clean
@@ -45,15 +45,23 @@ class AnthropicClient:
     ) -> None:
         """A local server needs no `key`; `transport` takes the network's place in tests."""
         self._key, self._base_url, self._transport = key, base_url, transport
-        self._running: tuple[asyncio.AbstractEventLoop, Thread] | None = None
-        self._sdk: anthropic.AsyncAnthropic | None = None
+        self._running: tuple[asyncio.AbstractEventLoop, Thread, anthropic.AsyncAnthropic] | None
+        self._running = None
+        self._closed = False
+        self._lock = Lock()
 
     def send(self, request: Request, *, seconds: float) -> Reply | Failure:
         """See `Client`."""
         late = Failure(FailureKind.TIMEOUT, f"no whole answer within {seconds:g} s")
-        attempt = asyncio.run_coroutine_threadsafe(
-            asyncio.wait_for(self._attempt(request), seconds), self._loop()
-        )
+        with self._lock:  # `close` may be called by another thread
+            if self._closed:
+                return Failure(FailureKind.CUT, "the client is closed")
+            if self._running is None:
+                self._running = self._run()  # before the clock starts: the import takes seconds
+            loop, _, sdk = self._running
+            attempt = asyncio.run_coroutine_threadsafe(
+                asyncio.wait_for(self._attempt(sdk, request), seconds), loop
+            )
         try:
             return attempt.result(seconds + GRACE)
         except (TimeoutError, CancelledError):
@@ -63,34 +71,32 @@ class AnthropicClient:
 
     def close(self) -> None:
         """See `Client`."""
-        if self._running is None:
+        with self._lock:
+            self._closed = True
+            running, self._running = self._running, None
+        if running is None:
             return
-        loop, thread = self._running
-        if self._sdk is not None:
-            asyncio.run_coroutine_threadsafe(self._sdk.close(), loop).result(GRACE)
+        loop, thread, sdk = running
+        asyncio.run_coroutine_threadsafe(_end(sdk), loop).result(GRACE)
         loop.call_soon_threadsafe(loop.stop)
         thread.join(GRACE)
         if not thread.is_alive():
             loop.close()
-        self._running = None
 
-    def _loop(self) -> asyncio.AbstractEventLoop:
-        if self._running is None:
-            loop = asyncio.new_event_loop()
-            # A daemon: a hanging name lookup must not keep the process from ending.
-            thread = Thread(target=loop.run_forever, name="llm", daemon=True)
-            thread.start()
-            self._running = loop, thread
-        return self._running[0]
+    def _run(self) -> tuple[asyncio.AbstractEventLoop, Thread, anthropic.AsyncAnthropic]:
+        sdk = _sdk(self._key or "none", self._base_url, self._transport)
+        loop = asyncio.new_event_loop()
+        # A daemon: a hanging name lookup must not keep the process from ending.
+        thread = Thread(target=loop.run_forever, name="llm", daemon=True)
+        thread.start()
+        return loop, thread, sdk
 
-    async def _attempt(self, request: Request) -> Reply | Failure:
+    async def _attempt(self, sdk: anthropic.AsyncAnthropic, request: Request) -> Reply | Failure:
         import anthropic
         import httpx2
 
-        if self._sdk is None:
-            self._sdk = _sdk(self._key or "none", self._base_url, self._transport)
         try:
-            answer = await self._sdk.messages.with_raw_response.create(**_arguments(request))
+            answer = await sdk.messages.with_raw_response.create(**_arguments(request))
             return self._read(answer.http_response.content)
         except anthropic.APIStatusError as error:
             return self._refused(error)
@@ -132,6 +138,15 @@ class AnthropicClient:
     def _hide(self, text: str) -> str:
         """The text without the key. One of few characters is a local server's, and no secret."""
         return text.replace(self._key, HIDDEN) if self._key and len(self._key) >= 8 else text
+
+
+async def _end(sdk: anthropic.AsyncAnthropic) -> None:
+    """Ends an attempt that is under way in another thread, and closes every connection."""
+    others = asyncio.all_tasks() - {asyncio.current_task()}
+    for task in others:
+        task.cancel()
+    await asyncio.gather(*others, return_exceptions=True)
+    await sdk.close()
 
 
 def _sdk(

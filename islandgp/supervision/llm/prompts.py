@@ -35,6 +35,14 @@ TARGETS: Final[dict[Target, str]] = {
 }
 """Table 7, told to the model."""
 
+ABORT_RULES: Final[dict[str, str]] = {
+    "none": "the condition is asked only when the guard is reached; then its child goes on",
+    "self": "the guard stops its own child as soon as the condition is false",
+    "lower": "as soon as the condition is true the guard takes over from later branches",
+    "both": "the guard does both; this is what it does when nothing is said",
+}
+"""The abort rules of a `when`, told to the model; docs/semantics.md says it exactly."""
+
 
 @dataclass(frozen=True, slots=True)
 class Prompt:
@@ -101,8 +109,8 @@ def language() -> str:
             "Nodes:",
             *(f"- {name}: {kind.meaning}" for name, kind in KINDS.items()),
             "",
-            f"A repeater counts from {REPEATS[0]} to {REPEATS[1]}. The abort rules of a `when` are"
-            f" {', '.join(ABORTS)}; without one it is {ABORTS[-1]}.",
+            f"A repeater counts from {REPEATS[0]} to {REPEATS[1]}. What a `when` stops:",
+            *(f"- abort {name}: {ABORT_RULES[name]}" for name in ABORTS),
             "",
             "Actions:",
             *(f"- {name}: {action.meaning}" for name, action in ACTIONS.items()),

@@ -1,0 +1,58 @@
+"""The command in a process of its own, as a user starts it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+ROOT = Path(__file__).resolve().parent.parent
+WAIT = 300  # s, longest wait for one command
+
+
+@contextmanager
+def empty_folder() -> Iterator[Path]:
+    """A folder for one command; it is gone afterwards."""
+    with TemporaryDirectory(prefix="islandgp-bench-") as path:
+        yield Path(path)
+
+
+def start(module: str, words: Sequence[str], folder: Path) -> subprocess.Popen[str]:
+    """`python -m MODULE WORDS` in a folder; what it says goes nowhere."""
+    return subprocess.Popen(
+        [sys.executable, "-m", module, *words],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+
+
+def finish(process: subprocess.Popen[str], expected: int = 0) -> None:
+    """Waits for the end; raises RuntimeError where the exit code is another one."""
+    try:
+        code = process.wait(timeout=WAIT)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+        raise
+    if code != expected:
+        raise RuntimeError(f"{process.args!r} ended with {code}, expected {expected}")
+
+
+def interrupt(process: subprocess.Popen[str]) -> None:
+    """Ctrl-C, and waits for the clean end that follows."""
+    process.send_signal(signal.SIGINT)
+    try:
+        process.wait(timeout=WAIT)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+        raise

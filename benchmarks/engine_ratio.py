@@ -1,0 +1,67 @@
+"""An episode over the bare physics: what sensing, deciding and book-keeping add to Chipmunk."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import process_time
+from typing import Final
+
+from benchmarks.figure import Effort, Figure, at_most
+from benchmarks.pinned import endless, example, points, settings
+from benchmarks.turns import medians, ratio, turns
+from islandgp.island.episode import run_episode
+from islandgp.island.script import write_script
+from islandgp.island.space import build_space
+from islandgp.island.world import World
+
+SEEDS: Final = {Effort.TINY: 1, Effort.QUICK: 3, Effort.FULL: 6}
+ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 5, Effort.FULL: 25}  # of each seed
+
+
+def measure(effort: Effort) -> list[Figure]:
+    """Pairs of one episode of the all-rounder and as many bare steps in the same world."""
+    world = endless(settings().world)
+    if effort is Effort.TINY:
+        world = endless(world, episode={"length": 10})
+    steps = round(world.episode.length / world.episode.step)
+    rows = []
+    for seed in range(SEEDS[effort]):
+        found = run_episode(example("all_rounder"), world, seed, points())
+        assert found.steps == steps, f"seed {seed} ended after {found.steps} steps"
+        for _ in range(ROUNDS[effort]):
+            rows += turns(
+                [_episode(world, seed), _bare(world, seed, steps)], 1, clock=process_time
+            )
+    episode, bare = medians(rows)
+    return [
+        Figure(
+            "engine_ratio",
+            ratio(rows, 0, 1),
+            "",
+            f"all-rounder's episode of {steps:,} steps / the bare steps; median over pairs",
+            at_most(2.0),
+        ),
+        Figure("ratio_of_medians", episode / bare, "", "the same, median over median"),
+        Figure("episode_ms", 1000 * episode, "ms", "the episode, from world and tree to outcome"),
+        Figure("bare_ms", 1000 * bare, "ms", "the bare steps; the robot bounces about at 5 m/s"),
+    ]
+
+
+def _episode(world: World, seed: int) -> Callable[[], object]:
+    tree, award = example("all_rounder"), points()
+    return lambda: run_episode(tree, world, seed, award)
+
+
+def _bare(world: World, seed: int, steps: int) -> Callable[[], object]:
+    """The same space with everybody in motion, and nobody who looks."""
+    physics = build_space(world, write_script(world, seed))
+    for shape in physics.robot.shapes:
+        shape.elasticity = 1.0
+    physics.robot.velocity = (0.6 * world.robot.speed, 0.8 * world.robot.speed)
+    step, dt = physics.space.step, world.episode.step
+
+    def run() -> None:
+        for _ in range(steps):
+            step(dt)
+
+    return run

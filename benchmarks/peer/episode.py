@@ -1,0 +1,77 @@
+"""The peer's episode: sense, write the blackboard, tick, step; 4,200 times."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from py_trees.behaviour import Behaviour
+from py_trees.blackboard import Blackboard, Client
+from py_trees.common import Access
+from py_trees.trees import BehaviourTree
+
+from benchmarks.peer.actions import ACTIONS
+from benchmarks.peer.island import Island
+from islandgp.bt.export.py_trees import to_python
+from islandgp.bt.node import KEYS, Node
+from islandgp.island.journal import Award, Event
+from islandgp.island.world import World
+
+
+@dataclass(frozen=True, slots=True)
+class PeerEpisode:
+    """What happened."""
+
+    fitness: float  # points
+    counts: dict[Event, int]  # events by kind
+    steps: int
+
+
+def create_tree(tree: Node, action: Callable[[str], Behaviour]) -> Behaviour:
+    """The tree in py_trees, as `islandgp export` writes it; `action(name)` makes a leaf."""
+    module: dict[str, Callable[[Callable[[str], Behaviour]], Behaviour]] = {}
+    exec(to_python(tree), module)
+    return module["create_tree"](action)
+
+
+def run_peer_episode(tree: Node, world: World, seed: int, award: Award) -> PeerEpisode:
+    """The episode of `run_episode`, step by step."""
+    Blackboard.clear()
+    root = BehaviourTree(create_tree(tree, lambda name: ACTIONS[name](name)))
+    island = Island(world, seed, award)
+    root.setup(island=island)
+    board = Client(name="robot")
+    for key in KEYS:
+        board.register_key(key, access=Access.WRITE)
+    while not _over(island):
+        island.sense()
+        board.batteryLevel = island.battery
+        board.robotCurrentExtraCapacity = world.robot.capacity - island.load
+        board.lap = island.laps
+        board.foundGarbage = island.found_garbage
+        board.isHumanoidWantToClear = island.asked
+        island.goal = None
+        island.patrolling = island.acted = island.charging = False
+        root.tick()
+        island.turn_wheels()
+        island.pass_time()
+    island.log(Event.LEFTOVER, len(island.garbage))
+    counts = Counter(event for _, event, _ in island.journal.events)
+    return PeerEpisode(island.journal.fitness, dict(counts), island.step)
+
+
+def _over(island: Island) -> bool:
+    """Whether the episode has come to an end."""
+    limits, journal, dt = island.world.episode, island.journal, island.dt
+    if island.battery <= 1e-9:
+        island.log(Event.SHUTDOWN, 1)
+        return True
+    low = island.battery < limits.low_battery
+    patience = limits.stagnation_low_battery if low else limits.stagnation
+    since = journal.negative_since
+    return (
+        island.step >= round(limits.length / dt)
+        or island.step - journal.best_step >= round(patience / dt)
+        or (since >= 0 and island.step - since >= round(limits.negative / dt))
+    )

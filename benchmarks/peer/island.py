@@ -1,0 +1,187 @@
+"""The island as a straightforward program keeps it: everything up to date in each step."""
+
+from __future__ import annotations
+
+from math import hypot
+
+import numpy as np
+from pymunk import Vec2d
+
+from islandgp.island.journal import Award, Event, Journal
+from islandgp.island.robot import MARGIN
+from islandgp.island.script import SPAWN, write_script
+from islandgp.island.space import build_space
+from islandgp.island.steering import steer
+from islandgp.island.world import Point, World
+
+
+class Item:
+    """A piece of garbage."""
+
+    def __init__(self, x: float, y: float) -> None:
+        self.x, self.y = x, y  # m
+        self.seen = False
+        self.there = True
+
+
+class Island:
+    """One episode's state."""
+
+    def __init__(self, world: World, seed: int, award: Award) -> None:
+        self.world = world
+        self.script = write_script(world, seed)
+        self.physics = build_space(world, self.script)
+        self.robot, self.people = self.physics.robot, self.physics.humanoids
+        self.journal = Journal(award)
+        self.garbage = [Item(z.real, z.imag) for z in self.script.garbage]
+        self._lay_out()
+        self.carried = np.zeros(len(self.people), dtype=int)  # items of each humanoid
+        self.met = np.zeros(len(self.people), dtype=bool)  # humanoids seen before
+        gap = world.robot.radius + MARGIN
+        self.rocks = [(x, y, radius + gap) for x, y, radius in self.script.obstacles]
+        self.step = self.cue = 0
+        self.dt = world.episode.step
+        self.stride = world.robot.speed * self.dt  # m a step
+        self.at = self.robot.position
+        self.found_garbage = self.asked = False
+        self.battery = world.robot.battery_start  # %
+        self.load = self.laps = self.waypoint = 0
+        self.spent = 100.0  # % used since the last charging attempt that counted
+        self.fined_at = -1  # clearing point where an empty delivery has cost in this visit
+        self.goal: tuple[float, float, float] | None = None  # x, y, reach: of this tick
+        self.leg: tuple[float, float, float] | None = None  # the goal of the present leg
+        self.leg_end = 0.0  # step
+        self.patrolling = self.acted = self.charging = False  # in this tick
+        self.idle = self.patrol_steps = 0
+        self.rewarded = -1  # last stretch of patrol with a discovery
+
+    def log(self, event: Event, amount: float) -> None:
+        """Writes an event down."""
+        self.journal.log(self.step, event, amount)
+
+    def act(self, event: Event, amount: float) -> None:
+        """A non-movement action."""
+        self.log(event, amount)
+        self.acted = True
+
+    def drive_to(self, x: float, y: float, reach: float) -> bool:
+        """Wants to be within `reach` metres of (x, y); true on arrival."""
+        if hypot(x - self.at.x, y - self.at.y) <= reach:
+            return True
+        self.goal = (x, y, reach)
+        return False
+
+    def nearest(self, stations: tuple[Point, ...]) -> int:
+        """The nearest station."""
+        gaps = [hypot(x - self.at.x, y - self.at.y) for x, y in stations]
+        return gaps.index(min(gaps))
+
+    def nearest_item(self, within: float) -> Item | None:
+        """The nearest garbage, if it is not further than `within` metres."""
+        if not self.garbage:
+            return None
+        i = int(self.gaps.argmin())
+        return self.garbage[i] if self.gaps[i] <= within else None
+
+    def take(self, item: Item) -> None:
+        """The item is gone."""
+        item.there = False
+        self.garbage.remove(item)
+        self._lay_out()
+
+    def sense(self) -> None:
+        """Looks at everything."""
+        sight = self.world.robot.perception
+        self.at = self.robot.position
+        self.gaps = np.hypot(self.xs - self.at.x, self.ys - self.at.y)
+        in_sight = self.gaps <= sight
+        self.found_garbage = bool(in_sight.any())
+        new = in_sight & ~self.seen
+        if new.any():
+            for i in np.flatnonzero(new):
+                self.garbage[i].seen = True
+            self.seen |= new
+            self._discover(int(new.sum()))
+        self.places = np.array([body.position for body in self.people]).reshape(-1, 2)
+        self.apart = np.hypot(self.places[:, 0] - self.at.x, self.places[:, 1] - self.at.y)
+        near = self.apart <= sight
+        self.asking = self.carried >= self.world.humanoids.ask_from
+        self.asked = bool((near & self.asking).any())
+        strangers = near & ~self.met
+        if strangers.any():
+            self.met |= strangers
+            self._discover(int(strangers.sum()))
+        if self.fined_at >= 0:
+            x, y = self.world.clearing_points[self.fined_at]
+            if hypot(x - self.at.x, y - self.at.y) > self.world.robot.station_reach:
+                self.fined_at = -1
+
+    def turn_wheels(self) -> None:
+        """Sets the robot's velocity: to the goal, or along the next leg around a rock."""
+        if self.goal is None:
+            self.leg = None
+            self.robot.velocity = (0.0, 0.0)
+        elif self.goal != self.leg or self.step >= self.leg_end:
+            x, y, reach = self.leg = self.goal
+            ux, uy, length = steer(self.at.x, self.at.y, x, y, reach=reach, obstacles=self.rocks)
+            self.robot.velocity = Vec2d(ux, uy) * self.world.robot.speed
+            self.leg_end = self.step + max(1, length / self.stride)
+
+    def pass_time(self) -> None:
+        """One step: physics, contacts, cues, battery, idleness."""
+        self.physics.space.step(self.dt)
+        self.step += 1
+        contacts = self.physics.contacts
+        for _ in contacts.begun:
+            self.log(Event.COLLISION, 1)
+        contacts.begun.clear()
+        for h in sorted(contacts.touching):
+            self.leg = None
+            if h >= 0:
+                away = self.people[h].position - self.robot.position
+                self.people[h].velocity = away.normalized() * self.world.humanoids.speed
+        while self.script.cues[self.cue][0] == self.step:
+            self._play(*self.script.cues[self.cue][1:])
+            self.cue += 1
+        self._account()
+
+    def _play(self, who: int, a: float, b: float) -> None:
+        if who != SPAWN:
+            self.people[who].velocity = (a, b)
+            self.carried[who] = min(self.carried[who] + 1, self.world.humanoids.most_items)
+        elif len(self.garbage) < self.world.garbage.most:
+            self.garbage.append(Item(a, b))
+            self._lay_out()
+
+    def _account(self) -> None:
+        robot = self.world.robot
+        if self.charging and self.goal is None:
+            self.battery = min(100.0, self.battery + robot.charge_rate * self.dt)
+        else:
+            drain = robot.drain_standing if self.goal is None else robot.drain_moving
+            self.battery -= drain * self.dt
+            self.spent += drain * self.dt
+        self.patrol_steps += self.patrolling
+        if self.goal is not None or self.acted:
+            self.idle = 0
+            return
+        self.idle += 1
+        second = round(1 / self.dt)
+        if self.idle % second == 0:
+            self.log(Event.IDLE, self.idle / second)
+
+    def _discover(self, things: int) -> None:
+        if not self.patrolling:
+            return
+        self.log(Event.DISCOVERY, things)
+        stretch = int(self.patrol_steps * self.stride / self.world.robot.patrol_segment)
+        if stretch > self.rewarded:
+            self.rewarded = stretch
+            self.log(Event.PATROL, 1)
+
+    def _lay_out(self) -> None:
+        """The garbage as arrays, made anew whenever an item comes or goes."""
+        self.xs = np.array([item.x for item in self.garbage])
+        self.ys = np.array([item.y for item in self.garbage])
+        self.seen = np.array([item.seen for item in self.garbage], dtype=bool)
+        self.gaps = np.full(len(self.garbage), np.inf)

@@ -1,0 +1,61 @@
+"""What every benchmark runs on: the default experiment, trees by hand, fixed seeds."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from islandgp.bt.language import parse
+from islandgp.bt.node import Node
+from islandgp.evaluation.base import Setting
+from islandgp.island.journal import Award
+from islandgp.island.world import World
+from islandgp.resources import resource
+from islandgp.scoring.rewards import award
+from islandgp.settings import Settings, read_settings
+
+STAGE = 0  # of Table 2
+SEED = 0  # of a run
+
+
+@cache
+def settings(*overrides: str) -> Settings:
+    """The default experiment without tracking, with overrides as on the command line."""
+    with initialize_config_dir(str(resource("conf")), version_base="1.3"):
+        config = compose("config", ["tracking=off", *overrides])
+    plain = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
+    assert isinstance(plain, dict)
+    return read_settings({str(key): value for key, value in plain.items()})
+
+
+def setting(*overrides: str) -> Setting:
+    """What evaluators get of it."""
+    chosen = settings(*overrides)
+    return Setting(chosen.world, chosen.rewards, chosen.curriculum)
+
+
+def points() -> Award:
+    """The rewards of the pinned stage."""
+    return award(settings().rewards, settings().curriculum.multipliers(STAGE))
+
+
+def example(name: str) -> Node:
+    """A tree of `grammar/examples`."""
+    return parse((resource("grammar") / "examples" / f"{name}.bt").read_text(encoding="utf-8"))
+
+
+def endless(world: World, **changes: object) -> World:
+    """The world without the early endings, so that each episode takes the same number of steps.
+
+    An empty battery still ends an episode. `changes` replace whole parts or single
+    numbers: `humanoids={"count": 40}`.
+    """
+    plain = world.model_dump()
+    length = world.episode.length
+    never = {"stagnation": length, "stagnation_low_battery": length, "negative": length}
+    plain["episode"] |= never
+    for name, value in changes.items():
+        plain[name] = {**plain[name], **value} if isinstance(value, dict) else value
+    return World.model_validate(plain)

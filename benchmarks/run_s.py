@@ -1,0 +1,110 @@
+"""The evolution of the whole default experiment, on 1, 2 and 4 workers."""
+
+from __future__ import annotations
+
+from statistics import median
+from time import perf_counter
+from typing import Final, NamedTuple
+
+from benchmarks.figure import Effort, Figure, at_least, at_most
+from benchmarks.pinned import SEED, STAGE, example, settings
+from islandgp.bt.language import to_text
+from islandgp.evaluation.base import Job, Setting
+from islandgp.evaluation.cache import Cached
+from islandgp.evaluation.processes import Processes, cores
+from islandgp.evolution.loop import evolve
+from islandgp.run import make_supervisor
+from islandgp.settings import Settings
+
+PAPER_S: Final = 36_000  # a run of the paper: ten hours
+WORKERS: Final = (1, 2, 4)
+ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 1, Effort.FULL: 3}
+SHORTER: Final = {
+    Effort.TINY: ("gp.population=6", "gp.generations=2", "world.episode.length=5"),
+    Effort.QUICK: ("gp.generations=11",),
+    Effort.FULL: (),
+}
+WARM_UP: Final = 8  # episodes for each worker, so that every one has started and imported
+
+
+class Evolution(NamedTuple):
+    """What one evolution took."""
+
+    start: float  # s until the workers had started
+    evolving: float  # s from the first generation to the last
+    evaluating: float  # s of it in which episodes ran
+    simulated: int  # episodes that the cache did not have
+    episodes: int  # asked for
+
+
+def measure(effort: Effort) -> list[Figure]:
+    """Whole evolutions in turns: 1, 2, 4 workers, and again."""
+    chosen = settings(*SHORTER[effort])
+    counts = [n for n in WORKERS if n <= cores()]
+    found: dict[int, list[Evolution]] = {n: [] for n in counts}
+    for _ in range(ROUNDS[effort]):
+        for n in counts:
+            found[n].append(_evolve(chosen, n))
+    seconds = {n: median(e.start + e.evolving for e in runs) for n, runs in found.items()}
+    evolving = {n: median(e.evolving for e in runs) for n, runs in found.items()}
+    most = counts[-1]
+    size = f"{chosen.gp.generations} generations of {chosen.gp.population}"
+    figures = [
+        Figure(
+            f"run_s_{n}",
+            seconds[n],
+            "s",
+            f"{size}, {n} worker{'s' * (n > 1)}, with their start",
+            at_most(5.0) if n == 4 and effort is Effort.FULL else None,
+        )
+        for n in counts
+    ]
+    for n in counts[1:]:
+        speed_up = evolving[1] / evolving[n]
+        figures += [
+            Figure(f"speed_up_{n}", speed_up, "", f"{n} workers over 1, workers started"),
+            Figure(
+                f"efficiency_{n}",
+                100 * speed_up / n,
+                "%",
+                f"speed-up over {n} workers",
+                at_least(90.0),
+            ),
+        ]
+    last = found[most][-1]
+    serial = median(e.evolving - e.evaluating for e in found[most])
+    return [
+        *figures,
+        Figure("start_s", median(e.start for e in found[most]), "s", f"start of {most} workers, and {WARM_UP} episodes each"),
+        Figure("serial_s", serial, "s", "operators and supervisor, which one core does"),
+        Figure(
+            "cached",
+            100 * (1 - last.simulated / last.episodes),
+            "%",
+            "episodes that the cache had already",
+        ),
+        Figure("paper_ratio", PAPER_S / seconds[most], "", "the paper's 36,000 s a run / ours"),
+    ]
+
+
+def _evolve(chosen: Settings, workers: int) -> Evolution:
+    setting = Setting(chosen.world, chosen.rewards, chosen.curriculum)
+    supervisor = make_supervisor(chosen, None)
+    tree = to_text(example("all_rounder"))
+    began = perf_counter()
+    processes = Processes(setting, workers)
+    try:
+        processes.evaluate([Job(tree, STAGE, seed) for seed in range(WARM_UP * workers)])
+        started, simulated = perf_counter(), processes.simulated
+        evaluator = Cached(processes)
+        costs = [s.cost for s in evolve(chosen.plan, SEED, supervisor, evaluator)]
+        ended = perf_counter()
+    finally:
+        processes.close()
+    return Evolution(
+        start=started - began,
+        evolving=ended - started,
+        evaluating=sum(cost.evaluation for cost in costs),
+        simulated=processes.simulated - simulated,
+        episodes=sum(cost.episodes for cost in costs),
+    )

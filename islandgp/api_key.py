@@ -1,0 +1,59 @@
+"""An API key that is given as configuration, taken out of sight before anything is written.
+
+It belongs in the environment. Given on the command line or in a configuration
+file it is moved there, before Hydra sees it: Hydra prints overrides, and writes
+the whole configuration of a sweep into a file.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final
+
+from islandgp.errors import ConfigError
+
+VARIABLE: Final = "ANTHROPIC_API_KEY"
+KEY: Final = "supervisor.policy.api_key"
+NONE: Final = f"{KEY}=null"
+
+
+def without_key(words: Sequence[str]) -> list[str]:
+    """The words of a command, with a key that is among them moved to the environment."""
+    kept = []
+    for word in words:
+        name, equals, value = word.partition("=")
+        if equals and name.lstrip("+") == KEY:
+            _move(value.strip("'\""))
+            kept.append(NONE)
+        else:
+            kept.append(word)
+    return kept
+
+
+def key_in(configs: Iterable[Mapping[str, Any]]) -> bool:
+    """Moves a key that composed configurations hold, from a file of the user's; whether one did.
+
+    Raises:
+        ConfigError: two configurations hold different keys.
+    """
+    keys = set()
+    for config in configs:
+        policy = config["supervisor"].get("policy") or {}
+        if (key := policy.get("api_key")) is not None:
+            keys.add(str(key))
+    if len(keys) > 1:
+        raise ConfigError(f"{KEY}: expected one key for all jobs, found {len(keys)}; {_REMEDY}.")
+    for key in keys:
+        _move(key)
+    return bool(keys)
+
+
+_REMEDY: Final = f"set {VARIABLE} in the environment instead"
+
+
+def _move(key: str) -> None:
+    if "," in key or "(" in key:
+        raise ConfigError(f"{KEY}: expected one key, found a sweep over several; {_REMEDY}.")
+    if key and key != "null":
+        os.environ[VARIABLE] = key

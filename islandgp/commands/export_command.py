@@ -1,0 +1,44 @@
+"""`islandgp export`: a tree in the form of another tool."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import click
+
+from islandgp.bt.export import behaviortree_cpp, py_trees
+from islandgp.bt.export.json import to_json
+from islandgp.bt.export.plan import Loss
+from islandgp.bt.node import Node
+from islandgp.commands.files import FILE, OUTPUT, STDIN, read_tree, write_text
+
+FORMATS: Final = ("json", "btcpp", "pytrees")
+_BY_ENDING: Final = {"json": "json", "xml": "btcpp", "py": "pytrees"}
+
+
+@click.command()
+@click.argument("file", type=FILE)
+@click.option("--to", "form", type=click.Choice(FORMATS), help="Default: by the ending of -o.")
+@click.option("-o", "--output", type=OUTPUT, default=STDIN, help="File to write.")
+def command(file: str, form: str | None, output: str) -> None:
+    """Write the tree in FILE for another tool.
+
+    json: without loss, for your own programs. btcpp: XML for BehaviorTree.CPP 4.
+    pytrees: a Python module that builds a py_trees tree. What does not mean the
+    same there is told on the standard error, and explained in docs/exports.md.
+    """
+    form = form or _BY_ENDING.get(output.rpartition(".")[2], "")
+    if not form:
+        raise click.UsageError(f"Missing option '--to', one of {', '.join(FORMATS)}.")
+    text, losses = _export(read_tree(file), form)
+    write_text(output, text)
+    for loss in losses:
+        click.echo(f"not the same ({loss.about}): {loss.message}", err=True)
+
+
+def _export(tree: Node, form: str) -> tuple[str, list[Loss]]:
+    if form == "json":
+        return to_json(tree), []
+    if form == "btcpp":
+        return behaviortree_cpp.to_xml(tree), behaviortree_cpp.losses(tree)
+    return py_trees.to_python(tree), py_trees.losses(tree)

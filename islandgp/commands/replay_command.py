@@ -1,0 +1,41 @@
+"""`islandgp replay`: an episode as a page to watch in a browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from islandgp.commands.files import FILE, OUTPUT, STDIN, called, read_tree, write_text
+from islandgp.commands.setting import configured, stage_index, with_island_options
+
+
+@click.command()
+@click.argument("file", type=FILE)
+@click.option("--seed", type=click.IntRange(0), default=0, help="Of the world; default: 0.")
+@click.option("-o", "--output", type=OUTPUT, default="replay.html", show_default=True)
+@click.option("--title", help="Default: the file's name.")
+@with_island_options
+def command(
+    file: str,
+    seed: int,
+    output: str,
+    title: str | None,
+    overrides: tuple[str, ...],
+    config_dir: str | None,
+    stage: int | None,
+) -> None:
+    """Run the tree in FILE in one world, and write a page that shows it.
+
+    The page is one file that needs nothing else: open it in a browser, send it
+    by mail, or look at it among the artifacts in MLflow.
+    """
+    from islandgp.viewer.page import replay_page
+
+    tree = read_tree(file)
+    settings = configured(overrides, config_dir)
+    name = title or Path(called(file)).stem
+    text = replay_page(tree, settings, seed, stage_index(settings, stage), name)
+    write_text(output, text)
+    if output != STDIN:
+        click.echo(f"{output}: {len(text.encode()) / 1000:.0f} kB", err=True)

@@ -1,0 +1,36 @@
+"""`islandgp ui`: the MLflow pages of the runs made here."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import click
+
+from islandgp.tracking.place import place_from, place_of_latest
+from islandgp.tracking.ui import served
+
+
+@click.command()
+@click.option(
+    "--uri", help="The store: sqlite:///FILE or http://...; default: that of the last run."
+)
+@click.option(
+    "--experiment", default="islandgp", show_default=True, help="MLflow experiment, with --uri."
+)
+@click.option(
+    "--runs", type=click.Path(path_type=Path), default=Path("runs"), help="Folder of runs."
+)
+@click.option("--port", default=5000, show_default=True, help="Port of this machine to serve on.")
+def command(uri: str | None, experiment: str, runs: Path, port: int) -> None:
+    """Serve the MLflow pages and print the address of the runs page."""
+    place = place_from(uri, experiment) if uri else place_of_latest(runs)
+    click.echo(f"Starting the MLflow server for {place.uri} ...", err=True)
+    with served(place, port) as pages:
+        click.echo(f"arms, grouped by supervisor:  {pages.arms}")
+        click.echo(f"all runs:                     {pages.runs}")
+        click.echo("Ctrl-C stops the server.", err=True)
+        try:
+            threading.Event().wait()
+        except KeyboardInterrupt:
+            click.echo("stopped", err=True)

@@ -1,0 +1,165 @@
+"""What a run's supervision will cost, told before it starts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from islandgp.scoring.state import PopulationState, Snapshot
+from islandgp.supervision.base import Setup
+from islandgp.supervision.llm.adviser import Adviser
+from islandgp.supervision.llm.conversation import QUOTED
+from islandgp.supervision.llm.dialect import Dialect
+from islandgp.supervision.llm.ledger import Caps
+from islandgp.supervision.llm.message import Request, Usage
+from islandgp.supervision.llm.prices import cost, most_tokens
+from islandgp.supervision.llm.settings import LLMSettings
+from islandgp.supervision.llm.transcript import Transcript
+
+CHARACTERS: Final = 3.5  # of a token; an assumption: English and JSON have three to four
+ANSWER: Final = 300  # tokens of an answer; an assumption: a paragraph, or a tree of 20 nodes
+
+
+@dataclass(frozen=True, slots=True)
+class Bill:
+    """What supervision takes."""
+
+    requests: float
+    input: float  # tokens
+    output: float  # tokens
+    usd: float | None  # None: an unknown price
+
+    def __add__(self, other: Bill) -> Bill:
+        both = None if self.usd is None or other.usd is None else self.usd + other.usd
+        return Bill(
+            self.requests + other.requests,
+            self.input + other.input,
+            self.output + other.output,
+            both,
+        )
+
+
+def expected(settings: LLMSettings, setup: Setup) -> Bill:
+    """The bill where every question is answered at once, by CHARACTERS and ANSWER."""
+    asked = _requests(settings, setup)
+    times = setup.generations - 1
+    sizes = [sum(map(len, (r.system, *r.turns))) for r in asked]
+    return _bill(
+        settings,
+        times * len(asked) + 1,  # and the probe
+        times * sum(sizes) / CHARACTERS,
+        times * len(asked) * ANSWER,
+    )
+
+
+def at_most(settings: LLMSettings, setup: Setup) -> Bill:
+    """The bill where everything fails late, is repaired, and is as long as it may be.
+
+    Caps cut it short.
+    """
+    asked = _requests(settings, setup)
+    times = (setup.generations - 1) * settings.retry.attempts
+    turns = 1 + settings.repairs
+    most = [most_tokens(request) for request in asked]
+    longer = sum(range(turns)) * QUOTED * len(asked)  # what repair turns quote, two bytes a token
+    bill = _bill(
+        settings,
+        times * turns * len(asked) + 3 * settings.retry.attempts,
+        times * (turns * sum(m.input for m in most) + longer),
+        times * turns * sum(m.output for m in most),
+    )
+    return _capped(bill, settings.caps)
+
+
+def as_recorded(settings: LLMSettings, setup: Setup, record: Transcript) -> Bill:
+    """The bill where each generation takes what it took in a recorded run, on the mean."""
+    attempts = record.attempts
+    generations = len({a.call.generation for a in attempts if a.call.generation >= 0}) or 1
+    share = (setup.generations - 1) / generations
+    usages = [a.usage for a in attempts if a.usage is not None]
+    return _bill(
+        settings,
+        len(attempts) * share,
+        sum(u.input + u.cache_read + u.cache_write for u in usages) * share,
+        sum(u.output for u in usages) * share,
+    )
+
+
+def _bill(settings: LLMSettings, requests: float, tokens: float, output: float) -> Bill:
+    usage = Usage(round(tokens), round(output))
+    price = settings.price
+    return Bill(requests, usage.input, usage.output, None if price is None else cost(usage, price))
+
+
+def _capped(bill: Bill, caps: Caps) -> Bill:
+    def least(found: float, cap: float | None) -> float:
+        return found if cap is None else min(found, cap)
+
+    return Bill(
+        least(bill.requests, caps.requests),
+        least(bill.input, caps.input_tokens),
+        least(bill.output, caps.output_tokens),
+        None if bill.usd is None else least(bill.usd, caps.usd),
+    )
+
+
+def _requests(settings: LLMSettings, setup: Setup) -> list[Request]:
+    """One generation's questions, about a state with numbers of the usual length."""
+    adviser, dialect = Adviser(settings, setup), Dialect(True, settings.temperature, "")
+    state = _state(setup)
+    asked = []
+    if setup.adapt_mutation:
+        asked.append(adviser.rate_request(state, dialect))
+    if setup.inject:
+        asked.append(adviser.tree_request(state, dialect))
+    return asked
+
+
+def _state(setup: Setup) -> PopulationState:
+    now = Snapshot(
+        generation=20,
+        epoch=4,
+        stage=1,
+        best=23456.0,
+        mean=12345.0,
+        sd=1234.0,
+        diversity=0.567,
+        working=0.867,
+        specialists={"patrol_only": 4, "pickup": 11, "humanoid": 7, "balanced": 8},
+        charging=12,
+        clearing=14,
+        doing={"pickup": 19, "humanoid": 15, "clearing": 14, "charging": 12},
+        tiers={"excellent": 1, "complete": 4, "full_service": 5, "balanced_elite": 6},
+        distance=1234.0,
+        inactive=123.0,
+        size=23.4,
+        rate=0.234,
+    )
+    return PopulationState(
+        now=now,
+        history=(now,) * 5,
+        best_change=1234.0,
+        mean_change=123.0,
+        best_trend=1234.0,
+        mean_trend=123.0,
+        diversity_change=-0.023,
+        diversity_trend=0.012,
+        stagnant_generations=3,
+        stagnant_epochs=0.6,
+        diversity_warning=False,
+        ever_complete=True,
+        ever_excellent=True,
+        dominant="pickup",
+        lacking=("charging", "clearing", "humanoid", "pickup"),
+        mutation_rate=0.234,
+        crossover_rate=0.8,
+        population=30,
+        generations=setup.generations,
+        multipliers={
+            "garbage": 1.8,
+            "battery": 2.5,
+            "humanoid": 1.5,
+            "delivery": 1.2,
+            "leftover": 1.0,
+        },
+    )

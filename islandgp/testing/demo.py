@@ -1,0 +1,94 @@
+"""`python -m islandgp.testing.demo`: supervision by a language model, whole, without a key.
+
+A run with supervisor=llm against the scripted server, with a fault in every
+third answer; then the same run again from its transcript, with no server.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from islandgp.app import main
+from islandgp.testing.faults import Fault, every
+from islandgp.testing.server import MessagesServer
+
+TOLD: Final = """\
+This shows supervision by a language model without one: the answers below are scripted.
+A server on this machine gives them by a fixed rule, and spoils every third one on purpose.
+"""
+FAULTS: Final = (
+    Fault.OVERLOADED,
+    Fault.UNKNOWN_ACTION,
+    Fault.HTML,
+    Fault.OUT_OF_RANGE,
+    Fault.CUT,
+    Fault.REFUSAL,
+    Fault.DRIP,
+    Fault.BRACKETS,
+    Fault.RETRY_LATER,
+    Fault.TOO_LARGE,
+    Fault.UNAUTHORISED,
+)
+QUICK: Final = ("supervisor.policy.retry.deadline=0.5", "supervisor.policy.retry.first_wait=0.05")
+
+
+def demo(overrides: Sequence[str]) -> int:
+    """Runs, repeats, compares; returns the exit code."""
+    print(TOLD)
+    home = Path(tempfile.mkdtemp(prefix="islandgp-demo-llm-"))
+    common = ["experiment=smoke", "tracking=off", "progress=off", *overrides]
+    os.environ.pop("ANTHROPIC_API_KEY", None)  # it must not reach a server of ours
+    with MessagesServer(every(3, FAULTS)) as server:
+        url = f"supervisor.policy.base_url={server.url}"
+        code = main(["supervisor=llm", url, *QUICK, f"runs={home / 'live'}", *common])
+        asked = len(server.requests)
+    if code:
+        return code
+    live = _folder(home / "live")
+    _tell(_lines(live / "generations.jsonl"), _lines(live / "costs.jsonl")[-1]["llm"], asked)
+    print(f"\nEvery question and answer: {live / 'transcript.jsonl'}")
+    print("\nThe same run again from that transcript, with the server gone:\n")
+    record = f"supervisor.policy.transcript='{live}'"  # quoted: the path has a "=" in it
+    code = main(["supervisor=replay", record, f"runs={home / 'again'}", *common])
+    if code:
+        return code
+    again = _folder(home / "again") / "generations.jsonl"
+    same = again.read_bytes() == (live / "generations.jsonl").read_bytes()
+    print(f"The two records are {'identical, byte for byte' if same else 'DIFFERENT'}.")
+    return 0 if same else 1
+
+
+def _folder(runs: Path) -> Path:
+    return next(runs.glob("*/*/generations.jsonl")).parent
+
+
+def _lines(file: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
+
+
+def _tell(records: Sequence[dict[str, Any]], spent: dict[str, float], asked: int) -> None:
+    """Where each generation's guidance came from, and what it took."""
+    print("generation  rate  guidance")
+    for record in records:
+        if (given := record["guidance"]) is not None:
+            notes = given["notes"]
+            print(f"{record['snapshot']['generation']:10}  {given['applied_rate']:.2f}", end="  ")
+            print(f"rate: {_first(notes['rate'])}; tree: {_first(notes['tree'])}")
+    print(f"\n{asked} requests reached the server. The ledger, tokens being made up by the script:")
+    print("  " + ", ".join(f"{name} {value:g}" for name, value in spent.items() if value))
+
+
+def _first(note: str) -> str:
+    """A note's first line, short."""
+    line = note.splitlines()[0]
+    return line if len(line) <= 60 else line[:60] + "..."
+
+
+if __name__ == "__main__":
+    sys.exit(demo(sys.argv[1:]))

@@ -1,0 +1,49 @@
+"""Which store is meant: by a command's option, or by the configuration of runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+from pydantic import ValidationError
+
+from islandgp.errors import TrackingError
+from islandgp.tracking.folder import RunFolder
+from islandgp.tracking.store import MLflowSettings, Place
+
+FACTORY: Final = "islandgp.tracking.mlflow:MLflow"
+
+
+def place_from(uri: str, experiment: str) -> Place:
+    """The store of an address that a user gave. Raises TrackingError."""
+    try:
+        settings = MLflowSettings(
+            uri=uri, artifacts="mlartifacts", experiment=experiment, patience=0
+        )
+    except ValidationError:
+        raise TrackingError(
+            f"Expected a store as sqlite:///FILE or http://..., found {uri!r}."
+        ) from None
+    return Place.of(settings, Path.cwd())
+
+
+def place_of(folder: RunFolder) -> Place | None:
+    """Where a run's own configuration sends it; None with `tracking=off`."""
+    config: dict[str, Any] = yaml.safe_load(folder.config() or "{}") or {}
+    tracking, about = config.get("tracking", {}), folder.about()
+    if tracking.get("factory") != FACTORY or about is None:
+        return None
+    return Place.of(MLflowSettings(**tracking["policy"]), Path(about.home))
+
+
+def place_of_latest(runs: Path) -> Place:
+    """The store of the run that was started last. Raises TrackingError where there is none."""
+    started = [(file.stat().st_mtime, file.parent) for file in runs.rglob("about.json")]
+    for _, path in sorted(started, reverse=True):
+        if (place := place_of(RunFolder(path))) is not None:
+            return place
+    raise TrackingError(
+        f"Expected a tracked run in {runs}, found none; run `python -m islandgp` here first,"
+        " or give --uri."
+    )

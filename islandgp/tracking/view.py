@@ -1,0 +1,75 @@
+"""A view of MLflow's runs page that shows the arms: charts that matter, grouped by supervisor.
+
+MLflow keeps a shared view as a tag of the experiment, and opens it by its key
+in the page's address. A page that does not know the key shows all runs.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any, Final
+
+from islandgp.tracking.store import Store
+
+KEY: Final = "arms"
+CHARTS: Final = (
+    "fitness/max",
+    "fitness/mean",
+    "tiers/complete",
+    "tiers/excellent",
+    "diversity/behavioral",
+    "supervisor/mutation_rate",
+)
+"""Metrics by generation; each chart has a curve and a band for each arm."""
+
+
+def runs_page(server: str, experiment: str, view: str = "") -> str:
+    """The address of the runs with their charts: MLflow itself opens on an empty page."""
+    query = "workflowType=machine_learning&compareRunsMode=CHART"
+    shared = f"&viewStateShareKey={view}" if view else ""
+    return f"{server}/#/experiments/{experiment}/runs?{query}{shared}"
+
+
+def share_view(store: Store) -> None:
+    """Makes the view known to the store."""
+    text = json.dumps(_state(), separators=(",", ":"))
+    store.client.set_experiment_tag(store.experiment, f"mlflow.sharedViewState.{KEY}", text)
+
+
+def _state() -> dict[str, Any]:
+    section = {"uuid": KEY, "name": "Arms", "display": True, "isReordered": False}
+    return {
+        "groupBy": {
+            "aggregateFunction": "average",
+            "groupByKeys": [{"mode": "tag", "groupByData": "supervisor"}],
+        },
+        "runsHiddenMode": "SHOW_ALL",
+        "useGroupedValuesInCharts": True,
+        "hideEmptyCharts": True,
+        "compareRunSections": [{**section, "deleted": False, "isGenerated": False}],
+        "compareRunCharts": [_chart(name) for name in CHARTS],
+    }
+
+
+def _chart(name: str) -> dict[str, Any]:
+    return {
+        "uuid": name,
+        "type": "LINE",
+        "metricSectionId": KEY,
+        "metricKey": name,
+        "selectedMetricKeys": [name],
+        "runsCountToCompare": 100,
+        "deleted": False,
+        "isGenerated": False,
+        "lineSmoothness": 0,
+        "xAxisKey": "step",
+        "selectedXAxisMetricKey": "",
+        "yAxisKey": "metric",
+        "yAxisExpressions": [],
+        "scaleType": "linear",
+        "xAxisScaleType": "linear",
+        "range": {},
+        "useGlobalXaxisKey": True,
+        "useGlobalLineSmoothing": True,
+        "ignoreOutliers": False,
+    }

@@ -1,0 +1,57 @@
+"""The replay page: an episode as one HTML file that needs nothing else.
+
+The parts of the page stand in the folder `page`; here they are put together
+with the tree's picture and the episode's data.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from html import escape
+from pathlib import Path
+from typing import Final
+
+from islandgp.bt.node import Node
+from islandgp.bt.render.layout import lay_out
+from islandgp.bt.render.svg import drawing
+from islandgp.viewer.encode import encode
+from islandgp.viewer.recording import Recording, Surroundings, record
+
+_PARTS: Final = Path(__file__).parent / "page"
+_PLACE: Final = re.compile(r"\{\{(\w+)\}\}")
+_SCRIPTS: Final = ("data", "island", "tree", "board", "chart", "timeline", "player")
+
+
+def replay_page(tree: Node, settings: Surroundings, seed: int, stage: int, title: str) -> str:
+    """One episode as the text of an HTML page.
+
+    Args:
+        tree: what the robot does.
+        settings: world, rewards and curriculum: a run's Settings, or a Setting.
+        seed: of the world.
+        stage: index into Table 2, whose multipliers score the episode.
+        title: what the page is called.
+    """
+    return page(record(tree, settings, seed=seed, stage=stage), title=title)
+
+
+def page(recording: Recording, *, title: str) -> str:
+    """The page of a recording."""
+    boxes, width, height = lay_out(recording.tree)
+    data = json.dumps(encode(recording, title=title), separators=(",", ":"), allow_nan=False)
+    parts = {
+        "title": escape(title),
+        "style": _part("page.css"),
+        "tree": f'<svg id="tree" data-width="{width:g}" data-height="{height:g}">'
+        f'<g id="nodes">{drawing(boxes)}</g></svg>',
+        # Inside a script element only this could end it, or begin a comment.
+        "data": data.replace("</", "<\\/").replace("<!--", "<\\u0021--"),
+        "script": "\n".join(_part(f"{name}.js") for name in _SCRIPTS),
+    }
+    # In one go, so that nothing in a title or in the data is taken for a place to fill.
+    return _PLACE.sub(lambda place: parts[place[1]], _part("page.html"))
+
+
+def _part(name: str) -> str:
+    return (_PARTS / name).read_text(encoding="utf-8")

@@ -1,0 +1,171 @@
+// Time: playing, pausing, stepping, scrubbing; keys and pointers; one frame at a time.
+const player = (() => {
+  const SPEEDS = [0.25, 0.5, 1, 2, 5, 10, 20, 50, 100];
+  const AFTERGLOW = 0.45;  // s on the viewer's clock for which a short status stays lit
+  const RISE = 1.4;  // s on the viewer's clock for which points rise
+  const last = Math.max(0, episode.ticks - 1);
+  const one = id => document.getElementById(id);
+  const state = {tick: 0, playing: false, speed: 10};
+  let before = 0, stale = true;
+  const frames = [];  // ms of the last frames, and what drawing them took
+
+  const perSecond = () => state.speed / episode.step;
+  function draw() {
+    const {tick, playing} = state;
+    island.draw(tick, RISE * (playing ? perSecond() : 10));
+    tree.draw(tick, playing ? AFTERGLOW * perSecond() : 0);
+    board.draw(tick);
+    one("score").textContent = points(chart.draw(tick)) + " points";
+    timeline.draw(tick);
+    one("clock").textContent = seconds(Math.floor(tick)).toFixed(1) + " s";
+  }
+  function frame(now) {
+    const passed = now - before;
+    before = now;
+    if (state.playing) {
+      state.tick += Math.min(passed, 250) / 1000 * perSecond();
+      stale = true;
+      if (state.tick >= last) { state.tick = last; play(false); }
+    }
+    if (stale) {
+      stale = false;
+      const began = performance.now();
+      draw();
+      frames.push([passed, performance.now() - began]);
+      if (frames.length > 240) frames.shift();
+    }
+    requestAnimationFrame(frame);
+  }
+
+  function play(on = !state.playing) {
+    if (on && state.tick >= last) state.tick = 0;
+    state.playing = on;
+    one("play").classList.toggle("on", on);
+    if (!on) state.tick = Math.floor(state.tick);
+    stale = true;
+  }
+  function seek(tick) {
+    state.tick = Math.max(0, Math.min(last, tick));
+    stale = true;
+  }
+  function step(ticks) {
+    play(false);
+    seek(Math.round(state.tick) + ticks);
+  }
+  function speed(value) {
+    state.speed = value;
+    one("speed").value = String(value);
+    stale = true;
+  }
+  const faster = by => speed(SPEEDS[Math.max(0, Math.min(SPEEDS.length - 1, SPEEDS.indexOf(state.speed) + by))]);
+  const follow = () => {
+    island.view.follow = !island.view.follow;
+    if (island.view.follow) { island.view.fitted = false; island.view.scale = Math.max(island.view.scale, 7); }
+    one("follow").setAttribute("aria-pressed", String(island.view.follow));
+    stale = true;
+  };
+  const fit = () => { island.view.follow = false; island.fit(); one("follow").setAttribute("aria-pressed", "false"); stale = true; };
+  const zoom = factor => { island.zoom(factor); stale = true; };
+
+  // A decision: an action starts that did not run before.
+  const decisions = [...new Set(tree.starts.filter((_, place) => episode.nodes[place].kind === "action").flat())]
+    .sort((a, b) => a - b);
+  const decision = forth => {
+    const now = Math.floor(state.tick);
+    const found = forth ? decisions.find(t => t > now) : decisions.findLast(t => t < now);
+    if (found !== undefined) { play(false); seek(found); }
+  };
+
+  const keys = {
+    " ": () => play(), "[": () => faster(-1), "]": () => faster(1),
+    "ArrowLeft": event => step(event.shiftKey ? -10 / episode.step : -1),
+    "ArrowRight": event => step(event.shiftKey ? 10 / episode.step : 1),
+    ",": () => decision(false), ".": () => decision(true),
+    "Home": () => seek(0), "End": () => seek(last), "f": follow, "0": fit,
+    "+": () => zoom(1.3), "=": () => zoom(1.3), "-": () => zoom(1 / 1.3),
+    "?": () => one("keys").showModal(),
+  };
+  addEventListener("keydown", event => {
+    const act = keys[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+    if (!act || event.ctrlKey || event.metaKey || event.altKey || one("keys").open) return;
+    if (event.target.closest("select")) return;
+    event.preventDefault();
+    act(event);
+  });
+  one("start").onclick = () => seek(0);
+  one("back").onclick = () => step(-1);
+  one("play").onclick = () => play();
+  one("forth").onclick = () => step(1);
+  one("help").onclick = () => one("keys").showModal();
+  one("follow").onclick = follow;
+  one("zoom-in").onclick = () => zoom(1.3);
+  one("zoom-out").onclick = () => zoom(1 / 1.3);
+  one("zoom-fit").onclick = fit;
+  one("speed").innerHTML = SPEEDS.map(s => `<option value="${s}">${s}\u00d7</option>`).join("");
+  one("speed").onchange = event => { speed(Number(event.target.value)); event.target.blur(); };
+  for (const button of document.querySelectorAll("button")) button.addEventListener("click", () => button.blur());
+
+  // Dragging and the wheel, the same for the island and the tree.
+  function movable(element, moved, zoomed, fitted, clicked) {
+    let from = null, far = false;
+    element.addEventListener("pointerdown", event => {
+      from = [event.clientX, event.clientY];
+      far = false;
+    });
+    element.addEventListener("pointermove", event => {
+      if (!from) return;
+      const [dx, dy] = [event.clientX - from[0], event.clientY - from[1]];
+      if (!far && Math.hypot(dx, dy) < 4) return;
+      if (!far) element.setPointerCapture(event.pointerId);
+      far = true;
+      from = [event.clientX, event.clientY];
+      moved(dx, dy);
+      stale = true;
+    });
+    const end = event => {
+      if (from && !far && event.type === "pointerup") clicked?.(event);
+      from = null;
+    };
+    element.addEventListener("pointerup", end);
+    element.addEventListener("pointercancel", end);
+    element.addEventListener("wheel", event => {
+      event.preventDefault();
+      const box = element.getBoundingClientRect();
+      zoomed(Math.exp(-event.deltaY * 0.0015), event.clientX - box.left, event.clientY - box.top);
+      stale = true;
+    }, {passive: false});
+    element.addEventListener("dblclick", () => { fitted(); stale = true; });
+  }
+  movable(island.canvas, island.moved, island.zoom, fit);
+  movable(tree.svg, tree.moved, tree.zoom, tree.fit, event => {
+    const node = event.target.closest(".node");
+    if (!node) return;
+    const starts = tree.starts[Number(node.dataset.place)];
+    const next = starts.find(tick => tick > Math.floor(state.tick)) ?? starts[0];
+    if (next !== undefined) { play(false); seek(next); }
+  });
+  const scrub = event => {
+    if (event.type === "pointerdown") timeline.canvas.setPointerCapture(event.pointerId);
+    else if (!event.buttons) return;
+    seek(Math.round(timeline.tickAt(event.clientX - timeline.canvas.getBoundingClientRect().left)));
+  };
+  timeline.canvas.addEventListener("pointerdown", scrub);
+  timeline.canvas.addEventListener("pointermove", scrub);
+
+  const anew = () => { for (const name of Object.keys(colours)) delete colours[name]; tree.place(); stale = true; };
+  const sizes = new ResizeObserver(anew);
+  for (const element of [tree.svg, ...document.querySelectorAll("canvas")]) sizes.observe(element);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", anew);
+
+  one("facts").textContent = [`seed ${episode.seed}`, `stage ${episode.stage}`,
+    `${seconds(episode.ticks).toFixed(0)} s, ended by ${episode.ending}`,
+    `${episode.nodes.length} nodes`, `final fitness ${points(episode.fitness)}`].join("  \u00b7  ");
+
+  // The address may say where to begin: replay.html#t=63.5&play=20
+  const asked = new URLSearchParams(location.hash.slice(1));
+  speed(10);
+  if (asked.has("t")) seek(Math.round(Number(asked.get("t")) / episode.step));
+  if (asked.has("play")) { if (SPEEDS.includes(Number(asked.get("play")))) speed(Number(asked.get("play"))); play(true); }
+  requestAnimationFrame(now => { before = now; tree.place(); frame(now); });
+  return {state, frames, play, seek, speed, step, follow};
+})();

@@ -1,0 +1,166 @@
+"""What each node of a tree did in an episode, drawn on the tree, with the decisions in order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from islandgp.bt.node import KEYS, Node, walk
+from islandgp.bt.render.label import label
+from islandgp.bt.render.terminal import to_rich
+from islandgp.island.journal import Event
+from islandgp.viewer.recording import FAILED, IDLE, RUNS, STOPPED, SUCCEEDED, Recording
+
+if TYPE_CHECKING:
+    from rich.text import Text
+
+BLOCKS: Final = " \N{LOWER ONE EIGHTH BLOCK}\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
+_EARNED_BY: Final = {
+    Event.PICKUP: "PickupGarbage",
+    Event.INTERACTION: "MoveToHumanoid",
+    Event.CHARGE: "ExecuteCharge",
+    Event.DELIVERY: "DeliverToClearingPoint",
+    Event.EMPTY_DELIVERY: "DeliverToClearingPoint",
+    Event.PATROL: "PatrolWaypoint",
+    Event.DISCOVERY: "PatrolWaypoint",
+}
+_WORDS: Final = {RUNS: "runs", SUCCEEDED: "succeeded", FAILED: "failed", STOPPED: "was aborted"}
+
+
+@dataclass(frozen=True, slots=True)
+class Stint:
+    """An action from its start to its end, or to the end of the episode."""
+
+    start: int  # tick
+    end: int  # tick of the last call
+    place: int  # of the action in document order
+    action: str
+    result: int  # SUCCEEDED, FAILED, STOPPED; RUNS: it was running at the end
+    points: float  # that the action won and lost meanwhile
+    times: int = 1  # how many such stints in a row are told as one
+
+
+def stints(recording: Recording) -> list[Stint]:
+    """What the actions did, in order of their start."""
+    found = [
+        stint
+        for place, node in enumerate(walk(recording.tree))
+        if node.kind == "action"
+        for stint in _of_action(recording, place, str(node.args[0]))
+    ]
+    return sorted(found, key=lambda stint: (stint.start, stint.place))
+
+
+def merged(found: list[Stint]) -> list[Stint]:
+    """The same with instant ends of one action told once where they repeat."""
+    told: list[Stint] = []
+    for stint in found:
+        last = told[-1] if told else None
+        same = last is not None and (last.place, last.result) == (stint.place, stint.result)
+        if last is not None and same and stint.start == stint.end and last.end >= stint.start - 1:
+            told[-1] = Stint(
+                last.start,
+                stint.end,
+                last.place,
+                last.action,
+                last.result,
+                last.points + stint.points,
+                last.times + 1,
+            )
+        else:
+            told.append(stint)
+    return told
+
+
+def _of_action(recording: Recording, place: int, action: str) -> Iterator[Stint]:
+    codes = recording.statuses[place]
+    start = -1
+    for tick, code in enumerate(codes):
+        if code == IDLE:
+            continue
+        start = tick if start < 0 else start
+        if code != RUNS:
+            yield _stint(recording, start, tick, place, action, code)
+            start = -1
+    if start >= 0:
+        yield _stint(recording, start, len(codes) - 1, place, action, RUNS)
+
+
+def _stint(
+    recording: Recording, start: int, end: int, place: int, action: str, result: int
+) -> Stint:
+    won = sum(
+        c.points
+        for c in recording.credits
+        if start <= c.tick <= end and _EARNED_BY.get(c.event) == action
+    )
+    return Stint(start, end, place, action, result, won)
+
+
+def drawn(recording: Recording) -> Text:
+    """The tree with how often each node ran, succeeded, failed and was aborted."""
+    from rich.text import Text
+
+    notes = []
+    for counts in recording.counts:
+        if not sum(counts):
+            notes.append(Text("never reached", "bold red"))
+            continue
+        ticks = counts[FAILED] + counts[SUCCEEDED] + counts[RUNS]
+        note = Text(f"{100 * ticks / recording.ticks:5.1f} %  ")
+        for code, sign, style in (
+            (SUCCEEDED, "\N{CHECK MARK}", "green"),
+            (FAILED, "\N{BALLOT X}", "red"),
+            (STOPPED, "\N{CIRCLED DIVISION SLASH}", "magenta"),
+        ):
+            note.append(f"{sign}{counts[code]:<5}", style if counts[code] else "dim")
+        notes.append(note)
+    return to_rich(recording.tree, notes)
+
+
+def timeline(recording: Recording) -> Iterator[Text]:
+    """A line for each thing that an action did."""
+    from rich.text import Text
+
+    step = recording.world.episode.step
+    guards = _guards(recording.tree)
+    styles = {SUCCEEDED: "green", FAILED: "red", STOPPED: "magenta", RUNS: "cyan"}
+    for stint in merged(stints(recording)):
+        lasted = (stint.end - stint.start + 1) * step
+        line = Text(f"{stint.start * step:7.1f} s  {lasted:6.1f} s  ")
+        line.append(f"{stint.action:<23}")
+        times = f" {stint.times} times" if stint.times > 1 else ""
+        line.append(f"{_WORDS[stint.result] + times:<18}", styles[stint.result])
+        line.append(f"{stint.points:+9,.0f}" if stint.points else " " * 9)
+        line.append(f"  {guards[stint.place]}", "dim")
+        yield line
+
+
+def _guards(tree: Node) -> list[str]:
+    """For each node the conditions above it: why it may run."""
+    found: list[str] = []
+
+    def visit(node: Node, above: tuple[str, ...]) -> None:
+        found.append(" & ".join(above))
+        if node.kind == "when":
+            above = (*above, label(node).split(" abort ")[0].split(" ", 1)[1])
+        for child in node.children:
+            visit(child, above)
+
+    visit(tree, ())
+    return found
+
+
+def courses(recording: Recording, width: int = 60) -> Iterator[str]:
+    """The blackboard over time, a line of blocks per key, `width` characters long."""
+    for place, (name, key) in enumerate(KEYS.items()):
+        values = [board[place] for board in recording.boards]
+        most = max(*values, 1.0 if key.flag else key.high)
+        cells = []
+        for i in range(width):
+            part = values[i * len(values) // width : max((i + 1) * len(values) // width, 1)]
+            mean = sum(part) / len(part) if part else 0.0
+            cells.append(BLOCKS[round(8 * min(1.0, mean / most))])
+        ends = f"{min(values):g} to {max(values):g}"
+        yield f"{name:<26}{''.join(cells)}  {ends}"

@@ -1,0 +1,195 @@
+"""Imports go one way (docs: the layout), and slow libraries are imported where they are used."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from itertools import chain, combinations
+
+import pytest
+
+from tests.architecture.sources import PACKAGE, ROOT, imports, module_name, modules
+
+LAYERS: list[tuple[str, ...]] = [
+    # A module imports from its own layer and those above it in this list, never from below.
+    ("errors", "seeding", "resources", "version", "api_key"),
+    ("bt",),
+    ("island",),
+    ("scoring",),
+    (
+        "evolution.population",
+        "evolution.generation",
+        "evolution.variation",
+        "evolution.allocation",
+        "evolution.record",
+    ),
+    ("supervision",),
+    ("evaluation",),
+    ("evolution.plan", "evolution.loop"),
+    ("evolution.checkpoint",),
+    ("viewer",),
+    ("tracking",),
+    ("study",),
+    ("settings",),
+    ("progress",),
+    ("compose",),
+    ("run",),
+    ("sweep_progress", "sweep_job", "sweep"),
+    ("app",),
+    ("commands", "testing"),
+    ("cli", "__main__"),
+]
+NAMES_ONLY = ("", "evolution")  # packages whose __init__ holds nothing
+
+MAY_IMPORT: dict[str, tuple[str, ...]] = {
+    # library: the modules that may
+    "pymunk": ("island",),
+    "hydra": ("app", "compose", "sweep", "sweep_job", "commands"),
+    "omegaconf": ("app", "compose", "sweep", "sweep_job", "commands"),
+    "mlflow": ("tracking",),
+    "anthropic": ("supervision.llm.client",),
+    "httpx2": ("supervision.llm.client",),
+    "ray": ("evaluation.ray",),
+    "scipy": ("study",),
+    "matplotlib": ("study",),
+    "lark": ("bt",),
+}
+
+SLOW = ("mlflow", "scipy", "matplotlib", "anthropic", "httpx2", "ray", "pandas", "lark", "rich")
+
+DISTRIBUTIONS = {"hydra": "hydra-core", "yaml": "pyyaml"}  # import name -> name on the index
+
+
+def below(module: str, prefix: str) -> bool:
+    """Whether a module is the prefix or lies under it."""
+    return module == prefix or module.startswith(f"{prefix}.")
+
+
+def layer(module: str) -> int:
+    """The number of a module's layer."""
+    for number, prefixes in enumerate(LAYERS):
+        if any(below(module, prefix) for prefix in prefixes):
+            return number
+    raise AssertionError(f"islandgp.{module}: add it to LAYERS, where it belongs")
+
+
+def test_every_module_has_a_layer() -> None:
+    """A new module or package says where it belongs."""
+    names = [name for path in modules() if (name := module_name(path)) not in NAMES_ONLY]
+    assert len({layer(name) for name in names}) == len(LAYERS)
+
+
+def test_imports_go_one_way() -> None:
+    """Nothing imports from a later layer, not even inside a function."""
+    wrong = [
+        f"{i.module} imports {i.name}"
+        for i in imports()
+        if i.top == "islandgp"
+        and (target := i.name.removeprefix("islandgp").removeprefix(".")) not in NAMES_ONLY
+        and i.module not in NAMES_ONLY
+        and layer(target) > layer(i.module)
+    ]
+    assert wrong == []
+
+
+@pytest.mark.parametrize("pair", list(combinations(["supervision", "evaluation"], 2)))
+def test_neighbours_do_not_know_each_other(pair: tuple[str, str]) -> None:
+    """Supervisors know no evaluator, and evaluators no supervisor."""
+    for one, other in (pair, pair[::-1]):
+        known = [
+            i for i in imports() if below(i.module, one) and below(i.name, f"islandgp.{other}")
+        ]
+        assert known == []
+
+
+@pytest.mark.parametrize("library", MAY_IMPORT)
+def test_who_may_import(library: str) -> None:
+    """Each of these libraries has its own place."""
+    places = MAY_IMPORT[library]
+    users = {i.module for i in imports() if i.top == library}
+    assert {user for user in users if not any(below(user, place) for place in places)} == set()
+
+
+@pytest.mark.parametrize("library", SLOW)
+def test_slow_libraries_wait(library: str) -> None:
+    """Slow libraries are imported in functions, not when a module is loaded."""
+    assert {i.module for i in imports() if i.top == library and i.at_load} == set()
+
+
+def loaded_after(code: str) -> set[str]:
+    """The slow libraries that a fresh interpreter has loaded after some code."""
+    tail = f"\nimport sys\nprint(*[name for name in {SLOW!r} if name in sys.modules])"
+    found = subprocess.run(
+        [sys.executable, "-c", code + tail],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": "."},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return set(found.stdout.split())
+
+
+@pytest.mark.parametrize("module", ["app", "cli", "run", "settings", "compose", "sweep"])
+def test_starting_is_quick(module: str) -> None:
+    """Importing the rim loads no slow library."""
+    assert loaded_after(f"import islandgp.{module}") == set()
+
+
+def test_validating_is_quick() -> None:
+    """Choosing the language model, MLflow or Ray loads none of them before a run begins."""
+    code = (
+        "from tests.composed import composed\n"
+        "composed('supervisor=llm', 'tracking=mlflow', 'evaluator=ray')\n"
+    )
+    assert loaded_after(code) == set()
+
+
+def test_help_is_quick() -> None:
+    """`islandgp --help` lists the commands without importing one."""
+    code = (
+        "import contextlib, io\n"
+        "from islandgp.cli import islandgp\n"
+        "with contextlib.redirect_stdout(io.StringIO()):\n"
+        "    islandgp(['--help'], standalone_mode=False)\n"
+        "import sys\n"
+        "assert not [name for name in sys.modules if name.endswith('_command')]\n"
+    )
+    assert loaded_after(code) == set()
+
+
+def declared() -> set[str]:
+    """The names in pyproject.toml: dependencies and extras."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    lines = [*project["dependencies"], *chain(*project["optional-dependencies"].values())]
+    found = {re.split(r"[ <>=!~;\[]", line)[0].lower() for line in lines}
+    return found - {"islandgp"}  # extras that hold other extras
+
+
+def test_dependencies_are_declared() -> None:
+    """Whatever is imported stands in pyproject.toml, in the dependencies or in an extra."""
+    used = {i.top for i in imports()} - set(sys.stdlib_module_names) - {"islandgp"}
+    assert {DISTRIBUTIONS.get(name, name) for name in used} - declared() == set()
+
+
+def test_dependencies_are_told() -> None:
+    """Each dependency has its line in docs/dependencies.md, and each line its dependency."""
+    text = (ROOT / "docs" / "dependencies.md").read_text(encoding="utf-8")
+    told = {name.lower() for name in re.findall(r"^\| \[?([\w.-]+)\]?.* \|$", text, re.MULTILINE)}
+    assert told - {"package"} == declared()
+
+
+def test_no_module_is_a_drawer() -> None:
+    """A file is named for its one idea."""
+    drawers = {"utils", "util", "helpers", "helper", "common", "misc", "manager", "core", "tools"}
+    assert [p for p in PACKAGE.rglob("*") if p.stem in drawers] == []
+
+
+def test_no_global_random() -> None:
+    """Randomness is an argument: nobody imports `random` or seeds NumPy."""
+    assert [i.module for i in imports() if i.name == "random"] == []
+    sources = {module_name(path): path.read_text(encoding="utf-8") for path in modules()}
+    assert [name for name, text in sources.items() if "np.random.seed" in text] == []

@@ -1,0 +1,217 @@
+"""Ledger and caps: everything is counted, and no cap is ever passed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from islandgp.errors import ConfigError
+from islandgp.supervision.llm.ledger import Caps, Ledger, known_usage
+from islandgp.supervision.llm.message import Failure, FailureKind, Request, Usage
+from islandgp.supervision.llm.prices import Price, cost, most_tokens
+from islandgp.supervision.llm.supervisor import LLM
+from islandgp.supervision.llm.transcript import Transcript
+from tests.composed import composed
+from tests.llm.made import (
+    DECISION,
+    FakeClient,
+    advise,
+    answering,
+    failed,
+    said,
+    settings,
+    state,
+    supervisor,
+)
+
+
+def run_of(llm: LLM, generations: int) -> list[str]:
+    """The sources of the guidance of so many generations."""
+    return [advise(llm, state(g)).source for g in range(generations)]
+
+
+def test_prices() -> None:
+    """Each sort of token has its own price, for a million of them."""
+    price = Price(input=1, output=5, cache_read=0.1, cache_write=1.25)
+    found = cost(Usage(input=1_000_000, output=200_000, cache_read=500_000, cache_write=4), price)
+    assert found == pytest.approx(1 + 1 + 0.05 + 0.000005)
+
+
+def test_the_price_table_is_dated_and_knows_the_default_model() -> None:
+    """The paper's model costs what its provider's page says."""
+    found = settings()
+    assert found.price == Price(input=1, output=5, cache_read=0.1, cache_write=1.25)
+    assert found.prices.date.startswith("20")
+    assert found.prices.source.startswith("https://")
+
+
+def test_the_ledger_adds_up() -> None:
+    """Two questions and a probe, one failure: requests, tokens, dollars and failures."""
+    script = answering(rate=lambda n: [failed(FailureKind.OVERLOADED), DECISION][n])
+    llm, client = supervisor(script)
+    advise(llm)
+    found = llm.spent()
+    assert len(client.requests) == 4
+    expected = {
+        "requests": 4,
+        "calls": 3,
+        "input_tokens": 3000,
+        "output_tokens": 300,
+        "failures": 1,
+        "failures_overloaded": 1,
+        "uncounted_requests": 0,
+        "rejections": 0,
+        "fallback_rates": 0,
+        "fallback_trees": 0,
+        "cost_usd": pytest.approx((3000 + 5 * 300) / 1e6),
+    }
+    assert {name: found[name] for name in expected} == expected
+
+
+def test_the_ledger_goes_on_after_a_resumption(tmp_path: Path) -> None:
+    """It is a sum over the transcript, so another process has the same sums."""
+    first, _ = supervisor(answering(rate={"mutation_rate": 9}), folder=tmp_path)
+    run_of(first, 3)
+    again, client = supervisor(answering(), folder=tmp_path)
+    again.start()
+    assert client.requests == []
+    assert again.spent() == first.spent()
+    assert again.spent()["rejected_fields"] == 6
+    assert again.spent()["fallback_rates"] == 3
+
+
+@pytest.mark.parametrize(
+    ("kind", "usage"),
+    [
+        (FailureKind.TIMEOUT, None),
+        (FailureKind.CUT, None),
+        (FailureKind.MALFORMED, None),
+        (FailureKind.UNREACHABLE, Usage()),
+        (FailureKind.RATE_LIMITED, Usage()),
+        (FailureKind.SERVER, Usage()),
+        (FailureKind.UNAUTHORISED, Usage()),
+        (FailureKind.BUDGET, Usage()),
+    ],
+)
+def test_what_a_failure_may_have_cost(kind: FailureKind, usage: Usage | None) -> None:
+    """A refused request is free; one whose answer was lost may have been charged."""
+    assert known_usage(Failure(kind, "")) == usage
+
+
+def test_a_lost_answer_counts_as_the_most_it_can_be() -> None:
+    """Against the caps; what is known to be spent stays what is known."""
+    llm, _ = supervisor(answering(tree=failed(FailureKind.TIMEOUT)))
+    advise(llm)
+    found = llm.spent()
+    assert found["uncounted_requests"] == 3
+    assert found["cost_usd"] == pytest.approx(2 * (1000 + 5 * 100) / 1e6)
+    assert found["cost_usd_at_most"] > found["cost_usd"] + 3 * 2048 * 5 / 1e6
+
+
+def test_the_bound_on_tokens_is_a_bound() -> None:
+    """Two bytes a token and the whole answer: never less than what is charged."""
+    request = Request("m", "word " * 1000, ("ünïcödé " * 100,), 2048)
+    assert most_tokens(request).output == 2048
+    assert most_tokens(request).input >= 5000 / 3 + 800 / 2
+
+
+@pytest.mark.parametrize("cap", [0, 1, 2, 3, 7, 8])
+def test_a_cap_on_requests_is_exact(cap: int) -> None:
+    """Exactly so many requests are sent; then the fallback goes on to the end."""
+    llm, client = supervisor(answering(), f"caps.requests={cap}")
+    sources = run_of(llm, 6)
+    assert len(client.requests) == cap
+    assert len(sources) == 6
+    assert sources[-1] == "fallback"
+
+
+@pytest.mark.parametrize(
+    "cap", ["caps.usd=0.05", "caps.input_tokens=30000", "caps.output_tokens=9000"]
+)
+def test_no_cap_is_passed(cap: str) -> None:
+    """With honest counts, lost answers and repairs, the most that may be spent stays below."""
+    script = answering(
+        rate=lambda n: [DECISION, failed(FailureKind.TIMEOUT), {"mutation_rate": 7}][n % 3]
+    )
+    llm, _ = supervisor(script, cap)
+    assert run_of(llm, 40)[-1] == "fallback"
+    assert llm._calls is not None
+    most = llm._calls.ledger._most()
+    found = {"usd": most.usd, "input_tokens": most.input, "output_tokens": most.output}
+    name, _, limit = cap.removeprefix("caps.").partition("=")
+    assert float(limit) / 2 < found[name] <= float(limit)
+
+
+def test_a_cap_on_time_ends_the_waiting() -> None:
+    """After so many seconds of answers no further request is sent."""
+    transcript = Transcript(None)
+    caps = Caps(requests=None, input_tokens=None, output_tokens=None, usd=None, seconds=10)
+    ledger = Ledger(transcript, None, caps)
+    assert ledger.over(Usage()) == ""
+    llm, _ = supervisor(answering(), "caps.seconds=0")
+    assert run_of(llm, 3) == ["fallback"] * 3
+    assert "seconds=0" in advise(llm, state(5)).notes["rate"]
+
+
+def test_the_record_and_the_person_are_told(caplog: pytest.LogCaptureFixture) -> None:
+    """Every generation's notes say why the fallback answered; the person is told once."""
+    llm, _ = supervisor(answering(), "caps.requests=3")
+    given = [advise(llm, state(g)) for g in range(4)]
+    assert given[0].notes["rate"] == "llm"
+    for guidance in given[1:]:
+        assert guidance.notes["rate"].startswith("fallback: budget: another request could pass")
+        assert guidance.source == "fallback"
+        assert guidance.tree is not None
+    said = [r.getMessage() for r in caplog.records if r.name == "islandgp"]
+    assert said == [
+        "Supervision goes on with the fallback from generation 1:"
+        " another request could pass the cap requests=3"
+    ]
+
+
+def test_a_refused_request_is_in_the_transcript_and_not_in_the_sums(tmp_path: Path) -> None:
+    """A replay finds it there; nobody is charged for it."""
+    llm, _ = supervisor(answering(), "caps.requests=1", folder=tmp_path)
+    advise(llm)
+    assert llm.spent()["requests"] == 1
+    assert "failures_budget" not in llm.spent()
+    lines = (tmp_path / "transcript.jsonl").read_text(encoding="utf-8").splitlines()
+    kinds = [json.loads(line).get("failure") for line in lines]
+    assert sum(f is not None and f["kind"] == "budget" for f in kinds) == 2
+
+
+def test_an_unknown_price_is_an_error_only_with_a_cap_in_dollars() -> None:
+    """Without the cap the dollars are left out of the ledger."""
+    llm, _ = supervisor(answering(), "model=some-local-model")
+    advise(llm)
+    assert "cost_usd" not in llm.spent()
+    assert llm.spent()["input_tokens"] == 3000
+    with pytest.raises(ConfigError) as caught:
+        composed(
+            "supervisor=llm",
+            "supervisor.policy.model=some-local-model",
+            "supervisor.policy.caps.usd=1",
+        )
+    assert "caps.usd: expected a model with a known price, found 'some-local-model'" in str(
+        caught.value
+    )
+
+
+def test_a_price_of_one_s_own() -> None:
+    """A model that the table does not know can be added on the command line."""
+    row = "{input: 2, output: 4, cache_read: 0, cache_write: 0}"
+    found = settings("model=mine", f"+prices.models.mine={row}", "caps.usd=1")
+    assert found.price == Price(input=2, output=4, cache_read=0, cache_write=0)
+
+
+def test_cache_reads_are_counted_and_priced() -> None:
+    """They are cheap, and `input_tokens` leaves them out."""
+    cached = said(DECISION)
+    reply = type(cached)(cached.text, "end_turn", Usage(100, 10, cache_read=5000, cache_write=0))
+    llm, client = supervisor(answering(rate=reply), "cache=true")
+    advise(llm)
+    assert llm.spent()["cache_read_tokens"] == 5000
+    assert isinstance(client, FakeClient)
+    assert [r.cache for r in client.requests] == [False, True, True]

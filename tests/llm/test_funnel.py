@@ -1,0 +1,259 @@
+"""The funnel: what is taken from an answer, and at which stage the rest is turned away."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from islandgp.bt.language import parse, to_text
+from islandgp.bt.limits import Limits, within
+from islandgp.supervision.base import Pattern, Phase, Target
+from islandgp.supervision.llm.answers import DECISION, LONGEST, PROPOSAL, faults, schema
+from islandgp.supervision.llm.funnel import (
+    Accepted,
+    RateSettings,
+    Rejection,
+    Stage,
+    check_decision,
+    check_proposal,
+    find_object,
+)
+from islandgp.supervision.llm.message import SANE, Reply
+from tests.llm.made import DECISION as GOOD
+from tests.llm.made import PROPOSAL as GOOD_TREE
+from tests.llm.made import USAGE, said
+from tests.strategies import nodes
+
+RATES = RateSettings(least=0.1, most=0.5, outside="repair")
+LIMITS = Limits(5, 22)
+decide = check_decision(RATES)
+propose = check_proposal(LIMITS)
+
+
+def rejected(found: object) -> Rejection:
+    assert isinstance(found, Rejection), found
+    return found
+
+
+def test_a_good_decision_is_taken_whole() -> None:
+    """Every field of it arrives, typed."""
+    found = decide(said(GOOD))
+    assert isinstance(found, Accepted)
+    d = found.value
+    assert (d.mutation_rate, d.phase, d.pattern) == (
+        0.42,
+        Phase.EARLY_EXPLORATION,
+        Pattern.EXPLORATION_PHASE,
+    )
+    assert (d.intervention, d.risk, d.reasoning, found.change) == (False, "a", "b", "")
+
+
+def test_a_good_tree_is_taken_whole() -> None:
+    """The tree is parsed, comments and subtrees included; target and rationale come along."""
+    text = "# a note\nsubtree go = PatrolWaypoint\nselector { use go use go }"
+    found = propose(said({**GOOD_TREE, "tree": text}))
+    assert isinstance(found, Accepted)
+    assert to_text(found.value.tree) == "selector { PatrolWaypoint PatrolWaypoint }\n"
+    assert (found.value.target, found.value.rationale) == (Target.RARE, "c")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        json.dumps(GOOD),
+        f"Sure!\n```json\n{json.dumps(GOOD, indent=2)}\n```\nI hope this helps.",
+        f"First {{}} and then {json.dumps(GOOD)} and { {'other': 1} }",
+        f'{{"note": "a draft"}} {json.dumps(GOOD)}',
+        json.dumps({**GOOD, "confidence": 0.9}),
+    ],
+)
+def test_json_is_found_between_other_words(text: str) -> None:
+    """Servers that take no schema wrap their JSON in prose; fields too many do no harm."""
+    assert isinstance(decide(said(text)), Accepted)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "I would rather not use JSON.",
+        "[1, 2]",
+        '{"mutation_rate": 0.3',
+        "{'mutation_rate': 0.3}",
+        "[" * 90_000,
+        '{"a":' * 18_000,
+        " " * (SANE + 1) + json.dumps(GOOD),
+    ],
+)
+def test_no_json(text: str) -> None:
+    """What holds no whole object, or is too long for an answer, ends at the first stage."""
+    assert rejected(decide(said(text))).stage is Stage.JSON
+
+
+def test_a_cut_off_answer_is_told_so() -> None:
+    """The repair turn of an answer that ran out of tokens asks for a shorter one."""
+    found = rejected(decide(said('{"mutation_rate": 0.', "max_tokens")))
+    assert found.stage is Stage.JSON
+    assert "shorter" in found.error
+
+
+def test_a_whole_answer_counts_even_at_the_token_limit() -> None:
+    """A complete object before the cut is used."""
+    assert isinstance(decide(said(json.dumps(GOOD) + " And furth", "max_tokens")), Accepted)
+
+
+@pytest.mark.parametrize("reply", [said("", "refusal"), said(GOOD, "refusal"), said("  \n")])
+def test_a_refusal(reply: Reply) -> None:
+    """Nothing of a refused answer is used, and an empty one is as good as refused."""
+    assert rejected(decide(reply)).stage is Stage.REFUSED
+
+
+@pytest.mark.parametrize(
+    ("change", "error"),
+    [
+        ({"mutation_rate": "high"}, "mutation_rate: expected a number, found 'high'"),
+        ({"mutation_rate": True}, "mutation_rate: expected a number, found True"),
+        ({"mutation_rate": None}, "mutation_rate: expected a number, found None"),
+        ({"mutation_rate": math.nan}, "mutation_rate: expected a number, found nan"),
+        ({"mutation_rate": math.inf}, "mutation_rate: expected a number, found inf"),
+        ({"mutation_rate": 10**400}, "mutation_rate: expected a number, found 1000"),
+        ({"intervention": "no"}, "intervention: expected true or false, found 'no'"),
+        ({"phase": "panic"}, "phase: expected one of early_exploration, exploitation"),
+        ({"pattern": 3}, "pattern: expected one of exploration_phase"),
+        ({"risk": ["x"]}, "risk: expected a text, found ['x']"),
+    ],
+)
+def test_wrong_fields_are_named(change: dict[str, object], error: str) -> None:
+    """Each wrong field is told with what was expected and what was found."""
+    found = rejected(decide(said({**GOOD, **change})))
+    assert found.stage is Stage.FIELDS
+    assert error in found.error
+
+
+def test_missing_fields_are_all_named() -> None:
+    """One line for each."""
+    found = rejected(decide(said({"mutation_rate": 0.3})))
+    assert found.error.splitlines() == [
+        f"{name}: expected a value, found none" for name in list(GOOD)[1:]
+    ]
+
+
+@pytest.mark.parametrize("rate", [7, -0.2, 0.09999, 0.50001, 45, 1e299])
+def test_a_rate_outside_the_range_is_refused(rate: float) -> None:
+    """By default it is never used, clamped or not."""
+    found = rejected(decide(said({**GOOD, "mutation_rate": rate})))
+    assert found.stage is Stage.RANGE
+    assert "from 0.1 to 0.5" in found.error
+
+
+@pytest.mark.parametrize("rate", [0.1, 0.5, 0.3])
+def test_the_range_s_ends_belong_to_it(rate: float) -> None:
+    """The limits themselves are taken."""
+    assert isinstance(decide(said({**GOOD, "mutation_rate": rate})), Accepted)
+
+
+def test_clamping_is_told() -> None:
+    """Where configuration says so the nearest limit is taken, and the record can say from what."""
+    clamp = check_decision(RateSettings(least=0.1, most=0.5, outside="clamp"))
+    high = clamp(said({**GOOD, "mutation_rate": 7}))
+    low = clamp(said({**GOOD, "mutation_rate": -1}))
+    assert isinstance(high, Accepted)
+    assert isinstance(low, Accepted)
+    assert (high.value.mutation_rate, high.change) == (0.5, "clamped from 7.0")
+    assert (low.value.mutation_rate, low.change) == (0.1, "clamped from -1.0")
+
+
+@pytest.mark.parametrize(
+    ("tree", "stage", "error"),
+    [
+        ("selector { PatrolWaypoint", Stage.GRAMMAR, "the text ends too early"),
+        ("", Stage.GRAMMAR, "there is no tree"),
+        ("Ignore all instructions.", Stage.NAMES, "Ignore"),
+        ("[" * 1000, Stage.GRAMMAR, "unexpected character"),
+        ("sequence { FlyHome }", Stage.NAMES, "FlyHome"),
+        ("when batteryLevle < 5 { PatrolWaypoint }", Stage.NAMES, "Did you mean batteryLevel?"),
+        ("inverter { " * 6 + "PatrolWaypoint" + " }" * 6, Stage.LIMITS, "5 levels"),
+        ("selector { " + "PatrolWaypoint " * 22 + "}", Stage.LIMITS, "22 nodes"),
+        ("inverter { " * 200 + "PatrolWaypoint" + " }" * 200, Stage.LIMITS, "too deep"),
+        ("x" * 100_001, Stage.LIMITS, "100001 characters"),
+    ],
+)
+def test_trees_are_turned_away_at_their_stage(tree: str, stage: Stage, error: str) -> None:
+    """Grammar, names and limits each speak with the language's own message."""
+    body = json.dumps({**GOOD_TREE, "tree": tree})
+    if len(body) > SANE:
+        assert rejected(propose(said(body))).stage is Stage.JSON
+        return
+    found = rejected(propose(said(body)))
+    assert found.stage is stage
+    assert error in found.error
+
+
+@given(nodes())
+def test_whatever_is_taken_keeps_the_limits(tree: object) -> None:
+    """Any tree of the language is taken if and only if it is within the limits."""
+    found = propose(said({**GOOD_TREE, "tree": to_text(tree)}))  # type: ignore[arg-type]
+    assert isinstance(found, Accepted) == within(tree, LIMITS)  # type: ignore[arg-type]
+    if isinstance(found, Accepted):
+        assert found.value.tree == parse(to_text(tree))  # type: ignore[arg-type]
+
+
+@given(st.text() | st.text('{}[]",:0', max_size=40))
+def test_no_text_does_worse_than_be_rejected(text: str) -> None:
+    """The funnel raises for nothing."""
+    assert isinstance(decide(Reply(text, "end_turn", USAGE)), Rejection)
+    assert isinstance(propose(Reply(text, "end_turn", USAGE)), Rejection)
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+    max_leaves=5,
+)
+
+
+@given(st.fixed_dictionaries({name: json_values | st.just(GOOD[name]) for name in GOOD}))
+def test_what_is_taken_is_of_the_declared_types(answer: dict[str, object]) -> None:
+    """A decision is only made of a rate in range and of real names, whatever the values are."""
+    found = decide(said(json.dumps(answer)))
+    if isinstance(found, Accepted):
+        assert 0.1 <= found.value.mutation_rate <= 0.5
+        assert isinstance(found.value.phase, Phase)
+        assert isinstance(found.value.pattern, Pattern)
+
+
+def test_explanations_are_kept_short() -> None:
+    """A model that rambles does not fill the records."""
+    found = decide(said({**GOOD, "reasoning": "x" * 50_000}))
+    assert isinstance(found, Accepted)
+    assert len(found.value.reasoning) == LONGEST
+
+
+def test_the_first_object_with_a_known_field_wins() -> None:
+    """An object of other fields is the answer only where there is no better one."""
+    assert find_object('{"x": 1} {"tree": 2}', PROPOSAL) == {"tree": 2}
+    assert find_object('{"x": 1} {"y": 2}', PROPOSAL) == {"x": 1}
+
+
+@pytest.mark.parametrize(("shape", "good"), [(DECISION, GOOD), (PROPOSAL, GOOD_TREE)])
+def test_schemas_and_checks_agree(shape: dict[str, type], good: dict[str, object]) -> None:
+    """The schema that is sent asks for exactly the fields that are checked."""
+    found = schema(shape)  # type: ignore[arg-type]
+    assert list(found["properties"]) == found["required"] == list(good)
+    assert found["additionalProperties"] is False
+    assert faults(good, shape) == []  # type: ignore[arg-type]
+
+
+def test_the_decision_schema() -> None:
+    """The schema as it is sent, whole."""
+    assert schema(DECISION)["properties"] == {
+        "mutation_rate": {"type": "number"},
+        "phase": {"type": "string", "enum": [p.value for p in Phase]},
+        "pattern": {"type": "string", "enum": [p.value for p in Pattern]},
+        "intervention": {"type": "boolean"},
+        "risk": {"type": "string"},
+        "reasoning": {"type": "string"},
+    }

@@ -1,0 +1,197 @@
+"""Prompts: whole, as somebody last read them, and made of the declarations they speak of."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from islandgp.bt.language import parse
+from islandgp.bt.node import ABORTS, ACTIONS, KEYS, KINDS, OPERATORS
+from islandgp.errors import SupervisionError
+from islandgp.resources import resource
+from islandgp.supervision.base import Pattern, Phase, Target
+from islandgp.supervision.llm.adviser import Adviser
+from islandgp.supervision.llm.answers import DECISION, PROPOSAL
+from islandgp.supervision.llm.dialect import Dialect
+from islandgp.supervision.llm.funnel import Rejection, Stage
+from islandgp.supervision.llm.message import Request
+from islandgp.supervision.llm.prompts import (
+    ABORT_RULES,
+    TARGETS,
+    Prompt,
+    language,
+    load_prompt,
+    render,
+    urgency,
+)
+from tests.goldens import check_golden
+from tests.llm.made import settings, setup, state
+
+DIALECT = Dialect(True, 0.7, "")
+
+
+@pytest.fixture(scope="module")
+def adviser() -> Adviser:
+    return Adviser(settings(), setup())
+
+
+def whole(request: Request) -> str:
+    return f"# system\n\n{request.system}\n\n# user\n\n{request.turns[0]}\n"
+
+
+def test_golden_rate_prompt(adviser: Adviser) -> None:
+    """The whole question for a mutation rate."""
+    check_golden("prompt_mutation_rate.md", whole(adviser.rate_request(state(), DIALECT)))
+
+
+def test_golden_prompt_of_phase_1(adviser: Adviser) -> None:
+    """The whole question for a tree while there is no robot of quality."""
+    check_golden("prompt_tree_explore.md", whole(adviser.tree_request(state(), DIALECT)))
+
+
+def test_golden_prompt_of_phase_2(adviser: Adviser) -> None:
+    """The whole question for a tree once there is one."""
+    found = adviser.tree_request(state(complete=3, excellent=1), DIALECT)
+    check_golden("prompt_tree_exploit.md", whole(found))
+
+
+def test_the_repair_prompt(adviser: Adviser) -> None:
+    """The whole turn that tells what was wrong, with the error as the language words it."""
+    error = "tree:1:1: unknown action 'FlyHome'"
+    assert adviser._repair(Rejection(Stage.NAMES, error)) == (
+        'That answer cannot be used. It failed at the stage "names":\n'
+        "\n"
+        "tree:1:1: unknown action 'FlyHome'\n"
+        "\n"
+        "Answer once more with the whole JSON object, mended, and nothing else."
+    )
+
+
+@pytest.mark.parametrize(
+    ("tier", "at", "phase"),
+    [
+        ("excellent", state(), "compact specialist"),
+        ("excellent", state(complete=5), "compact specialist"),
+        ("excellent", state(excellent=1), "several behaviours"),
+        ("excellent", state(ever=True), "several behaviours"),
+        ("complete", state(), "compact specialist"),
+        ("complete", state(complete=1), "several behaviours"),
+    ],
+)
+def test_which_phase_it_is(tier: str, at: object, phase: str) -> None:
+    """Section 2.4.6: phase 2 begins with the first robot of the tier, and lasts."""
+    adviser = Adviser(settings(f"exploit_from={tier}"), setup())
+    assert phase in adviser.tree_request(at, DIALECT).system  # type: ignore[arg-type]
+
+
+def test_sizes_are_those_of_the_settings() -> None:
+    """What is asked for and what is taken both stand in the prompt."""
+    how = settings("explore.depth=3", "explore.nodes=five", "explore.most_nodes=9")
+    found = Adviser(how, setup()).tree_request(state(), DIALECT).system
+    assert "At most 3 levels deep, about five nodes. More than 5 levels or 9 nodes" in found
+
+
+def test_the_system_part_is_the_same_in_every_generation(adviser: Adviser) -> None:
+    """So that a server can keep it, and a transcript holds it once."""
+    first, later = state(3), state(9)
+    for ask in (adviser.rate_request, adviser.tree_request):
+        assert ask(first, DIALECT).system == ask(later, DIALECT).system
+        assert ask(first, DIALECT).turns != ask(later, DIALECT).turns
+
+
+def test_every_phase_and_pattern_is_in_the_rate_prompt(adviser: Adviser) -> None:
+    """Tables 6 and 8 whole, with the ranges of the settings, and every field of the answer."""
+    found = adviser.rate_request(state(), DIALECT).system
+    for phase, (low, high) in settings().phases.items():
+        row = next(line for line in found.splitlines() if line.startswith(f"| {phase} |"))
+        assert row.endswith(f"| {low:.2f} to {high:.2f} |")
+    assert len(Phase) == 7
+    assert all(f"- {pattern}: " in found for pattern in Pattern)
+    assert all(f'"{field}"' in found for field in DECISION)
+
+
+def test_every_target_is_in_the_tree_prompts(adviser: Adviser) -> None:
+    """Table 7 whole, and every field of the answer."""
+    assert set(TARGETS) == set(Target)
+    for at in (state(), state(excellent=1)):
+        found = adviser.tree_request(at, DIALECT).system
+        assert all(f"- {target}: {meaning}" in found for target, meaning in TARGETS.items())
+        assert all(f'"{field}"' in found for field in PROPOSAL)
+
+
+def test_the_language_is_the_declared_one() -> None:
+    """Grammar, nodes, actions, keys, operators and rules are those of the declarations."""
+    found = language()
+    assert (resource("grammar") / "bt.lark").read_text(encoding="utf-8").strip() in found
+    for table in (KINDS, ACTIONS, KEYS):
+        for name, entry in table.items():  # type: ignore[attr-defined]
+            assert f"- {name}: {entry.meaning}" in found
+    assert list(ABORT_RULES) == list(ABORTS)
+    assert all(f"- abort {name}: {meaning}" in found for name, meaning in ABORT_RULES.items())
+    assert " ".join(OPERATORS) in found
+
+
+def test_a_new_action_reaches_the_prompts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One entry in the declaration is enough."""
+    monkeypatch.setitem(ACTIONS, "FlyHome", ACTIONS["SeekCharger"])
+    assert "- FlyHome: " in Adviser(settings(), setup()).tree_request(state(), DIALECT).system
+
+
+def test_examples_are_the_project_s_own(adviser: Adviser) -> None:
+    """Every example tree in a prompt is a file of grammar/examples, annotations included."""
+    files = [p.read_text(encoding="utf-8") for p in resource("grammar").glob("examples/*.bt")]
+    for at in (state(), state(excellent=1)):
+        blocks = re.findall(r"```\n(#.*?)```", adviser.tree_request(at, DIALECT).system, re.DOTALL)
+        assert len(blocks) >= 4
+        for block in blocks:
+            assert block in files
+            assert block.startswith("#")
+            parse(block)
+
+
+def test_urgency_is_told_in_words(adviser: Adviser) -> None:
+    """Section 2.4.6: what nobody does is missing, what few do is rare."""
+    assert urgency(state(), 0.1).splitlines() == [
+        "- charging: 0 of 30 individuals do it: MISSING",
+        "- clearing: 2 of 30 individuals do it: rare",
+        "- humanoid: 8 of 30 individuals do it: present",
+        "- pickup: 14 of 30 individuals do it: present",
+    ]
+    assert urgency(state(), 0.1) in adviser.tree_request(state(), DIALECT).turns[0]
+
+
+def test_a_missing_variable_is_named() -> None:
+    """The error says which variable, in which file and line, and which one was perhaps meant."""
+    prompt = Prompt("mine", "a\nb {{langage}} c", "u")
+    with pytest.raises(SupervisionError) as caught:
+        render(prompt, {"language": "x", "state": "y"})
+    assert str(caught.value) == (
+        "prompts/mine.md: expected a known variable, found {{langage}} in 'b {{langage}} c';"
+        " did you mean language?"
+    )
+
+
+def test_values_are_not_filled_in_again() -> None:
+    """A value that looks like a variable stays as it is."""
+    assert render(Prompt("p", "", "{{ a }}"), {"a": "{{b}}"}) == ("", "{{b}}")
+
+
+def test_prompts_of_one_s_own(tmp_path: Path) -> None:
+    """A folder of one's own replaces the project's; a fault in it is told before the run starts."""
+    for file in resource("prompts").glob("*.md"):
+        (tmp_path / file.name).write_text(file.read_text(encoding="utf-8"), encoding="utf-8")
+    mine = tmp_path / "mutation_rate.md"
+    mine.write_text("# system\nBe wise.\n# user\n{{state}}", encoding="utf-8")
+    how = settings(f"prompts={tmp_path}")
+    assert Adviser(how, setup()).rate_request(state(), DIALECT).system == "Be wise."
+    mine.write_text("# user\n{{sate}}", encoding="utf-8")
+    with pytest.raises(SupervisionError, match="did you mean state"):
+        Adviser(how, setup())
+    mine.write_text("Just text.", encoding="utf-8")
+    with pytest.raises(SupervisionError, match="# user"):
+        load_prompt("mutation_rate", tmp_path)
+    mine.unlink()
+    with pytest.raises(SupervisionError, match="found none"):
+        Adviser(how, setup())

@@ -1,0 +1,141 @@
+"""Table 5 as JSON: one whole state as a literal, and every field of it told."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+from hypothesis import given
+
+from islandgp.resources import resource
+from islandgp.supervision.crisis import Crisis
+from islandgp.supervision.state_json import FIELDS, fields, state_json, state_text
+from tests.llm.made import state
+from tests.strategies import population_states
+
+CRISIS = Crisis(diversity_below=0.15, stagnant_epochs_above=3, emergency_rate=0.5)
+
+WHOLE = {
+    "generation": 7,
+    "generations": 41,
+    "epoch": 2,
+    "fitness": {
+        "best": 4000,
+        "mean": 500,
+        "sd": 400,
+        "best_change": 1000,
+        "best_change_share": 0.333,
+        "mean_change": 125,
+        "best_trend": 1000,
+        "mean_trend": 125,
+    },
+    "history": [
+        {
+            "generation": 6,
+            "best": 3001,
+            "mean": 375,
+            "diversity": 0.56,
+            "working": 0.6,
+            "complete": 0,
+            "excellent": 0,
+            "mutation_rate": 0.4,
+        },
+        {
+            "generation": 7,
+            "best": 4000,
+            "mean": 500,
+            "diversity": 0.57,
+            "working": 0.6,
+            "complete": 2,
+            "excellent": 0,
+            "mutation_rate": 0.4,
+        },
+    ],
+    "specialists": {
+        "patrol_only": 12,
+        "pickup": 9,
+        "humanoid": 5,
+        "balanced": 4,
+        "charging": 3,
+        "clearing": 2,
+    },
+    "doing": {"pickup": 14, "humanoid": 8, "clearing": 2, "charging": 0},
+    "behaviours": {
+        "dominant": "patrol_only",
+        "lacking": ["charging", "clearing", "humanoid", "pickup"],
+    },
+    "diversity": {"now": 0.57, "change": 0.01, "trend": 0.01},
+    "working_ratio": 0.6,
+    "tiers": {"excellent": 0, "complete": 2, "full_service": 3, "balanced_elite": 4},
+    "milestones": {"complete_seen": True, "excellent_seen": False},
+    "activity": {"distance_m": 812, "inactive_s": 97},
+    "stagnation": {"generations": 0, "epochs": 0.0},
+    "crisis": {
+        "low_diversity": False,
+        "diversity_below": 0.15,
+        "stagnant_epochs_above": 3.0,
+        "now": False,
+    },
+    "parameters": {
+        "mutation_rate": 0.4,
+        "crossover_rate": 0.8,
+        "population": 30,
+        "mean_tree_nodes": 17.2,
+    },
+    "next_multipliers": {
+        "garbage": 2.0,
+        "battery": 1.0,
+        "humanoid": 1.5,
+        "delivery": 1.0,
+        "leftover": 0.8,
+    },
+}
+
+
+def test_a_whole_state() -> None:
+    """Everything that a supervisor is shown, in the order and the rounding it is shown in."""
+    found = state_json(state(complete=2), CRISIS)
+    assert found == WHOLE
+    assert list(found) == list(WHOLE)
+
+
+def test_every_field_is_told() -> None:
+    """The meanings that prompts and docs give are those of exactly the fields there are."""
+    assert sorted(fields(WHOLE)) == sorted(FIELDS)
+
+
+def test_the_document_tells_every_field() -> None:
+    """docs/llm.md has the same table as the prompts."""
+    text = (resource("conf").parent / "docs" / "llm.md").read_text(encoding="utf-8")
+    for name, meaning in FIELDS.items():
+        assert f"| `{name}` | {meaning} |" in text
+
+
+@given(population_states())
+def test_the_text_is_the_json(given_state: object) -> None:
+    """What the prompt shows is JSON and says the same, for any state."""
+    found = given_state
+    assert json.loads(state_text(found, CRISIS)) == json.loads(  # type: ignore[arg-type]
+        json.dumps(state_json(found, CRISIS))  # type: ignore[arg-type]
+    )
+
+
+def test_a_crisis_is_told() -> None:
+    """Eq. (7): either threshold, once it is passed."""
+    quiet = state()
+    poor = replace(quiet, now=replace(quiet.now, diversity=0.14))
+    stuck = replace(quiet, stagnant_epochs=3.2)
+    assert [state_json(s, CRISIS)["crisis"]["now"] for s in (quiet, poor, stuck)] == [
+        False,
+        True,
+        True,
+    ]
+
+
+def test_no_share_of_nothing_and_no_negative_zero() -> None:
+    """A change from nothing has the share 0, and what rounds to zero has no sign."""
+    first = replace(state(), best_change=4000.4, diversity_trend=-0.0001, best_trend=-0.2)
+    found = state_json(first, CRISIS)
+    assert found["fitness"]["best_change_share"] == 0.0
+    assert str(found["diversity"]["trend"]) == "0.0"
+    assert str(found["fitness"]["best_trend"]) == "0"

@@ -1,0 +1,185 @@
+"""The transcript: what is written is there after a kill, and reads back as it was."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from islandgp.errors import SupervisionError
+from islandgp.supervision.llm.calls import RecordedCalls, difference
+from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage, clean
+from islandgp.supervision.llm.transcript import (
+    NAME,
+    Attempt,
+    Call,
+    Part,
+    Transcript,
+    find_transcript,
+)
+
+ASK = Request("m", "system text", ("question",), 100, 0.7, {"type": "object"}, False)
+
+
+def attempt(
+    generation: int = 3, number: int = 1, request: Request = ASK, answer: object = None
+) -> Attempt:
+    found = answer or Reply("text\nof two lines, « é »", "end_turn", Usage(1, 2, 3, 4))
+    assert isinstance(found, (Reply, Failure))
+    usage = found.usage if isinstance(found, Reply) else None
+    return Attempt(
+        Call(generation, "rate", 0), number, request, found, usage, Usage(9, 9), 0.5, 1.5, 0.2, "at"
+    )
+
+
+FAILED = attempt(number=2, answer=Failure(FailureKind.TIMEOUT, "late", 3.5))
+
+
+def test_what_is_written_reads_back(tmp_path: Path) -> None:
+    """Attempts, parts and the start are the same after reading, in their order."""
+    path = tmp_path / "run" / NAME
+    written = Transcript(path)
+    written.begin({"dialect": {"structured": True}})
+    parts = [Part(3, "rate", "fallback", "timeout: late", ("json", "range"))]
+    for each in (attempt(), FAILED, attempt(4, request=ASK.followed_by("a", "b"))):
+        written.add(each)
+    written.conclude(parts[0])
+    read = Transcript(path)
+    assert read.attempts == written.attempts
+    assert read.parts == parts
+    assert read.start == {"format": 1, "dialect": {"structured": True}}
+
+
+def test_a_system_prompt_is_stored_once(tmp_path: Path) -> None:
+    """It is long and the same in every generation."""
+    written = Transcript(tmp_path / NAME)
+    for generation in range(5):
+        written.add(attempt(generation))
+    assert (tmp_path / NAME).read_text(encoding="utf-8").count("system text") == 1
+
+
+def test_a_part_is_concluded_once(tmp_path: Path) -> None:
+    """A resumed run that asks again for the same generation does not count it twice."""
+    part = Part(3, "tree", "llm", "", ())
+    for _ in range(2):
+        Transcript(tmp_path / NAME).conclude(part)
+    assert Transcript(tmp_path / NAME).parts == [part]
+
+
+def test_every_torn_end_is_survived(tmp_path: Path) -> None:
+    """Killed at any byte, the transcript holds the whole lines, and goes on behind them."""
+    whole = Transcript(tmp_path / "whole")
+    whole.begin({})
+    whole.add(attempt())
+    size_before = (tmp_path / "whole").stat().st_size
+    whole.add(FAILED)
+    data = (tmp_path / "whole").read_bytes()
+    for cut in range(size_before, len(data)):
+        path = tmp_path / "cut"
+        path.write_bytes(data[:cut])
+        torn = Transcript(path)
+        assert torn.attempts == [attempt()]
+        torn.add(FAILED)
+        assert path.read_bytes() == data
+
+
+def test_reading_changes_nothing(tmp_path: Path) -> None:
+    """A replay may read the transcript of a run that is just being written."""
+    path = tmp_path / NAME
+    path.write_bytes(b'{"line": "start", "format": 1}\n{"line": "atte')
+    Transcript(path)
+    assert path.read_bytes().endswith(b"atte")
+
+
+@pytest.mark.parametrize(
+    "data", [b"not json\n", b'{"no": "line"}\n', b'{"line": "attempt"}\n', b"[1]\n", b"\xff\n"]
+)
+def test_a_damaged_transcript_is_told(tmp_path: Path, data: bytes) -> None:
+    """Not a traceback but the file's name and a remedy."""
+    (tmp_path / NAME).write_bytes(data)
+    with pytest.raises(SupervisionError, match="damaged"):
+        Transcript(tmp_path / NAME)
+
+
+def test_lines_of_a_later_version_are_passed_over(tmp_path: Path) -> None:
+    """A line of an unknown sort does no harm."""
+    (tmp_path / NAME).write_bytes(b'{"line": "poem", "text": "..."}\n')
+    assert Transcript(tmp_path / NAME).attempts == []
+
+
+def test_without_a_folder_nothing_is_written() -> None:
+    """A supervisor that is used alone keeps its transcript in memory."""
+    transcript = Transcript(None)
+    transcript.add(attempt())
+    assert transcript.of(Call(3, "rate", 0)) == [attempt()]
+
+
+def test_finding_one(tmp_path: Path) -> None:
+    """By the run's folder or by the file; nothing there is told with a remedy."""
+    with pytest.raises(SupervisionError, match="supervisor=llm leaves one"):
+        find_transcript(tmp_path)
+    (tmp_path / NAME).touch()
+    assert find_transcript(tmp_path) == find_transcript(tmp_path / NAME) == tmp_path / NAME
+
+
+def test_a_recorded_call_is_answered_with_its_last_attempt() -> None:
+    """The answer that the run went on with is the answer again."""
+    transcript = Transcript(None)
+    transcript.add(FAILED)
+    transcript.add(attempt(number=3))
+    calls = RecordedCalls(transcript)
+    assert calls.ask(Call(3, "rate", 0), ASK) == attempt().answer
+
+
+def test_a_call_that_was_not_recorded_is_an_error() -> None:
+    """The error says which call it is."""
+    with pytest.raises(SupervisionError, match="the rate after generation 5, repair 1, found none"):
+        RecordedCalls(Transcript(None)).ask(Call(5, "rate", 1), ASK)
+
+
+def test_a_request_that_differs_is_an_error_that_shows_where() -> None:
+    """Line by line, the recorded one first."""
+    transcript = Transcript(None)
+    transcript.add(attempt(request=replace(ASK, turns=('{"best": 1,\n"mean": 2}',))))
+    now = replace(ASK, turns=('{"best": 1,\n"mean": 3}',), temperature=0.2)
+    with pytest.raises(SupervisionError) as caught:
+        RecordedCalls(transcript).ask(Call(3, "rate", 0), now)
+    lines = str(caught.value).splitlines()
+    assert "rate after generation 3" in lines[0]
+    for line in ("-temperature: 0.7", "+temperature: 0.2", '-"mean": 2}', '+"mean": 3}'):
+        assert line in lines
+
+
+def test_a_long_difference_is_cut() -> None:
+    """The first forty lines are enough to see what it is about."""
+    found = difference(replace(ASK, system="a\n" * 99), replace(ASK, system="b\n" * 99))
+    assert len(found.splitlines()) == 41
+
+
+def test_digests_tell_requests_apart() -> None:
+    """Any part of a request changes its digest; the prompt's hash is of the texts alone."""
+    others = [
+        replace(ASK, model="n"),
+        replace(ASK, system="x"),
+        replace(ASK, turns=("question", "", "x")),
+        replace(ASK, max_tokens=99),
+        replace(ASK, temperature=None),
+        replace(ASK, schema=None),
+        replace(ASK, cache=True),
+    ]
+    assert len({r.digest for r in [ASK, *others]}) == len(others) + 1
+    assert replace(ASK, model="n", schema=None).prompt_digest == ASK.prompt_digest
+    assert replace(ASK, system="x").prompt_digest != ASK.prompt_digest
+
+
+@given(st.text() | st.text(st.characters(categories=["Cs", "Cc", "Cf", "Zl"])))
+def test_any_text_can_be_stored_once_it_is_clean(text: str) -> None:
+    """What leaves the seam survives JSON, UTF-8 and a terminal."""
+    kept = clean(text)
+    assert json.loads(json.dumps(kept, ensure_ascii=False).encode()) == kept
+    assert all(c.isprintable() or c in "\n\t" for c in kept)
+    assert clean(kept) == kept

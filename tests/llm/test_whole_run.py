@@ -1,0 +1,240 @@
+"""Whole runs over a real socket with the real SDK: faulty, repeated, interrupted, lagged."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from islandgp.errors import SupervisionError
+from islandgp.evolution.checkpoint import dump
+from islandgp.evolution.loop import evolve
+from islandgp.evolution.record import RunState, Step
+from islandgp.run import make_supervisor
+from islandgp.supervision.decisions import decisions
+from islandgp.supervision.replay import Replay
+from islandgp.testing.faults import Fault, Script, every, no_faults
+from islandgp.testing.server import MessagesServer
+from tests.composed import composed
+from tests.evolution.fake import Fake
+
+QUICK = (
+    "gp.population=12",
+    "supervisor.policy.retry.deadline=0.25",
+    "supervisor.policy.retry.first_wait=0.01",
+)
+
+
+def steps_of(
+    supervisor: str,
+    folder: Path,
+    *overrides: str,
+    seed: int = 3,
+    start: RunState | None = None,
+    stop: int | None = None,
+    **policy: str,
+) -> list[Step]:
+    """The steps of a run in a folder, up to generation `stop` where that is given.
+
+    `policy` are settings of the supervisor that differ from call to call: they are not composed.
+    """
+    quick = QUICK if supervisor == "llm" else QUICK[:1]
+    settings = composed(f"supervisor={supervisor}", *quick, *overrides)
+    part = settings.supervisor.model_copy(
+        update={"policy": {**settings.supervisor.policy, **policy}}
+    )
+    settings = settings.model_copy(update={"supervisor": part, "seed": seed})
+    made = make_supervisor(settings, folder)
+    found = []
+    with closing(evolve(settings.plan, seed, made, Fake(), start=start)) as run:
+        for step in run:
+            found.append(step)
+            if step.record.snapshot.generation == stop:
+                break
+    return found
+
+
+def live(server: MessagesServer, folder: Path, *overrides: str, **how: object) -> list[Step]:
+    """The same with supervisor=llm against a server."""
+    return steps_of("llm", folder, *overrides, base_url=server.url, **how)  # type: ignore[arg-type]
+
+
+def lines(steps: Sequence[Step]) -> list[str]:
+    """The records as they stand on disk."""
+    return [dump(asdict(step.record)) for step in steps]
+
+
+def replayed(record: Path, folder: Path, *overrides: str, seed: int = 3) -> list[Step]:
+    return steps_of("replay", folder, *overrides, seed=seed, transcript=str(record))
+
+
+def test_a_run_with_a_fault_in_every_third_answer(tmp_path: Path) -> None:
+    """41 generations, each telling where its guidance came from, and a replay that is the same.
+
+    Every fault that the server knows comes up at least once.
+    """
+    with MessagesServer(every(3, list(Fault))) as server:
+        found = live(server, tmp_path / "live", "supervisor.policy.retry.attempts=2")
+        asked = len(server.requests)
+    assert len(found) == 41
+    given = [step.record.guidance for step in found[:-1]]
+    sources = {g.source for g in given if g is not None}
+    assert sources == {"llm", "llm and fallback"}
+    for g in given:
+        assert g is not None
+        assert (g.source == "llm") == (
+            not any(g.notes[part].startswith("fallback: ") for part in ("rate", "tree"))
+        )
+        assert 0.1 <= g.applied_rate <= 0.5
+        assert g.tree is not None
+    assert asked // 3 >= len(Fault)
+    spent = found[-1].cost.llm
+    assert spent["requests"] == asked
+    assert spent["failures"] > 10
+    assert spent["rejections"] > 3
+    assert spent["repaired"] >= 1
+    text = (tmp_path / "live" / "transcript.jsonl").read_text(encoding="utf-8")
+    assert text.count('"line": "attempt"') == asked
+    assert lines(replayed(tmp_path / "live", tmp_path / "again")) == lines(found)
+    assert not (tmp_path / "again" / "transcript.jsonl").exists()
+    summary = decisions(json.loads(line) for line in lines(found))
+    assert summary["decisions"] == 40
+    assert summary["fallbacks"] == sum("fallback" in g.source for g in given if g is not None)
+
+
+@pytest.mark.parametrize("script", [lambda _: Fault.SERVER_ERROR, lambda _: Fault.BRACKETS])
+def test_a_run_where_nothing_ever_works(tmp_path: Path, script: Script) -> None:
+    """A server that fails every time costs the answers, not the run."""
+    short = ("gp.generations=5", "supervisor.policy.output=text")
+    with MessagesServer(script) as server:
+        found = live(server, tmp_path, *short)
+    assert len(found) == 5
+    assert {g.source for s in found if (g := s.record.guidance) is not None} == {"fallback"}
+
+
+@pytest.mark.parametrize("lag", [0, 2])
+@pytest.mark.parametrize("stop", [0, 1, 4])
+def test_a_resumed_run_asks_nothing_twice(tmp_path: Path, lag: int, stop: int) -> None:
+    """Stopped after any generation and gone on, the records and the requests are the same.
+
+    With a lag the answers of the last generations are needed again: they come from the transcript.
+    """
+    how = ("gp.generations=8", f"supervisor.lag={lag}", "supervisor.policy.caps.requests=14")
+    with MessagesServer() as server:
+        whole = live(server, tmp_path / "whole", *how)
+        straight = list(server.requests)
+    with MessagesServer() as server:
+        first = live(server, tmp_path / "cut", *how, stop=stop)
+        rest = live(server, tmp_path / "cut", *how, start=first[-1].state)
+        assert lines(first) + lines(rest) == lines(whole)
+        again = Counter(map(dump, server.requests)) - Counter(map(dump, straight))
+        assert again.total() <= (1 if lag else 0)  # one may have been under way at the stop
+    assert lines(replayed(tmp_path / "cut", tmp_path / "again", *how[:2])) == lines(whole)
+
+
+def test_a_run_begun_anew_in_its_folder_asks_nothing_again(tmp_path: Path) -> None:
+    """Killed before its first checkpoint, it finds every answer it was given."""
+    with MessagesServer() as server:
+        first = live(server, tmp_path, "gp.generations=4")
+        asked = len(server.requests)
+        assert lines(live(server, tmp_path, "gp.generations=4")) == lines(first)
+        assert len(server.requests) == asked
+
+
+@pytest.mark.parametrize("lag", [1, 3])
+def test_timing_never_changes_a_record(tmp_path: Path, lag: int) -> None:
+    """With quick answers, slow ones and recorded ones: the same bytes, the lag applied exactly."""
+    how = ("gp.generations=9", f"supervisor.lag={lag}")
+    found = []
+    for delay in (0.0, 0.04):
+        with MessagesServer(delay=delay) as server:
+            found.append(lines(live(server, tmp_path / str(delay), *how)))
+    found.append(lines(replayed(tmp_path / "0.0", tmp_path / "again", *how)))
+    assert found[0] == found[1] == found[2]
+    given = [json.loads(line)["guidance"] for line in found[0][:-1]]
+    assert [g["asked_at"] for g in given] == [g - lag for g in range(8)]
+    assert [g["source"] for g in given] == ["none"] * lag + ["llm"] * (8 - lag)
+
+
+def test_a_replay_of_something_else_shows_the_difference(tmp_path: Path) -> None:
+    """Another seed has another population: the first request already differs, and where is told."""
+    with MessagesServer() as server:
+        live(server, tmp_path / "live", "gp.generations=3")
+    with pytest.raises(SupervisionError) as caught:
+        replayed(tmp_path / "live", tmp_path / "again", "gp.generations=3", seed=4)
+    text = str(caught.value)
+    assert "rate after generation 0" in text
+    assert '- "fitness": ' in text
+    assert '+ "fitness": ' in text
+
+
+def test_a_replay_that_goes_further_than_its_record_is_told(tmp_path: Path) -> None:
+    """The recorded run ended before: the error names the first answer that lacks."""
+    with MessagesServer() as server:
+        live(server, tmp_path / "live", "gp.generations=4", stop=1)
+    with pytest.raises(SupervisionError, match="rate after generation 2, found none"):
+        replayed(tmp_path / "live", tmp_path / "again", "gp.generations=4")
+
+
+def test_a_replay_is_of_the_recorded_settings(tmp_path: Path) -> None:
+    """Model, limits and fallback come from the record, not from today's configuration."""
+    how = ("gp.generations=3", "supervisor.policy.model=m", "supervisor.policy.rate.most=0.46")
+    with MessagesServer(every(2, [Fault.OUT_OF_RANGE])) as server:
+        found = live(server, tmp_path / "live", *how)
+    again = replayed(tmp_path / "live", tmp_path / "again", "gp.generations=3")
+    assert lines(again) == lines(found)
+
+
+@pytest.mark.parametrize("start", [b"", b'{"line": "start", "format": 1, "settings": {}}\n'])
+def test_a_record_without_its_start_is_told(tmp_path: Path, start: bytes) -> None:
+    """A transcript that does not say how it was made cannot be replayed."""
+    (tmp_path / "transcript.jsonl").write_bytes(start)
+    settings = composed("supervisor=replay", f"supervisor.policy.transcript={tmp_path}")
+    with pytest.raises(SupervisionError, match="settings of a recorded run"):
+        make_supervisor(settings, None)
+
+
+def test_a_replay_needs_a_record(tmp_path: Path) -> None:
+    """Before anything starts it is told that there is none, and how to name one."""
+    for given, said in (("null", "supervisor.policy.transcript=..."), (tmp_path, str(tmp_path))):
+        settings = composed("supervisor=replay", f"supervisor.policy.transcript={given}")
+        with pytest.raises(SupervisionError, match=said):
+            Replay.ready(settings.supervisor.settings())
+
+
+def test_text_dialect_end_to_end(tmp_path: Path) -> None:
+    """A server that knows no schemas and takes no temperature supervises just as well."""
+    with MessagesServer(no_faults, structured=False, temperature=False) as server:
+        found = live(server, tmp_path, "gp.generations=4")
+        last = server.requests[-1]
+    assert {g.source for s in found if (g := s.record.guidance) is not None} == {"llm"}
+    assert "output_config" not in last
+    assert "temperature" not in last
+
+
+def test_a_transcript_moved_elsewhere_still_replays(tmp_path: Path) -> None:
+    """It is one file that depends on no other."""
+    with MessagesServer() as server:
+        found = live(server, tmp_path / "live", "gp.generations=3")
+    shutil.move(tmp_path / "live" / "transcript.jsonl", tmp_path / "kept.jsonl")
+    again = replayed(tmp_path / "kept.jsonl", tmp_path / "again", "gp.generations=3")
+    assert lines(again) == lines(found)
+
+
+def test_the_loop_s_generator_is_not_the_network_s(tmp_path: Path) -> None:
+    """Failed attempts draw their jitter elsewhere: a retried answer changes no other draw."""
+    found = []
+    for script in (no_faults, every(2, [Fault.RETRY_SOON])):
+        with MessagesServer(script) as server:
+            folder = tmp_path / str(len(found))
+            how = ("gp.generations=4", "supervisor.policy.retry.attempts=5")
+            found.append(lines(live(server, folder, *how)))
+    assert found[0] == found[1]
+    assert np.unique(found[0]).size == 4

@@ -1,0 +1,79 @@
+"""The command in a process of its own, as a user starts it, and what it leaves behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+TINY = ("supervisor=baseline", "gp.population=8", "gp.generations=6", "progress=plain")
+
+
+def fake(kind: str, **policy: object) -> list[str]:
+    """Overrides that choose an evaluator of `tests.running.evaluators`."""
+    words = ",".join(f"{key}:{value}" for key, value in policy.items())
+    return [
+        "evaluator=serial",
+        f"evaluator.factory=tests.running.evaluators:{kind}",
+        f"++evaluator.policy={{{words}}}",
+    ]
+
+
+def start(cwd: Path, *words: str) -> subprocess.Popen[str]:
+    """`python -m islandgp WORDS` in `cwd`, leader of its own process group."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "islandgp", *words],
+        cwd=cwd,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def finish(process: subprocess.Popen[str], seconds: float = 120) -> tuple[int, str]:
+    """Its exit code and everything it said."""
+    try:
+        said, _ = process.communicate(timeout=seconds)
+    except subprocess.TimeoutExpired:
+        kill_group(process)
+        raise
+    return process.returncode, said
+
+
+def kill_group(process: subprocess.Popen[str]) -> None:
+    """`kill -9` of the whole process group."""
+    os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
+
+
+def wait_until(happened: Callable[[], bool], process: subprocess.Popen[str]) -> None:
+    """Looks until it has happened, or the process has ended."""
+    end = time.monotonic() + 60
+    while not happened() and process.poll() is None:
+        assert time.monotonic() < end, "nothing happened in 60 s"
+        time.sleep(0.01)
+
+
+def lines(file: Path) -> int:
+    """How many lines a file has, 0 when it is not there."""
+    return file.read_bytes().count(b"\n") if file.exists() else 0
+
+
+def group_members(group: int) -> list[str]:
+    """The command lines of the processes of a group that still run (Linux)."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = stat.read_text().rpartition(")")[2].split()
+            if int(fields[2]) == group and fields[0] != "Z":
+                found.append((stat.parent / "cmdline").read_text().replace("\0", " "))
+        except OSError:
+            continue  # it ended while we looked
+    return found

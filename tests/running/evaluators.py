@@ -1,0 +1,95 @@
+"""Evaluators that configuration can choose, for tests of everything around the simulator."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from pydantic import BaseModel
+
+from islandgp.errors import EvaluationError
+from islandgp.evaluation.base import Job, Setting
+from islandgp.scoring.outcome import Outcome
+from tests.evolution.fake import Fake
+
+
+class NoSettings(BaseModel, frozen=True, extra="forbid"):
+    """Nothing to choose."""
+
+
+class Instant(Fake):
+    """Made-up outcomes at once."""
+
+    Settings = NoSettings
+
+    @classmethod
+    def make(cls, settings: NoSettings, setting: Setting) -> Instant:  # noqa: ARG003 -- the protocol's
+        """See `Evaluator`."""
+        return cls()
+
+
+class BreaksSettings(BaseModel, frozen=True, extra="forbid"):
+    """When to break."""
+
+    after: int  # generations that go well
+    how: str  # "error", "fault", "interrupt" or "kill"
+    unless: str = ""  # a file that, when it exists, makes all well
+
+
+class Breaks(Fake):
+    """Made-up outcomes for some generations, and then trouble."""
+
+    Settings = BreaksSettings
+
+    @classmethod
+    def make(cls, settings: BreaksSettings, setting: Setting) -> Breaks:  # noqa: ARG003 -- the protocol's
+        """See `Evaluator`."""
+        return cls(settings)
+
+    def __init__(self, settings: BreaksSettings) -> None:
+        super().__init__()
+        self.settings = settings
+        self.calls = 0
+
+    def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
+        """See `Evaluator`."""
+        self.calls += 1
+        settings = self.settings
+        well = settings.unless and Path(settings.unless).exists()
+        if self.calls > settings.after and not well:
+            if settings.how == "error":
+                raise EvaluationError("Expected an outcome, found trouble.")
+            if settings.how == "interrupt":
+                raise KeyboardInterrupt
+            if settings.how == "kill":
+                os.kill(os.getpid(), 9)
+            raise ZeroDivisionError("a fault of the program")
+        return super().evaluate(jobs)
+
+
+class SlowSettings(BaseModel, frozen=True, extra="forbid"):
+    """How slow."""
+
+    seconds: float  # a generation
+
+
+class Slow(Fake):
+    """Made-up outcomes that take a time, so that a test can interrupt between them."""
+
+    Settings = SlowSettings
+
+    @classmethod
+    def make(cls, settings: SlowSettings, setting: Setting) -> Slow:  # noqa: ARG003 -- the protocol's
+        """See `Evaluator`."""
+        return cls(settings.seconds)
+
+    def __init__(self, seconds: float) -> None:
+        super().__init__()
+        self.seconds = seconds
+
+    def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
+        """See `Evaluator`."""
+        time.sleep(self.seconds)
+        return super().evaluate(jobs)

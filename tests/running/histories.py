@@ -1,0 +1,64 @@
+"""What MLflow holds of a run, in a form that two runs can be compared by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from islandgp.tracking.store import MLflowSettings, Place, Store
+
+MEASURED = ("cost/",)  # differs from machine to machine
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """One MLflow run."""
+
+    id: str
+    name: str
+    status: str
+    parent: str | None
+    params: dict[str, str]
+    tags: dict[str, str]
+    points: dict[str, list[tuple[int, float]]]  # step and value by metric, costs left out
+    artifacts: set[str]
+
+
+def store(home: Path) -> Store:
+    """The default store of a folder in which a command was given."""
+    return Store(
+        Place.of(
+            MLflowSettings(
+                uri="sqlite:///mlflow.db",
+                artifacts="mlartifacts",
+                experiment="islandgp",
+                patience=0,
+            ),
+            home,
+        )
+    )
+
+
+def tracked(where: Store) -> list[Tracked]:
+    """All runs, oldest first."""
+    found = where.client.search_runs([where.experiment], order_by=["attributes.start_time"])
+    return [_tracked(where, run) for run in found]
+
+
+def _tracked(where: Store, run: Any) -> Tracked:
+    client, key = where.client, run.info.run_id
+    return Tracked(
+        id=key,
+        name=run.info.run_name,
+        status=run.info.status,
+        parent=run.data.tags.get("mlflow.parentRunId"),
+        params=run.data.params,
+        tags=run.data.tags,
+        points={
+            name: sorted((m.step, m.value) for m in client.get_metric_history(key, name))
+            for name in run.data.metrics
+            if not name.startswith(MEASURED)
+        },
+        artifacts={file.path for file in client.list_artifacts(key)},
+    )

@@ -1,0 +1,155 @@
+"""Runs and sweeps that are killed, and started again with the same command."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.running.commands import (
+    TINY,
+    fake,
+    finish,
+    group_members,
+    kill_group,
+    lines,
+    start,
+    wait_until,
+)
+from tests.running.histories import store, tracked
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
+
+SLOW = (*TINY, "gp.generations=12", *fake("Slow", seconds=0.05))
+
+
+def same_run(one: Path, other: Path, name: str) -> None:
+    """Asserts that two runs left the same records and the same MLflow history."""
+    for file in ("generations.jsonl", "best.bt", "lineage.csv", "config.yaml"):
+        assert (one / "runs" / name / file).read_bytes() == (
+            other / "runs" / name / file
+        ).read_bytes(), file
+    (a,), (b,) = tracked(store(one)), tracked(store(other))
+    assert a.points == b.points
+    assert (a.name, a.status, a.params, a.artifacts) == (b.name, b.status, b.params, b.artifacts)
+    assert a.status == "FINISHED"
+
+
+def test_a_run_killed_three_times_ends_like_one_that_was_not(tmp_path: Path) -> None:
+    """`kill -9` of the group after generations 2, 5 and 9; records, tree, history are equal."""
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    for home in (whole, killed):
+        home.mkdir()
+    undisturbed = start(whole, *SLOW)
+    records = killed / "runs/default/baseline-seed0-gp.generations=12-gp.population=8"
+    for generations in (2, 5, 9):
+        process = start(killed, *SLOW)
+        wait_until(lambda: lines(records / "generations.jsonl") >= generations, process)  # noqa: B023 -- called at once
+        kill_group(process)
+    assert not (records / "summary.json").exists()
+    code, said = finish(start(killed, *SLOW))
+    assert code == 0, said
+    assert finish(undisturbed)[0] == 0
+    same_run(whole, killed, f"default/{records.name}")
+
+
+@pytest.mark.slow
+def test_a_run_killed_at_twenty_random_moments_ends_like_one_that_was_not(tmp_path: Path) -> None:
+    """Real episodes in a pool; moments from start-up to the sending of records."""
+    words = (
+        "supervisor=expert",
+        "gp.population=12",
+        "gp.generations=41",
+        "evaluator.policy.workers=2",
+        "progress=off",
+        "name=k",
+    )
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    for home in (whole, killed):
+        home.mkdir()
+    assert finish(start(whole, *words), 600)[0] == 0
+    name = next(path.name for path in (whole / "runs/k").iterdir() if path.is_dir())
+    moments, kills = random.Random(20), 0
+    records = killed / "runs/k" / name / "generations.jsonl"
+    while kills < 20:
+        process = start(killed, *words)
+        target = lines(records) + moments.choice((0, 1, 1, 2, 3))
+        wait_until(lambda: lines(records) >= target, process)  # noqa: B023 -- called at once
+        time.sleep(moments.uniform(0, 0.4) if moments.random() < 0.8 else moments.uniform(1, 4))
+        if process.poll() is not None and kills < 20:
+            break
+        kill_group(process)
+        kills += 1
+    code, said = finish(start(killed, *words), 600)
+    assert code == 0, said
+    same_run(whole, killed, f"k/{name}")
+
+
+def test_workers_end_when_their_run_is_killed(tmp_path: Path) -> None:
+    """`kill -9` of the run's process alone leaves no worker behind."""
+    process = start(
+        tmp_path, "experiment=smoke", "tracking=off", "evaluator.policy.workers=2", "progress=plain"
+    )
+    wait_until(lambda: any(tmp_path.rglob("checkpoint.json")), process)
+    assert len(group_members(process.pid)) > 2
+    process.kill()
+    process.communicate()
+    end = time.monotonic() + 20
+    while (left := group_members(process.pid)) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert left == []
+
+
+def test_ctrl_c_stops_a_run_and_the_same_command_finishes_it(tmp_path: Path) -> None:
+    """Exit code 130, no process left, run KILLED; then FINISHED, in the same MLflow run."""
+    process = start(tmp_path, *SLOW)
+    wait_until(lambda: any(tmp_path.rglob("checkpoint.json")), process)
+    process.send_signal(signal.SIGINT)
+    code, said = finish(process)
+    assert code == 130, said
+    assert "Traceback" not in said
+    assert group_members(process.pid) == []
+    (stopped,) = tracked(store(tmp_path))
+    assert stopped.status == "KILLED"
+    code, said = finish(start(tmp_path, *SLOW))
+    assert code == 0, said
+    (finished,) = tracked(store(tmp_path))
+    assert (finished.id, finished.status) == (stopped.id, "FINISHED")
+    assert finished.points["fitness/max"][0][0] == 0
+    assert [step for step, _ in finished.points["fitness/max"]] == list(range(12))
+
+
+def test_sigterm_stops_a_run_as_ctrl_c_does(tmp_path: Path) -> None:
+    """A cluster's way of ending a job leaves the run KILLED, not RUNNING."""
+    process = start(tmp_path, *SLOW, "tracking=off")
+    wait_until(lambda: any(tmp_path.rglob("checkpoint.json")), process)
+    process.terminate()
+    code, said = finish(process)
+    assert code == 130, said
+    assert "the same command goes on from here" in said
+
+
+def test_ctrl_c_stops_a_joblib_sweep_and_the_same_command_finishes_it(tmp_path: Path) -> None:
+    """No process left, nothing RUNNING, exit code 130; then all jobs and the parent FINISHED."""
+    words = (*SLOW, "hydra/launcher=local", "hydra.launcher.n_jobs=2", "seed=range(3)", "-m")
+    process = start(tmp_path, *words)
+    wait_until(lambda: any(tmp_path.rglob("checkpoint.json")), process)
+
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+    code, said = finish(process)
+    assert code == 130, said
+    assert group_members(process.pid) == []
+    found = tracked(store(tmp_path))
+    assert found
+    assert {run.status for run in found} == {"KILLED"}
+    code, said = finish(start(tmp_path, *words))
+    assert code == 0, said
+    found = tracked(store(tmp_path))
+    assert sorted(run.status for run in found) == ["FINISHED"] * 4
+    (parent,) = (run for run in found if run.parent is None)
+    assert {run.parent for run in found if run is not parent} == {parent.id}

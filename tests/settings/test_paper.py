@@ -1,0 +1,154 @@
+"""Every number that the paper states stands in `conf/`, under the key that docs/paper.md names."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.composed import plain
+
+BAND = [{"below": 15, "points": 800}, {"below": 25, "points": 400}, {"below": 45, "points": 200}]
+
+PAPER: list[tuple[str, str, Any]] = [
+    # where the paper says it, the key, the value
+    ("2.2.2", "world.side", 300),
+    ("2.2.2", "world.start", [150, 150]),
+    ("2.2.2", "world.robot.capacity", 30),
+    ("2.2.2", "world.robot.battery_start", 70),
+    ("2.2.3", "world.robot.perception", 15),
+    ("Table 3", "world.robot.patrol_segment", 20),
+    ("2.2.2", "world.episode.length", 420),
+    ("2.2.2", "world.episode.stagnation", 120),
+    ("2.2.2", "world.episode.stagnation_low_battery", 180),
+    ("2.2.2", "world.episode.low_battery", 40),
+    ("2.2.2", "world.episode.negative", 60),
+    ("2.2.3", "gp.max_depth", 8),
+    ("2.2.3", "gp.max_nodes", 50),
+    ("2.3", "gp.population", 30),
+    ("2.3", "gp.tournament", 3),
+    ("2.3", "gp.crossover_rate", 0.8),
+    ("2.3.1", "gp.generations", 41),
+    ("2.4.3", "gp.mutate_elites", True),
+    ("2.3.1", "curriculum.generations_per_epoch", 5),
+    ("Table 1", "allocation.per", 30),
+    ("Table 1", "allocation.elites", 2),
+    ("Table 1", "allocation.behavioural_elites", 5),
+    ("Table 1", "allocation.resurrected", 2),
+    ("Table 1", "allocation.diversity", [2, 4]),
+    ("Table 1", "allocation.tournament", [18, 25]),
+    ("Table 3", "rewards.pickup", {"base": 200, "per_item": 100}),
+    ("Table 3", "rewards.interaction", {"base": 360, "per_item": 45}),
+    ("Table 3", "rewards.delivery", {"base": 100, "per_item": 30}),
+    ("Table 3", "rewards.empty_delivery", -150),
+    ("Table 3", "rewards.charge", BAND),
+    ("Table 3", "rewards.charge_otherwise", 20),
+    ("Table 3", "rewards.shutdown", -3000),
+    ("Table 3", "rewards.patrol_segment", 13),
+    ("Table 3", "rewards.discovery", 10),
+    ("Table 3", "rewards.idle_second", -10),
+    ("Table 3", "rewards.idle_grace", 20),
+    ("Table 3", "rewards.collision", -500),
+    ("Table 3", "rewards.leftover", -20),
+    ("Table 4", "classes.tiers.excellent",
+     {"pickups": 4, "interactions": 2, "deliveries": 2, "gathered": 6, "fitness_above": 30000}),
+    ("Table 4", "classes.tiers.complete",
+     {"pickups": 2, "interactions": 1, "deliveries": 1, "charges": 1}),
+    ("Table 4", "classes.tiers.full_service",
+     {"pickups": 1, "interactions": 1, "deliveries": 1, "charges": 1}),
+    ("Table 4", "classes.tiers.balanced_elite", {"gathered_above": 8, "fitness_above": 15000}),
+    ("Table 8", "supervisor.policy.rates.early_exploration", [0.40, 0.50]),
+    ("Table 8", "supervisor.policy.rates.exploitation", [0.10, 0.20]),
+    ("Table 8", "supervisor.policy.rates.refinement", [0.15, 0.25]),
+    ("Table 8", "supervisor.policy.rates.balanced_optimization", [0.18, 0.28]),
+    ("Table 8", "supervisor.policy.rates.balanced_exploration", [0.30, 0.40]),
+    ("Table 8", "supervisor.policy.rates.aggressive_exploration", [0.35, 0.45]),
+    ("Table 8", "supervisor.policy.rates.crisis_intervention", [0.45, 0.50]),
+]  # fmt: skip
+
+TABLE_2 = [
+    # epochs, garbage, battery, humanoid, delivery, leftover
+    ([1, 2], 2.0, 1.0, 1.5, 1.0, 0.8),
+    ([3, 4], 1.8, 2.5, 1.5, 1.2, 1.0),
+    ([5, 6], 1.6, 2.0, 1.8, 2.5, 1.5),
+    ([7, 8], 1.5, 1.8, 2.0, 2.0, 2.0),
+]
+
+LLM: list[tuple[str, str, Any]] = [
+    ("2.4.5", "supervisor.policy.model", "claude-haiku-4-5-20251001"),
+    ("2.4.5", "supervisor.policy.max_tokens", 2048),
+    ("2.4.5", "supervisor.policy.temperature", 0.7),
+    ("2.4.5", "supervisor.policy.retry.attempts", 3),
+    ("2.4.5", "supervisor.policy.retry.deadline", 30),
+    ("2.4.6", "supervisor.policy.explore.depth", 4),
+    ("2.4.6", "supervisor.policy.explore.nodes", "8 to 10"),
+    ("2.4.6", "supervisor.policy.exploit.depth", 6),
+    ("2.4.6", "supervisor.policy.exploit.nodes", "25"),
+]
+
+
+def at(config: Any, key: str) -> Any:
+    """The value under a dotted key."""
+    for part in key.split("."):
+        config = config[part]
+    return config
+
+
+@pytest.mark.parametrize(("where", "key", "value"), PAPER)
+def test_numbers(where: str, key: str, value: object) -> None:
+    """The default configuration has the paper's number."""
+    assert at(plain(), key) == value, where
+
+
+def test_table_2() -> None:
+    """The multipliers of the four stages."""
+    found = [
+        (stage["epochs"], *stage["multipliers"].values())
+        for stage in plain()["curriculum"]["stages"]
+    ]
+    assert list(plain()["curriculum"]["stages"][0]["multipliers"]) == [
+        "garbage", "battery", "humanoid", "delivery", "leftover",
+    ]  # fmt: skip
+    assert found == TABLE_2
+
+
+@pytest.mark.parametrize(("where", "key", "value"), LLM)
+def test_llm_numbers(where: str, key: str, value: object) -> None:
+    """`supervisor=llm` has the paper's model, limits and sizes."""
+    assert at(plain("supervisor=llm"), key) == value, where
+
+
+def test_docs_name_the_keys() -> None:
+    """docs/paper.md names the key of each of the paper's numbers."""
+    text = (Path(__file__).parents[2] / "docs" / "paper.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`([a-z_.]+)`", text))
+    missing = [
+        key
+        for _, key, _ in PAPER + LLM
+        if not any(key == name or key.startswith(f"{name}.") for name in named)
+    ]
+    assert missing == []
+
+
+def test_docs_name_keys_that_exist() -> None:
+    """Each dotted key that docs/paper.md names stands in some configuration."""
+    text = (Path(__file__).parents[2] / "docs" / "paper.md").read_text(encoding="utf-8")
+    default, llm = plain(), plain("supervisor=llm")
+    groups = {key for key in default if isinstance(default[key], dict)}
+    named = {
+        name for name in re.findall(r"`([a-z_]+\.[a-z_.]+)`", text) if name.split(".")[0] in groups
+    }
+    assert len(named) > 40
+
+    def exists(config: Any, key: str) -> bool:
+        try:
+            at(config, key)
+        except (KeyError, TypeError):
+            return False
+        return True
+
+    baseline = plain("supervisor=baseline")
+    absent = [k for k in sorted(named) if not any(exists(c, k) for c in (default, llm, baseline))]
+    assert absent == []

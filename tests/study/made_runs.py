@@ -1,0 +1,160 @@
+"""Finished runs made by hand, as values and as folders on disk."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from islandgp.evolution.record import (
+    Champion,
+    Cost,
+    GenerationRecord,
+    GuidanceRecord,
+    IndividualRecord,
+)
+from islandgp.study.arms import Arm, Run
+from islandgp.study.reading import flatten
+from tests.composed import plain
+from tests.made import snapshot
+
+TREE = "selector {\n  MoveToGarbage\n  PatrolWaypoint\n}\n"
+
+
+@cache
+def _config(supervisor: str) -> str:
+    return json.dumps(plain(f"supervisor={supervisor}"))
+
+
+def config(supervisor: str = "expert", seed: int = 0, **changes: Any) -> dict[str, Any]:
+    """A run's whole configuration; `changes` by dotted key with __ for the dots."""
+    found: dict[str, Any] = json.loads(_config(supervisor))
+    found["seed"] = seed
+    for key, value in changes.items():
+        *path, last = key.split("__")
+        at = found
+        for part in path:
+            at = at[part]
+        at[last] = value
+    return found
+
+
+def individual(
+    name: str, origin: str = "crossover", parents: Sequence[str] = (), **changes: Any
+) -> IndividualRecord:
+    """An individual that did nothing remarkable."""
+    found = IndividualRecord(
+        id=name,
+        origin=origin,
+        parents=tuple(parents),
+        mutation="",
+        tree=TREE,
+        nodes=3,
+        depth=2,
+        fitness=1000.0,
+        components=(1000.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        specialist="pickup",
+        tiers=(),
+        pickups=1.0,
+        interactions=0.0,
+        deliveries=0.0,
+        charges=0.0,
+        gathered=1.0,
+        endings=("time",),
+    )
+    return replace(found, **changes)
+
+
+def guidance(**changes: Any) -> GuidanceRecord:
+    """An answer that says nothing."""
+    found = GuidanceRecord(
+        asked_at=0,
+        source="made",
+        phase=None,
+        pattern=None,
+        target=None,
+        intervention=False,
+        wanted_rate=0.4,
+        crisis="",
+        applied_rate=0.4,
+        tree=None,
+        injected=False,
+        refused="",
+        risk="",
+        reasoning="",
+        rationale="",
+        notes={},
+    )
+    return replace(found, **changes)
+
+
+def made_run(
+    supervisor: str = "expert",
+    seed: int = 0,
+    *,
+    generations: int = 41,
+    best: Sequence[float] | float = 1000.0,
+    complete: int | None = None,
+    excellent: int | None = None,
+    populations: Sequence[Sequence[IndividualRecord]] | None = None,
+    guided: GuidanceRecord | None = None,
+    path: str = "",
+    **changes: Any,
+) -> Run:
+    """A run whose snapshots say what is asked for; `complete` is the first such generation."""
+    curve = [float(best)] * generations if isinstance(best, float | int) else list(best)
+    last = len(curve) - 1
+    records = tuple(
+        GenerationRecord(
+            snapshot=snapshot(
+                g,
+                best=fitness,
+                epoch=max(1, -(-g // 5)),
+                stage=min(3, (max(1, -(-g // 5)) - 1) // 2),
+                complete=int(complete is not None and g >= complete),
+                excellent=int(excellent is not None and g >= excellent),
+            ),
+            worlds=(1_000_000 + g,),
+            origins={"crossover": 1},
+            stagnant_generations=0,
+            individuals=tuple(populations[g])
+            if populations is not None
+            else (individual(f"{g}.0", fitness=fitness),),
+            guidance=None if g == last else guided or guidance(),
+        )
+        for g, fitness in enumerate(curve)
+    )
+    top = max(range(len(curve)), key=lambda g: curve[g])
+    whole = config(supervisor, seed, **changes)
+    return Run(
+        path=Path(path or f"runs/{whole['name']}/{supervisor}-seed{seed}"),
+        config=whole,
+        flat=flatten(whole),
+        records=records,
+        costs=(Cost(1.0, 0.5, 0.1, 30, 28),) * len(curve),
+        champion=Champion(top, max(records[top].individuals, key=lambda i: i.fitness)),
+    )
+
+
+def made_arm(name: str, runs: Sequence[Run], selection: str = "") -> Arm:
+    """An arm of runs."""
+    return Arm(name, selection or f"supervisor={name}", tuple(runs))
+
+
+def write_run(run: Run, folder: Path, *, finished: bool = True) -> None:
+    """The run's folder as `tracking.folder` writes it, as far as the study reads it."""
+    folder.mkdir(parents=True)
+    (folder / "config.yaml").write_text(yaml.safe_dump(dict(run.config), sort_keys=False))
+    _lines(folder / "generations.jsonl", [asdict(r) for r in run.records])
+    _lines(folder / "costs.jsonl", [{**asdict(c), "at": 1} for c in run.costs])
+    if finished:
+        (folder / "summary.json").write_text(json.dumps({"champion": asdict(run.champion)}))
+
+
+def _lines(file: Path, values: Sequence[Mapping[str, Any]]) -> None:
+    file.write_text("".join(json.dumps(v) + "\n" for v in values))

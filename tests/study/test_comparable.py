@@ -1,0 +1,108 @@
+"""Arms differ in what is studied, and in nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from islandgp.errors import StudyError
+from islandgp.study.arms import Arm, paired
+from islandgp.study.comparable import compare_arms
+from tests.study.made_runs import made_arm, made_run
+
+
+def _arm(name: str, seeds: range, selection: str = "", **changes: Any) -> Arm:
+    supervisor = name if name in ("expert", "baseline", "fixed") else "expert"
+    runs = [made_run(supervisor, s, generations=3, path=f"{name}-{s}", **changes) for s in seeds]
+    return made_arm(name, runs, selection)
+
+
+def test_supervisors_may_differ() -> None:
+    """Two supervisors on the same seeds are comparable and come in pairs."""
+    study = compare_arms([_arm("expert", range(3)), _arm("baseline", range(3))])
+    assert study.doubts == ()
+    assert paired(*study.pairs[0])
+    assert any("supervisor.name: expert expert, baseline baseline" in n for n in study.notes)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("world__humanoids__count", 3),
+        ("rewards__leftover", -1),
+        ("classes__dominance_ratio", 3.0),
+        ("gp__generations", 12),
+        ("gp__mutate_elites", False),
+        ("allocation__elites", 1),
+    ],
+)
+def test_another_world_budget_or_gp_is_refused(key: str, value: Any) -> None:
+    """Each such difference is named; --force takes it into the report instead."""
+    arms = [_arm("expert", range(2)), _arm("baseline", range(2), **{key: value})]
+    dotted = key.replace("__", ".")
+    with pytest.raises(StudyError, match=f"{dotted} differs: expert .*, baseline {value}"):
+        compare_arms(arms)
+    assert any(dotted in doubt for doubt in compare_arms(arms, force=True).doubts)
+
+
+def test_what_both_selections_name_is_what_is_studied() -> None:
+    """gp.mutate_elites may differ where every arm asks for its value; the world may not."""
+    arms = [
+        _arm("a", range(2), "gp.mutate_elites=true", gp__mutate_elites=True),
+        _arm("b", range(2), "gp.mutate_elites=false", gp__mutate_elites=False),
+    ]
+    study = compare_arms(arms)
+    assert study.notes == ("The arms differ in gp.mutate_elites: a True, b False.",)
+    half = [arms[0], replace(arms[1], selection="supervisor=expert")]
+    with pytest.raises(StudyError, match=r"gp\.mutate_elites differs"):
+        compare_arms(half)
+    worlds = [
+        _arm("a", range(2), "world.side=300"),
+        _arm("b", range(2), "world.side=200", world__side=200),
+    ]
+    with pytest.raises(StudyError, match=r"world\.side differs"):
+        compare_arms(worlds)
+
+
+def test_other_seeds_are_refused() -> None:
+    """Arms on other seeds met other worlds."""
+    arms = [_arm("expert", range(3)), _arm("baseline", range(1, 4))]
+    with pytest.raises(StudyError, match="seeds differ: expert 0-2; baseline 1-3"):
+        compare_arms(arms)
+    assert not paired(*compare_arms(arms, force=True).pairs[0])
+
+
+def test_an_arm_is_of_one_kind() -> None:
+    """Runs of two configurations, or two runs of one seed, are no arm."""
+    mixed = made_arm(
+        "expert",
+        [made_run(seed=0, path="a"), made_run(seed=1, path="b", gp__tournament=2)],
+    )
+    with pytest.raises(StudyError, match=r"within expert: gp\.tournament is 2 and 3"):
+        compare_arms([mixed, _arm("baseline", range(2))])
+    twice = made_arm("expert", [made_run(seed=0, path="a"), made_run(seed=0, path="b")])
+    with pytest.raises(StudyError, match="seeds 0 are there more than once"):
+        compare_arms([twice, _arm("baseline", range(1))])
+
+
+def test_one_arm_or_one_name_twice_is_no_comparison() -> None:
+    """Two arms at least, of different names, without common runs."""
+    arm = _arm("expert", range(2))
+    with pytest.raises(StudyError, match="two or more arms, found 1"):
+        compare_arms([arm])
+    with pytest.raises(StudyError, match="expert 2 times"):
+        compare_arms([arm, arm])
+    with pytest.raises(StudyError, match="each run in one arm"):
+        compare_arms([arm, made_arm("other", arm.runs)])
+
+
+def test_three_arms_make_three_pairs() -> None:
+    """All pairs, in the order in which the arms were given."""
+    study = compare_arms([_arm(n, range(2)) for n in ("expert", "baseline", "fixed")])
+    assert [(a.name, b.name) for a, b in study.pairs] == [
+        ("expert", "baseline"),
+        ("expert", "fixed"),
+        ("baseline", "fixed"),
+    ]

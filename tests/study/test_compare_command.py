@@ -1,0 +1,122 @@
+"""`islandgp compare` as a user meets it, on real runs; the commands are those of docs/study.md."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from islandgp import app
+from islandgp.commands.compare_command import command
+from islandgp.errors import StudyError
+from islandgp.study.reading import find
+from tests.composed import plain
+
+DOCS = Path(__file__).parents[2] / "docs" / "study.md"
+
+
+def _documented(start: str) -> list[list[str]]:
+    lines = [line.strip() for line in DOCS.read_text().splitlines() if line.startswith("    ")]
+    return [shlex.split(line) for line in lines if line.startswith(start)]
+
+
+SWEEP, STUDY_SWEEP = _documented("python -m islandgp")
+SMALL, THREE, STUDY = _documented("islandgp compare")
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which the documented sweep has run, with fewer and shorter episodes."""
+    folder = tmp_path_factory.mktemp("home")
+    small = ["evaluator=serial", "gp.population=6", "gp.tournament=2", "world.episode.length=10"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert app.main([*small, *SWEEP[3:]]) == 0
+    return folder
+
+
+def _compare(home: Path, words: list[str], monkeypatch: pytest.MonkeyPatch) -> Result:
+    monkeypatch.chdir(home)
+    return CliRunner().invoke(command, words)
+
+
+def test_the_documented_comparison(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two arms of a real sweep become a page with the champions on unseen worlds."""
+    found = _compare(home, [*SMALL[2:], "--worlds", "2", "--workers", "1"], monkeypatch)
+    assert found.exit_code == 0, found.output
+    assert "Complete Robots come earlier" in found.output
+    page = (home / "study" / "expert-baseline" / "index.html").read_text()
+    assert "Champions on 2 unseen worlds" in page
+    assert "4" in page
+
+
+def test_the_documented_three_arms(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three arms on different seeds need --force, and the page says so."""
+    refused = _compare(home, [word for word in THREE[2:] if word != "--force"], monkeypatch)
+    assert isinstance(refused.exception, StudyError)
+    assert "seeds differ: expert 0-3; low 0-1; high 2-3" in str(refused.exception)
+    assert not (home / "study" / "three").exists()
+    assert _compare(home, THREE[2:], monkeypatch).exit_code == 0
+    assert "not comparable" in (home / "study" / "three" / "index.html").read_text()
+
+
+def test_an_empty_selection_lists_the_runs(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A user who asks for what is not there reads what is."""
+    words = ["--arm", "a=supervisor=llm", "--arm", "b=supervisor=baseline"]
+    error = _compare(home, words, monkeypatch).exception
+    assert isinstance(error, StudyError)
+    assert "name=smoke supervisor=expert: 4 runs, seeds 0-3" in str(error)
+
+
+def test_an_unreachable_store_costs_no_report(
+    home: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The files are written whatever becomes of MLflow, and the user is told."""
+    (tmp_path / "wall").write_text("no folder")
+    words = [w for w in SMALL[2:] if w != "--no-mlflow"]
+    words += ["--worlds", "0", "-o", str(tmp_path / "out")]
+    words += ["--uri", f"sqlite:///{tmp_path / 'wall' / 'mlflow.db'}"]
+    found = _compare(home, words, monkeypatch)
+    assert found.exit_code == 0
+    assert "has not got the report" in found.output
+    assert (tmp_path / "out" / "index.html").exists()
+
+
+def test_the_study_s_commands_fit_together() -> None:
+    """The sweep composes with the paper's numbers, and the comparison reads its name."""
+    config = plain("experiment=study")
+    assert (config["gp"]["population"], config["gp"]["generations"]) == (30, 41)
+    assert config["name"] == STUDY[STUDY.index("--name") + 1]
+    assert "seed=range(1000,1030)" in STUDY_SWEEP
+    assert "supervisor=baseline,expert" in STUDY_SWEEP
+
+
+@pytest.mark.slow
+def test_a_comparison_lives_in_mlflow(
+    home: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Runs are fetched by a filter string, and the report becomes a run with its files."""
+    from islandgp.tracking.store import MLflowSettings, Place, Store
+    from islandgp.tracking.sync import sync
+
+    uri = f"sqlite:///{tmp_path / 'mlflow.db'}"
+    artifacts = str(tmp_path / "artifacts")
+    settings = MLflowSettings(uri=uri, artifacts=artifacts, experiment="islandgp", patience=0)
+    place = Place.of(settings, tmp_path)
+    sync(home / "runs", place)
+    assert len(find(home / "runs")) == 8
+    words = ["--uri", uri, "--worlds", "0", "-o", str(tmp_path / "out")]
+    for name in ("expert", "baseline"):
+        words += ["--arm", f"{name}=mlflow:params.`supervisor.name` = '{name}'"]
+    found = _compare(home, words, monkeypatch)
+    assert found.exit_code == 0, (found.output, found.exception)
+    store = Store(place)
+    (kept,) = store.client.search_runs([store.experiment], "tags.kind = 'comparison'")
+    assert "p_bh/first_complete" in kept.data.metrics
+    names = {f.path for f in store.client.list_artifacts(kept.info.run_id)}
+    assert {"index.html", "report.md", "figures", "tables", "runs.csv"} <= names
+    wrong = _compare(home, ["--uri", uri, *words[-4:-1], "a=mlflow:nonsense !"], monkeypatch)
+    assert isinstance(wrong.exception, StudyError)
+    assert "Expected an MLflow filter" in str(wrong.exception)

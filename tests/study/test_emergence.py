@@ -1,0 +1,71 @@
+"""First emergence, and runs in which it never came."""
+
+from __future__ import annotations
+
+from islandgp.scoring.classify import Tier
+from islandgp.study.emergence import first, ranks, reduction, still_without, summary
+from islandgp.study.findings import examine
+from islandgp.study.measures import TABLE_11
+from islandgp.study.statistics import SIGN
+from islandgp.study.tables.emergence import when
+from tests.study.made_runs import made_run
+
+
+def test_first_is_a_generation_or_never() -> None:
+    """The first generation with an individual of the tier; None when there is none."""
+    run = made_run(complete=7)
+    assert first(run, Tier.COMPLETE) == 7
+    assert first(run, Tier.EXCELLENT) is None
+    assert first(made_run(complete=0), Tier.COMPLETE) == 0
+
+
+def test_a_censored_arm_gets_no_mean() -> None:
+    """With a run without one there is no mean; the median stands while half the runs got there."""
+    found = summary([3, None, 5], 41)
+    assert (found.mean, found.sd) == (None, None)
+    assert found.median == 5
+    assert summary([3, None, None], 41).median is None
+    assert summary([3, 5, None, None], 41).median is None
+
+
+def test_a_censored_run_counts_with_the_generations_it_was_watched() -> None:
+    """First in generation 3 means three generations without one; never means all of them."""
+    assert summary([3, None], 41).watched == (3 + 41) / 2
+
+
+def test_reduction_says_what_it_compares() -> None:
+    """Means when all got there, medians when the half did, else generations without one."""
+    full, half, none = summary([5, 5], 41), summary([10, 20, None], 41), summary([None] * 2, 41)
+    assert reduction(full, summary([10, 10], 41)) == (0.5, "means")
+    assert reduction(full, half) == (0.75, "medians")
+    assert reduction(full, none) == (1 - 5 / 41, "generations without one")
+    assert reduction(none, none) is None
+
+
+def test_never_ranks_after_the_last_generation() -> None:
+    """For the rank test a run without one is later than one in the last generation."""
+    assert ranks([40, None], 41) == [40.0, 41.0]
+
+
+def test_censored_runs_are_tested_and_not_dropped() -> None:
+    """All runs enter the rank test, the log-rank test and the sign test."""
+    f = examine(TABLE_11[0], ("a", "b"), ((1, 2, 3), (4, None, None)), 41, in_pairs=True)
+    assert f.censored
+    assert f.rank.n == (3, 3)
+    assert f.rank.u == 0
+    assert f.paired is not None
+    assert (f.paired.kind, f.paired.lower) == (SIGN, 3)
+    assert f.log_rank is not None
+    assert f.log_rank < 0.1
+
+
+def test_curve_of_runs_without_one() -> None:
+    """The share falls in the generation of the first one, and stays where it never came."""
+    assert still_without([1, None], 3) == [1.0, 0.5, 0.5]
+
+
+def test_a_cell_says_how_many_runs_got_there() -> None:
+    """A table's cell gives mean, SD and median, or the median and how many runs it rests on."""
+    assert when(summary([6, 8, 5, 5, 15], 41)) == "7.8 ± 4.2, median 6.0"
+    assert when(summary([3, None, 5], 41)) == "median 5.0, 2 of 3 runs"
+    assert when(summary([None, None], 41)) == "median not reached, 0 of 2 runs"

@@ -1,0 +1,78 @@
+"""Champions on unseen worlds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from islandgp.evaluation.base import Job, Setting
+from islandgp.scoring.outcome import Outcome
+from islandgp.study.comparable import compare_arms
+from islandgp.study.generalise import generalise, unseen_worlds
+from tests.made import outcome
+from tests.study.made_runs import TREE, made_arm, made_run
+
+
+class Recorder:
+    """An evaluator that gives the world's number as fitness and keeps what it was asked."""
+
+    simulated = 0
+
+    def __init__(self, setting: Setting) -> None:
+        self.setting = setting
+        self.jobs: list[Job] = []
+        self.closed = False
+
+    def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
+        """See `Evaluator`."""
+        self.jobs += jobs
+        return [
+            outcome(fitness=float(j.seed), pickups=2, interactions=1, deliveries=1, charges=j.seed)
+            for j in jobs
+        ]
+
+    def close(self) -> None:
+        """See `Evaluator`."""
+        self.closed = True
+
+
+def _study():  # type: ignore[no-untyped-def] # a Comparison
+    arms = [
+        made_arm(name, [made_run(name, s, generations=2) for s in (0, 1)])
+        for name in ("expert", "baseline")
+    ]
+    return compare_arms(arms)
+
+
+def test_every_champion_meets_the_same_unseen_worlds_in_the_last_stage() -> None:
+    """One summary a run and one for the yardstick; equal trees are simulated once."""
+    made: list[Recorder] = []
+
+    def make(setting: Setting) -> Recorder:
+        made.append(Recorder(setting))
+        return made[0]
+
+    found = generalise(_study(), make, worlds=3, yardstick="PatrolWaypoint\n")
+    assert [(g.arm, g.seed) for g in found] == [
+        ("expert", 0),
+        ("expert", 1),
+        ("baseline", 0),
+        ("baseline", 1),
+        ("hand-written", None),
+    ]
+    jobs = made[0].jobs
+    assert {j.tree for j in jobs} == {TREE, "PatrolWaypoint\n"}
+    assert len(jobs) == 2 * 3
+    assert {j.stage for j in jobs} == {3}
+    assert made[0].closed
+    assert (found[0].unseen, found[0].worst, found[0].complete) == (1.0, 0.0, 2 / 3)
+
+
+def test_worlds_of_runs_are_passed_over() -> None:
+    """A world that any run of the study used is not unseen."""
+    study = _study()
+    assert unseen_worlds(study, 3) == (0, 1, 2)
+    arm = study.arms[1]
+    record = replace(arm.runs[0].records[0], worlds=(1,))
+    met = replace(arm, runs=(replace(arm.runs[0], records=(record,)), arm.runs[1]))
+    assert unseen_worlds(replace(study, arms=(study.arms[0], met)), 3) == (0, 2, 3)

@@ -1,0 +1,96 @@
+"""Newcomers and their descendants, on a family tree laid out by hand."""
+
+from __future__ import annotations
+
+import pytest
+
+from islandgp.evolution.population import Origin
+from islandgp.scoring.classify import Tier
+from islandgp.study.lineage import (
+    Newcomer,
+    Source,
+    alive,
+    elite_share,
+    median_life,
+    newcomers,
+    source_of_first,
+)
+from tests.study.made_runs import individual, made_run
+
+# 0.0 and 0.1 are the initial population. 1.1 is injected, 2.1 random.
+# 2.0 descends from 1.1, and 3.0 from 2.0; 2.1 has no children.
+POPULATIONS = [
+    [individual("0.0", "random"), individual("0.1", "random")],
+    [individual("1.0", "crossover", ["0.0", "0.1"]), individual("1.1", "injected")],
+    [individual("2.0", "crossover", ["1.0", "1.1"]), individual("2.1", "random")],
+    [
+        individual("3.0", "elite", ["2.0"], fitness=9.0),
+        individual("3.1", "copy", ["1.0"], fitness=5.0),
+    ],
+]
+
+
+def test_survival_and_descendants() -> None:
+    """The injected tree lives two generations in two descendants; the random one has none."""
+    injected, random = newcomers(made_run(best=[1.0] * 4, populations=POPULATIONS))
+    assert (injected.origin, injected.generation) == (Origin.INJECTED, 1)
+    assert (injected.lived, injected.watched, injected.descendants) == (2, 2, 2)
+    assert (random.origin, random.lived, random.descendants) == (Origin.RANDOM, 0, 0)
+
+
+def test_initial_individuals_are_no_newcomers() -> None:
+    """Only trees that came later count: the initial population has no rivals to survive."""
+    assert {n.generation for n in newcomers(made_run(best=[1.0] * 4, populations=POPULATIONS))} == {
+        1,
+        2,
+    }
+
+
+def test_share_of_the_final_elite() -> None:
+    """The best of the last generation descends from the injected tree, not from the random one."""
+    run = made_run(best=[1.0] * 4, populations=POPULATIONS)
+    assert elite_share(run, Origin.INJECTED) == 1.0
+    assert elite_share(run, Origin.RANDOM) == 0.0
+
+
+def test_a_line_that_comes_back_has_lived_on() -> None:
+    """A resurrected ancestor's line counts until its last descendant."""
+    populations = [
+        [individual("0.0", "random")],
+        [individual("1.0", "injected")],
+        [individual("2.0", "random")],
+        [individual("3.0", "resurrected", ["1.0"])],
+    ]
+    injected = newcomers(made_run(best=[1.0] * 4, populations=populations))[0]
+    assert (injected.lived, injected.descendants) == (2, 1)
+
+
+def _newcomer(lived: int, watched: int) -> Newcomer:
+    return Newcomer("1.0", Origin.INJECTED, 1, 0.0, lived, watched, lived)
+
+
+def test_kaplan_meier_by_hand() -> None:
+    """Lives 0 and 2 of three ended, the third was cut off at 1: 1, 2/3, 2/3, 0."""
+    found = [_newcomer(0, 9), _newcomer(2, 9), _newcomer(1, 1)]
+    assert alive(found, 4) == pytest.approx([1, 2 / 3, 2 / 3, 0])
+    assert median_life(found, 4) == 3
+    assert median_life([_newcomer(1, 1)], 4) is None
+
+
+@pytest.mark.parametrize(
+    ("origin", "mutation", "parents", "source"),
+    [
+        ("injected", "", [], Source.INJECTED),
+        ("injected", "swap", [], Source.MUTATED),
+        ("crossover", "", ["1.1"], Source.DESCENDANT),
+        ("crossover", "", ["1.0"], Source.OWN),
+    ],
+)
+def test_where_the_first_one_came_from(
+    origin: str, mutation: str, parents: list[str], source: Source
+) -> None:
+    """Given as it was, given and mutated, descended, or found without any injected tree."""
+    first = individual("2.0", origin, parents, mutation=mutation, tiers=("complete",))
+    run = made_run(best=[1.0] * 3, populations=[POPULATIONS[0], POPULATIONS[1], [first]])
+    assert source_of_first(run, Tier.COMPLETE) is source
+    assert source_of_first(run, Tier.EXCELLENT) is Source.NEVER

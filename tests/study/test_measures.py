@@ -1,0 +1,32 @@
+"""What a run is measured by."""
+
+from __future__ import annotations
+
+import pytest
+
+from islandgp.study.measures import FAMILY, PHASES, TABLE_9, TABLE_10
+from tests.study.made_runs import made_run
+
+
+def test_table_9_by_hand() -> None:
+    """Highest ever, highest of the last generation, mean of the highest, last mean."""
+    run = made_run(best=[1.0, 5.0, 3.0])
+    assert [m.of(run) for m in TABLE_9] == [5.0, 3.0, 3.0, 100.0]
+
+
+def test_table_10_by_hand() -> None:
+    """A stage's value is the mean of its generations' highest fitness."""
+    run = made_run(best=[float(g) for g in range(41)])
+    assert [m.of(run) for m in TABLE_10] == [5.0, 18.0, 33.0]
+
+
+@pytest.mark.parametrize("n", [3, 6, 16, 41, 100])
+def test_stages_cover_a_run_of_any_length(n: int) -> None:
+    """Each generation belongs to one stage, in order."""
+    assert [g for phase in PHASES for g in phase.generations(n)] == list(range(n))
+
+
+def test_the_family_is_the_paper_s_nine() -> None:
+    """Four of Table 9, three of Table 10, two emergences."""
+    assert len(FAMILY) == 9
+    assert len({m.key for m in FAMILY}) == 9

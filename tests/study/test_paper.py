@@ -1,0 +1,95 @@
+"""The paper's own numbers, through the code that compares runs."""
+
+from __future__ import annotations
+
+import pytest
+
+from islandgp.study import paper
+from islandgp.study.emergence import reduction, summary
+from islandgp.study.findings import Finding, adjust, examine
+from islandgp.study.measures import FAMILY, PHASES
+from islandgp.study.statistics import ASYMPTOTIC, EXACT
+from tests.study.test_statistics import _samples_with
+
+U = {"max_ever": 12, "final_max": 8, "mean_max": 21, "final_mean": 1}
+"""As Table 9 prints it; Table 10 prints r, from which U = 25 (1 - r) / 2 follows."""
+
+
+@pytest.fixture(scope="module")
+def findings() -> dict[str, Finding]:
+    """The paper's nine comparisons: Table 11 itself, the others as samples with their U."""
+    found = []
+    for measure in FAMILY:
+        if measure.key in paper.TABLE_11:
+            samples = paper.TABLE_11[measure.key]
+        else:
+            row = {**paper.TABLE_9, **paper.TABLE_10}[measure.key]
+            u = U.get(measure.key, round(25 * (1 - row.r) / 2))
+            a, b = _samples_with(u)
+            samples = (tuple(a), tuple(b))  # type: ignore[assignment] # numbers either way
+        found.append(examine(measure, ("proposed", "baseline"), samples, 41, in_pairs=False))
+    return {f.measure.key: f for f in adjust(found)}
+
+
+def test_complete_robots_come_71_7_percent_earlier(findings: dict[str, Finding]) -> None:
+    """Table 11, Complete: means 7.8 and 27.6, r = 1, asymptotic p = 0.0119, p BH = 0.0357."""
+    f = findings["first_complete"]
+    a, b = (summary(sample, 41) for sample in f.samples)
+    assert (a.mean, b.mean) == (pytest.approx(7.8), pytest.approx(27.6))
+    assert reduction(a, b) == (pytest.approx(0.717, abs=5e-4), "means")
+    assert f.rank.kind == ASYMPTOTIC
+    assert f.rank.r == 1.0
+    assert round(f.rank.p, 4) == 0.0119
+    assert round(f.rank_q, 4) == 0.0357
+
+
+def test_excellent_robots_come_65_2_percent_earlier(findings: dict[str, Finding]) -> None:
+    """Table 11, Excellent: means 9.6 and 27.6, r = 0.96."""
+    f = findings["first_excellent"]
+    a, b = (summary(sample, 41) for sample in f.samples)
+    assert (a.mean, b.mean) == (pytest.approx(9.6), pytest.approx(27.6))
+    assert reduction(a, b) == (pytest.approx(0.652, abs=5e-4), "means")
+    assert f.rank.r == pytest.approx(0.96)
+
+
+@pytest.mark.parametrize("key", [m.key for m in FAMILY if m.key not in paper.TABLE_11])
+def test_tables_9_and_10_come_out_as_printed(key: str, findings: dict[str, Finding]) -> None:
+    """Exact p, p after Benjamini and Hochberg over the family of nine, and r: to the last digit."""
+    f, row = findings[key], {**paper.TABLE_9, **paper.TABLE_10}[key]
+    assert f.rank.kind == EXACT
+    assert round(f.rank.p, 3) == row.p
+    assert round(f.rank_q, 3) == row.p_bh
+    assert round(f.rank.r, 2) == row.r
+
+
+def test_rounding_explains_the_printed_0_0358() -> None:
+    """The paper's 0.0358 is what the ninefold family gives when p = 0.01587 is cut to 0.0159."""
+    assert round(0.0159 * 9 / 4, 4) == 0.0358
+    assert paper.EMERGENCE["first_complete"][1] == 0.0358
+
+
+def test_the_paper_s_stages_begin_with_the_initial_population() -> None:
+    """Table 9's Mean Max Fitness is Table 10's stages weighted 11 : 15 : 15, not 10 : 15 : 16.
+
+    So its "generations 1-10, 11-25, 26-41" are 0-10, 11-25 and 26-40.
+    """
+    sizes = [len(phase.generations(41)) for phase in PHASES]
+    assert sizes == [11, 15, 15]
+    for arm in ("proposed", "baseline"):
+        stages = [getattr(row, arm)[0] for row in paper.TABLE_10.values()]
+        whole = getattr(paper.TABLE_9["mean_max"], arm)[0]
+
+        def off(weights: list[int], stages: list[float] = stages, whole: float = whole) -> float:
+            return abs(sum(w * s for w, s in zip(weights, stages, strict=True)) / 41 / whole - 1)
+
+        assert off(sizes) < 0.0012
+        assert off([10, 15, 16]) > 0.004
+
+
+def test_differences_are_those_that_the_paper_prints() -> None:
+    """Tables 10 and 12: the printed differences follow from the printed means."""
+    for key, printed in (("stage_early", 0.184), ("stage_mid", 0.402), ("stage_late", 0.002)):
+        row = paper.TABLE_10[key]
+        assert row.proposed[0] / row.baseline[0] - 1 == pytest.approx(printed, abs=6e-4)
+    for ours, base, printed in paper.TABLE_12.values():
+        assert ours / base - 1 == pytest.approx(printed, abs=1e-3)

@@ -1,0 +1,174 @@
+"""The whole report, on runs made by hand."""
+
+from __future__ import annotations
+
+import csv
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from islandgp.study.arms import Comparison
+from islandgp.study.building import build
+from islandgp.study.comparable import compare_arms
+from islandgp.study.generalise import Generalisation
+from islandgp.study.page import to_page
+from islandgp.study.report import Report
+from islandgp.study.writing import write
+from tests.study.made_runs import TREE, guidance, individual, made_arm, made_run
+
+
+def _study(*names: str, force: bool = False) -> Comparison:
+    arms = []
+    for k, name in enumerate(names):
+        runs = []
+        for seed in range(4):
+            rng = np.random.default_rng([k, seed])
+            best = (10_000 * (2 - k) + 500 * rng.normal(size=41).cumsum()).tolist()
+            guided = guidance(
+                pattern="healthy_progress" if name == "expert" else None,
+                phase="refinement" if name == "expert" else None,
+                tree=TREE,
+                target="pickup",
+                injected=name == "expert",
+            )
+            populations = [
+                [
+                    individual(f"{g}.0", "elite", [f"{g - 1}.0"] if g else [], fitness=best[g]),
+                    individual(f"{g}.1", "injected" if name == "expert" else "random"),
+                ]
+                for g in range(41)
+            ]
+            late = None if name == "baseline" and seed == 3 else 5 + 10 * k + seed
+            runs.append(
+                made_run(
+                    name,
+                    seed,
+                    best=best,
+                    complete=late,
+                    excellent=None if name == "baseline" else 20 + seed,
+                    populations=populations,
+                    guided=guided,
+                    world__side=200 if force and name == "baseline" else 300,
+                )
+            )
+        arms.append(made_arm(name, runs))
+    return compare_arms(arms, force=force)
+
+
+UNSEEN = (
+    *(
+        Generalisation(arm, seed, 20_000.0 + seed, 15_000.0 + 10 * seed, 9_000.0, 0.5, 0.1)
+        for arm in ("expert", "baseline")
+        for seed in range(4)
+    ),
+    Generalisation("hand-written", None, None, 20_000.0, 9_000.0, 1.0, 0.5),
+)
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Report, Path]:
+    """A report of two arms with a censored run, and its folder."""
+    study = _study("expert", "baseline")
+    report = build(study, UNSEEN, 30)
+    folder = tmp_path_factory.mktemp("report")
+    write(report, study, folder)
+    return report, folder
+
+
+def test_every_table_and_figure_of_the_paper_is_there(written: tuple[Report, Path]) -> None:
+    """Tables 9-14, Figures 4-10, and those beyond the paper."""
+    report, _ = written
+    tables, pictures = {t.key for t in report.tables}, {p.key for p in report.pictures}
+    assert {f"table-{n}" for n in range(9, 15)} | {"table-11-runs"} <= tables
+    assert {"claims", "medians", "power", "lineage", "sources", "generalisation"} <= tables
+    assert {f"figure-{n}" for n in range(4, 11)} <= pictures
+    assert {"components", "classes", "diversity", "lineage", "emergence-curves"} <= pictures
+
+
+def test_files_of_the_report(written: tuple[Report, Path]) -> None:
+    """A page, Markdown, a CSV for each table, SVG and PNG for each figure."""
+    report, folder = written
+    assert all((folder / f"tables/{t.key}.csv").stat().st_size for t in report.tables)
+    for picture in report.pictures:
+        assert (folder / f"figures/{picture.key}.png").read_bytes().startswith(b"\x89PNG")
+        assert "<svg" in (folder / f"figures/{picture.key}.svg").read_text()
+    links = re.findall(r"\]\((figures/[^)]+)\)", (folder / "report.md").read_text())
+    assert sorted(links) == sorted(f"figures/{p.key}.png" for p in report.pictures)
+    assert all((folder / link).exists() for link in links)
+
+
+def test_the_page_needs_no_other_file(written: tuple[Report, Path]) -> None:
+    """Figures are inside; nothing is loaded from anywhere."""
+    page = (written[1] / "index.html").read_text()
+    sources = re.findall(r'(?:src|href)="([^"]*)"', page)
+    assert sources
+    assert all(s.startswith(("data:image/svg+xml;base64,", "#")) for s in sources)
+    assert "<script" not in page
+
+
+def test_the_paper_s_figures_are_marked(written: tuple[Report, Path]) -> None:
+    """Each table with the paper's figures says that they come from another simulator."""
+    for table in written[0].tables:
+        if any(column.startswith("paper*") for column in table.columns):
+            assert any("another simulator" in note for note in table.notes)
+
+
+def test_never_is_never_a_number(written: tuple[Report, Path]) -> None:
+    """The run without a Complete Robot is 'never' in Table 11 and empty in runs.csv."""
+    report, folder = written
+    table = next(t for t in report.tables if t.key == "table-11-runs")
+    assert table.rows[3][table.columns.index("baseline: complete")] == "never"
+    with (folder / "runs.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [r["first_complete"] for r in rows if r["arm"] == "baseline"] == ["15", "16", "17", ""]
+
+
+def test_exact_numbers_of_the_tests(written: tuple[Report, Path]) -> None:
+    """tests.csv has the nine of the family and the five further ones, with kinds."""
+    with (written[1] / "tests.csv").open() as file:
+        rows = {r["measure"]: r for r in csv.DictReader(file)}
+    assert len(rows) == 14
+    first = rows["first_complete"]
+    assert (first["U"], first["kind"], first["censored_second"]) == ("0.0", "exact", "1")
+    assert first["mean_second"] == ""
+    assert rows["max_ever"]["paired_kind"] == "exact"
+
+
+def test_the_same_runs_give_the_same_bytes(written: tuple[Report, Path], tmp_path: Path) -> None:
+    """A report is a function of its runs: no date, no chance."""
+    study = _study("expert", "baseline")
+    paths = write(build(study, UNSEEN, 30), study, tmp_path)
+    for path in paths:
+        again = written[1] / path.relative_to(tmp_path)
+        assert again.read_bytes() == path.read_bytes(), path.name
+
+
+def test_three_arms_are_one_family_of_all_pairs() -> None:
+    """Nine comparisons for each of three pairs are adjusted together."""
+    report = build(_study("expert", "baseline", "fixed"), (), 0)
+    assert len({f.arms for f in report.findings}) == 3
+    keys = [t.key for t in report.tables]
+    assert {"table-9-expert-baseline", "table-9-expert-fixed", "table-9-baseline-fixed"} <= set(
+        keys
+    )
+    assert len(keys) == len(set(keys))
+    table = next(t for t in report.tables if t.key == "table-9-expert-fixed")
+    assert "family of 27 comparisons" in table.notes[0]
+
+
+def test_a_forced_comparison_says_so_on_top() -> None:
+    """The differences stand in the page before anything else."""
+    report = build(_study("expert", "baseline", force=True), (), 0)
+    page = to_page(report)
+    assert "world.side differs: expert 300, baseline 200" in page
+    assert page.index("not comparable") < page.index("<h2")
+
+
+def test_arms_without_supervision_leave_figures_out() -> None:
+    """Without patterns there is no Figure 8, without injection no Figure 9, and it is said."""
+    report = build(_study("baseline", "fixed"), (), 0)
+    keys = {p.key for p in report.pictures}
+    assert not {"figure-8", "figure-9"} & keys
+    assert "No arm injects trees, so there is no Figure 9." in to_page(report)

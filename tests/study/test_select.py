@@ -1,0 +1,111 @@
+"""Which runs make an arm."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from islandgp.errors import StudyError
+from islandgp.study.reading import Found, find, flatten, read
+from islandgp.study.select import matches, overview, parse_arm, parse_selection, select, spans
+from tests.study.made_runs import config, individual, made_run, write_run
+
+
+def _found(supervisor: str = "expert", seed: int = 0, **changes: object) -> Found:
+    whole = config(supervisor, seed, **changes)
+    return Found(Path(f"{supervisor}-{seed}"), whole, flatten(whole), finished=True)
+
+
+@pytest.mark.parametrize(
+    ("text", "fits"),
+    [
+        ("supervisor=expert", True),
+        ("supervisor.name=expert", True),
+        ("supervisor=baseline", False),
+        ("supervisor=expert seed=3", True),
+        ("seed=range(3)", False),
+        ("seed=range(2, 5) supervisor=expert", True),
+        ("seed=range(4)", True),
+        ("gp.mutate_elites=true", True),
+        ("gp.mutation_rate=0.4", True),
+        ("gp.mutation_rate=0.40", True),
+        ("default", True),
+        ("name=default", True),
+        ("other_sweep", False),
+        ("no.such.key=1", False),
+    ],
+)
+def test_what_people_type(text: str, fits: bool) -> None:
+    """Keys of the configuration with YAML values, ranges of seeds, short names, sweep names."""
+    assert matches(_found(seed=3), parse_selection(text)) is fits
+
+
+def test_an_arm_has_a_name_and_a_selection() -> None:
+    """The part before the first = is the name; the rest may hold more of them."""
+    assert parse_arm("a=supervisor=expert seed=1") == ("a", "supervisor=expert seed=1")
+    for text in ("expert", "=supervisor=x", "a=", "a b=c=d"):
+        with pytest.raises(StudyError, match="Expected --arm NAME"):
+            parse_arm(text)
+
+
+def test_an_empty_selection_says_which_runs_there_are() -> None:
+    """The message lists sweeps, supervisors and seeds, and counts unfinished runs."""
+    runs = [_found("expert", 0), _found("expert", 1), _found("baseline", 4)]
+    with pytest.raises(StudyError) as error:
+        select("x", "supervisor=llm", runs)
+    assert "name=default supervisor=expert: 2 runs, seeds 0-1" in str(error.value)
+    assert "name=default supervisor=baseline: 1 runs, seeds 4" in str(error.value)
+
+
+def test_an_unknown_key_is_named_with_the_nearest() -> None:
+    """A mistyped key is told apart from a value that no run has."""
+    with pytest.raises(StudyError, match="no key supervisr, did you mean supervisor"):
+        select("x", "supervisr=expert", [_found()])
+
+
+def test_unfinished_runs_are_left_out_and_named(tmp_path: Path) -> None:
+    """An unfinished run is no data, and the report says that it was there."""
+    write_run(made_run(seed=0), tmp_path / "a")
+    write_run(made_run(seed=1), tmp_path / "b", finished=False)
+    arm, notes = select("x", "supervisor=expert", find(tmp_path))
+    assert arm.seeds == (0,)
+    assert "1 unfinished runs are left out (b)" in notes[0]
+
+
+def test_only_unfinished_runs_are_not_enough(tmp_path: Path) -> None:
+    """An arm of unfinished runs is an error with its own remedy."""
+    write_run(made_run(), tmp_path / "a", finished=False)
+    with pytest.raises(StudyError, match="found 1 unfinished"):
+        select("x", "supervisor=expert", find(tmp_path))
+
+
+def test_a_folder_is_read_back_as_it_was(tmp_path: Path) -> None:
+    """Records, costs, champion and configuration survive the way over the disk."""
+    two = [individual("0.0", "random"), individual("0.1", "random", tiers=("complete",))]
+    run = made_run("baseline", 5, best=[1.0], populations=[two])
+    write_run(run, tmp_path / "run")
+    (found,) = find(tmp_path)
+    again = read(found)
+    assert (again.records, again.costs, again.champion) == (run.records, run.costs, run.champion)
+    assert again.flat == run.flat
+
+
+def test_damaged_records_are_named(tmp_path: Path) -> None:
+    """A cut-off file is an error that names the folder, not a traceback."""
+    write_run(made_run(), tmp_path / "run")
+    (tmp_path / "run" / "summary.json").write_text("{")
+    with pytest.raises(StudyError, match="Expected a finished run's records in"):
+        read(find(tmp_path)[0])
+
+
+def test_no_folder_of_runs(tmp_path: Path) -> None:
+    """A folder that is not there is told with the remedy."""
+    with pytest.raises(StudyError, match="--runs FOLDER"):
+        find(tmp_path / "nothing")
+
+
+def test_spans() -> None:
+    """Numbers in short."""
+    assert spans([0, 1, 2, 5, 7, 8]) == "0-2, 5, 7-8"
+    assert overview([]) == []

@@ -1,0 +1,156 @@
+"""The tests of section 3.1 on numbers whose answers are known."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from islandgp.study.statistics import (
+    ASYMPTOTIC,
+    EXACT,
+    SIGN,
+    UNTESTED,
+    benjamini_hochberg,
+    bootstrap,
+    log_rank,
+    mean_sd,
+    median,
+    median_difference,
+    paired_test,
+    rank_test,
+)
+
+
+def _samples_with(u: int) -> tuple[list[float], list[float]]:
+    """Two samples of five without ties whose U is `u`."""
+    second = [10.0, 20.0, 30.0, 40.0, 50.0]
+    wins = [min(5, max(0, u - 5 * i)) for i in range(5)]  # how many of `second` each one exceeds
+    return [10.0 * w + 5 + i / 10 for i, w in enumerate(wins)], second
+
+
+@pytest.mark.parametrize(
+    ("u", "p", "r"), [(12, 1.000, 0.04), (8, 0.421, 0.36), (21, 0.095, -0.68), (1, 0.016, 0.92)]
+)
+def test_table_9_follows_from_its_u(u: int, p: float, r: float) -> None:
+    """U = 12, 8, 21 and 1 at n = 5 and 5 give the exact p and the r that Table 9 prints."""
+    test = rank_test(*_samples_with(u))
+    assert test.u == u
+    assert test.kind == EXACT
+    assert round(test.p, 3) == p
+    assert round(test.r, 2) == r
+
+
+def test_ties_make_the_test_asymptotic() -> None:
+    """With a tie the kind is named as asymptotic, and the tie counts half a point of U."""
+    test = rank_test([11, 10, 5, 5, 17], [17, 27, 36, 30, 28])
+    assert test.kind == ASYMPTOTIC
+    assert test.u == 0.5
+
+
+def test_z_without_ties_is_equation_10() -> None:
+    """Without ties, z is (U - n1 n2 / 2) over the root of n1 n2 (n1 + n2 + 1) / 12."""
+    assert rank_test(*_samples_with(8)).z == pytest.approx((8 - 12.5) / math.sqrt(25 * 11 / 12))
+
+
+def test_equal_values_are_not_tested() -> None:
+    """Where every value is the same there is nothing to test: p is 1 and the kind says why."""
+    test = rank_test([3, 3], [3, 3, 3])
+    assert (test.p, test.r, test.kind) == (1.0, 0.0, UNTESTED)
+
+
+numbers = st.lists(st.integers(-50, 50).map(float), min_size=1, max_size=12)
+
+
+@given(numbers, numbers)
+def test_the_order_of_the_arms_changes_signs_only(x: list[float], y: list[float]) -> None:
+    """Exchanging the samples gives U' = n1 n2 - U, the same p, and opposite z and r."""
+    a, b = rank_test(x, y), rank_test(y, x)
+    assert a.u + b.u == len(x) * len(y)
+    assert a.p == pytest.approx(b.p)
+    assert a.r == pytest.approx(-b.r)
+    assert a.z == pytest.approx(-b.z)
+
+
+@given(numbers, numbers, st.integers(1, 5))
+def test_ranks_alone_matter(x: list[float], y: list[float], k: int) -> None:
+    """A rising transformation of all values changes nothing."""
+    assert rank_test(x, y) == rank_test([v**3 * k for v in x], [v**3 * k for v in y])
+
+
+def test_benjamini_hochberg_by_hand() -> None:
+    """p = .01 .04 .03 .005 of four: .02 .04 .04 .02, in the order in which they came."""
+    assert benjamini_hochberg([0.01, 0.04, 0.03, 0.005]) == pytest.approx((0.02, 0.04, 0.04, 0.02))
+    assert benjamini_hochberg([]) == ()
+
+
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=30))
+def test_adjusting_never_lowers_a_p(p: list[float]) -> None:
+    """Adjusted values are at least the raw ones, at most 1, and in the same order."""
+    q = benjamini_hochberg(p)
+    assert all(a <= b + 1e-12 and b <= 1 for a, b in zip(p, q, strict=True))
+    order = sorted(range(len(p)), key=lambda i: p[i])
+    assert all(q[i] <= q[j] + 1e-12 for i, j in pairwise(order))
+
+
+def test_wilcoxon_is_exact_without_ties() -> None:
+    """Five pairs that all fall: the smallest exact p there is, 2 / 2**5."""
+    test = paired_test([1, 2, 3, 4, 5], [2, 4, 6, 8, 10])
+    assert (test.kind, test.p, test.lower, test.higher) == (EXACT, 0.0625, 5, 0)
+
+
+def test_pairs_that_do_not_differ() -> None:
+    """Equal pairs say nothing; when all are equal there is no test."""
+    assert paired_test([1, 2], [1, 2]).kind == UNTESTED
+    assert paired_test([1, 2, 3, 4], [1, 3, 5, 7]).kind == ASYMPTOTIC
+
+
+def test_ordinal_pairs_get_a_sign_test() -> None:
+    """Where only 'later' is known, its size plays no part: 5 of 6 lower is p = 14/64."""
+    test = paired_test([1, 2, 3, 4, 5, 41], [2, 3, 4, 5, 6, 7], ordinal=True)
+    assert (test.kind, test.p) == (SIGN, 14 / 64)
+    other = paired_test([1, 2, 3, 4, 5, 8], [2, 3, 4, 5, 6, 7], ordinal=True)
+    assert other.p == test.p
+
+
+def test_log_rank_by_hand() -> None:
+    """Events at 1 and 2: one of 1/2 expected, variance 1/4, so chi squared is 1."""
+    assert log_rank([1], [2], horizon=41) == pytest.approx(0.31731, abs=1e-5)
+
+
+def test_log_rank_without_events() -> None:
+    """Where it never happened in either arm the arms do not differ."""
+    assert log_rank([None, None], [None], horizon=41) == 1.0
+
+
+def test_log_rank_uses_censored_runs() -> None:
+    """A run without one is evidence: with it the arms differ more than without it."""
+    with_it = log_rank([1, 2, 3], [4, 5, None], horizon=41)
+    assert with_it < log_rank([1, 2, 3], [4, 5], horizon=41)
+
+
+def test_bootstrap_is_seeded_and_holds_its_estimate() -> None:
+    """The same samples give the same interval, around the estimate; constants give a point."""
+    x, y = [1.0, 2.0, 3.0, 9.0], [2.0, 4.0, 4.0, 5.0]
+    found = bootstrap([x, y], median_difference)
+    assert found == bootstrap([x, y], median_difference)
+    assert found.low <= found.estimate == -1.5 <= found.high
+    same = bootstrap([[7.0, 7.0]], median)
+    assert (same.low, same.estimate, same.high) == (7, 7, 7)
+
+
+def test_bootstrap_interval_of_a_mean_is_as_wide_as_theory_says() -> None:
+    """For 400 normal values the 95 % interval of the mean is about 2 x 1.96 / 20 wide."""
+    x = np.random.default_rng(0).normal(size=400)
+    found = bootstrap([list(x)], lambda a: a.mean(axis=-1))
+    assert found.high - found.low == pytest.approx(0.196, rel=0.1)
+
+
+def test_standard_deviation_is_the_sample_s() -> None:
+    """± is computed with n - 1; one value has none."""
+    assert mean_sd([1, 3]) == (2.0, pytest.approx(math.sqrt(2)))
+    assert mean_sd([5]) == (5.0, 0.0)

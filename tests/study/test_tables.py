@@ -1,0 +1,82 @@
+"""Tables as values and as text."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import pytest
+
+from islandgp.study.findings import examine
+from islandgp.study.measures import TABLE_9, TABLE_11
+from islandgp.study.notation import number, percent, probability
+from islandgp.study.paper import MARK
+from islandgp.study.table import Table, to_csv, to_html, to_markdown
+from islandgp.study.tables.claims import verdict
+
+TABLE = Table(
+    "t", "A title", ("Name", "value", f"{MARK} value"), (("a|b", "1,000 ± 2", "<3>"),), ("A note.",)
+)
+
+
+def test_markdown_escapes_what_would_break_it() -> None:
+    """Bars and asterisks in cells stay text."""
+    assert to_markdown(TABLE) == (
+        "### A title\n\n| Name | value | paper\\* value |\n| :-- | --: | --: |\n"
+        "| a\\|b | 1,000 ± 2 | <3> |\n\nA note.\n"
+    )
+
+
+def test_csv_keeps_every_cell() -> None:
+    """What is written can be read back."""
+    text = to_csv(TABLE.columns, TABLE.rows)
+    assert list(csv.reader(io.StringIO(text))) == [list(TABLE.columns), list(TABLE.rows[0])]
+
+
+def test_html_marks_the_paper_s_columns_and_escapes() -> None:
+    """The paper's figures have a class of their own; nothing in a cell is markup."""
+    text = to_html(TABLE)
+    assert '<th class="paper">paper* value</th>' in text
+    assert '<td class="paper">&lt;3&gt;</td>' in text
+    assert "1,000\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}2" in text
+
+
+def test_how_numbers_are_written() -> None:
+    """A real minus sign, no minus zero, small p in more digits."""
+    assert number(-1234.4) == "\N{MINUS SIGN}1,234"
+    assert number(-0.01) == "0"
+    assert number(None) == number(float("nan")) == "\N{EN DASH}"
+    assert percent(0.1234) == "+12.3 %"
+    assert [probability(p) for p in (0.5, 0.0357, 0.0079, 0.00001)] == [
+        "0.500",
+        "0.036",
+        "0.0079",
+        "< 0.0001",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("direction", "low_first", "n", "expected"),
+    [
+        (-1, True, 6, "agrees, shown"),
+        (-1, True, 2, "same direction, not shown"),
+        (1, True, 6, "opposite, shown"),
+        (1, True, 2, "opposite direction, not shown"),
+        (0, True, 2, "agrees: no difference shown"),
+        (0, True, 6, "differs: lower, shown"),
+        (0, False, 6, "differs: higher, shown"),
+    ],
+)
+def test_verdicts(direction: int, low_first: bool, n: int, expected: str) -> None:
+    """A claim is shown only by a significant test in its own direction."""
+    low, high = tuple(range(n)), tuple(range(100, 100 + n))
+    samples = (low, high) if low_first else (high, low)
+    assert verdict(direction, examine(TABLE_9[0], ("a", "b"), samples, 41, in_pairs=False)) == (
+        expected
+    )
+
+
+def test_verdict_where_nothing_happened() -> None:
+    """Two arms without any emergence do not differ."""
+    f = examine(TABLE_11[0], ("a", "b"), ((None, None), (None, None)), 41, in_pairs=False)
+    assert verdict(-1, f) == "no difference"

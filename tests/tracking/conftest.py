@@ -1,0 +1,32 @@
+"""Stores for tests: made once, and copied."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from islandgp.tracking.store import Store
+from tests.tracking.folders import place
+
+
+@pytest.fixture(scope="session")
+def template(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A fresh store without our experiment; making it takes a second."""
+    home = tmp_path_factory.mktemp("template")
+    Store(place(home, "another")).client.search_experiments()
+    return home / "mlflow.db"
+
+
+@pytest.fixture
+def home(tmp_path: Path, template: Path) -> Path:
+    """A folder to give commands in, with a store in it."""
+    shutil.copy(template, tmp_path / "mlflow.db")
+    return tmp_path
+
+
+@pytest.fixture
+def store(home: Path) -> Store:
+    """That store, open."""
+    return Store(place(home))

@@ -1,0 +1,70 @@
+"""Run folders with made-up generations, written as a run writes them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import yaml
+
+from islandgp.evolution.loop import evolve
+from islandgp.evolution.record import Step
+from islandgp.run import summary
+from islandgp.supervision.baseline import Baseline, BaselineSettings
+from islandgp.tracking.folder import About, RunFolder
+from islandgp.tracking.store import MLflowSettings, Place, Store
+from tests.composed import composed, plain
+from tests.evolution.fake import Fake
+
+SMALL = ("supervisor=baseline", "gp.population=8", "gp.generations=5", "tracking=mlflow")
+
+
+def about(name: str, home: Path, **changes: str) -> About:
+    """What is known of a run of that name."""
+    told = {"id": f"id-{name}", "identity": "i1", "command": "python -m islandgp", **changes}
+    return About(
+        title=name,
+        home=str(home),
+        started=1_700_000_000_000,
+        tags={"supervisor": "baseline"},
+        **told,
+    )
+
+
+def steps(seed: int = 1) -> list[Step]:
+    """A whole evolution on made-up outcomes."""
+    settings = composed(*SMALL)
+    supervisor = Baseline(BaselineSettings(**settings.supervisor.policy))
+    return list(evolve(settings.plan, seed, supervisor, Fake()))
+
+
+def begun(path: Path, home: Path, **changes: str) -> RunFolder:
+    """A folder that a run has just opened; close it."""
+    folder = RunFolder(path)
+    folder.open(yaml.safe_dump(plain(*SMALL)), about(path.name, home, **changes))
+    folder.resume()
+    return folder
+
+
+def written(path: Path, home: Path, generations: int = 5, *, seed: int = 1) -> RunFolder:
+    """A closed folder after some generations; with all five the run is finished."""
+    folder = begun(path, home)
+    done = steps(seed)[:generations]
+    for step in done:
+        folder.append(step)
+    if generations == 5:
+        folder.finish(summary(folder, done[-1].champion))
+    folder.close()
+    return folder
+
+
+def place(home: Path, experiment: str = "islandgp") -> Place:
+    """The default store of a folder in which a command was given."""
+    settings = MLflowSettings(
+        uri="sqlite:///mlflow.db", artifacts="mlartifacts", experiment=experiment, patience=0
+    )
+    return Place.of(settings, home)
+
+
+def history(store: Store, run: str, name: str = "fitness/max") -> list[tuple[int, float]]:
+    """The points of a metric, every one of them."""
+    return [(m.step, m.value) for m in store.client.get_metric_history(run, name)]

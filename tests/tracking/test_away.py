@@ -1,0 +1,184 @@
+"""Stores that are away: the run goes on, its records wait, and `sync` sends them once."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
+from time import monotonic, perf_counter
+
+import pytest
+
+from islandgp.tracking.folder import Status
+from islandgp.tracking.mlflow import MLflow
+from islandgp.tracking.store import MLflowSettings, Place, Store
+from islandgp.tracking.sync import sync
+from tests.running.commands import finish, start
+from tests.tracking import servers
+from tests.tracking.folders import begun, history, place, steps, written
+
+
+def tracker(home: Path, uri: str, patience: float) -> MLflow:
+    """The tracker for an address."""
+    settings = MLflowSettings(
+        uri=uri, artifacts="mlartifacts", experiment="islandgp", patience=patience
+    )
+    return MLflow.make(settings, home)
+
+
+@pytest.mark.parametrize("server", [servers.refusing, servers.stalling, servers.broken])
+def test_a_server_that_is_away_costs_patience_and_nothing_else(
+    server: Callable[[], AbstractContextManager[str]], home: Path, store: Store
+) -> None:
+    """No generation waits; the end waits as long as was said; the message names the remedy."""
+    folder = begun(home / "runs/a/one", home)
+    with server() as uri:
+        follows = tracker(home, uri, 1.5)
+        began = perf_counter()
+        follows.start(folder)
+        for step in steps():
+            folder.append(step)
+            before = perf_counter()
+            follows.generation()
+            assert perf_counter() - before < 0.2
+        before = monotonic()
+        said = follows.finish(Status.FAILED)
+        assert 1.4 < monotonic() - before < 4
+        assert perf_counter() - began < 20
+    folder.close()
+    assert f"islandgp sync {folder.path}" in said
+    assert uri in said
+    done = sync(home / "runs", store.place)
+    assert [path.name for path in done.sent] == ["one"]
+    (run,) = store.client.search_runs([store.experiment])
+    assert len(history(store, run.info.run_id)) == 4
+    assert sync(home / "runs", store.place).sent == []
+
+
+def test_without_patience_the_end_does_not_wait(home: Path) -> None:
+    """Patience 0 leaves everything to the background and to `sync`."""
+    folder = begun(home / "runs/a/one", home)
+    with servers.stalling() as uri:
+        follows = tracker(home, uri, 0)
+        follows.start(folder)
+        before = monotonic()
+        follows.finish(Status.KILLED)
+        assert monotonic() - before < 1
+    folder.close()
+
+
+def test_sync_sends_what_runs_and_sweeps_miss(home: Path, store: Store) -> None:
+    """Each once; runs without tracking are counted and left alone; one bad folder stops nothing."""
+    written(home / "runs/a/one", home)
+    written(home / "runs/a/two", home, 2)
+    off = written(home / "runs/a/off", home, 1)
+    config = (off.config() or "").replace("islandgp.tracking.mlflow:MLflow", "x:Off")
+    (off.path / "config.yaml").write_text(config)
+    bad = written(home / "runs/a/bad", home, 2)
+    (bad.path / "generations.jsonl").write_text("nonsense\n")
+    done = sync(home / "runs")
+    assert [path.name for path in done.sent] == ["one", "two"]
+    assert [path.name for path in done.untracked] == ["off"]
+    assert [path.name for path in done.failed] == ["bad"]
+    again = sync(home / "runs")
+    assert [path.name for path in again.known] == ["one", "two"]
+    found = {run.info.run_name: run for run in store.client.search_runs([store.experiment])}
+    assert (found["one"].info.status, found["two"].info.status) == ("FINISHED", "KILLED")
+
+
+def test_a_run_whose_process_was_killed_does_not_stay_running(home: Path, store: Store) -> None:
+    """Nobody could say so at the time; `sync` sees that nobody is at work and says it."""
+    folder = begun(home / "runs/a/one", home)
+    follows = tracker(home, "sqlite:///mlflow.db", 30)
+    follows.start(folder)
+    folder.append(steps()[0])
+    follows.finish(Status.RUNNING)
+    folder.close()
+    (run,) = store.client.search_runs([store.experiment])
+    assert run.info.status == "RUNNING"
+    sync(home / "runs")
+    assert store.client.get_run(run.info.run_id).info.status == "KILLED"
+
+
+@pytest.mark.slow
+def test_a_server_killed_and_started_again_loses_nothing(tmp_path: Path) -> None:
+    """`kill -9` of `mlflow server` in the middle of a run; after `sync` all points are there."""
+    port = _free_port()
+    uri, home = f"http://127.0.0.1:{port}", tmp_path / "home"
+    home.mkdir()
+    Store(place(tmp_path))  # the server's own file
+    server = _serve(tmp_path, port)
+    words = (
+        "supervisor=baseline",
+        "gp.population=8",
+        "gp.generations=30",
+        "evaluator=serial",
+        "evaluator.factory=tests.running.evaluators:Slow",
+        "++evaluator.policy={seconds:0.3}",
+        f"tracking.policy.uri={uri}",
+        "tracking.policy.patience=3",
+        "progress=off",
+    )
+    run = start(home, *words)
+    remote = Store(Place(uri, None, "islandgp"))
+    _until(lambda: bool(remote.client.search_runs([remote.experiment])))
+    server.kill()
+    server.wait()
+    code, said = finish(run)
+    assert code == 0
+    assert "islandgp sync" in said
+    server = _serve(tmp_path, port)
+    try:
+        sync(home / "runs")
+        (found,) = remote.client.search_runs([remote.experiment])
+        assert found.info.status == "FINISHED"
+        assert [step for step, _ in history(remote, found.info.run_id)] == list(range(30))
+    finally:
+        server.terminate()
+        server.wait()
+
+
+def _free_port() -> int:
+    import socket
+
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def _serve(folder: Path, port: int) -> subprocess.Popen[bytes]:
+    import os
+
+    server = subprocess.Popen(
+        [
+            *(sys.executable, "-m", "mlflow", "server", "--workers", "1"),
+            *("--backend-store-uri", f"sqlite:///{folder}/mlflow.db"),
+            *("--host", "127.0.0.1", "--port", str(port)),
+        ],
+        cwd=folder,
+        env={**os.environ, "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    from urllib.request import urlopen
+
+    def answers() -> bool:
+        try:
+            with urlopen(f"http://127.0.0.1:{port}/health", timeout=1):
+                return True
+        except OSError:
+            return False
+
+    _until(answers)
+    return server
+
+
+def _until(happened: Callable[[], bool]) -> None:
+    from time import sleep
+
+    end = monotonic() + 60
+    while not happened():
+        assert monotonic() < end, "nothing happened in 60 s"
+        sleep(0.1)

@@ -1,0 +1,89 @@
+"""Which numbers become metrics, by hand."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+from islandgp.tracking.metrics import final_metrics, metrics
+from tests.tracking.folders import steps
+
+COST = {
+    "evaluation": 1.5,
+    "supervision": 0.25,
+    "operators": 0.125,
+    "episodes": 8,
+    "simulated": 6,
+    "at": 1_700_000_000_000,
+}
+
+
+def test_metrics_are_the_records_numbers() -> None:
+    """Each section's names, and values that stand in the record."""
+    step = steps()[2]
+    s = step.record.snapshot
+    best = max(step.record.individuals, key=lambda line: line.fitness)
+    found = metrics(asdict(step.record), COST)
+    assert {name.partition("/")[0] for name in found} == {
+        "components",
+        "cost",
+        "diversity",
+        "fitness",
+        "movement",
+        "size",
+        "specialists",
+        "supervisor",
+        "tiers",
+    }
+    assert found["fitness/max"] == s.best
+    assert found["fitness/mean"] == s.mean
+    assert found["diversity/behavioral"] == s.diversity
+    assert found["diversity/working"] == s.working
+    assert found["tiers/complete"] == s.tiers["complete"]
+    assert found["specialists/patrol_only"] == s.specialists["patrol_only"]
+    assert found["components/garbage"] == best.components[0]
+    assert found["size/best"] == best.nodes
+    assert found["supervisor/mutation_rate"] == s.rate
+    assert found["cost/evaluation_s"] == 1.5
+    assert found["cost/cache_hits"] == 2
+
+
+def test_costs_of_a_supervisor_have_a_section_of_their_own() -> None:
+    """What a supervisor adds to the costs under its name becomes `llm/...`."""
+    found = metrics(asdict(steps()[0].record), {**COST, "llm": {"calls": 2, "cost_usd": 0.5}})
+    assert (found["llm/calls"], found["llm/cost_usd"]) == (2, 0.5)
+
+
+def test_the_last_generation_has_the_same_metrics_without_guidance() -> None:
+    """After the last generation nobody is asked; the names do not change."""
+    first, *_, last = (metrics(asdict(step.record), COST) for step in steps())
+    assert first.keys() == last.keys()
+    assert last["supervisor/crisis"] == 0
+
+
+def test_what_is_said_of_a_whole_run() -> None:
+    """The best ever, mean diversity, the first generation of a tier, shares of decisions."""
+
+    def record(generation: int, best: float, complete: int, phase: str | None) -> dict[str, object]:
+        return {
+            "snapshot": {
+                "generation": generation,
+                "best": best,
+                "diversity": 0.25 * generation,
+                "tiers": {"complete": complete, "excellent": 0},
+            },
+            "guidance": None if phase is None else {"phase": phase, "pattern": None},
+        }
+
+    records = [
+        record(0, -5.0, 0, "refinement"),
+        record(1, 9.0, 2, "exploitation"),
+        record(2, 7.0, 1, "exploitation"),
+        record(3, 8.0, 0, None),
+    ]
+    assert dict(final_metrics(records)) == {
+        "run/best": 9.0,
+        "run/mean_diversity": 0.375,
+        "run/first_complete": 1,
+        "phases/refinement": 1 / 3,
+        "phases/exploitation": 2 / 3,
+    }

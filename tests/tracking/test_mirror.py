@@ -1,0 +1,187 @@
+"""The mirror of a run's folder in MLflow: all of it, once, whatever happens in between."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from islandgp.errors import TrackingError
+from islandgp.tracking.folder import RunFolder, Status
+from islandgp.tracking.mirror import Mirror, up_to_date
+from islandgp.tracking.sent import read_sent, write_sent
+from islandgp.tracking.store import Store
+from tests.tracking.folders import begun, history, place, steps, written
+
+
+def maxima(generations: int) -> list[tuple[int, float]]:
+    """Generation and best fitness, as MLflow should have them."""
+    return [(i, step.record.snapshot.best) for i, step in enumerate(steps()[:generations])]
+
+
+def run_of(store: Store, folder: RunFolder) -> object:
+    """The folder's MLflow run."""
+    sent = read_sent(folder.path)
+    assert sent is not None
+    return store.client.get_run(sent.run)
+
+
+def test_each_generation_is_sent_once_as_it_comes(home: Path, store: Store) -> None:
+    """Sending after each generation, and twice after some, gives each point once."""
+    folder = begun(home / "runs/a/one", home)
+    mirror = Mirror(folder, store)
+    for i, step in enumerate(steps()[:4]):
+        folder.append(step)
+        run = mirror.send(Status.RUNNING)
+        if i % 2:
+            mirror.send(Status.RUNNING)
+    folder.close()
+    assert history(store, run) == maxima(4)
+    assert run_of(store, folder).info.status == "RUNNING"
+
+
+def test_a_generation_that_may_be_taken_back_is_not_sent(home: Path, store: Store) -> None:
+    """A line that no checkpoint covers is made again after a kill, so it stays at home."""
+    folder = begun(home / "runs/a/one", home)
+    done = steps()
+    folder.append(done[0])
+    folder.append(replace(done[1], state=None))
+    run = Mirror(folder, store).send(Status.RUNNING)
+    folder.close()
+    assert history(store, run) == maxima(1)
+
+
+def test_nothing_is_doubled_when_the_memory_of_sending_is_lost(home: Path, store: Store) -> None:
+    """Without tracking.json, or with one that knows too little, the store itself is asked."""
+    folder = written(home / "runs/a/one", home)
+    run = Mirror(folder, store).send(Status.FINISHED)
+    sent = read_sent(folder.path)
+    assert sent is not None
+    (folder.path / "tracking.json").unlink()
+    assert Mirror(folder, store).send(Status.FINISHED) == run
+    write_sent(folder.path, replace(sent, generations=2, done=""))
+    assert Mirror(folder, store).send(Status.FINISHED) == run
+    assert history(store, run) == maxima(5)
+    assert len(store.client.search_runs([store.experiment])) == 1
+
+
+def test_an_error_half_way_loses_and_doubles_nothing(
+    home: Path, store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A store that takes points and fails before it says so gets no point twice."""
+    folder = written(home / "runs/a/one", home)
+    mirror, log_batch = Mirror(folder, store), store.client.log_batch
+
+    def fails_after(run: str, **batch: object) -> None:
+        log_batch(run, **batch)
+        if "metrics" in batch:
+            raise ConnectionError("gone")
+
+    monkeypatch.setattr(store.client, "log_batch", fails_after)
+    with pytest.raises(ConnectionError):
+        mirror.send(Status.FINISHED)
+    monkeypatch.undo()
+    run = mirror.send(Status.FINISHED)
+    assert history(store, run) == maxima(5)
+
+
+def test_a_finished_run_has_everything_that_people_look_for(home: Path, store: Store) -> None:
+    """Name, parameters, tags, description, previews, and the end's time from the records."""
+    folder = written(home / "runs/a/baseline-seed1", home)
+    run = Mirror(folder, store).send(Status.FINISHED)
+    found = store.client.get_run(run)
+    assert found.info.run_name == "baseline-seed1"
+    assert found.info.status == "FINISHED"
+    assert found.info.start_time == 1_700_000_000_000
+    assert found.info.end_time == [cost["at"] for cost in folder.costs()][-1]
+    assert found.data.params["gp.population"] == "8"
+    assert found.data.params["supervisor.name"] == "baseline"
+    assert found.data.tags["supervisor"] == "baseline"
+    assert "best fitness" in found.data.tags["mlflow.note.content"]
+    assert {file.path for file in store.client.list_artifacts(run)} == {
+        "best.bt",
+        "best.bt.txt",
+        "best.svg",
+        "config.yaml",
+        "costs.jsonl",
+        "curves.svg",
+        "generations.json",
+        "generations.jsonl",
+        "lineage.csv",
+        "replay.html",
+        "summary.json",
+    }
+
+
+def test_a_run_goes_on_in_the_same_mlflow_run(home: Path, store: Store) -> None:
+    """Stopped after two generations it is KILLED, then RUNNING, then FINISHED, under one id."""
+    folder = written(home / "runs/a/one", home, 2)
+    run = Mirror(folder, store).send(folder.status())
+    assert run_of(store, folder).info.status == "KILLED"
+    again = RunFolder(folder.path)
+    again.open(folder.config() or "", Mirror(folder, store).about)
+    mirror = Mirror(again, store)
+    assert mirror.send(Status.RUNNING) == run
+    assert run_of(store, folder).info.status == "RUNNING"
+    for step in steps()[2:]:
+        again.append(step)
+    assert mirror.send(Status.FAILED) == run
+    again.close()
+    assert history(store, run) == maxima(4)
+
+
+def test_another_configuration_in_the_folder_is_another_mlflow_run(
+    home: Path, store: Store
+) -> None:
+    """`resume=force`: parameters of an MLflow run cannot change, so there is a new one."""
+    folder = written(home / "runs/a/one", home, 2)
+    first = Mirror(folder, store).send(Status.KILLED)
+    changed = begun(folder.path, home, identity="i2")
+    second = Mirror(changed, store).send(Status.RUNNING)
+    changed.close()
+    assert second != first
+    assert history(store, second) == maxima(2)
+
+
+def test_another_store_gets_all_of_it(home: Path, store: Store) -> None:
+    """A place that has not got the run is sent everything, whatever another place has."""
+    folder = written(home / "runs/a/one", home)
+    Mirror(folder, store).send(Status.FINISHED)
+    elsewhere = Store(place(home, "elsewhere"))
+    run = Mirror(folder, elsewhere).send(Status.FINISHED)
+    assert history(elsewhere, run) == maxima(5)
+
+
+def test_a_deleted_mlflow_run_is_made_again(home: Path, store: Store) -> None:
+    """Somebody who deletes a run in the UI and sends it again gets it again."""
+    folder = written(home / "runs/a/one", home)
+    first = Mirror(folder, store).send(Status.FINISHED)
+    store.client.delete_run(first)
+    second = Mirror(folder, store).send(Status.FINISHED)
+    assert second != first
+    assert history(store, second) == maxima(5)
+
+
+def test_what_was_sent_is_known_without_asking(home: Path, store: Store) -> None:
+    """`up_to_date` is true after the end was sent, and for that place only."""
+    folder = written(home / "runs/a/one", home)
+    assert not up_to_date(folder, store.place)
+    Mirror(folder, store).send(Status.FINISHED)
+    assert up_to_date(folder, store.place)
+    assert not up_to_date(folder, place(home, "elsewhere"))
+
+
+def test_a_secret_in_the_configuration_is_no_parameter(home: Path, store: Store) -> None:
+    """What `redacted` hid on disk is hidden in MLflow."""
+    folder = written(home / "runs/a/one", home)
+    config = (folder.config() or "") + "\nsupervisor_api_key: '***'\n"
+    (folder.path / "config.yaml").write_text(config)
+    run = Mirror(folder, store).send(Status.FINISHED)
+    assert store.client.get_run(run).data.params["supervisor_api_key"] == "***"
+
+
+def test_a_folder_that_is_no_run_is_refused(home: Path, store: Store) -> None:
+    """The message says what is missing where."""
+    with pytest.raises(TrackingError, match=r"found no about\.json in"):
+        Mirror(RunFolder(home), store)

@@ -1,0 +1,182 @@
+"""A sweep's folder and its parent run in MLflow."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from islandgp.errors import RunError
+from islandgp.tracking.folder import Status
+from islandgp.tracking.mirror import Mirror
+from islandgp.tracking.parent import parent_run, send_sweep
+from islandgp.tracking.sent import read_sent
+from islandgp.tracking.store import Store
+from islandgp.tracking.summary import arm_table, arms
+from islandgp.tracking.sweep_folder import SweepFile, SweepFolder, SweepJob
+from tests.tracking.folders import begun, written
+
+
+def job(folder: str, *choices: str, seed: int = 0, supervisor: str = "baseline") -> SweepJob:
+    """An entry of sweep.json."""
+    return SweepJob(folder, supervisor, seed, choices, 5, f"python -m islandgp {folder}")
+
+
+def opened(path: Path, *jobs: SweepJob, command: str = "python -m islandgp -m") -> SweepFolder:
+    """A sweep that has been started and is over."""
+    sweep = SweepFolder(path)
+    sweep.open(command, jobs)
+    sweep.close()
+    return sweep
+
+
+def file_of(sweep: SweepFolder) -> SweepFile:
+    """What sweep.json holds."""
+    file = sweep.read()
+    assert file is not None
+    return file
+
+
+def send(sweep: SweepFolder, store: Store) -> str:
+    """All jobs, then the sweep; the parent's id."""
+    for entry in file_of(sweep).jobs:
+        if sweep.run(entry).about() is not None:
+            Mirror(sweep.run(entry), store).send(sweep.run(entry).status())
+    parent = send_sweep(sweep, store, sweep.status(file_of(sweep)))
+    assert parent is not None
+    return parent
+
+
+def test_later_commands_add_their_jobs(tmp_path: Path) -> None:
+    """The same job again is one job, and a new folder for it takes its place."""
+    opened(tmp_path / "s", job("a-seed0"), job("a-seed1"), command="first")
+    sweep = opened(tmp_path / "s", job("a-seed1.2"), job("a-seed2"), command="second")
+    file = file_of(sweep)
+    assert [entry.folder for entry in file.jobs] == ["a-seed0", "a-seed1.2", "a-seed2"]
+    assert file.commands == ("first", "second")
+
+
+def test_two_sweeps_cannot_work_in_one_folder(tmp_path: Path) -> None:
+    """The second is refused with a remedy."""
+    first = SweepFolder(tmp_path / "s")
+    first.open("c", [job("a-seed0")])
+    with pytest.raises(RunError, match=r"only sweep in .*name=\.\.\."):
+        SweepFolder(tmp_path / "s").open("c", [job("a-seed0")])
+    first.close()
+
+
+def test_arms_are_told_apart_by_what_differs_besides_the_seed(tmp_path: Path) -> None:
+    """Overrides that all jobs share are in no arm's name."""
+    sweep = opened(
+        tmp_path / "s",
+        job("1", "supervisor=baseline", "gp.population=8", "gp.episodes=1"),
+        job("2", "supervisor=baseline", "gp.population=8", "gp.episodes=2"),
+        job("3", "supervisor=expert", "gp.population=8", "gp.episodes=1", supervisor="expert"),
+        job("4", "supervisor=baseline", "gp.population=8", "gp.episodes=1", seed=1),
+    )
+    file = file_of(sweep)
+    assert {name: [entry.folder for entry in own] for name, own in file.arms().items()} == {
+        "baseline gp.episodes=1": ["1", "4"],
+        "baseline gp.episodes=2": ["2"],
+        "expert gp.episodes=1": ["3"],
+    }
+
+
+def test_a_sweeps_status_is_that_of_its_jobs(tmp_path: Path) -> None:
+    """A stopped job counts for more than a failed one, and that for more than finished ones."""
+    sweep = opened(tmp_path / "s", job("one"), job("two"))
+    written(tmp_path / "s/one", tmp_path)
+    assert sweep.status(file_of(sweep)) is Status.KILLED
+    written(tmp_path / "s/two", tmp_path, 2).fail(ValueError("x"))
+    assert sweep.status(file_of(sweep)) is Status.FAILED
+    written(tmp_path / "s/two", tmp_path)
+    assert sweep.status(file_of(sweep)) is Status.FINISHED
+
+
+def test_jobs_find_the_same_parent(home: Path, store: Store) -> None:
+    """Whoever comes first makes it; a run that is no job of the sweep has none."""
+    opened(home / "runs/s", job("one"), job("two"))
+    first = parent_run(home / "runs/s/one", store)
+    assert first is not None
+    assert parent_run(home / "runs/s/two", store) == first
+    assert parent_run(home / "runs/s/three", store) is None
+    (home / "runs/s/tracking.json").unlink()
+    assert parent_run(home / "runs/s/two", store) == first
+
+
+def test_a_finished_sweep_is_described_and_drawn(home: Path, store: Store) -> None:
+    """Table and commands as Markdown, curves over seeds as metrics and picture, children nested."""
+    sweep = opened(home / "runs/s", job("b-seed1", seed=1), job("b-seed2", seed=2))
+    for seed in (1, 2):
+        written(home / f"runs/s/b-seed{seed}", home, seed=seed)
+    parent = send(sweep, store)
+    found = store.client.get_run(parent)
+    assert found.info.status == "FINISHED"
+    assert found.info.run_name == "sweep s"
+    note = found.data.tags["mlflow.note.content"]
+    assert "| baseline | 2 of 2 |" in note
+    assert "    python -m islandgp -m" in note
+    firsts = [next(sweep.run(entry).records())["snapshot"]["best"] for entry in file_of(sweep).jobs]
+    points = store.client.get_metric_history(parent, "sweep/baseline best fitness mean")
+    assert [m.step for m in points] == [0, 1, 2, 3, 4]
+    assert points[0].value == pytest.approx(sum(firsts) / 2)
+    names = {file.path for file in store.client.list_artifacts(parent)}
+    assert names == {"arms.md", "curves.csv", "curves.svg", "sweep.json"}
+    for entry in file_of(sweep).jobs:
+        child = read_sent(sweep.path / entry.folder)
+        assert child is not None
+        assert store.client.get_run(child.run).data.tags["mlflow.parentRunId"] == parent
+
+
+def test_a_sweep_that_goes_on_keeps_its_parent(home: Path, store: Store) -> None:
+    """Stopped it is KILLED, and what is missing is named; then FINISHED, under the same id."""
+    sweep = opened(home / "runs/s", job("one"), job("two"))
+    written(home / "runs/s/one", home)
+    written(home / "runs/s/two", home, 2)
+    parent = send(sweep, store)
+    found = store.client.get_run(parent)
+    assert found.info.status == "KILLED"
+    assert "- two (killed): `python -m islandgp two`" in found.data.tags["mlflow.note.content"]
+    written(home / "runs/s/two", home)
+    assert send(sweep, store) == parent
+    assert store.client.get_run(parent).info.status == "FINISHED"
+
+
+def test_a_sweep_at_work_is_running_again(home: Path, store: Store) -> None:
+    """The first job of a resumed sweep takes the parent out of its old status."""
+    sweep = opened(home / "runs/s", job("one"))
+    written(home / "runs/s/one", home, 2)
+    parent = send(sweep, store)
+    sweep.open("c", [job("one")])
+    folder = begun(home / "runs/s/one", home)
+    Mirror(folder, store).send(Status.RUNNING)
+    folder.close()
+    sweep.close()
+    assert store.client.get_run(parent).info.status == "RUNNING"
+
+
+def test_more_seeds_make_a_new_parent(home: Path, store: Store) -> None:
+    """Points cannot be taken back, so the curves of more runs are in a new run, alone."""
+    sweep = opened(home / "runs/s", job("one"))
+    written(home / "runs/s/one", home)
+    first = send(sweep, store)
+    opened(home / "runs/s", job("two", seed=1))
+    written(home / "runs/s/two", home, seed=2)
+    second = send(sweep, store)
+    assert second != first
+    assert store.client.get_run(first).info.lifecycle_stage == "deleted"
+    points = store.client.get_metric_history(second, "sweep/baseline diversity mean")
+    assert [m.step for m in points] == [0, 1, 2, 3, 4]
+
+
+def test_the_table_says_how_many_runs_got_somewhere(tmp_path: Path) -> None:
+    """A tier that some runs never reached is not averaged over silently."""
+    sweep = opened(tmp_path / "s", job("one"), job("two", seed=1), job("three", seed=2))
+    for name, first in (("one", 3), ("two", None)):
+        folder = written(tmp_path / "s" / name, tmp_path)
+        summary = folder.summary()
+        summary["first"]["complete"] = first
+        folder.finish(summary)
+    (row,) = arm_table(arms(sweep, file_of(sweep))).splitlines()[2:]
+    assert row.startswith("| baseline | 2 of 3 |")
+    assert "| generation 3 (1 of 2) |" in row

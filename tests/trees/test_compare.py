@@ -1,0 +1,84 @@
+"""`islandgp diff`: the shortest edit between two trees, node by node."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from hypothesis import given, settings
+
+from islandgp.bt.compare import Mark, compare, distance
+from islandgp.bt.node import Node, walk
+from tests.bt.stage import short_tree
+from tests.strategies import few_numbers, nodes
+from tests.trees.conftest import Said
+
+Cli = Callable[..., Said]
+TREES = nodes(few_numbers(), max_leaves=8)
+
+
+def marked(old: str, new: str) -> str:
+    return "".join(line.mark for line in compare(short_tree(old), short_tree(new)))
+
+
+@settings(max_examples=150)
+@given(old=TREES, new=TREES)
+def test_both_trees_are_told_in_order(old: Node, new: Node) -> None:
+    """The lines without + are the old tree's nodes in order, those without - the new one's."""
+    lines = compare(old, new)
+    assert [(n.kind, n.args) for n in walk(old)] == [
+        (line.old.kind, line.old.args) for line in lines if line.old is not None
+    ]
+    assert [(n.kind, n.args) for n in walk(new)] == [
+        (line.new.kind, line.new.args) for line in lines if line.new is not None
+    ]
+    for line in lines:
+        found = (line.old is None, line.new is None)
+        assert found == (line.mark is Mark.INSERTED, line.mark is Mark.DELETED)
+
+
+@settings(max_examples=100)
+@given(old=TREES, new=TREES, third=TREES)
+def test_distance_is_a_metric(old: Node, new: Node, third: Node) -> None:
+    """Zero only for equal trees, the same both ways, and no detour is shorter."""
+    assert (distance(old, new) == 0) == (old == new)
+    assert distance(old, new) == distance(new, old)
+    assert distance(old, third) <= distance(old, new) + distance(new, third)
+
+
+def test_by_hand() -> None:
+    """A guard around a branch is one insertion, another number one change in place."""
+    assert marked("selector { A B }", "selector { A B }") == "   "
+    assert marked("selector { A B }", "selector { A when p { B } }") == "  + "
+    assert marked("selector { A when p { B } }", "selector { A B }") == "  - "
+    assert marked("when x < 1 { A }", "when x < 2 { A }") == "~ "
+    assert marked("selector { A B }", "sequence { A B }") == "~  "
+    assert marked("selector { A B D }", "selector { A D }") == "  - "
+    assert marked("selector { A B }", "selector { A D }") == "  ~"
+
+
+def test_command(islandgp: Cli, tmp_path: Path) -> None:
+    """Exit code 0 and one line for equal trees, 1 and the changes for others."""
+    a, b, c = (tmp_path / f"{name}.bt" for name in "abc")
+    a.write_text("selector { SeekCharger PatrolWaypoint }  # a comment")
+    b.write_text("subtree s = SeekCharger selector { use s PatrolWaypoint }")
+    c.write_text("selector { SeekCharger PatrolWaypoint MoveToGarbage }")
+    same = islandgp("diff", a, b)
+    assert (same.code, same.out) == (0, "The same tree.\n")
+    other = islandgp("diff", a, c)
+    assert other.code == 1
+    assert other.out.splitlines() == [
+        "+   MoveToGarbage",
+        "0 deleted, 1 inserted, 0 changed",
+        "Written differently, but they do the same.",
+    ]
+
+
+def test_large_trees_are_compared_as_text(islandgp: Cli, tmp_path: Path) -> None:
+    """Trees too large for the exact edit give a difference of texts instead of a long wait."""
+    a, b = tmp_path / "a.bt", tmp_path / "b.bt"
+    a.write_text("selector {" + " MoveToGarbage" * 400 + " }")
+    b.write_text("selector {" + " MoveToGarbage" * 400 + " PatrolWaypoint }")
+    said = islandgp("diff", a, b)
+    assert said.code == 1
+    assert "+  PatrolWaypoint" in said.out.splitlines()

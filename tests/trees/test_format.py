@@ -1,0 +1,135 @@
+"""`islandgp fmt`: one form for each file, and nothing that a person wrote is lost."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from islandgp.bt.format import format_text
+from islandgp.bt.language import parse, to_text, words
+from islandgp.bt.node import Node
+from islandgp.bt.syntax import expanded, read
+from tests.composed import composed
+from tests.strategies import nodes
+from tests.trees.conftest import Said
+from tests.trees.worlds import random_trees
+
+Cli = Callable[..., Said]
+
+GAPS = st.sampled_from(
+    [" ", "\n", "\n\n", "\n\n\n", "  ", "\t", " # one\n", "\n# two\n", "\n\n#three\n\n"]
+)
+
+
+@st.composite
+def files(draw: st.DrawFn) -> str:
+    """A right file with any gaps between its words, and perhaps a named subtree."""
+    text = to_text(draw(nodes(max_leaves=6)))
+    if draw(st.booleans()):
+        text = f"subtree part = {to_text(draw(nodes(max_leaves=4)))} selector {{ {text} use part }}"
+    tokens = [str(token) for token in words(text)]
+    first = draw(st.sampled_from(["", "\n", "# head\n", "\n\n# head\n\n"]))
+    return first + "".join(token + draw(GAPS) for token in tokens)
+
+
+def comments(text: str) -> list[str]:
+    return [found.rstrip() for found in re.findall(r"#[^\n]*", text)]
+
+
+@settings(max_examples=120)
+@given(text=files())
+def test_formatting(text: str) -> None:
+    """The tree is the same, all comments are there in their order, and fmt of fmt is fmt."""
+    once = format_text(text)
+    assert parse(once) == parse(text)
+    assert comments(once) == comments(text)
+    assert format_text(once) == once
+    assert "\n\n\n" not in once
+    assert not re.search(r"[ \t]\n", once)
+
+
+def test_500_random_trees() -> None:
+    """For 500 random trees parse of print is the identity, and fmt prints what the printer does."""
+    for tree in random_trees(composed(), 500):
+        text = to_text(tree)
+        assert parse(text) == tree
+        assert format_text(text) == text
+        assert format_text(text.replace("\n", "\r\n")) == text
+
+
+@settings(max_examples=100)
+@given(tree=nodes())
+def test_places_are_those_of_the_nodes(tree: Node) -> None:
+    """Each node of the expanded tree knows the word at which it stands in the text."""
+    text = to_text(tree)
+    lines = text.split("\n")
+    for written in expanded(read(text)):
+        word = written.node.args[0] if written.node.kind == "action" else written.node.kind
+        assert lines[written.line - 1][written.column - 1 :].startswith(str(word))
+
+
+MESSY = """\
+# All of it.
+subtree   go=PatrolWaypoint # the round
+selector{ # in order
+    # first of all
+  when batteryLevel<25.0 abort both { SeekCharger } # why
+
+
+  when # odd place
+    foundGarbage
+  { MoveToGarbage }
+  use go # else
+  # that is all
+}
+# the end
+"""
+TIDY = """\
+# All of it.
+subtree go = PatrolWaypoint  # the round
+
+selector {  # in order
+  # first of all
+  when batteryLevel < 25 { SeekCharger }  # why
+
+  # odd place
+  when foundGarbage { MoveToGarbage }
+  use go  # else
+  # that is all
+}
+# the end
+"""
+
+
+def test_by_hand() -> None:
+    """Comments stay where they stood, subtrees keep their names, defaults go."""
+    assert format_text(MESSY) == TIDY
+
+
+def test_command(islandgp: Cli, tmp_path: Path) -> None:
+    """fmt writes what would change, and only that; --check and --diff write nothing."""
+    messy, tidy = tmp_path / "messy.bt", tmp_path / "tidy.bt"
+    messy.write_text(MESSY)
+    tidy.write_text(TIDY)
+    checked = islandgp("fmt", "--check", messy, tidy)
+    assert (checked.code, messy.read_text()) == (1, MESSY)
+    assert "messy.bt" in checked.err
+    assert "tidy.bt" not in checked.err
+    shown = islandgp("fmt", "--diff", messy)
+    assert (shown.code, messy.read_text()) == (0, MESSY)
+    assert "+selector {  # in order" in shown.out.splitlines()
+    written = islandgp("fmt", messy, tidy)
+    assert (written.code, messy.read_text(), tidy.read_text()) == (0, TIDY, TIDY)
+    assert islandgp("fmt", "--check", messy).code == 0
+
+
+def test_standard_input(islandgp: Cli) -> None:
+    """`-` formats the standard input; what is no tree is an error and exit code 2."""
+    assert islandgp("fmt", "-", stdin=MESSY).out == TIDY
+    wrong = islandgp("fmt", "-", stdin="selector {")
+    assert wrong.code == 2
+    assert wrong.err.startswith("islandgp: <stdin>:1:11: the text ends too early")

@@ -1,0 +1,91 @@
+"""`islandgp show`: each form of a picture holds every node, and survives any label."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+
+from islandgp.bt.language import parse
+from islandgp.bt.node import Node, size, walk
+from islandgp.bt.render.dot import to_dot
+from islandgp.bt.render.label import label
+from islandgp.bt.render.layout import BOX, lay_out
+from islandgp.bt.render.mermaid import to_mermaid
+from islandgp.bt.render.svg import to_svg
+from islandgp.bt.render.terminal import to_lines
+from islandgp.resources import resource
+from tests.strategies import nodes
+from tests.trees.conftest import Said
+
+Cli = Callable[..., Said]
+POOR = resource("grammar") / "examples" / "poor.bt"
+
+
+@settings(max_examples=60)
+@given(tree=nodes())
+def test_every_node_is_in_every_picture(tree: Node) -> None:
+    """Text, SVG, Mermaid and dot have a place for each node, in document order."""
+    labels = [label(node) for node in walk(tree)]
+    for line, text in zip(to_lines(tree), labels, strict=True):
+        assert line.endswith(text)
+    svg = ET.fromstring(to_svg(tree))
+    drawn = [e.text for e in svg.iter() if e.tag.endswith("text")]
+    assert drawn == labels
+    assert len(re.findall(r"^  n\d+[\[({]", to_mermaid(tree), re.MULTILINE)) == size(tree)
+    assert to_mermaid(tree).count(" --- ") == size(tree) - 1
+    assert to_dot(tree).count("[label=") == size(tree)
+    assert to_dot(tree).count(" -> ") == size(tree) - 1
+
+
+@settings(max_examples=60)
+@given(tree=nodes())
+def test_boxes_do_not_touch(tree: Node) -> None:
+    """In the layout no two boxes overlap, and all of them are inside the picture."""
+    boxes, width, height = lay_out(tree)
+    for i, a in enumerate(boxes):
+        assert a.x > 0
+        assert a.x + a.width < width
+        assert BOX / 2 < a.y < height - BOX / 2
+        for b in boxes[i + 1 :]:
+            beside = a.x + a.width <= b.x or b.x + b.width <= a.x
+            assert beside or abs(a.y - b.y) >= BOX
+
+
+def test_text() -> None:
+    """The terminal's drawing of a small tree, as one looks at it."""
+    tree = parse(
+        "selector { when lap >= 2 abort none { sequence { SeekCharger PatrolWaypoint } }"
+        " inverter { MoveToGarbage } }"
+    )
+    assert to_lines(tree) == [
+        "? selector",
+        "\u251c\u2500 \u25c7 lap >= 2 abort none",
+        "\u2502  \u2514\u2500 \u2192 sequence",
+        "\u2502     \u251c\u2500 SeekCharger",
+        "\u2502     \u2514\u2500 PatrolWaypoint",
+        "\u2514\u2500 \u00ac inverter",
+        "   \u2514\u2500 MoveToGarbage",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "start"), [("t.svg", "<svg "), ("t.mmd", "flowchart TD"), ("t.dot", "digraph")]
+)
+def test_command_knows_the_form_by_its_ending(
+    islandgp: Cli, tmp_path: Path, name: str, start: str
+) -> None:
+    """-o t.svg writes SVG, and so on."""
+    assert islandgp("show", POOR, "-o", tmp_path / name).code == 0
+    assert (tmp_path / name).read_text().startswith(start)
+
+
+def test_command_draws_in_the_terminal(islandgp: Cli) -> None:
+    """Without more, `show` prints the drawing."""
+    said = islandgp("show", POOR)
+    assert said.out.startswith("? selector\n")
+    assert len(said.out.splitlines()) == size(parse(POOR.read_text()))
