@@ -30,6 +30,7 @@ test-slow: $(STAMP) ## the long, exhaustive tests
 	$(BIN)/python -m pytest -n auto -m slow
 
 bench: $(STAMP)  ## the benchmarks, with goals beside figures
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]' -c constraints.txt
 	$(BIN)/python -m benchmarks
 
 ui: $(STAMP)     ## start the MLflow UI on this folder's runs

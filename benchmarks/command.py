@@ -22,10 +22,14 @@ def empty_folder() -> Iterator[Path]:
         yield Path(path)
 
 
-def start(module: str, words: Sequence[str], folder: Path) -> subprocess.Popen[str]:
-    """`python -m MODULE WORDS` in a folder; what it says goes nowhere."""
+RUN = ("-m", "islandgp")
+TOOL = ("-c", "from islandgp.cli import main; main()")  # what the script `islandgp` does
+
+
+def start(command: Sequence[str], words: Sequence[str], folder: Path) -> subprocess.Popen[str]:
+    """RUN or TOOL with WORDS, in a folder; what it says goes nowhere."""
     return subprocess.Popen(
-        [sys.executable, "-m", module, *words],
+        [sys.executable, *command, *words],
         cwd=folder,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         stdin=subprocess.DEVNULL,

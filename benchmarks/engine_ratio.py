@@ -29,9 +29,7 @@ def measure(effort: Effort) -> list[Figure]:
         found = run_episode(example("all_rounder"), world, seed, points())
         assert found.steps == steps, f"seed {seed} ended after {found.steps} steps"
         for _ in range(ROUNDS[effort]):
-            rows += turns(
-                [_episode(world, seed), _bare(world, seed, steps)], 1, clock=process_time
-            )
+            rows += turns([_episode(world, seed), _bare(world, seed, steps)], 1, clock=process_time)
     episode, bare = medians(rows)
     return [
         Figure(
@@ -41,7 +39,7 @@ def measure(effort: Effort) -> list[Figure]:
             f"all-rounder's episode of {steps:,} steps / the bare steps; median over pairs",
             at_most(2.0),
         ),
-        Figure("ratio_of_medians", episode / bare, "", "the same, median over median"),
+        Figure("engine_ratio_of_medians", episode / bare, "", "the same, median over median"),
         Figure("episode_ms", 1000 * episode, "ms", "the episode, from world and tree to outcome"),
         Figure("bare_ms", 1000 * bare, "ms", "the bare steps; the robot bounces about at 5 m/s"),
     ]

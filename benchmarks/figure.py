@@ -31,7 +31,7 @@ class Goal:
 class Figure:
     """One number, and what people need in order to read it."""
 
-    name: str  # unique in its benchmark
+    name: str  # unique among all benchmarks
     value: float
     unit: str  # "" for a plain ratio, "%" for a share in percent
     what: str  # one line

@@ -62,9 +62,9 @@ def measure(effort: Effort) -> list[Figure]:
     for name, (growth, what) in found.items():
         span = f"{growth.sizes[-2]} to {growth.sizes[-1]}"
         figures += [
-            Figure(f"{name}_us", 1e6 * growth.per_item, "us", f"{what}, {span}"),
+            Figure(f"per_{name}_us", 1e6 * growth.per_item, "us", f"{what}, {span}"),
             Figure(
-                f"{name}_power",
+                f"per_{name}_power",
                 growth.exponent,
                 "",
                 f"the power of that growth, from {growth.seconds[-2] * 1000:.1f}"

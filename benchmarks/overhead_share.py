@@ -7,76 +7,73 @@ from statistics import median
 from time import time
 from typing import Final, NamedTuple
 
-from benchmarks.command import empty_folder, finish, start
-from benchmarks.figure import Effort, Figure, at_most
+from benchmarks.command import RUN, empty_folder, finish, start
+from benchmarks.figure import Effort, Figure, Goal, at_most
 from islandgp.tracking.folder import RunFolder
 
 ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 1, Effort.FULL: 3}
-SHORTER: Final = {
-    Effort.TINY: ("gp.population=6", "gp.generations=2", "world.episode.length=5"),
-    Effort.QUICK: ("gp.generations=11",),
-    Effort.FULL: (),
-}
-TRACKING: Final = ("off", "mlflow")
+SHORT: Final = ("gp.population=6", "gp.generations=2", "world.episode.length=5")
+SHORTER: Final = {Effort.TINY: SHORT, Effort.QUICK: ("gp.generations=11",), Effort.FULL: ()}
 
 
 class Run(NamedTuple):
     """Where the seconds of one run went."""
 
-    whole: float  # s from the first line of the run's folder to the end of the process
-    episodes: float  # s in which episodes ran
-    operators: float  # s
-    supervision: float  # s
-    command: float  # s from the start of the process to its end
+    whole: float  # from the first line of the run's folder to the end of the process
+    episodes: float  # in which episodes ran
+    operators: float  # selection, variation and book-keeping in the loop
+    supervision: float  # waiting for advice
+    command: float  # from the start of the process to its end
 
     @property
-    def share(self) -> float:
-        """Everything but episodes, in percent of the run."""
-        return 100 * (1 - self.episodes / self.whole)
+    def rest(self) -> float:
+        """Records, checkpoints, tracking, and the end of the process."""
+        return self.whole - self.episodes - self.operators - self.supervision
 
 
 def measure(effort: Effort) -> list[Figure]:
-    """Whole runs of the default experiment as a user starts them, both kinds in turns."""
-    runs: dict[str, list[Run]] = {tracking: [] for tracking in TRACKING}
-    for _ in range(ROUNDS[effort]):
-        for tracking in TRACKING:
-            runs[tracking].append(_run(tracking, SHORTER[effort]))
-    figures = []
-    for tracking, found in runs.items():
-        said = f"tracking={tracking}"
-        rest = median(r.whole - r.episodes - r.operators - r.supervision for r in found)
-        figures += [
-            Figure(
-                f"overhead_share_{tracking}",
-                median(r.share for r in found),
-                "%",
-                f"everything but episodes, in percent of the run, {said}",
-                at_most(5.0) if effort is Effort.FULL else None,
-            ),
-            _seconds("whole", tracking, [r.whole for r in found], "the run, to its process's end"),
-            _seconds("operators", tracking, [r.operators for r in found], "selection, variation"),
-            _seconds("supervision", tracking, [r.supervision for r in found], "waiting for advice"),
-            Figure(
-                f"rest_s_{tracking}", rest, "s", f"records, checkpoints, tracking, end, {said}"
-            ),
-            _seconds(
-                "command", tracking, [r.command for r in found], "the command, imports included"
-            ),
-        ]
-    return figures
-
-
-def _seconds(name: str, tracking: str, values: list[float], what: str) -> Figure:
-    return Figure(f"{name}_s_{tracking}", median(values), "s", f"{what}, tracking={tracking}")
-
-
-def _run(tracking: str, words: tuple[str, ...]) -> Run:
+    """Whole runs of the default experiment as a user starts them, with and without MLflow."""
+    off, mlflow = [], []
     with empty_folder() as home:
-        began = time()
-        finish(start("islandgp", [f"tracking={tracking}", "progress=off", *words], home))
-        ended = time()
-        folder = RunFolder(_only_run(home))
-        about, costs = folder.about(), list(folder.costs())
+        first = _run(home, "tracking=mlflow", "name=first", *SHORT)
+        for i in range(ROUNDS[effort]):
+            off.append(_run(home, "tracking=off", f"name=off{i}", *SHORTER[effort]))
+            mlflow.append(_run(home, "tracking=mlflow", f"name=mlflow{i}", *SHORTER[effort]))
+    # MLflow's thread works while episodes run and takes a core from them, so a tracked
+    # run is held against the episodes of the untracked one.
+    episodes = median(run.episodes for run in off)
+    goal = at_most(5.0) if effort is Effort.FULL else None
+    return [
+        _share("overhead_share_off", off, episodes, "tracking=off", goal),
+        _share("overhead_share_mlflow", mlflow, episodes, "tracking=mlflow, the default", goal),
+        _seconds("episodes_s", [r.episodes for r in off], "episodes, with the workers' start"),
+        _seconds("operators_s", [r.operators for r in off], "selection, variation, records"),
+        _seconds("supervision_s", [r.supervision for r in off], "waiting for advice"),
+        _seconds("rest_s", [r.rest for r in off], "checkpoints, files, end of the process"),
+        _seconds("run_s_off", [r.whole for r in off], "all of these: the run, tracking=off"),
+        _seconds("run_s_mlflow", [r.whole for r in mlflow], "the run, tracking=mlflow"),
+        _seconds("new_store_s", [first.rest], "the same rest where MLflow makes a new store"),
+        _seconds("command_s", [r.command for r in mlflow], "the command, tracking=mlflow"),
+    ]
+
+
+def _share(name: str, runs: list[Run], episodes: float, said: str, goal: Goal | None) -> Figure:
+    value = median(100 * (1 - episodes / run.whole) for run in runs)
+    return Figure(name, value, "%", f"everything but episodes, in percent of a run, {said}", goal)
+
+
+def _seconds(name: str, values: list[float], what: str) -> Figure:
+    return Figure(name, median(values), "s", what)
+
+
+def _run(home: Path, *words: str) -> Run:
+    name = next(word.removeprefix("name=") for word in words if word.startswith("name="))
+    began = time()
+    finish(start(RUN, [*words, "progress=off"], home))
+    ended = time()
+    (summary,) = home.glob(f"runs/{name}/*/summary.json")
+    folder = RunFolder(summary.parent)
+    about, costs = folder.about(), list(folder.costs())
     assert about is not None
     return Run(
         whole=ended - about.started / 1000,
@@ -85,8 +82,3 @@ def _run(tracking: str, words: tuple[str, ...]) -> Run:
         supervision=sum(cost["supervision"] for cost in costs),
         command=ended - began,
     )
-
-
-def _only_run(home: Path) -> Path:
-    (found,) = home.glob("runs/*/*/summary.json")
-    return found.parent

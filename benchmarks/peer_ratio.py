@@ -104,7 +104,7 @@ def _singles(effort: Effort, world: World) -> tuple[list[tuple[float, ...]], lis
         sides = [partial(run, tree, world, seed, award) for run in (run_peer_episode, run_episode)]
         rows += turns(sides, 1, clock=process_time)
     return rows, [
-        Figure(name, _share(a, b), "%", f"the usual parts' {name}, in percent of ours")
+        Figure(f"peer_{name}", _share(a, b), "%", f"the usual parts' {name}, in percent of ours")
         for name, a, b in zip(("pickups", "deliveries"), theirs, ours, strict=True)
     ]
 

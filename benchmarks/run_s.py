@@ -75,10 +75,15 @@ def measure(effort: Effort) -> list[Figure]:
     serial = median(e.evolving - e.evaluating for e in found[most])
     return [
         *figures,
-        Figure("start_s", median(e.start for e in found[most]), "s", f"start of {most} workers, and {WARM_UP} episodes each"),
+        Figure(
+            "start_s",
+            median(e.start for e in found[most]),
+            "s",
+            f"start of {most} workers, and {WARM_UP} episodes each",
+        ),
         Figure("serial_s", serial, "s", "operators and supervisor, which one core does"),
         Figure(
-            "cached",
+            "cached_share",
             100 * (1 - last.simulated / last.episodes),
             "%",
             "episodes that the cache had already",

@@ -9,7 +9,7 @@ from statistics import median
 from time import perf_counter, sleep
 from typing import Final
 
-from benchmarks.command import empty_folder, finish, interrupt, start
+from benchmarks.command import RUN, TOOL, empty_folder, finish, interrupt, start
 from benchmarks.figure import Effort, Figure
 
 ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 2, Effort.FULL: 7}
@@ -23,8 +23,8 @@ def measure(effort: Effort) -> list[Figure]:
     """`islandgp --help`, a mistake in the configuration, the first generation; then memory."""
     words = SMALL if effort is Effort.TINY else ()
     waits: dict[str, Callable[[], float]] = {
-        "help_s": lambda: _command("islandgp.cli", "--help"),
-        "config_error_s": lambda: _command("islandgp", "gp.population=-5", expected=2),
+        "help_s": lambda: _command(TOOL, "--help"),
+        "config_error_s": lambda: _command(RUN, "gp.population=-5", expected=2),
         "first_generation_s": lambda: _first_generation(words)[0],
     }
     found: dict[str, list[float]] = {name: [] for name in waits}
@@ -37,7 +37,7 @@ def measure(effort: Effort) -> list[Figure]:
         "first_generation_s": "python -m islandgp tracking=off, until generation 0 is on disk",
     }
     figures = [Figure(name, median(found[name]), "s", what[name]) for name in waits]
-    _, resident, own = _first_generation(words)
+    _, (resident, own) = _first_generation(words)
     if resident:
         figures += [
             Figure("worker_mb", resident / MB, "MB", "resident memory of a worker"),
@@ -46,28 +46,28 @@ def measure(effort: Effort) -> list[Figure]:
     return figures
 
 
-def _command(module: str, *words: str, expected: int = 0) -> float:
+def _command(command: tuple[str, ...], *words: str, expected: int = 0) -> float:
     with empty_folder() as home:
         began = perf_counter()
-        finish(start(module, words, home), expected)
+        finish(start(command, words, home), expected)
         return perf_counter() - began
 
 
-def _first_generation(words: tuple[str, ...]) -> tuple[float, float, float]:
-    """Seconds until generation 0 is on disk; a worker's resident and proportional kB, or 0."""
+def _first_generation(words: tuple[str, ...]) -> tuple[float, tuple[float, float]]:
+    """Seconds until generation 0 is on disk; a worker's resident and proportional kB."""
     with empty_folder() as home:
         began = perf_counter()
-        process = start("islandgp", ["tracking=off", "progress=off", *words], home)
+        process = start(RUN, ["tracking=off", "progress=off", *words], home)
         try:
             while not any(file.stat().st_size for file in home.glob("runs/*/*/generations.jsonl")):
                 if process.poll() is not None or perf_counter() - began > PATIENCE:
                     raise RuntimeError("the run ended, or stood still, before generation 0")
                 sleep(LOOK_EVERY)
             seconds = perf_counter() - began
-            resident, own = _worker_memory(process.pid)
+            memory = _worker_memory(process.pid)
         finally:
             interrupt(process)
-        return seconds, resident, own
+        return seconds, memory
 
 
 def _worker_memory(run: int) -> tuple[float, float]:

@@ -84,9 +84,7 @@ def measure(effort: Effort) -> list[Figure]:
     return figures
 
 
-def _many(
-    prepare: Prepare, situations: tuple[Situation, ...], ticks: int
-) -> Callable[[], object]:
+def _many(prepare: Prepare, situations: tuple[Situation, ...], ticks: int) -> Callable[[], object]:
     def run() -> None:
         for situation in situations:
             tick = prepare(situation)
@@ -140,7 +138,7 @@ def _py_trees(tree: Node) -> Prepare:
 
 
 def _behaviortreepy(tree: Node) -> Prepare:
-    import behaviortreepy
+    import behaviortreepy  # type: ignore[import-untyped]  # it has no types
 
     names: Any = behaviortreepy.NodeStatus
     status = names.RUNNING

@@ -13,7 +13,7 @@ from islandgp.errors import IslandError
 COMMANDS: Final[dict[str, str]] = {
     "run": "evolve trees: the same as python -m islandgp",
     "check": "look for errors and doubtful places in tree files",
-    "fmt": "print tree files in the canonical form",
+    "fmt": "bring tree files into the canonical form",
     "show": "draw a tree",
     "simplify": "shorten a tree without changing what it does",
     "diff": "compare two trees",

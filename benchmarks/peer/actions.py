@@ -6,6 +6,7 @@ from typing import Any, Final
 
 from py_trees.behaviour import Behaviour
 from py_trees.common import Status
+from pymunk import Vec2d
 
 from benchmarks.peer.island import Island, Item
 from islandgp.island.actions import AIM_EVERY
@@ -99,6 +100,7 @@ class MoveToHumanoid(Action):
     """Drives to the nearest humanoid that asks, and takes over its garbage."""
 
     whom: int | None
+    aim: Vec2d  # where it was last seen
 
     def initialise(self) -> None:
         """Chooses the humanoid."""

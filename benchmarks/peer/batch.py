@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from multiprocessing.pool import Pool
 from typing import Any
 
-from deap import base, creator
+from deap import base, creator  # type: ignore[import-untyped]  # it has no types
 
 from benchmarks.peer.episode import run_peer_episode
 from benchmarks.pinned import points

@@ -8,11 +8,10 @@ import numpy as np
 from pymunk import Vec2d
 
 from islandgp.island.journal import Award, Event, Journal
-from islandgp.island.robot import MARGIN
 from islandgp.island.script import SPAWN, write_script
 from islandgp.island.space import build_space
 from islandgp.island.steering import steer
-from islandgp.island.world import Point, World
+from islandgp.island.world import ROCK_MARGIN, Point, World
 
 
 class Item:
@@ -37,7 +36,7 @@ class Island:
         self._lay_out()
         self.carried = np.zeros(len(self.people), dtype=int)  # items of each humanoid
         self.met = np.zeros(len(self.people), dtype=bool)  # humanoids seen before
-        gap = world.robot.radius + MARGIN
+        gap = world.robot.radius + ROCK_MARGIN
         self.rocks = [(x, y, radius + gap) for x, y, radius in self.script.obstacles]
         self.step = self.cue = 0
         self.dt = world.episode.step

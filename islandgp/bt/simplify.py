@@ -100,29 +100,31 @@ def _never_gets_there(node: Node, standing: Standing) -> Rewrite:
 
 def _idle_branch(node: Node, standing: Standing) -> Rewrite:
     # It hands over at once, each time, and its guards never turn true.
-    if len(node.children) == 1:
-        return None
+    busy: list[Node] = []
+    idling: list[Node] = []
     for index, child in enumerate(node.children):
-        if idle(child, below(node, standing, index)) == HANDS_OVER[node.kind]:
-            rest = node.children[:index] + node.children[index + 1 :]
-            return node._replace(children=rest), f"{head(child)} never does anything"
-    return None
+        found = idle(child, below(node, standing, index)) == HANDS_OVER[node.kind]
+        (idling if found else busy).append(child)
+    if not idling or len(node.children) == 1:
+        return None
+    rest = tuple(busy or idling[-1:])
+    return node._replace(children=rest), f"{head(idling[0])} never does anything"
 
 
 def _same_inside(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001 -- every rule's form
     # In the last place the inner composite observes what the outer one would.
     # Elsewhere it observes nothing, or the outer one would observe it for longer.
-    for index, child in enumerate(node.children):
-        if child.kind != node.kind:
-            continue
-        inner = child.children
-        if index < len(node.children) - 1:
-            if any(map(exposes, inner[:-1])):
-                continue
-            inner = (*inner[:-1], hidden(inner[-1]))
-        children = (*node.children[:index], *inner, *node.children[index + 1 :])
-        return node._replace(children=children), f"{node.kind} directly in a {node.kind}"
-    return None
+    *earlier, last = node.children
+    children: list[Node] = []
+    for child in earlier:
+        if child.kind == node.kind and not any(map(exposes, child.children[:-1])):
+            children += (*child.children[:-1], hidden(child.children[-1]))
+        else:
+            children.append(child)
+    children += last.children if last.kind == node.kind else (last,)
+    if len(children) == len(node.children):
+        return None
+    return node._replace(children=tuple(children)), f"{node.kind} directly in a {node.kind}"
 
 
 def _same_parallel_inside(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001

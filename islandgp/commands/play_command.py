@@ -113,7 +113,7 @@ def _print(outcomes: Sequence[Outcome], settings: Settings, stage: int) -> None:
     from islandgp.scoring.classify import Tier, tiers
 
     # Where the output is a file or a pipe, lines are as long as they must be.
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else 120)
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else 140)
     console.print(_worlds(outcomes, settings))
     console.print(_means(outcomes, stage))
     reached = [tiers(outcome, settings.classes) for outcome in outcomes]

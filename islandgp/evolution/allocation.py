@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
 from islandgp.bt.limits import Limits
@@ -18,6 +19,7 @@ from islandgp.bt.node import Node
 from islandgp.evolution.generation import TreeSettings, random_tree
 from islandgp.evolution.population import Evaluated, Individual, Origin, ranked
 from islandgp.evolution.variation import crossover, tournament
+from islandgp.scoring.classify import Specialist
 from islandgp.scoring.state import BEHAVIOURS
 from islandgp.seeding import Stream, stream
 
@@ -79,8 +81,8 @@ def remember(archive: Archive, population: Sequence[Evaluated]) -> dict[str, Anc
 
 
 def scaled(count: int, allocation: Allocation, population: int) -> int:
-    """A count of Table 1 for another population size, rounded half up."""
-    return (2 * count * population + allocation.per) // (2 * allocation.per)
+    """A count of Table 1 for another population size, rounded half up, but none lost."""
+    return max(min(count, 1), (2 * count * population + allocation.per) // (2 * allocation.per))
 
 
 def diversity_slots(allocation: Allocation, population: int, taken: int, diversity: float) -> int:
@@ -121,13 +123,27 @@ def elites(
 
 
 def pick_parent(
-    entrants: Sequence[Evaluated], supplied: Counter[str], share: float, slots: int
+    rng: np.random.Generator,
+    population: Sequence[Evaluated],
+    supplied: Counter[str],
+    *,
+    most: float,
+    entrants: int,
 ) -> Evaluated:
-    """Niche protection: the best entrant whose class has not yet given its share of parents."""
-    for e in entrants:
-        if supplied[e.specialist] < share * slots:
-            return e
-    return entrants[0]
+    """A tournament's winner, with niche protection.
+
+    A class that has given `most` parents sits out as long as another class of
+    working robots has room: then the tournament is held among those.
+    """
+    first = tournament(rng, population, entrants)[0]
+    if supplied[first.specialist] < most:
+        return first
+    others = [
+        e
+        for e in population
+        if supplied[e.specialist] < most and e.specialist is not Specialist.PATROL_ONLY
+    ]
+    return tournament(rng, others, entrants)[0] if others else first
 
 
 def next_population(
@@ -161,13 +177,12 @@ def next_population(
             Individual(f"{generation}.{slot}", random_tree(rng, trees, limits), Origin.RANDOM)
         )
     supplied: Counter[str] = Counter()
-    children, first = n - len(new), len(new)
-    for slot in range(first, n):
+    most = allocation.niche_share * (n - len(new)) * (1 + crossover_rate)
+    for slot in range(len(new), n):
         rng = stream(seed, Stream.SELECTION, generation=generation, slot=slot)
         parents = []
         for _ in range(2 if rng.random() < crossover_rate else 1):
-            entrants = tournament(rng, population, tournament_size)
-            parent = pick_parent(entrants, supplied, allocation.niche_share, 2 * children)
+            parent = pick_parent(rng, population, supplied, most=most, entrants=tournament_size)
             supplied[parent.specialist] += 1
             parents.append(parent.individual)
         new.append(_child(f"{generation}.{slot}", parents, seed, generation, slot, limits))

@@ -197,6 +197,8 @@ def _decide(
     """Lines 7 to 12: what is done with an answer, and the tree that goes into the population."""
     given = answer or Guidance(None, None, "none", reasoning="no answer is due yet")
     wanted = given.mutation_rate if plan.switches.adapt_mutation else None
+    # An emergency does not outlast its crisis where nobody adapts the rate.
+    held = rate if plan.switches.adapt_mutation else plan.gp.mutation_rate
     reason = crisis_reason(view, plan.gp.crisis)
     refused = ""
     if given.tree is not None:
@@ -206,7 +208,7 @@ def _decide(
             refused = "the tree breaks the limits"
     tree = None if refused else given.tree
     record = GuidanceRecord(
-        asked_at=view.now.generation - plan.switches.lag,
+        asked_at=None if answer is None else view.now.generation - plan.switches.lag,
         source=given.source,
         phase=given.phase,
         pattern=given.pattern,
@@ -214,7 +216,7 @@ def _decide(
         intervention=given.intervention,
         wanted_rate=given.mutation_rate,
         crisis=reason,
-        applied_rate=applied_rate(rate if wanted is None else wanted, reason, plan.gp.crisis),
+        applied_rate=applied_rate(held if wanted is None else wanted, reason, plan.gp.crisis),
         tree=None if given.tree is None else to_text(given.tree),
         injected=tree is not None,
         refused=refused,

@@ -40,7 +40,7 @@ class IndividualRecord:
 class GuidanceRecord:
     """What the supervisor said after a generation, and what was done with it."""
 
-    asked_at: int  # generation whose state was answered
+    asked_at: int | None  # generation whose state was answered; None: no answer was due yet
     source: str
     phase: str | None
     pattern: str | None

@@ -14,11 +14,10 @@ import pymunk
 
 from islandgp.island.script import Circle
 from islandgp.island.steering import steer
-from islandgp.island.world import World
+from islandgp.island.world import ROCK_MARGIN, World
 
 MICRO = 1_000_000  # units of charge in one percent
 FULL = 100 * MICRO
-MARGIN = 0.3  # m between the robot's hull and an obstacle it drives around
 FAR = 1 << 60  # a step that never comes
 TOLERANCE = 1e-6  # m, far above the rounding of positions
 
@@ -57,7 +56,7 @@ class Robot:
         self.marks = sorted(m for m in marks if 0 <= m <= FULL)
         # wheels
         self.stride = world.robot.speed * step  # m a step
-        self.rocks = tuple((x, y, r + world.robot.radius + MARGIN) for x, y, r in rocks)
+        self.rocks = tuple((x, y, r + world.robot.radius + ROCK_MARGIN) for x, y, r in rocks)
         self.driving = False  # in this step
         self.charging = False  # in this step; standing only
         self.rolling = False  # the body may have a velocity

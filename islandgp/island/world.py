@@ -13,6 +13,7 @@ from pydantic import BaseModel, Field, model_validator
 Positive = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
 Percent = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
+ROCK_MARGIN = 0.3  # m between the robot's hull and an obstacle it drives around
 Point = tuple[NotNegative, NotNegative]  # metres from the south-west corner
 
 
@@ -106,6 +107,12 @@ class World(BaseModel, frozen=True, extra="forbid"):
             raise ValueError(
                 f"garbage.initial: expected at most garbage.most={self.garbage.most},"
                 f" found {self.garbage.initial}"
+            )
+        narrow = 2 * (self.robot.radius + ROCK_MARGIN)
+        if self.obstacles.gap < narrow:
+            raise ValueError(
+                f"obstacles.gap: expected at least {narrow:g}, so that the robot can pass,"
+                f" found {self.obstacles.gap:g}"
             )
         for name, (low, high) in (
             ("humanoids.turn_every", self.humanoids.turn_every),

@@ -24,6 +24,8 @@ YARDSTICK: Final = frozenset({"world", "rewards", "curriculum", "classes"})
 BUDGET: Final = frozenset({"gp.population", "gp.generations", "gp.episodes", "gp.common_world"})
 """What a run may spend: never studied either."""
 
+SHORTEST: Final = 4  # generations, so that no stage of Table 10 is empty
+
 
 def compare_arms(
     arms: Sequence[Arm],
@@ -35,8 +37,8 @@ def compare_arms(
     """The arms as one comparison.
 
     Raises:
-        StudyError: fewer than two arms, two of one name, a run in two arms; or the arms
-            are not comparable and `force` is not set.
+        StudyError: fewer than two arms, two of one name, a run in two arms, runs too
+            short; or the arms are not comparable and `force` is not set.
     """
     _check_names(arms)
     selections = [parse_selection(arm.selection) for arm in arms]
@@ -58,6 +60,12 @@ def _check_names(arms: Sequence[Arm]) -> None:
             f"Expected two or more arms, found {len(arms)}; for instance"
             ' --arm expert="supervisor=expert" --arm baseline="supervisor=baseline".'
         )
+    for arm in arms:
+        if arm.generations < SHORTEST:
+            raise StudyError(
+                f"Expected runs of at least {SHORTEST} generations, found {arm.generations} in"
+                f" {arm.name}; early, mid and late training need one each."
+            )
     for name, count in Counter(arm.name for arm in arms).items():
         if count > 1:
             raise StudyError(f"Expected arms of different names, found {name} {count} times.")

@@ -26,7 +26,7 @@ class ExpertSettings(BaseModel, frozen=True, extra="forbid"):
     strong: float = Field(gt=0)  # rise of the best over the window, as a share, that is "strong"
     rare: float = Field(ge=0, le=1)  # share of the population below which a behaviour is missing
     collapse: float = Field(ge=0, le=1)  # Eq. (3) below which diversity has collapsed
-    trees: dict[Target, tuple[str, ...]]  # Table 7: example trees by target, simple first
+    trees: dict[Target, tuple[str, ...]]  # Table 7: example trees by target; one of them is drawn
 
     @model_validator(mode="after")
     def _complete(self) -> ExpertSettings:
@@ -86,12 +86,15 @@ def classify_pattern(state: PopulationState, how: ExpertSettings) -> Pattern:
 
 
 def choose_target(state: PopulationState, how: ExpertSettings) -> Target:
-    """Table 7: what the next tree is for."""
+    """Table 7: what the next tree is for.
+
+    Until a Complete Robot has existed, a compact specialist for the rarest behaviour:
+    putting behaviours together is left to evolution.
+    """
     order = ("charging", "clearing", "humanoid", "pickup")  # hardest to find first
-    few = how.rare * state.population
-    missing = [name for name in order if state.now.doing[name] < few]
-    if missing:
-        return Target(min(missing, key=lambda name: state.now.doing[name]))
+    rarest = min(order, key=lambda name: state.now.doing[name])
+    if not state.ever_complete or state.now.doing[rarest] < how.rare * state.population:
+        return Target(rarest)
     if state.stagnant_generations >= 2 * how.plateau:
         return Target.EXPLORATION
     if state.now.diversity < how.collapse:

@@ -35,14 +35,18 @@ FAULTS: Final = (
     Fault.TOO_LARGE,
     Fault.UNAUTHORISED,
 )
-QUICK: Final = ("supervisor.policy.retry.deadline=0.5", "supervisor.policy.retry.first_wait=0.05")
+QUICK: Final = (
+    "supervisor.policy.retry.attempts=2",
+    "supervisor.policy.retry.deadline=0.5",
+    "supervisor.policy.retry.first_wait=0.05",
+)
 
 
 def demo(overrides: Sequence[str]) -> int:
     """Runs, repeats, compares; returns the exit code."""
     print(TOLD)
     home = Path(tempfile.mkdtemp(prefix="islandgp-demo-llm-"))
-    common = ["experiment=smoke", "tracking=off", "progress=off", *overrides]
+    common = ["experiment=smoke", "gp.generations=11", "tracking=off", "progress=off", *overrides]
     os.environ.pop("ANTHROPIC_API_KEY", None)  # it must not reach a server of ours
     with MessagesServer(every(3, FAULTS)) as server:
         url = f"supervisor.policy.base_url={server.url}"
@@ -78,8 +82,8 @@ def _tell(records: Sequence[dict[str, Any]], spent: dict[str, float], asked: int
     for record in records:
         if (given := record["guidance"]) is not None:
             notes = given["notes"]
-            print(f"{record['snapshot']['generation']:10}  {given['applied_rate']:.2f}", end="  ")
-            print(f"rate: {_first(notes['rate'])}; tree: {_first(notes['tree'])}")
+            print(f"{record['snapshot']['generation']:10}  {given['applied_rate']:.2f}", end="")
+            print(f"  rate: {_first(notes['rate'])}\n{'':18}tree: {_first(notes['tree'])}")
     print(f"\n{asked} requests reached the server. The ledger, tokens being made up by the script:")
     print("  " + ", ".join(f"{name} {value:g}" for name, value in spent.items() if value))
 
@@ -87,7 +91,7 @@ def _tell(records: Sequence[dict[str, Any]], spent: dict[str, float], asked: int
 def _first(note: str) -> str:
     """A note's first line, short."""
     line = note.splitlines()[0]
-    return line if len(line) <= 60 else line[:60] + "..."
+    return line if len(line) <= 78 else line[:78] + "..."
 
 
 if __name__ == "__main__":

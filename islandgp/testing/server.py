@@ -217,7 +217,7 @@ def _message(
         "stop_sequence": None,
         "usage": {
             "input_tokens": size // 4,
-            "output_tokens": len(text) // 4,
+            "output_tokens": min(len(text) // 4, request["max_tokens"]),
             "cache_read_input_tokens": 0,
             "cache_creation_input_tokens": 0,
         },

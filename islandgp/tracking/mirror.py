@@ -8,7 +8,6 @@ part of the folder.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from getpass import getuser
 from itertools import islice
@@ -99,23 +98,29 @@ class Mirror:
     def _generations(self, sent: Sent) -> Sent:
         settled = self.folder.settled()
         while sent.generations < settled:
-            batch: list[Metric] = []
-            step = sent.generations
-            for step, at, values in self._values(sent.generations, settled):
-                if len(batch) + len(values) > POINTS:
-                    break
-                batch += [metric(key, value, at, step) for key, value in values.items()]
-            else:
-                step += 1
+            batch, upto = self._batch(sent.generations, settled)
             self.store.client.log_batch(sent.run, metrics=batch)
-            sent = replace(sent, generations=step)
+            sent = replace(sent, generations=upto)
             write_sent(self.folder.path, sent)
         return sent
 
-    def _values(self, first: int, end: int) -> Iterator[tuple[int, int, dict[str, float]]]:
+    def _batch(self, first: int, end: int) -> tuple[list[Metric], int]:
+        """A call's fill of points from the generation `first` on, and the generation after it."""
+        batch: list[Metric] = []
         pairs = zip(self.folder.records(first), self.folder.costs(first), strict=False)
+        step = first
         for record, cost in islice(pairs, end - first):
-            yield record["snapshot"]["generation"], cost["at"], metrics(record, cost)
+            values = metrics(record, cost)
+            if len(batch) + len(values) > POINTS:
+                break
+            batch += [metric(key, value, cost["at"], step) for key, value in values.items()]
+            step += 1
+        if step == first:
+            raise TrackingError(
+                f"Expected {end} generations in {self.folder.path}, found {first}; the run's"
+                " records are damaged."
+            )
+        return batch, step
 
     def _end(self, sent: Sent, status: Status) -> Sent:
         done = end_of(status, sent.generations)

@@ -109,7 +109,9 @@ def record(tree: Node, surroundings: Surroundings, *, seed: int, stage: int) -> 
         counts=tuple((c[0], c[1], c[2], c[3], c[4]) for c in recorder.counts),
         robot=tuple(recorder.robot),
         goals=tuple(recorder.goals),
-        humanoids=np.array(recorder.humanoids, dtype=complex).reshape(ticks, -1),
+        humanoids=np.array(recorder.humanoids, dtype=complex).reshape(
+            ticks, surroundings.world.humanoids.count
+        ),
         carried=tuple(recorder.carried),
         garbage=tuple(recorder.stays(ticks)),
         boards=tuple(recorder.boards),

@@ -15,9 +15,6 @@ from islandgp.island.world import World
 from tests.island.days import day, world
 
 Point = tuple[float, float]
-TWO_ROCKS = pytest.mark.xfail(
-    strict=True, reason="steer does not look whether another rock stands on the tangent leg"
-)
 
 
 def drive(
@@ -67,13 +64,11 @@ def test_many_ways() -> None:
     check_ways(world(), 0, 400)
 
 
-@TWO_ROCKS
 def test_a_crowded_island() -> None:
     """The same among ninety rocks that stand as near to each other as configuration lets them."""
     check_ways(world(obstacles={"count": 90, "gap": 4}), 1, 200)
 
 
-@TWO_ROCKS
 @pytest.mark.slow
 @pytest.mark.parametrize("layout", range(8))
 def test_thousands_of_ways(layout: int) -> None:

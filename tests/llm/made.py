@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 from islandgp.run import setup_of
@@ -125,13 +126,19 @@ class FakeClient:
         self.script = script
         self.requests: list[Request] = []
         self.closed = False
+        self._lock = Lock()
 
     def send(self, request: Request, *, seconds: float) -> Reply | Failure:
         """See `Client`."""
         assert seconds > 0
-        self.requests.append(request)
-        n = len(self.requests) - 1
-        return self.script(request, n) if callable(self.script) else self.script[n]
+        with self._lock:
+            self.requests.append(request)
+            n = len(self.requests) - 1
+            return self.script(request, n) if callable(self.script) else self.script[n]
+
+    def asked(self, kind: str) -> list[Request]:
+        """The requests of one kind, in their order; questions of two kinds go out together."""
+        return [request for request in self.requests if kind_of(request) == kind]
 
     def close(self) -> None:
         """See `Client`."""

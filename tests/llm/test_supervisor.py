@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 
 import pytest
@@ -44,14 +45,14 @@ def test_both_answers_make_the_guidance() -> None:
     assert found.tree is not None
     assert to_text(found.tree) == "selector { PatrolWaypoint }\n"
     assert (found.target, found.rationale) == (Target.RARE, "c")
-    probe, rate, tree = client.requests
+    (rate,), (tree,) = client.asked("rate"), client.asked("tree")
     assert found.notes == {
         "rate": "llm",
         "rate_prompts": rate.prompt_digest,
         "tree": "llm",
         "tree_prompts": tree.prompt_digest,
     }
-    assert kind_of(probe) == "probe"
+    assert kind_of(client.requests[0]) == "probe"
 
 
 def test_a_repaired_answer_is_used_and_told() -> None:
@@ -62,12 +63,12 @@ def test_a_repaired_answer_is_used_and_told() -> None:
     assert found.source == "llm"
     assert found.notes["tree"] == "llm, repaired"
     assert found.notes["tree_rejected"] == "names"
-    repair = client.requests[-1]
+    question, repair = client.asked("tree")
     assert len(repair.turns) == 3
     assert "Did you mean MoveToGarbage?" in repair.turns[2]
     assert '"names"' in repair.turns[2]
     assert found.notes["tree_prompts"].split() == [
-        client.requests[-2].prompt_digest,
+        question.prompt_digest,
         repair.prompt_digest,
     ]
 
@@ -76,7 +77,7 @@ def test_one_repair_and_no_more() -> None:
     """An answer that is wrong twice gives way to the fallback, whose guidance is used whole."""
     llm, client = supervisor(answering(rate={**DECISION, "mutation_rate": 7}))
     found = advise(llm)
-    assert sum(kind_of(r) == "rate" for r in client.requests) == 2
+    assert len(client.asked("rate")) == 2
     assert found.source == "llm and fallback"
     assert found.notes["rate"].startswith("fallback: range: mutation_rate: expected a number")
     assert found.notes["rate_rejected"] == "range range"
@@ -95,14 +96,14 @@ def test_repairs_are_a_setting(repairs: int) -> None:
     """None, or several."""
     llm, client = supervisor(answering(rate="no JSON"), f"repairs={repairs}")
     advise(llm)
-    assert sum(kind_of(r) == "rate" for r in client.requests) == 1 + repairs
+    assert len(client.asked("rate")) == 1 + repairs
 
 
 def test_a_refusal_is_not_argued_with() -> None:
     """There is no text to repair; the fallback answers at once."""
     llm, client = supervisor(answering(tree=said("", "refusal")))
     found = advise(llm)
-    assert sum(kind_of(r) == "tree" for r in client.requests) == 1
+    assert len(client.asked("tree")) == 1
     assert found.notes["tree"] == "fallback: refused: the model refused to answer"
 
 
@@ -226,7 +227,7 @@ def test_the_dialect_shapes_the_requests() -> None:
     """A schema is sent where the server keeps to it; the prompt asks for JSON in any case."""
     llm, client = supervisor(answering())
     advise(llm)
-    probe, rate, tree = client.requests
+    (probe,), (rate,), (tree,) = (client.asked(kind) for kind in ("probe", "rate", "tree"))
     assert probe.schema is not None
     assert rate.schema is not None
     assert tree.schema is not None
@@ -315,3 +316,27 @@ def test_closing_leaves_no_trace_of_a_call_under_way() -> None:
         advise(llm)
     assert len(calls.transcript.attempts) == before
     assert client.closed
+
+
+def test_both_questions_are_asked_at_the_same_time() -> None:
+    """Neither waits for the other's answer: a generation takes one answer's time, not two."""
+    together = threading.Barrier(2, timeout=5)
+    plain = answering()
+
+    class Meeting(FakeClient):
+        def send(self, request: Request, *, seconds: float) -> object:  # type: ignore[override]
+            if kind_of(request) != "probe":
+                together.wait()
+            return super().send(request, seconds=seconds)
+
+    llm = LLM(settings(), setup(), Meeting(plain))  # type: ignore[arg-type]
+    assert advise(llm).source == "llm"
+
+
+def test_near_a_cap_they_are_asked_in_turn() -> None:
+    """Which of them the cap ends must not depend on which answer comes first."""
+    llm, client = supervisor(answering(), "caps.requests=2")
+    found = advise(llm)
+    assert [kind_of(r) for r in client.requests] == ["probe", "rate"]
+    assert found.notes["rate"] == "llm"
+    assert found.notes["tree"].startswith("fallback: budget")

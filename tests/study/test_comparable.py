@@ -15,7 +15,7 @@ from tests.study.made_runs import made_arm, made_run
 
 def _arm(name: str, seeds: range, selection: str = "", **changes: Any) -> Arm:
     supervisor = name if name in ("expert", "baseline", "fixed") else "expert"
-    runs = [made_run(supervisor, s, generations=3, path=f"{name}-{s}", **changes) for s in seeds]
+    runs = [made_run(supervisor, s, generations=4, path=f"{name}-{s}", **changes) for s in seeds]
     return made_arm(name, runs, selection)
 
 
@@ -96,6 +96,13 @@ def test_one_arm_or_one_name_twice_is_no_comparison() -> None:
         compare_arms([arm, arm])
     with pytest.raises(StudyError, match="each run in one arm"):
         compare_arms([arm, made_arm("other", arm.runs)])
+
+
+def test_runs_need_a_generation_in_each_stage() -> None:
+    """Three generations have no mid-training: the runs are refused with the reason."""
+    arms = [made_arm(name, [made_run(name, 0, generations=3)]) for name in ("expert", "baseline")]
+    with pytest.raises(StudyError, match="at least 4 generations, found 3 in expert"):
+        compare_arms(arms)
 
 
 def test_three_arms_make_three_pairs() -> None:

@@ -38,7 +38,7 @@ class Recorder:
 
 def _study():  # type: ignore[no-untyped-def] # a Comparison
     arms = [
-        made_arm(name, [made_run(name, s, generations=2) for s in (0, 1)])
+        made_arm(name, [made_run(name, s, generations=4) for s in (0, 1)])
         for name in ("expert", "baseline")
     ]
     return compare_arms(arms)

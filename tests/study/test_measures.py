@@ -20,10 +20,11 @@ def test_table_10_by_hand() -> None:
     assert [m.of(run) for m in TABLE_10] == [5.0, 18.0, 33.0]
 
 
-@pytest.mark.parametrize("n", [3, 6, 16, 41, 100])
+@pytest.mark.parametrize("n", [4, 5, 6, 16, 41, 100])
 def test_stages_cover_a_run_of_any_length(n: int) -> None:
-    """Each generation belongs to one stage, in order."""
+    """Each generation belongs to one stage, in order, and no stage is empty."""
     assert [g for phase in PHASES for g in phase.generations(n)] == list(range(n))
+    assert all(phase.generations(n) for phase in PHASES)
 
 
 def test_the_family_is_the_paper_s_nine() -> None:

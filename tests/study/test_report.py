@@ -158,6 +158,19 @@ def test_three_arms_are_one_family_of_all_pairs() -> None:
     assert "family of 27 comparisons" in table.notes[0]
 
 
+def test_one_run_an_arm_is_reported_and_shows_nothing() -> None:
+    """With one run each every table and figure is made, and no difference is called shown."""
+    arms = [
+        made_arm(name, [made_run(name, 0, best=best, generations=4)])
+        for name, best in (("expert", 9.0), ("baseline", 1.0))
+    ]
+    report = build(compare_arms(arms), (), 0)
+    claims = next(t for t in report.tables if t.key == "claims")
+    assert not any("shown" in row[-1].replace("not shown", "") for row in claims.rows[:6])
+    power = next(t for t in report.tables if t.key == "power")
+    assert {row[2] for row in power.rows} == {"none"}
+
+
 def test_a_forced_comparison_says_so_on_top() -> None:
     """The differences stand in the page before anything else."""
     report = build(_study("expert", "baseline", force=True), (), 0)

@@ -48,8 +48,8 @@ def begun(path: Path, home: Path, **changes: str) -> RunFolder:
 def written(path: Path, home: Path, generations: int = 5, *, seed: int = 1) -> RunFolder:
     """A closed folder after some generations; with all five the run is finished."""
     folder = begun(path, home)
-    done = steps(seed)[:generations]
-    for step in done:
+    state, done = folder.resume(), steps(seed)[:generations]
+    for step in done[state.generation if state else 0 :]:
         folder.append(step)
     if generations == 5:
         folder.finish(summary(folder, done[-1].champion))

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import os
+import socket
 import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
-from time import monotonic, perf_counter
+from time import monotonic, perf_counter, sleep
+from urllib.request import urlopen
 
 import pytest
 
 from islandgp.tracking.folder import Status
+from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.mlflow import MLflow
 from islandgp.tracking.store import MLflowSettings, Place, Store
 from islandgp.tracking.sync import sync
@@ -91,15 +95,13 @@ def test_sync_sends_what_runs_and_sweeps_miss(home: Path, store: Store) -> None:
 def test_a_run_whose_process_was_killed_does_not_stay_running(home: Path, store: Store) -> None:
     """Nobody could say so at the time; `sync` sees that nobody is at work and says it."""
     folder = begun(home / "runs/a/one", home)
-    follows = tracker(home, "sqlite:///mlflow.db", 30)
-    follows.start(folder)
     folder.append(steps()[0])
-    follows.finish(Status.RUNNING)
-    folder.close()
-    (run,) = store.client.search_runs([store.experiment])
-    assert run.info.status == "RUNNING"
+    run = Mirror(folder, store).send(Status.RUNNING)
     sync(home / "runs")
-    assert store.client.get_run(run.info.run_id).info.status == "KILLED"
+    assert store.client.get_run(run).info.status == "RUNNING"  # somebody is at work
+    folder.close()
+    sync(home / "runs")
+    assert store.client.get_run(run).info.status == "KILLED"
 
 
 @pytest.mark.slow
@@ -141,16 +143,12 @@ def test_a_server_killed_and_started_again_loses_nothing(tmp_path: Path) -> None
 
 
 def _free_port() -> int:
-    import socket
-
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
 
 
 def _serve(folder: Path, port: int) -> subprocess.Popen[bytes]:
-    import os
-
     server = subprocess.Popen(
         [
             *(sys.executable, "-m", "mlflow", "server", "--workers", "1"),
@@ -162,7 +160,6 @@ def _serve(folder: Path, port: int) -> subprocess.Popen[bytes]:
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
-    from urllib.request import urlopen
 
     def answers() -> bool:
         try:
@@ -176,8 +173,6 @@ def _serve(folder: Path, port: int) -> subprocess.Popen[bytes]:
 
 
 def _until(happened: Callable[[], bool]) -> None:
-    from time import sleep
-
     end = monotonic() + 60
     while not happened():
         assert monotonic() < end, "nothing happened in 60 s"

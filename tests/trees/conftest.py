@@ -1,41 +1,13 @@
-"""The command line as a fixture: what a user types, and what comes back."""
+"""The command line as a fixture."""
 
 from __future__ import annotations
 
-import io
-import sys
-from collections.abc import Callable
-from dataclasses import dataclass
-
 import pytest
 
-from islandgp.cli import main
-
-
-@dataclass(frozen=True, slots=True)
-class Said:
-    """What a command left behind."""
-
-    code: int
-    out: str
-    err: str
+from tests.trees.shell import Cli, shell
 
 
 @pytest.fixture
-def islandgp(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Callable[..., Said]:
-    """Runs `islandgp ARGUMENTS...` in this process; `stdin` is its standard input."""
-
-    def run(*arguments: object, stdin: str = "") -> Said:
-        monkeypatch.setattr(sys, "argv", ["islandgp", *map(str, arguments)])
-        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(stdin.encode())))
-        code = 0
-        try:
-            main()
-        except SystemExit as stop:
-            code = int(stop.code or 0)
-        said = capsys.readouterr()
-        return Said(code, said.out, said.err)
-
-    return run
+def islandgp(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Cli:
+    """Runs `islandgp ARGUMENTS...`; see `shell`."""
+    return shell(monkeypatch, capsys)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -19,10 +18,9 @@ from islandgp.resources import resource
 from islandgp.scoring.rewards import award
 from tests.composed import composed
 from tests.goldens import check_golden
-from tests.trees.conftest import Said
+from tests.trees.shell import Cli
 from tests.trees.worlds import random_trees
 
-Cli = Callable[..., Said]
 WRONG = Path(__file__).parent / "wrong"
 EXAMPLES = sorted((resource("grammar") / "examples").glob("*.bt"))
 

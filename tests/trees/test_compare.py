@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 from hypothesis import given, settings
@@ -11,9 +10,8 @@ from islandgp.bt.compare import Mark, compare, distance
 from islandgp.bt.node import Node, walk
 from tests.bt.stage import short_tree
 from tests.strategies import few_numbers, nodes
-from tests.trees.conftest import Said
+from tests.trees.shell import Cli
 
-Cli = Callable[..., Said]
 TREES = nodes(few_numbers(), max_leaves=8)
 
 

@@ -22,7 +22,7 @@ from islandgp.viewer.recording import FAILED, RUNS, SUCCEEDED, record
 from tests.bt.stage import short_tree
 from tests.composed import composed
 from tests.strategies import few_boards, few_numbers, nodes
-from tests.trees.conftest import Said
+from tests.trees.shell import Cli
 from tests.trees.worlds import random_trees
 
 BOARDS = st.lists(few_boards(), min_size=2, max_size=14)
@@ -388,7 +388,7 @@ def test_hostile_files() -> None:
         from_json('{"format": "islandgp-tree", "version": 1, "tree": ' + "[" * 100_000)
 
 
-def test_commands(islandgp: Callable[..., Said], tmp_path: Path) -> None:
+def test_commands(islandgp: Cli, tmp_path: Path) -> None:
     """export chooses the form by the ending and tells the losses; import reads both forms back."""
     example = resource("grammar") / "examples" / "all_rounder.bt"
     for name in ("t.json", "t.xml", "t.py"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 from hypothesis import given, settings
@@ -15,10 +14,8 @@ from islandgp.bt.node import Node
 from islandgp.bt.syntax import expanded, read
 from tests.composed import composed
 from tests.strategies import nodes
-from tests.trees.conftest import Said
+from tests.trees.shell import Cli
 from tests.trees.worlds import random_trees
-
-Cli = Callable[..., Said]
 
 GAPS = st.sampled_from(
     [" ", "\n", "\n\n", "\n\n\n", "  ", "\t", " # one\n", "\n# two\n", "\n\n#three\n\n"]

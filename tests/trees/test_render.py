@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -20,9 +19,8 @@ from islandgp.bt.render.svg import to_svg
 from islandgp.bt.render.terminal import to_lines
 from islandgp.resources import resource
 from tests.strategies import nodes
-from tests.trees.conftest import Said
+from tests.trees.shell import Cli
 
-Cli = Callable[..., Said]
 POOR = resource("grammar") / "examples" / "poor.bt"
 
 

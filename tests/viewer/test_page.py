@@ -154,7 +154,7 @@ def centre(browser: Browser, selector: str) -> Any:
 def test_scrubbing(opened: Browser) -> None:
     """A click in the middle of the timeline goes to the middle of the episode."""
     left, top, width = opened.run(
-        "(b => [b.left, b.top, b.width])(document.getElementById('timeline').getBoundingClientRect())"
+        "(b => [b.left, b.top, b.width])(timeline.canvas.getBoundingClientRect())"
     )
     x = left + 172 + (width - 172 - 18) / 2
     opened.click(x, top + 30)
@@ -192,8 +192,9 @@ def test_something_is_drawn(opened: Browser) -> None:
     """The canvases are not empty: each has many colours."""
     for canvas in ("island", "chart", "timeline"):
         colours = opened.run(
-            f"(c => new Set(new Uint32Array(c.getContext('2d').getImageData(0, 0, c.width, c.height)"
-            f".data.buffer)).size)(document.getElementById('{canvas}'))"
+            "(c => new Set(new Uint32Array(c.getContext('2d')"
+            ".getImageData(0, 0, c.width, c.height).data.buffer)).size)"
+            f"(document.getElementById('{canvas}'))"
         )
         assert colours > 20, canvas
 
@@ -216,8 +217,9 @@ def test_fifty_nodes_at_sixty_frames(browser: Browser, tmp_path: Path) -> None:
     path.write_text(page(recording, title="fifty"), encoding="utf-8")
     browser.open(f"file://{path}#play=10")
     browser.run(
-        "new Promise(done => { const look = () => player.frames.length > 40 || !player.state.playing"
-        " ? done(1) : requestAnimationFrame(look); look(); })"
+        "new Promise(done => { const look = () =>"
+        " player.frames.length > 40 || !player.state.playing ? done(1)"
+        " : requestAnimationFrame(look); look(); })"
     )
     drawing = sorted(took for _, took in browser.run("player.frames"))
     assert drawing[len(drawing) // 2] < 1000 / 60

@@ -70,7 +70,7 @@ def test_garbage_is_what_the_robot_found() -> None:
     assert len(gone) == len(picked) > 10
     reach = recording.world.robot.pickup_reach
     for x, y, _, end in gone:
-        assert abs(complex(x, y) - recording.robot[end - 1]) <= reach + 1e-6
+        assert abs(complex(x, y) - recording.robot[end]) <= reach + 1e-6
 
 
 @given(codes=st.binary(max_size=60).map(lambda data: bytes(b % 5 for b in data)))

@@ -7,34 +7,23 @@ no equal here is refused with its place and a reason, never guessed.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from typing import Final, NoReturn
 
 from islandgp.bt.export.behaviortree_cpp import REST, TAGS
+from islandgp.bt.export.scripts import OPPOSITE, read_condition
 from islandgp.bt.export.xml_reader import Element, read_xml
 from islandgp.bt.language import MAX_LEVELS, parse, to_text
-from islandgp.bt.node import ACTIONS, KEYS, REPEATS, Node
+from islandgp.bt.node import ACTIONS, REPEATS, Node
 from islandgp.bt.source import closest
 from islandgp.errors import TreeError
 
 _EXPLICIT: Final = ("Action", "Condition", "Control", "Decorator")  # <Action ID="X"/> is <X/>
-_COMPARISON: Final = re.compile(r"\s*(\w+)\s*(<=|>=|==|!=|<|>)\s*(true|false|-?\d+(?:\.\d+)?)\s*")
-_FLAG: Final = re.compile(r"\s*(!?)\s*(\w+)\s*")
-_OPPOSITE: Final = {
-    "<": ">=",
-    ">=": "<",
-    ">": "<=",
-    "<=": ">",
-    "==": "!=",
-    "!=": "==",
-    "is": "not",
-    "not": "is",
-}
 _ATTRIBUTES: Final[dict[str, tuple[str, ...]]] = {
     "ScriptCondition": ("code",),
     "Repeat": ("num_cycles",),
     "Parallel": ("success_count", "failure_count"),
+    "SubTree": ("_autoremap",),
 }
 
 
@@ -100,6 +89,7 @@ class _Importer:
     def _read(self, element: Element) -> Node:
         tag = _tag(element)
         if tag == "SubTree":
+            self._check_attributes(element, tag)
             return self._tree(element.attributes.get("ID", ""), element)
         if tag not in TAGS.values() and tag not in ACTIONS:
             self._unknown(element, tag)
@@ -187,7 +177,7 @@ class _Importer:
             if inverted:
                 guard = Node(
                     "when",
-                    (key, _OPPOSITE[operator], number, abort),
+                    (key, OPPOSITE[operator], number, abort),
                     (Node("inverter", (), (child,)),),
                 )
                 child = Node("inverter", (), (guard,))
@@ -197,31 +187,10 @@ class _Importer:
 
     def _conditions(self, element: Element, *, alone: bool) -> list[tuple[str, str, float]]:
         code = element.attributes.get("code", "")
-        terms = [code] if alone else code.split("&&")
-        return [self._condition(element, term) for term in terms]
-
-    def _condition(self, element: Element, code: str) -> tuple[str, str, float]:
-        if match := _COMPARISON.fullmatch(code):
-            key, operator, number = match.groups()
-        elif match := _FLAG.fullmatch(code):
-            key, operator, number = match[2], "==", "false" if match[1] else "true"
-        else:
-            self._fail(
-                element,
-                f"expected a condition such as batteryLevel < 25 or !foundGarbage, found {code!r}",
-            )
-        if key not in KEYS:
-            guess = closest(key, KEYS)
-            hint = f"did you mean {guess}?" if guess else f"there are {', '.join(KEYS)}"
-            self._fail(element, f"unknown blackboard key {key!r}; {hint}")
-        if not KEYS[key].flag:
-            if number in ("true", "false"):
-                self._fail(element, f"{key} is a number, found {code.strip()!r}")
-            return key, operator, float(number)
-        if operator not in ("==", "!=") or number not in ("true", "false", "1", "0"):
-            self._fail(element, f"{key} is yes or no, found {code.strip()!r}")
-        yes = (number in ("true", "1")) == (operator == "==")
-        return key, "is" if yes else "not", 0.0
+        try:
+            return [read_condition(term) for term in ([code] if alone else code.split("&&"))]
+        except ValueError as error:
+            self._fail(element, str(error))
 
     def _repeat(self, element: Element) -> Node:
         count = element.attributes.get("num_cycles", "")

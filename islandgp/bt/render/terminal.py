@@ -45,7 +45,7 @@ def to_rich(tree: Node, notes: Sequence[Text] | None = None) -> Text:
     from rich.text import Text
 
     drawn = [
-        Text(before, "dim").append(label(node), STYLES[node.kind])
+        Text().append(before, "dim").append(label(node), STYLES[node.kind])
         for before, node in branches(tree)
     ]
     if notes is not None:

@@ -33,7 +33,7 @@ class Claim:
 
 CLAIMS: Final = (
     Claim("first_complete", "Complete Robots come earlier", -1, -0.717, 0.0358),
-    Claim("first_excellent", "Excellent Robots come earlier", -1, -0.652, 0.036),
+    Claim("first_excellent", "Excellent Robots come earlier", -1, -0.652, None),
     Claim("diversity_overall", "Behavioural diversity is higher", 1, 0.280, None),
     Claim("mutation_rate", "with lower mutation rates", -1, None, None),
     Claim("stage_early", "Early fitness is higher (the paper: not shown)", 1, 0.184, 0.057),

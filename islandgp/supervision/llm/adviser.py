@@ -7,9 +7,11 @@ goes through the same code as the run it repeats.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
+from threading import Thread
 from typing import Any, Final, TypeVar
 
 import numpy as np
@@ -54,8 +56,7 @@ class Adviser:
         self, state: PopulationState, rng: np.random.Generator, calls: Calls, dialect: Dialect
     ) -> Guidance:
         """Guidance from the answers; the fallback, which consumes `rng`, fills in what lacks."""
-        rate = self._rate(state, calls, dialect) if self.setup.adapt_mutation else None
-        tree = self._tree(state, calls, dialect) if self.setup.inject else None
+        rate, tree = self._both(state, calls, dialect)
         asked = [outcome for outcome in (rate, tree) if outcome is not None]
         missing = sum(outcome.value is None for outcome in asked)
         backup = self.fallback.advise(state, rng) if missing else None
@@ -88,15 +89,28 @@ class Adviser:
         name, size = self._tree_phase(state)
         return self._request(name, state, dialect, schema(PROPOSAL), _size(size))
 
-    def _rate(self, state: PopulationState, calls: Calls, dialect: Dialect) -> Outcome[Decision]:
-        request = self.rate_request(state, dialect)
+    def _both(
+        self, state: PopulationState, calls: Calls, dialect: Dialect
+    ) -> tuple[Outcome[Decision] | None, Outcome[Proposal] | None]:
+        """Asks for what is used: for both at the same time, unless the budget is nearly used up."""
+        adapt, inject = self.setup.adapt_mutation, self.setup.inject
+        for_rate = self.rate_request(state, dialect)
+        for_tree = self.tree_request(state, dialect)
+        if adapt and inject and calls.room_for((for_rate, for_tree), self.settings.repairs):
+            aside = _aside(lambda: self._tree(state, calls, for_tree))
+            return self._rate(state, calls, for_rate), aside.result()
+        return (
+            self._rate(state, calls, for_rate) if adapt else None,
+            self._tree(state, calls, for_tree) if inject else None,
+        )
+
+    def _rate(self, state: PopulationState, calls: Calls, request: Request) -> Outcome[Decision]:
         return self._ask(calls, state, "rate", request, check_decision(self.settings.rate))
 
-    def _tree(self, state: PopulationState, calls: Calls, dialect: Dialect) -> Outcome[Proposal]:
+    def _tree(self, state: PopulationState, calls: Calls, request: Request) -> Outcome[Proposal]:
         _, size = self._tree_phase(state)
         most = self.setup.limits
         limits = Limits(min(size.most_depth, most.max_depth), min(size.most_nodes, most.max_nodes))
-        request = self.tree_request(state, dialect)
         return self._ask(calls, state, "tree", request, check_proposal(limits))
 
     def _ask(
@@ -150,6 +164,20 @@ class Adviser:
     def _repair(self, rejection: Rejection) -> str:
         values = {"stage": rejection.stage.value, "error": rejection.error}
         return render(self.prompts["repair"], {**self.values, **values})[1]
+
+
+def _aside(work: Callable[[], T]) -> Future[T]:
+    """Does some work in a thread that keeps no process from ending."""
+    future: Future[T] = Future()
+
+    def run() -> None:
+        try:
+            future.set_result(work())
+        except BaseException as error:  # raised again where the result is fetched
+            future.set_exception(error)
+
+    Thread(target=run, name="tree", daemon=True).start()
+    return future
 
 
 def _source(missing: int, asked: int) -> str:

@@ -9,14 +9,22 @@ from __future__ import annotations
 import difflib
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from typing import Final, Protocol
 
 from islandgp.errors import SupervisionError
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.llm.ledger import Ledger, known_usage
-from islandgp.supervision.llm.message import Client, Failure, FailureKind, Reply, Request
+from islandgp.supervision.llm.message import (
+    QUOTED,
+    Client,
+    Failure,
+    FailureKind,
+    Reply,
+    Request,
+    Usage,
+)
 from islandgp.supervision.llm.prices import cost, most_tokens
 from islandgp.supervision.llm.retry import RetrySettings, final, wait
 from islandgp.supervision.llm.transcript import Attempt, Call, Part, Transcript
@@ -33,6 +41,10 @@ class Calls(Protocol):
 
     def conclude(self, part: Part) -> None:
         """Takes note of what became of a part of the guidance."""
+        ...
+
+    def room_for(self, requests: Sequence[Request], repairs: int) -> bool:
+        """Whether these may be asked at the same time, each with so many repairs."""
         ...
 
 
@@ -78,6 +90,25 @@ class LiveCalls:
     def conclude(self, part: Part) -> None:
         """See `Calls`."""
         self.transcript.conclude(part)
+
+    def room_for(self, requests: Sequence[Request], repairs: int) -> bool:
+        """See `Calls`: as long as no cap could end one of them.
+
+        Near a cap they are asked one after the other: which of them it ends must not
+        depend on which answer comes first.
+        """
+        attempts, turns = self.retry.attempts, 1 + repairs
+        count = attempts * turns * len(requests)
+        most = [most_tokens(request, longer=QUOTED * repairs) for request in requests]
+        return self.ledger.room_for(
+            count,
+            Usage(
+                input=attempts * turns * sum(u.input for u in most),
+                output=attempts * turns * sum(u.output for u in most),
+            ),
+            seconds=count * (self.retry.deadline + self.retry.longest_wait)
+            + count * self.retry.retry_after_most,
+        )
 
     def close(self) -> None:
         """Ends a call that is under way in another thread: it leaves no trace in the record.
@@ -148,6 +179,10 @@ class RecordedCalls:
 
     def conclude(self, part: Part) -> None:
         """See `Calls`."""
+
+    def room_for(self, requests: Sequence[Request], repairs: int) -> bool:  # noqa: ARG002 -- the protocol's
+        """See `Calls`: nothing is gained by it."""
+        return False
 
 
 def difference(recorded: Request, now: Request) -> str:

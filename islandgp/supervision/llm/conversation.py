@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from islandgp.supervision.llm.calls import Calls
 from islandgp.supervision.llm.funnel import Check, Rejection, Stage
-from islandgp.supervision.llm.message import Failure, Request
+from islandgp.supervision.llm.message import QUOTED, Failure, Request
 from islandgp.supervision.llm.transcript import Call, Part
 
 T = TypeVar("T")
-QUOTED: Final = 6000  # characters of an answer that a repair turn sends back
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,10 +8,9 @@ from typing import Final
 from islandgp.scoring.state import PopulationState, Snapshot
 from islandgp.supervision.base import Setup
 from islandgp.supervision.llm.adviser import Adviser
-from islandgp.supervision.llm.conversation import QUOTED
 from islandgp.supervision.llm.dialect import Dialect
 from islandgp.supervision.llm.ledger import Caps
-from islandgp.supervision.llm.message import Request, Usage
+from islandgp.supervision.llm.message import QUOTED, Request, Usage
 from islandgp.supervision.llm.prices import cost, most_tokens
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.transcript import Transcript
@@ -60,12 +59,11 @@ def at_most(settings: LLMSettings, setup: Setup) -> Bill:
     asked = _requests(settings, setup)
     times = (setup.generations - 1) * settings.retry.attempts
     turns = 1 + settings.repairs
-    most = [most_tokens(request) for request in asked]
-    longer = sum(range(turns)) * QUOTED * len(asked)  # what repair turns quote, two bytes a token
+    most = [most_tokens(request, longer=QUOTED * settings.repairs) for request in asked]
     bill = _bill(
         settings,
         times * turns * len(asked) + 3 * settings.retry.attempts,
-        times * (turns * sum(m.input for m in most) + longer),
+        times * turns * sum(m.input for m in most),
         times * turns * sum(m.output for m in most),
     )
     return _capped(bill, settings.caps)

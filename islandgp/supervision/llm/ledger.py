@@ -60,20 +60,30 @@ class Ledger:
         self.transcript, self.price, self.caps = transcript, price, caps
 
     def over(self, next_at_most: Usage) -> str:
-        """Which cap another attempt could pass, in words; "" for none."""
-        most = self._most()
-        asked = {
-            "requests": (most.requests + 1, self.caps.requests),
-            "input_tokens": (most.input + _input(next_at_most), self.caps.input_tokens),
-            "output_tokens": (most.output + next_at_most.output, self.caps.output_tokens),
-            "usd": (most.usd + self._usd(next_at_most), self.caps.usd),
-        }
-        for name, (found, cap) in asked.items():
+        """Which cap another request could pass, in words; "" for none."""
+        for name, found, cap in self._after(1, next_at_most):
             if cap is not None and found > cap:
                 return f"another request could pass the cap {name}={cap}"
-        if self.caps.seconds is not None and most.seconds >= self.caps.seconds:
+        if self.caps.seconds is not None and self._most().seconds >= self.caps.seconds:
             return f"the cap seconds={self.caps.seconds:g} is reached"
         return ""
+
+    def room_for(self, requests: int, at_most: Usage, *, seconds: float) -> bool:
+        """Whether so much more keeps every cap, in whatever order it comes."""
+        late = self.caps.seconds is not None and self._most().seconds + seconds > self.caps.seconds
+        return not late and all(
+            cap is None or found <= cap for _, found, cap in self._after(requests, at_most)
+        )
+
+    def _after(self, requests: int, at_most: Usage) -> list[tuple[str, float, float | None]]:
+        """The caps by name: what would be used after so much more, and the cap."""
+        most, caps = self._most(), self.caps
+        return [
+            ("requests", most.requests + requests, caps.requests),
+            ("input_tokens", most.input + _input(at_most), caps.input_tokens),
+            ("output_tokens", most.output + at_most.output, caps.output_tokens),
+            ("usd", most.usd + self._usd(at_most), caps.usd),
+        ]
 
     def _usd(self, usage: Usage) -> float:
         return 0.0 if self.price is None else cost(usage, self.price)

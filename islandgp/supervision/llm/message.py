@@ -14,6 +14,8 @@ from typing import Any, Final, Protocol
 
 SANE: Final = 100_000  # characters of an answer that are looked at; 2048 tokens have about 8,000
 
+QUOTED: Final = 6000  # characters of a useless answer that a repair turn sends back
+
 
 class FailureKind(StrEnum):
     """Why there is no answer."""

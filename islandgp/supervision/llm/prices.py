@@ -36,11 +36,11 @@ def cost(usage: Usage, price: Price) -> float:
     ) / PER
 
 
-def most_tokens(request: Request) -> Usage:
-    """More tokens than a request can take: two bytes are never less than one token's share.
+def most_tokens(request: Request, *, longer: int = 0) -> Usage:
+    """More tokens than a request can take, also when it grows by `longer` characters.
 
-    English text and JSON have three to four bytes a token; the schema and the
-    frame of the message are in the constant.
+    English text and JSON have three to four bytes a token, here it is two; the
+    schema and the frame of the message are in the constant.
     """
-    size = sum(len(text.encode()) for text in (request.system, *request.turns))
+    size = longer + sum(len(text.encode()) for text in (request.system, *request.turns))
     return Usage(input=size // 2 + 500, output=request.max_tokens)

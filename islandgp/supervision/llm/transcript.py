@@ -18,6 +18,7 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from threading import Lock
 from typing import Any, Final
 
 from islandgp.errors import SupervisionError
@@ -81,6 +82,7 @@ class Transcript:
         self.attempts: list[Attempt] = []
         self.parts: list[Part] = []
         self._systems: dict[str, str] = {}
+        self._lock = Lock()  # the two questions of a generation are asked at the same time
         self._whole: int | None = None  # bytes of whole lines, where a piece of one follows
         if path is not None and path.exists():
             found = path.read_bytes()
@@ -91,7 +93,7 @@ class Transcript:
 
     def of(self, call: Call) -> list[Attempt]:
         """The attempts at a call, in order."""
-        return [a for a in self.attempts if a.call == call]
+        return [a for a in list(self.attempts) if a.call == call]
 
     def begin(self, start: Mapping[str, Any]) -> None:
         """Writes how the requests are made."""
@@ -100,19 +102,21 @@ class Transcript:
 
     def add(self, attempt: Attempt) -> None:
         """Writes an attempt down before it returns."""
-        self.attempts.append(attempt)
-        digest = _sha256(attempt.request.system)
-        if digest not in self._systems:
-            self._systems[digest] = attempt.request.system
-            text = attempt.request.system
-            self._write({"line": "system", "sha256": digest, "text": text})
-        self._write({"line": "attempt", **_plain(attempt, digest)})
+        with self._lock:
+            self.attempts.append(attempt)
+            digest = _sha256(attempt.request.system)
+            if digest not in self._systems:
+                self._systems[digest] = attempt.request.system
+                text = attempt.request.system
+                self._write({"line": "system", "sha256": digest, "text": text})
+            self._write({"line": "attempt", **_plain(attempt, digest)})
 
     def conclude(self, part: Part) -> None:
         """Writes down what became of a part, once."""
-        if part not in self.parts:
-            self.parts.append(part)
-            self._write({"line": "part", **asdict(part)})
+        with self._lock:
+            if part not in self.parts:
+                self.parts.append(part)
+                self._write({"line": "part", **asdict(part)})
 
     def _write(self, line: Mapping[str, Any]) -> None:
         if self.path is None:

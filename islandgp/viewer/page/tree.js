@@ -55,6 +55,18 @@ const tree = (() => {
       }
     }
     tellWhy(now);
+    reveal();
+  }
+
+  // A tree that is higher than its place moves so that what runs is in sight.
+  const heights = nodes.map(node => Number(/ ([\d.]+)\)/.exec(node.getAttribute("transform"))[1]));
+  function reveal() {
+    const room = svg.clientHeight, high = size.height * view.scale, at = shown.lastIndexOf("r");
+    if (!view.fitted || at < 0 || high <= room) return;
+    const y = heights[at] * view.scale + view.y;
+    if (y > 24 && y < room - 24) return;
+    view.y = Math.min(0, Math.max(room - high, room / 2 - heights[at] * view.scale));
+    holder.setAttribute("transform", `translate(${view.x} ${view.y}) scale(${view.scale})`);
   }
 
   // What the robot does now: the running actions, each with the nodes that lead to it.

@@ -1,0 +1,85 @@
+"""`python -m benchmarks [NAME ...] [--quick] [--out FILE] [--write-docs]`: see `make bench`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from time import perf_counter
+from typing import Final
+
+from benchmarks import results
+from benchmarks.figure import Effort, Missing
+from benchmarks.pages import write_pages
+from benchmarks.table import as_text, conditions
+
+BENCHMARKS: Final = (
+    "engine_ratio",
+    "peer_ratio",
+    "tick_us",
+    "run_s",
+    "overhead_share",
+    "startup_s",
+    "growth",
+)
+"""Modules of this package with `measure(effort)`, in the order of the table."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measures, prints the table, writes the results down."""
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    unknown = [name for name in options.names if name not in BENCHMARKS]
+    if unknown:
+        parser.error(f"there is no benchmark {unknown[0]}; there are {', '.join(BENCHMARKS)}")
+    if options.write_docs:
+        return _write_docs(options.out or results.FILE)
+    effort = Effort.TINY if options.tiny else Effort.QUICK if options.quick else Effort.FULL
+    found = [_measured(name, effort) for name in options.names or BENCHMARKS]
+    print(as_text(found))
+    print(f"\n{conditions(found[-1])}; {sum(r.seconds for r in found):.0f} s in all")
+    out = options.out or (results.FILE if effort is Effort.FULL else None)
+    if out is not None:
+        results.save(found, out)
+        print(f"written to {out}; python -m benchmarks --write-docs puts them into the pages")
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(BENCHMARKS))
+    how = parser.add_mutually_exclusive_group()
+    how.add_argument("--quick", action="store_true", help="a first look; nothing is written down")
+    how.add_argument("--tiny", action="store_true", help="for tests: the figures mean nothing")
+    parser.add_argument("--out", type=Path, help=f"where results go (default: {results.FILE.name})")
+    parser.add_argument(
+        "--write-docs", action="store_true", help="put the written results into the pages"
+    )
+    return parser
+
+
+def _measured(name: str, effort: Effort) -> results.Result:
+    print(f"{name} ...", file=sys.stderr, flush=True)
+    load, began, missing = results.load_average(), perf_counter(), ""
+    try:
+        figures = import_module(f"benchmarks.{name}").measure(effort)
+    except Missing as reason:
+        figures, missing = [], str(reason)
+    return results.result(
+        name, figures, effort=effort, seconds=perf_counter() - began, load=load, missing=missing
+    )
+
+
+def _write_docs(file: Path) -> int:
+    if not file.exists():
+        print(f"Expected results in {file}, found none; run python -m benchmarks first.")
+        return 2
+    for page in write_pages(results.load(file)):
+        print(f"wrote the figures into {page}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,69 @@
+"""Figures beside their goals, for a terminal and for a page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from benchmarks.figure import Figure
+from benchmarks.results import Result
+
+HEAD: Final = ("figure", "here", "goal", "", "what it is")
+
+
+def rows(results: Sequence[Result]) -> list[tuple[str, ...]]:
+    """A row of HEAD for each figure; a benchmark that could not run has one that says why."""
+    found: list[tuple[str, ...]] = []
+    for result in results:
+        if result.missing:
+            found.append((result.benchmark, "-", "", "", result.missing))
+        found += [_row(figure) for figure in result.figures]
+    return found
+
+
+def _row(figure: Figure) -> tuple[str, ...]:
+    goal, verdict = "", ""
+    if figure.goal is not None:
+        goal = f"{figure.goal.side} {number(figure.goal.value)}"
+        verdict = "reached" if figure.goal.reached(figure.value) else "MISSED"
+    unit = f" {figure.unit}" if figure.unit else ""
+    what = f"{figure.what} ({figure.warning})" if figure.warning else figure.what
+    return figure.name, f"{number(figure.value)}{unit}", goal, verdict, what
+
+
+def number(value: float) -> str:
+    """Three digits, as people write them: 36,000, 12.3, 0.0123."""
+    if value == 0:
+        return "0"
+    if abs(value) >= 100:
+        return f"{value:,.0f}"
+    return f"{value:.3g}" if abs(value) >= 0.001 else f"{value:.1e}"
+
+
+def conditions(result: Result) -> str:
+    """When and on what a benchmark ran."""
+    return (
+        f"{result.date}, Python {result.python}, {result.cores} cores,"
+        f" load {result.load:g} before, {result.effort}, {result.seconds:g} s"
+    )
+
+
+def as_text(results: Sequence[Result]) -> str:
+    """The table for a terminal."""
+    lines = [HEAD, *rows(results)]
+    widths = [max(len(line[column]) for line in lines) for column in range(len(HEAD) - 1)]
+    return "\n".join(
+        "  ".join(
+            cell.rjust(width) if column == 1 else cell.ljust(width)
+            for column, (cell, width) in enumerate(zip(line, [*widths, 0], strict=True))
+        ).rstrip()
+        for line in lines
+    )
+
+
+def as_markdown(results: Sequence[Result], *, goals_only: bool = False) -> str:
+    """The table for a page; `goals_only` leaves out figures without a goal."""
+    chosen = [row for row in rows(results) if row[2] or not goals_only]
+    lines = ["| figure | here | goal | | what it is |", "|---|---:|---|---|---|"]
+    lines += [f"| `{row[0]}` | " + " | ".join(row[1:]) + " |" for row in chosen]
+    return "\n".join(lines)

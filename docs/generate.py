@@ -1,0 +1,183 @@
+"""Writes what is generated from the declarations of `islandgp/bt/node.py`.
+
+    python docs/generate.py
+
+These are the tables of docs/language.md and docs/tutorial.md, between
+`<!-- begin NAME -->` and `<!-- end -->`, and the TextMate grammar for editors.
+`tests/trees/test_docs.py` checks that they are up to date.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+from islandgp.bt.builder import MAX_LEVELS, MAX_NODES, MAX_NUMBER
+from islandgp.bt.language import MAX_CHARACTERS, parse, to_text
+from islandgp.bt.node import ABORTS, ACTIONS, KEYS, KINDS, OPERATORS, POLICIES, REPEATS
+from islandgp.bt.render.label import SYMBOLS
+from islandgp.commands.setting import configured
+from islandgp.evaluation.base import Job, Setting, simulate
+from islandgp.run import example
+
+ROOT = Path(__file__).resolve().parent.parent
+TUTORIAL = ROOT / "docs" / "tutorial.md"
+LANGUAGE = ROOT / "docs" / "language.md"
+TEXTMATE = ROOT / "editors" / "vscode" / "syntaxes" / "islandgp-bt.tmLanguage.json"
+
+_PART = re.compile(r"(<!-- begin (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+_WRITTEN = {
+    "parallel": "`parallel success one failure all { ... }`",
+    "inverter": "`inverter { x }`",
+    "repeater": "`repeater 3 { x }`",
+    "when": "`when KEY < 25 abort lower { x }`",
+    "action": "its name",
+}
+
+
+def tables() -> dict[str, str]:
+    """The generated parts of docs/language.md, by name."""
+    return {
+        "nodes": _table(
+            ("node", "sign", "children", "what it does"),
+            [
+                (
+                    _WRITTEN.get(name, f"`{name} {{ ... }}`"),
+                    SYMBOLS[name],
+                    {0: "none", 1: "one"}.get(kind.children[1], "one or more"),
+                    kind.meaning,
+                )
+                for name, kind in KINDS.items()
+            ],
+        ),
+        "actions": _table(
+            ("action", "what it does"),
+            [(f"`{name}`", action.meaning) for name, action in ACTIONS.items()],
+        ),
+        "keys": _table(
+            ("key", "asked with", "what it is"),
+            [
+                (
+                    f"`{name}`",
+                    f"`when {name}`, `when not {name}`" if key.flag else f"`when {name} < 5`",
+                    key.meaning,
+                )
+                for name, key in KEYS.items()
+            ],
+        ),
+        "words": _table(
+            ("where", "words"),
+            [
+                ("comparison", _codes(OPERATORS)),
+                ("`abort`, the default last", _codes(ABORTS)),
+                ("`success`, `failure` of a parallel", _codes(POLICIES)),
+                ("`repeater`", f"a whole number from {REPEATS[0]} to {REPEATS[1]}"),
+            ],
+        ),
+        "limits": _table(
+            ("what", "at most"),
+            [
+                ("characters of a file", f"{MAX_CHARACTERS:,}"),
+                ("levels of a tree, each `use` expanded", f"{MAX_LEVELS:,}"),
+                ("nodes of a tree, each `use` expanded", f"{MAX_NODES:,}"),
+                ("a number, with either sign", f"{MAX_NUMBER:,}"),
+            ],
+        ),
+    }
+
+
+def filled(text: str, made: Mapping[str, str]) -> str:
+    """A text with its generated parts brought up to date."""
+    return _PART.sub(lambda part: f"{part[1]}{made[part[2]]}{part[3]}", text)
+
+
+def files(tutorial: str) -> dict[str, str]:
+    """The trees of the tutorial by file name: blocks that begin with ```bt NAME."""
+    return dict(re.findall(r"^```bt (\S+)\n(.*?)^```$", tutorial, re.DOTALL | re.MULTILINE))
+
+
+def results(tutorial: str, *, worlds: int = 30) -> dict[str, float]:
+    """Mean fitness of the tutorial's trees and of the example, by name, in the last stage."""
+    settings = configured([])
+    setting = Setting(settings.world, settings.rewards, settings.curriculum)
+    trees = {f"`{name}`": parse(text) for name, text in files(tutorial).items()}
+    trees["`grammar/examples/all_rounder.bt`"] = example("all_rounder")
+    last = len(settings.curriculum.stages) - 1
+    return {
+        name: fmean(
+            simulate(setting, Job(to_text(tree), last, seed)).fitness for seed in range(worlds)
+        )
+        for name, tree in trees.items()
+    }
+
+
+def results_table(found: Mapping[str, float]) -> str:
+    """The table of the tutorial."""
+    rows = sorted(found.items(), key=lambda item: item[1])
+    return _table(("tree", "mean fitness"), [(name, f"{mean:,.0f}") for name, mean in rows])
+
+
+def textmate() -> str:
+    """The TextMate grammar, as JSON."""
+    inner = [kind for kind in KINDS if kind != "action"]
+    rules: list[dict[str, Any]] = [
+        {"name": "comment.line.number-sign", "match": "#.*$"},
+        {
+            "match": r"\b(subtree)\s+([A-Za-z_]\w*)\s*(=)",
+            "captures": {
+                "1": {"name": "keyword.declaration"},
+                "2": {"name": "entity.name.function"},
+                "3": {"name": "keyword.operator.assignment"},
+            },
+        },
+        {
+            "match": r"\b(use)\s+([A-Za-z_]\w*)",
+            "captures": {
+                "1": {"name": "keyword.other.use"},
+                "2": {"name": "entity.name.function"},
+            },
+        },
+        {"name": "keyword.control", "match": _any_of(inner)},
+        {"name": "keyword.other", "match": _any_of(["abort", "success", "failure"])},
+        {"name": "keyword.operator.logical", "match": _any_of(["not"])},
+        {"name": "constant.language", "match": _any_of([*ABORTS, *POLICIES])},
+        {"name": "support.function", "match": _any_of(ACTIONS)},
+        {"name": "variable.language", "match": _any_of(KEYS)},
+        {
+            "name": "keyword.operator.comparison",
+            "match": "|".join(sorted(OPERATORS, key=len, reverse=True)),
+        },
+        {"name": "constant.numeric", "match": r"-?\b\d+(\.\d+)?\b"},
+        {"name": "invalid.illegal", "match": r"[A-Za-z_]\w*"},
+    ]
+    grammar = {
+        "name": "islandgp behaviour tree",
+        "scopeName": "source.islandgp-bt",
+        "fileTypes": ["bt"],
+        "patterns": rules,
+    }
+    return json.dumps(grammar, indent=2) + "\n"
+
+
+def _any_of(words: Any) -> str:
+    return rf"\b({'|'.join(words)})\b"
+
+
+def _codes(words: Any) -> str:
+    return " ".join(f"`{word}`" for word in words)
+
+
+def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    lines = [head, tuple("---" for _ in head), *rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+if __name__ == "__main__":
+    LANGUAGE.write_text(filled(LANGUAGE.read_text(encoding="utf-8"), tables()), encoding="utf-8")
+    told = TUTORIAL.read_text(encoding="utf-8")
+    TUTORIAL.write_text(filled(told, {"results": results_table(results(told))}), encoding="utf-8")
+    TEXTMATE.write_text(textmate(), encoding="utf-8")

@@ -1,0 +1,53 @@
+"""Takes the picture of the replay page for the README anew. Needs Chromium.
+
+python docs/screenshot.py
+"""
+
+from __future__ import annotations
+
+import base64
+import sys
+import tempfile
+from io import BytesIO
+from pathlib import Path
+
+from PIL import Image  # matplotlib brings it
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from islandgp.bt.language import parse  # noqa: E402 -- from this checkout
+from islandgp.commands.setting import configured  # noqa: E402
+from islandgp.viewer.page import replay_page  # noqa: E402
+from tests.viewer.browser import Browser, chromium  # noqa: E402
+
+TREE, WORLD, STAGE, SECOND = "all_rounder", 3, 3, 242.0
+WIDTH, HEIGHT, SHARPNESS = 1600, 950, 1.5
+
+
+def main() -> None:
+    """Writes docs/img/replay.png."""
+    program = chromium()
+    if program is None:
+        raise SystemExit("Expected Chromium, found none; apt-get install chromium.")
+    tree = parse((ROOT / "grammar" / "examples" / f"{TREE}.bt").read_text(encoding="utf-8"))
+    with tempfile.TemporaryDirectory() as folder:
+        page = Path(folder) / "replay.html"
+        page.write_text(replay_page(tree, configured([]), WORLD, STAGE, "All-rounder"))
+        with Browser(program, Path(folder) / "profile", size=(WIDTH, HEIGHT)) as browser:
+            browser.call(
+                "Emulation.setDeviceMetricsOverride",
+                width=WIDTH,
+                height=HEIGHT,
+                deviceScaleFactor=SHARPNESS,
+                mobile=False,
+            )
+            browser.open(f"file://{page}#t={SECOND}")
+            taken = browser.call("Page.captureScreenshot", format="png")["data"]
+    picture = Image.open(BytesIO(base64.b64decode(taken))).convert("RGB")
+    small = picture.quantize(256, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    small.save(ROOT / "docs" / "img" / "replay.png", optimize=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,78 @@
+"""Each benchmark runs in a tiny form and gives its figures; no time is asserted."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Final
+
+import pytest
+
+from benchmarks.__main__ import BENCHMARKS
+from benchmarks.figure import Effort, Figure
+from islandgp.evaluation.processes import cores
+
+FIGURES: Final = {
+    "engine_ratio": "engine_ratio engine_ratio_of_medians episode_ms bare_ms",
+    "peer_ratio": "peer_ratio peer_batch_s our_batch_s single_ratio peer_episode_ms"
+    " our_episode_ms peer_pickups peer_deliveries",
+    "tick_us": "tick_us tick_us_py_trees tick_ratio_py_trees tick_us_behaviortreepy"
+    " tick_ratio_behaviortreepy walk_us walk_us_py_trees walk_ratio_py_trees"
+    " walk_us_behaviortreepy walk_ratio_behaviortreepy",
+    "run_s": "run_s_1 run_s_2 run_s_4 speed_up_2 efficiency_2 speed_up_4 efficiency_4"
+    " start_s serial_s cached_share paper_ratio",
+    "overhead_share": "overhead_share_off overhead_share_mlflow episodes_s operators_s"
+    " supervision_s rest_s run_s_off run_s_mlflow new_store_s command_s",
+    "startup_s": "help_s config_error_s first_generation_s worker_mb worker_own_mb",
+    "growth": "per_garbage_us per_garbage_power per_humanoid_us per_humanoid_power"
+    " per_node_us per_node_power per_individual_us per_individual_power",
+}
+GOALS: Final = {  # of the figures that have one at any effort
+    "engine_ratio": 2.0,
+    "peer_ratio": 10.0,
+    "tick_us": 2.0,
+    "walk_us": 2.0,
+    "efficiency_2": 90.0,
+    "efficiency_4": 90.0,
+}
+
+
+def needed(benchmark: str) -> None:
+    """Skips where the extra `bench` is not installed."""
+    for library in {"peer_ratio": ("deap", "py_trees"), "tick_us": ("behaviortreepy",)}.get(
+        benchmark, ()
+    ):
+        pytest.importorskip(library, reason="extra `bench` is not installed")
+
+
+def expected(benchmark: str) -> list[str]:
+    """Its figures; workers that this machine has no cores for are left out."""
+    found = FIGURES[benchmark].split()
+    if benchmark != "run_s":
+        return found
+    too_many = tuple(f"_{n}" for n in (2, 4) if n > cores())
+    return [name for name in found if not name.endswith(too_many)] if too_many else found
+
+
+@pytest.mark.parametrize(
+    "benchmark",
+    [
+        # It waits for four runs of the command, and MLflow takes its time.
+        pytest.param(name, marks=pytest.mark.slow if name == "overhead_share" else ())
+        for name in BENCHMARKS
+    ],
+)
+def test_a_benchmark_gives_its_figures(benchmark: str) -> None:
+    """All figures by name, with the goals of the issue they come from, and no other goals."""
+    needed(benchmark)
+    found: list[Figure] = import_module(f"benchmarks.{benchmark}").measure(Effort.TINY)
+    assert [figure.name for figure in found] == expected(benchmark)
+    for figure in found:
+        assert figure.what
+        assert (figure.goal.value if figure.goal else None) == GOALS.get(figure.name)
+
+
+def test_names_are_unique() -> None:
+    """A figure's name alone tells which one it is."""
+    names = " ".join(FIGURES.values()).split()
+    assert len(set(names)) == len(names)
+    assert set(FIGURES) == set(BENCHMARKS)

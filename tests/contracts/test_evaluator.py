@@ -1,0 +1,205 @@
+"""What every evaluator promises: the outcomes of the jobs in their order, wherever they ran."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from islandgp.errors import EvaluationError
+from islandgp.evaluation.base import Evaluator, Job, Setting
+from islandgp.evaluation.cache import Cached
+from islandgp.evaluation.processes import Processes
+from islandgp.evaluation.ray import Ray
+from islandgp.evaluation.serial import Serial
+from islandgp.scoring.curriculum import Curriculum
+from islandgp.scoring.outcome import Outcome
+from islandgp.scoring.rewards import Multipliers
+from tests.composed import composed
+
+TREES = (
+    "PatrolWaypoint",
+    "sequence { MoveToGarbage PickupGarbage }",
+    "selector { sequence { MoveToGarbage PickupGarbage } PatrolWaypoint }",
+)
+JOBS = [Job(tree, stage, seed) for tree in TREES for stage in (0, 3) for seed in (1, 2)]
+
+
+@cache
+def setting() -> Setting:
+    """The default world, with short episodes."""
+    s = composed("world.episode.length=30")
+    return Setting(s.world, s.rewards, s.curriculum)
+
+
+@cache
+def expected() -> tuple[Outcome, ...]:
+    """What the jobs come to, one after the other in this process."""
+    return tuple(Serial(setting()).evaluate(JOBS))
+
+
+def ray(how: Setting | None = None) -> Ray:
+    """A cluster of two workers on this machine."""
+    settings = Ray.Settings(address="local", cpus=1, retries=2, workers=2)
+    return Ray(settings, how or setting())
+
+
+Make = Callable[[], Evaluator]
+MAKERS: dict[str, Make] = {
+    "serial": lambda: Serial(setting()),
+    "one process": lambda: Processes(setting(), 1),
+    "three processes": lambda: Processes(setting(), 3),
+    "cached": lambda: Cached(Serial(setting())),
+    "cached processes": lambda: Cached(Processes(setting(), 2)),
+    "ray": ray,
+}
+
+
+@pytest.fixture(
+    params=[pytest.param(name, marks=pytest.mark.slow if name == "ray" else ()) for name in MAKERS]
+)
+def evaluator(request: pytest.FixtureRequest) -> Iterator[Evaluator]:
+    """Each evaluator in turn."""
+    if request.param == "ray":
+        pytest.importorskip("ray")
+    made = MAKERS[request.param]()
+    yield made
+    made.close()
+
+
+def test_outcomes_are_the_same_wherever_they_come_from(evaluator: Evaluator) -> None:
+    """Number by number, in the order of the jobs, and again at the second call."""
+    assert tuple(evaluator.evaluate(JOBS)) == expected()
+    assert tuple(evaluator.evaluate(JOBS[::-1])) == expected()[::-1]
+
+
+def test_no_jobs_give_no_outcomes(evaluator: Evaluator) -> None:
+    """An empty batch is no error."""
+    assert evaluator.evaluate([]) == []
+
+
+def test_twins_have_one_outcome(evaluator: Evaluator) -> None:
+    """The same job twice in a batch gives the same outcome twice."""
+    assert evaluator.evaluate([JOBS[0], JOBS[5], JOBS[0]]) == [
+        expected()[0],
+        expected()[5],
+        expected()[0],
+    ]
+
+
+def test_episodes_are_counted(evaluator: Evaluator) -> None:
+    """`simulated` never counts more than was asked for, and something after the first batch."""
+    evaluator.evaluate(JOBS)
+    assert evaluator.simulated == len(JOBS)
+
+
+def test_a_job_that_cannot_be_run_is_named(evaluator: Evaluator) -> None:
+    """The error tells the world seed and the tree; the evaluator is of use afterwards."""
+    bad = Job("NoSuchAction", 0, 77)
+    with pytest.raises(EvaluationError, match=r"world seed 77[\s\S]*NoSuchAction"):
+        evaluator.evaluate([JOBS[0], bad, JOBS[1]])
+    assert evaluator.evaluate(JOBS[:2]) == list(expected()[:2])
+
+
+DEADLY = 666  # a stage in which these tests make a worker die
+
+
+@dataclass(frozen=True)
+class Deadly:
+    """A curriculum that kills the process that asks for the deadly stage."""
+
+    inner: Curriculum
+    once: Path | None = None  # written at the first death; with it the stage is harmless
+
+    def multipliers(self, stage: int) -> Multipliers:
+        """See `Curriculum`."""
+        if stage == DEADLY and not (self.once and self.once.exists()):
+            if self.once:
+                self.once.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return self.inner.multipliers(0 if stage == DEADLY else stage)
+
+
+def deadly(once: Path | None = None) -> Setting:
+    """The setting with such a curriculum."""
+    return replace(setting(), curriculum=Deadly(setting().curriculum, once))  # type: ignore[arg-type]
+
+
+KILLER = Job(TREES[1], DEADLY, 9_001)
+
+
+def test_a_job_that_kills_its_workers_is_named() -> None:
+    """The pool tries again, and then says which tree and seed it was; the pool is of use after."""
+    pool = Processes(deadly(), 2)
+    try:
+        with pytest.raises(
+            EvaluationError, match=r"world seed 9001.*worker died twice[\s\S]*Pickup"
+        ):
+            pool.evaluate([*JOBS[:3], KILLER, *JOBS[3:]])
+        assert tuple(pool.evaluate(JOBS)) == expected()
+    finally:
+        pool.close()
+
+
+def test_a_worker_that_dies_once_costs_nothing_but_time(tmp_path: Path) -> None:
+    """The other jobs of the batch, and the job itself, have their outcomes."""
+    pool = Processes(deadly(tmp_path / "died"), 2)
+    try:
+        found = pool.evaluate([*JOBS, KILLER])
+    finally:
+        pool.close()
+    assert tuple(found[:-1]) == expected()
+    assert found[-1].seconds > 0
+
+
+def test_workers_that_die_between_batches_are_replaced() -> None:
+    """`kill -9` of all workers while nothing runs is not even seen."""
+    pool = Processes(setting(), 2)
+    try:
+        pool.evaluate(JOBS[:4])
+        for process in multiprocessing.active_children():
+            process.kill()
+            process.join()
+        assert pool.evaluate(JOBS[:4]) == list(expected()[:4])
+    finally:
+        pool.close()
+
+
+@pytest.mark.slow
+def test_a_ray_worker_killed_in_the_middle_loses_nothing(tmp_path: Path) -> None:
+    """Ray runs the job again that killed its worker, and the others as if nothing had been."""
+    pytest.importorskip("ray")
+    evaluator = ray(deadly(tmp_path / "died"))
+    try:
+        found = evaluator.evaluate([*JOBS[:6], KILLER, *JOBS[6:]])
+    finally:
+        evaluator.close()
+    assert (tmp_path / "died").exists()
+    assert tuple(found[:6] + found[7:]) == expected()
+
+
+@pytest.mark.slow
+def test_a_job_that_kills_ray_workers_is_named() -> None:
+    """After its retries the error tells tree and seed."""
+    pytest.importorskip("ray")
+    evaluator = ray(deadly())
+    try:
+        with pytest.raises(EvaluationError, match=r"world seed 9001.*died again and again"):
+            evaluator.evaluate([JOBS[0], KILLER])
+    finally:
+        evaluator.close()
+
+
+@pytest.mark.slow
+def test_a_cluster_that_is_not_there_is_named() -> None:
+    """The message tells how to start one, or to do without."""
+    pytest.importorskip("ray")
+    settings = Ray.Settings(address="127.0.0.1:9", cpus=1, retries=0, workers=0)
+    with pytest.raises(EvaluationError, match=r"Expected a Ray cluster at '127\.0\.0\.1:9'"):
+        Ray(settings, setting())

@@ -1,0 +1,175 @@
+"""What every supervisor promises, whoever it is (DESIGN section 7).
+
+A new supervisor is one entry of MAKERS.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import deepcopy
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from islandgp.bt.language import parse, to_text
+from islandgp.bt.limits import within
+from islandgp.evolution.checkpoint import dump
+from islandgp.resources import resource
+from islandgp.run import make_supervisor, setup_of
+from islandgp.scoring.state import PopulationState
+from islandgp.supervision.base import Guidance, Pattern, Phase, Service, Supervisor, Target
+from islandgp.supervision.llm.message import FailureKind
+from islandgp.supervision.llm.supervisor import LLM
+from islandgp.supervision.replay import Replay
+from islandgp.supervision.yoked import Yoked
+from tests.composed import composed
+from tests.llm import made
+from tests.strategies import population_states
+
+LIMITS = composed().gp.limits
+
+
+def by_configuration(name: str) -> Callable[[], Supervisor]:
+    return lambda: make_supervisor(composed(f"supervisor={name}"), None)
+
+
+def llm() -> LLM:
+    return made.supervisor(made.answering())[0]
+
+
+def failing_llm() -> LLM:
+    return made.supervisor(lambda request, n: made.failed(FailureKind.UNREACHABLE))[0]  # noqa: ARG005
+
+
+class Recorder:
+    """A replay of answers that are recorded just before: there is a record of any state."""
+
+    name = "replay"
+
+    def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
+        """What the replay says to a state that a live supervisor has answered."""
+        live = llm()
+        live.advise(state, deepcopy(rng))
+        calls = live._open()
+        assert live._dialect is not None
+        return Replay(live.adviser, calls.transcript, live._dialect).advise(state, rng)
+
+
+def yoked() -> Yoked:
+    given = {
+        "wanted_rate": 0.25,
+        "tree": "PatrolWaypoint\n",
+        "phase": "refinement",
+        "pattern": None,
+        "target": "pickup",
+        "intervention": False,
+        "risk": "",
+        "reasoning": "",
+        "rationale": "",
+        "source": "expert",
+    }
+    return Yoked([*[given] * 40, None])
+
+
+MAKERS: dict[str, Callable[[], Supervisor]] = {
+    "baseline": by_configuration("baseline"),
+    "expert": by_configuration("expert"),
+    "fixed": by_configuration("fixed"),
+    "untargeted": by_configuration("untargeted"),
+    "llm": llm,
+    "llm, nobody answers": failing_llm,
+    "replay": Recorder,
+    "yoked": yoked,
+}
+
+every_supervisor = pytest.mark.parametrize("name", MAKERS)
+some_states = settings(
+    max_examples=15, suppress_health_check=[HealthCheck.too_slow], database=None, deadline=None
+)
+
+
+@every_supervisor
+@some_states
+@given(state=population_states(), seed=st.integers(0, 2**32 - 1))
+def test_guidance_is_of_the_promised_kind(name: str, state: PopulationState, seed: int) -> None:
+    """A rate in [0, 1] or none, a tree within the limits or none, and the paper's names."""
+    found = MAKERS[name]().advise(state, np.random.default_rng(seed))
+    assert found.mutation_rate is None or 0 <= found.mutation_rate <= 1
+    assert found.tree is None or within(found.tree, LIMITS)
+    assert found.phase is None or isinstance(found.phase, Phase)
+    assert found.pattern is None or isinstance(found.pattern, Pattern)
+    assert found.target is None or isinstance(found.target, Target)
+    assert found.source
+    assert type(found.intervention) is bool
+
+
+@every_supervisor
+@some_states
+@given(state=population_states(), seed=st.integers(0, 2**32 - 1))
+def test_guidance_is_a_function_of_state_and_draws(
+    name: str, state: PopulationState, seed: int
+) -> None:
+    """Asked again, or by another instance, the same is said; the state stays as it was."""
+    before = deepcopy(state)
+    once, other = MAKERS[name](), MAKERS[name]()
+    first = once.advise(state, np.random.default_rng(seed))
+    assert once.advise(state, np.random.default_rng(seed)) == first
+    assert other.advise(state, np.random.default_rng(seed)) == first
+    assert state == before
+
+
+@every_supervisor
+@some_states
+@given(state=population_states(), seed=st.integers(0, 2**32 - 1))
+def test_guidance_can_be_written_down(name: str, state: PopulationState, seed: int) -> None:
+    """Texts and notes go through JSON and UTF-8; a tree goes through its text."""
+    found = MAKERS[name]().advise(state, np.random.default_rng(seed))
+    texts = [found.source, found.risk, found.reasoning, found.rationale, found.notes]
+    dump(texts).encode()
+    assert all(isinstance(k, str) and isinstance(v, str) for k, v in found.notes.items())
+    assert found.tree is None or parse(to_text(found.tree)) == found.tree
+
+
+@every_supervisor
+def test_it_has_a_name(name: str) -> None:
+    """The name is what folders, records and charts call it."""
+    supervisor = MAKERS[name]()
+    assert supervisor.name.isidentifier()
+
+
+@every_supervisor
+def test_order_does_not_matter(name: str) -> None:
+    """What was asked before changes no answer: a resumed run starts in the middle."""
+    states = [made.state(g) for g in (3, 9, 5)]
+    straight = MAKERS[name]()
+    for state in states:
+        straight.advise(state, np.random.default_rng(1))
+    again = [straight.advise(s, np.random.default_rng(2)) for s in reversed(states)]
+    fresh = [MAKERS[name]().advise(s, np.random.default_rng(2)) for s in reversed(states)]
+    assert again == fresh
+
+
+@pytest.mark.parametrize(
+    "option", sorted(p.stem for p in (resource("conf") / "supervisor").glob("*.yaml"))
+)
+def test_every_option_can_be_chosen(option: str, tmp_path: Path) -> None:
+    """Each file of conf/supervisor names a class with Settings, make and the option's own name."""
+    found = composed(f"supervisor={option}").supervisor
+    assert found.name == option
+    assert found.factory.name == option
+    assert isinstance(found.settings(), found.factory.Settings)
+    assert setup_of(composed(f"supervisor={option}"), tmp_path).folder == tmp_path
+
+
+def test_services_can_be_closed_unused_and_twice() -> None:
+    """A supervisor that holds something open lets it go whatever was done before."""
+    for name, make in MAKERS.items():
+        supervisor = make()
+        assert isinstance(supervisor, Service) == name.startswith("llm")
+        if isinstance(supervisor, Service):
+            assert supervisor.spent() == {}
+            supervisor.close()
+            supervisor.close()

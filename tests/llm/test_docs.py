@@ -1,0 +1,83 @@
+"""docs/llm.md: every command in it runs, every name in it exists."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from islandgp.commands.estimate_command import command
+from islandgp.resources import resource
+from islandgp.supervision.llm.funnel import Stage
+from islandgp.testing import demo as demo_module
+from islandgp.testing.demo import demo
+from tests.composed import composed
+from tests.llm.made import advise, answering, supervisor
+
+TEXT = (resource("conf").parent / "docs" / "llm.md").read_text(encoding="utf-8")
+COMMANDS = re.findall(r"^    (\S.*)$", TEXT, re.MULTILINE) + re.findall(
+    r"^\| `(python .*?)` \|", TEXT, re.MULTILINE
+)
+
+
+def overrides(line: str) -> list[str]:
+    """The overrides of one job of a command: a sweep stands for its first."""
+    words = shlex.split(line)[3:]
+    return [word.replace("range(5)", "0") for word in words if word != "-m"]
+
+
+@pytest.mark.parametrize("line", [c for c in COMMANDS if c.startswith("python -m islandgp ")])
+def test_every_run_of_the_document_composes(line: str) -> None:
+    """Each command names options and keys that exist."""
+    assert composed(*overrides(line)).supervisor.name in line or "ablation" in line
+
+
+@pytest.mark.parametrize("line", [c for c in COMMANDS if c.startswith("islandgp estimate")])
+def test_every_estimate_of_the_document_runs(line: str) -> None:
+    """And tells dollars."""
+    done = CliRunner().invoke(command, shlex.split(line)[2:], catch_exceptions=False)
+    assert done.exit_code == 0
+    assert "US dollars" in done.output
+    assert "unknown" not in done.output
+
+
+def test_no_command_is_left_out() -> None:
+    """The tests above and below know every sort of command that the document has."""
+    known = (
+        "python -m islandgp ",
+        "islandgp estimate",
+        "python -m islandgp.testing.demo",
+        "export",
+    )
+    assert len(COMMANDS) > 8
+    assert all(line.startswith(known) for line in COMMANDS)
+
+
+def test_the_demo(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It needs no key, says that the answers are scripted, and ends with two equal records."""
+    monkeypatch.setattr(demo_module.tempfile, "mkdtemp", lambda prefix: str(tmp_path / prefix))
+    small = ("evaluator=serial", "gp.population=6", "world.episode.length=5")
+    assert demo(small) == 0
+    said = capsys.readouterr().out
+    assert "the answers below are scripted" in said
+    assert "rate: llm" in said
+    assert "repaired" in said
+    assert said.rstrip().endswith("The two records are identical, byte for byte.")
+
+
+def test_the_names_of_the_record_are_real() -> None:
+    """Notes and ledger have the names that the document tells."""
+    llm, _ = supervisor(answering(rate="no"))
+    notes = advise(llm).notes
+    for name in notes:
+        assert f"`notes.{name}`" in TEXT
+    for name in ("requests", "cost_usd"):
+        assert name in llm.spent()
+        assert f"`llm/{name}`" in TEXT
+    stages = [stage.value for stage in Stage if stage is not Stage.REFUSED]
+    assert all(re.search(rf"\b{stage}\b", TEXT, re.IGNORECASE) for stage in stages)

@@ -1,0 +1,113 @@
+"""`islandgp estimate`: what a sweep will cost, by arithmetic that can be followed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from islandgp.commands.estimate_command import command
+from islandgp.supervision.llm.estimate import ANSWER, Bill, as_recorded, at_most, expected
+from islandgp.supervision.llm.transcript import Transcript
+from tests.llm.made import advise, answering, settings, setup, state, supervisor
+
+
+def said(*words: str) -> str:
+    done = CliRunner().invoke(command, list(words), catch_exceptions=False)
+    assert done.exit_code == 0
+    return done.output
+
+
+def test_every_generation_but_the_last_asks_twice() -> None:
+    """41 generations: 80 questions and a probe, with so many tokens of answers."""
+    found = expected(settings(), setup())
+    assert found.requests == 81
+    assert found.output == 80 * ANSWER
+    assert found.usd == pytest.approx((found.input + 5 * found.output) / 1e6)
+
+
+def test_what_is_switched_off_costs_nothing() -> None:
+    """Half the questions without injection; the tree's prompt is the longer one."""
+    whole = expected(settings(), setup())
+    rate = expected(settings(), replace(setup(), inject=False))
+    tree = expected(settings(), replace(setup(), adapt_mutation=False))
+    assert rate.requests == tree.requests == 41
+    assert rate.input < tree.input
+    assert rate.input + tree.input == pytest.approx(whole.input, abs=2)
+
+
+def test_at_most_counts_attempts_and_repairs() -> None:
+    """3 attempts x 2 turns x 2 questions x 40 generations, and the probe's own."""
+    found = at_most(settings(), setup())
+    assert found.requests == 3 * 2 * 2 * 40 + 9
+    assert found.output == 3 * 2 * 2 * 40 * 2048
+
+
+def test_caps_bound_the_most() -> None:
+    """A cap is the most that can be spent."""
+    found = at_most(settings("caps.usd=0.5", "caps.requests=100"), setup())
+    assert (found.usd, found.requests) == (0.5, 100)
+
+
+def test_a_run_never_takes_more_than_the_most(tmp_path: Path) -> None:
+    """Even one whose every answer is useless stays below."""
+    given = replace(setup(tmp_path), generations=4)
+    llm, _ = supervisor(answering(rate="x" * 9000, tree="y" * 9000), given=given)
+    for generation in range(3):
+        advise(llm, state(generation))
+    assert llm._calls is not None
+    most = llm._calls.ledger._most()
+    bound = at_most(llm.settings, given)
+    assert most.requests <= bound.requests
+    assert most.input <= bound.input
+
+
+def test_a_record_tells_what_it_really_takes(tmp_path: Path) -> None:
+    """The mean of a generation, times the generations to come."""
+    llm, _ = supervisor(answering(), folder=tmp_path)
+    for generation in range(4):
+        advise(llm, state(generation))
+    found = as_recorded(settings(), setup(), Transcript(tmp_path / "transcript.jsonl"))
+    assert found.input == pytest.approx(9 * 1000 * 40 / 4)  # the probe is spread over them
+    assert found.output == pytest.approx(9 * 100 * 40 / 4)
+
+
+def test_bills_add_up() -> None:
+    """An unknown price stays unknown."""
+    assert Bill(1, 2, 3, 4.0) + Bill(10, 20, 30, 40.0) == Bill(11, 22, 33, 44.0)
+    assert (Bill(1, 2, 3, None) + Bill(1, 2, 3, 4.0)).usd is None
+
+
+def test_the_command_tells_a_sweep() -> None:
+    """Five runs cost five times one; nothing is sent, no key is needed."""
+    text = said("supervisor=llm", "seed=range(5)", "-m")
+    assert "claude-haiku-4-5-20251001" in text
+    rows = {line.split("  ")[1]: line.split()[-1] for line in text.splitlines() if "run" in line}
+    one, all_five = float(rows["a run, mean"]), float(rows["all 5 runs"])
+    assert math.isclose(all_five, 5 * one, rel_tol=0.02)
+
+
+def test_the_command_tells_runs_that_ask_nobody() -> None:
+    """Free arms of a sweep are counted apart."""
+    assert said("supervisor=expert").startswith("Nothing: none of the 1 runs")
+    text = said("supervisor=llm,expert", "seed=range(2)", "-m")
+    assert "all 2 runs" in text
+    assert "2 other runs ask no language model." in text
+
+
+def test_the_command_knows_unknown_prices() -> None:
+    """Tokens are told all the same."""
+    text = said("supervisor=llm", "supervisor.policy.model=local")
+    assert "unknown" in text
+    assert "supervisor.policy.prices.models" in text
+
+
+def test_the_command_reads_a_record(tmp_path: Path) -> None:
+    """With --record the measured line stands beside the assumed one."""
+    llm, _ = supervisor(answering(), folder=tmp_path)
+    advise(llm)
+    text = said("--record", str(tmp_path), "supervisor=llm")
+    assert "as measured in the record" in text

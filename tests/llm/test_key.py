@@ -1,0 +1,226 @@
+"""The key: nothing a run leaves behind holds it, however it is given and whatever goes wrong."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from islandgp.api_key import NONE, key_in, without_key
+from islandgp.app import main
+from islandgp.errors import ConfigError
+from islandgp.resources import resource
+from islandgp.supervision.llm.settings import LLMSettings
+from islandgp.testing.faults import Fault, every
+from islandgp.testing.server import MessagesServer
+from tests.composed import composed, plain
+from tests.llm.made import settings
+
+KEY = "sk-ant-test-0123456789abcdefXYZ"
+PIECE = KEY[7:23].encode()  # part of it is too much, too
+SMALL = (
+    "gp.population=6",
+    "gp.generations=3",
+    "world.episode.length=10",
+    "evaluator=serial",
+    "supervisor=llm",
+)
+
+
+@pytest.fixture(autouse=True)
+def _environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever these tests do to the variable is undone."""
+    monkeypatch.setenv("ANTHROPIC_API_KEY", "x")
+    monkeypatch.delenv("ANTHROPIC_API_KEY")
+
+
+def holders(folder: Path) -> list[Path]:
+    """The files below a folder, hidden ones included, that hold a piece of the key."""
+    return [f for f in folder.rglob("*") if f.is_file() and PIECE in f.read_bytes()]
+
+
+def run(home: Path, *words: str, environment: dict[str, str] | None = None) -> str:
+    """The whole command in its own process; returns all that it printed."""
+    free = {k: v for k, v in os.environ.items() if not k.startswith("ANTHROPIC")}
+    root = str(resource("conf").parent)
+    done = subprocess.run(
+        [sys.executable, "-m", "islandgp", *words],
+        cwd=home,
+        env={**free, "PYTHONPATH": root, **(environment or {})},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return f"{done.returncode}\n{done.stdout}\n{done.stderr}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("given", "tracking"),
+    [
+        ("environment", "off"),
+        ("command", "mlflow"),
+        ("command, in a sweep", "off"),
+        ("file", "off"),
+        ("file, in a sweep", "mlflow"),
+    ],
+)
+def test_a_run_leaves_the_key_nowhere(tmp_path: Path, given: str, tracking: str) -> None:
+    """Not in records, config dump, transcript, MLflow's store and artifacts, nor on the screen.
+
+    The server quotes the key in its errors, which is the hardest case.
+    """
+    home, conf = tmp_path / "home", tmp_path / "conf" / "experiment"
+    home.mkdir()
+    conf.mkdir(parents=True)
+    (conf / "mine.yaml").write_text(
+        f"# @package _global_\nsupervisor: {{policy: {{api_key: {KEY}}}}}\n", encoding="utf-8"
+    )
+    words = [f"tracking={tracking}", *SMALL]
+    flags = []
+    if "command" in given:
+        words.append(f"supervisor.policy.api_key={KEY}")
+    if "file" in given:
+        flags = ["--config-dir", str(conf.parent)]
+        words.append("experiment=mine")
+    if "sweep" in given:
+        words.append("seed=range(2)")
+        flags.append("-m")
+    environment = {"ANTHROPIC_API_KEY": KEY} if given == "environment" else None
+    with MessagesServer(every(3, [Fault.UNAUTHORISED, Fault.RETRY_SOON])) as server:
+        url = f"supervisor.policy.base_url={server.url}"
+        printed = run(home, *flags, *words, url, environment=environment)
+        assert server.keys
+        assert {key.removeprefix("Bearer ") for key in server.keys} == {KEY}
+    assert printed.startswith("0\n"), printed
+    assert PIECE.decode() not in printed
+    assert holders(home) == []
+    transcripts = list(home.rglob("transcript.jsonl"))
+    assert transcripts
+    assert all(b"invalid key Bearer [key]" in t.read_bytes() for t in transcripts)
+    assert list(home.rglob("config.yaml"))
+    assert bool(list(home.rglob("mlflow.db"))) == (tracking == "mlflow")
+
+
+@pytest.mark.parametrize("given", ["command", "environment"])
+def test_a_run_in_this_process_leaves_the_key_nowhere(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    given: str,
+) -> None:
+    """The quick form of the same: the run's folder and the screen."""
+    monkeypatch.chdir(tmp_path)
+    words = [*SMALL, "tracking=off"]
+    if given == "command":
+        words.append(f"supervisor.policy.api_key={KEY}")
+    else:
+        monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
+    with MessagesServer(every(3, [Fault.UNAUTHORISED])) as server:
+        assert main([*words, f"supervisor.policy.base_url={server.url}"]) == 0
+        assert {key.removeprefix("Bearer ") for key in server.keys} == {KEY}
+    said = capfd.readouterr()
+    assert PIECE.decode() not in said.out + said.err
+    assert holders(tmp_path) == []
+    assert PIECE.decode() not in " ".join(map(str, tmp_path.rglob("*")))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        "supervisor.policy.model=",
+        "supervisor.policy.retry.attempts=none",
+        "supervisor.policy.retri=1",
+        "supervisor.policy.caps.usd=-1",
+        "supervisor.policy.max_tokens=1",
+        "supervisor.lag=99",
+        "gp.population=-4",
+        "supervisor=lmm",
+    ],
+)
+def test_no_error_shows_the_key(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], wrong: str
+) -> None:
+    """A mistake elsewhere in the command is told without the rest of the command."""
+    monkeypatch.chdir(tmp_path)
+    code = main([*SMALL, f"supervisor.policy.api_key={KEY}", wrong])
+    said = capfd.readouterr()
+    assert code == 2
+    assert PIECE.decode() not in said.out + said.err
+
+
+def test_the_config_dump_of_hydra_shows_no_key(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """`--cfg job` prints the configuration without a key that the command gives."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["supervisor=llm", f"supervisor.policy.api_key={KEY}", "--cfg", "job"]) == 0
+    said = capfd.readouterr().out
+    assert "api_key: null" in said
+    assert PIECE.decode() not in said
+
+
+def test_without_a_key_nothing_starts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 2, three ways named, no file written; the same for a sweep."""
+    monkeypatch.chdir(tmp_path)
+    for words in ([], ["-m", "seed=range(3)"]):
+        assert main([*words, *SMALL]) == 2
+        said = capfd.readouterr().err
+        assert said.startswith("islandgp: Expected a key or an address for supervisor=llm")
+        assert [f"{n}. " in said for n in (1, 2, 3, 4)] == [True, True, True, False]
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_a_key_on_the_command_line_is_moved_to_the_environment() -> None:
+    """In every form that Hydra knows; other words stay as they are."""
+    for form in ("", "+", "++"):
+        words = ["seed=1", f"{form}supervisor.policy.api_key={KEY}", "-m"]
+        assert without_key(words) == ["seed=1", NONE, "-m"]
+        assert os.environ.pop("ANTHROPIC_API_KEY") == KEY
+    assert without_key([f"supervisor.policy.api_key='{KEY}'"]) == [NONE]
+    assert os.environ.pop("ANTHROPIC_API_KEY") == KEY
+    assert without_key(["supervisor.policy.api_key=null"]) == [NONE]
+    assert "ANTHROPIC_API_KEY" not in os.environ
+
+
+def test_a_key_in_a_file_is_moved_to_the_environment() -> None:
+    """Found in what Hydra composed; two different ones are an error that shows neither."""
+    config = plain("supervisor=llm", f"supervisor.policy.api_key={KEY}")
+    assert not key_in([plain("supervisor=llm"), plain("supervisor=expert")])
+    assert key_in([config, plain("supervisor=baseline")])
+    assert os.environ["ANTHROPIC_API_KEY"] == KEY
+    other = plain("supervisor=llm", "supervisor.policy.api_key=another")
+    for wrong in (lambda: key_in([config, other]), lambda: without_key([f"{NONE[:-4]}a,b"])):
+        with pytest.raises(ConfigError, match="ANTHROPIC_API_KEY") as caught:
+            wrong()
+        assert KEY not in str(caught.value)
+
+
+def test_settings_do_not_show_the_key() -> None:
+    """Neither printed, nor dumped, nor in the error of another field."""
+    found = settings(f"api_key={KEY}")
+    assert KEY not in f"{found!r}{found}{found.model_dump()}{found.model_dump_json()}"
+    policy = composed("supervisor=llm").supervisor.policy
+    with pytest.raises(ValueError, match="phases") as caught:
+        LLMSettings.model_validate({**policy, "api_key": KEY, "phases": {}})
+    assert KEY not in str(caught.value)
+
+
+def test_a_key_of_digits_is_a_key() -> None:
+    """A command line takes it for a number."""
+    found = settings("api_key=123456789")
+    assert found.api_key is not None
+    assert found.api_key.get_secret_value() == "123456789"
+
+
+def test_no_password_in_the_address() -> None:
+    """An address is written into the configuration; a password in it would be, too."""
+    for url in ("http://user:secret@localhost:1", "localhost:11434", "ftp://x"):
+        with pytest.raises(ConfigError) as caught:
+            settings(f"base_url='{url}'")
+        assert "secret" not in str(caught.value)

@@ -1,0 +1,158 @@
+"""The control arms: trees without a target, guidance without a state, and half of a supervisor."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from islandgp.bt.node import Node
+from islandgp.errors import SupervisionError
+from islandgp.evolution.checkpoint import dump
+from islandgp.resources import resource
+from islandgp.run import make_supervisor
+from islandgp.supervision.base import Target
+from islandgp.supervision.untargeted import Untargeted
+from islandgp.supervision.yoked import Yoked, YokedSettings
+from tests.composed import composed
+from tests.evolution.runs import plan, records, run
+from tests.llm.made import setup, state
+
+LACKS_CHARGING = state(complete=1)
+RICH = replace(
+    state(complete=9),
+    now=replace(state(complete=9).now, doing=dict.fromkeys(state().now.doing, 30)),
+)
+
+
+def draws(supervisor: Untargeted, at: object, n: int = 700) -> Counter[Target | None]:
+    return Counter(
+        supervisor.advise(at, np.random.default_rng(i)).target  # type: ignore[arg-type]
+        for i in range(n)
+    )
+
+
+def untargeted() -> Untargeted:
+    found = make_supervisor(composed("supervisor=untargeted"), None)
+    assert isinstance(found, Untargeted)
+    return found
+
+
+def test_random_injection_is_blind_to_the_state() -> None:
+    """The same draws give the same tree, whatever the population lacks."""
+    supervisor = untargeted()
+    for seed in range(50):
+        poor = supervisor.advise(LACKS_CHARGING, np.random.default_rng(seed))
+        rich = supervisor.advise(RICH, np.random.default_rng(seed))
+        assert (poor.target, poor.tree) == (rich.target, rich.tree)
+
+
+def test_random_injection_draws_every_target_alike() -> None:
+    """Seven targets, each a seventh of the time, within four standard deviations."""
+    found = draws(untargeted(), LACKS_CHARGING)
+    assert set(found) == set(Target)
+    assert all(100 - 4 * 9.3 < count < 100 + 4 * 9.3 for count in found.values())
+
+
+def test_random_injection_takes_trees_of_the_same_library() -> None:
+    """Only the choice is random: every tree is one that the expert could have given."""
+    supervisor = untargeted()
+    library = set(supervisor.expert.library.values())
+    trees: set[Node | None] = {
+        supervisor.advise(RICH, np.random.default_rng(i)).tree for i in range(99)
+    }
+    assert trees <= library
+    assert len(trees) > 4
+
+
+def test_random_injection_keeps_the_expert_s_rate() -> None:
+    """The rate still follows the state, so that the arms differ in one thing."""
+    supervisor = untargeted()
+    for at in (LACKS_CHARGING, RICH):
+        expert = supervisor.expert.advise(at, np.random.default_rng(0))
+        found = supervisor.advise(at, np.random.default_rng(0))
+        assert (found.mutation_rate, found.phase) == (expert.mutation_rate, expert.phase)
+        assert found.source == "untargeted"
+
+
+def led(folder: Path) -> list[dict[str, object]]:
+    """The guidance in another run's record, which is written to a folder."""
+    steps = run(plan("supervisor.inject=true"), make_supervisor(composed(), None), seed=8)
+    folder.mkdir(parents=True)
+    lines = [dump(asdict(record)) for record in records(steps)]
+    (folder / "generations.jsonl").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return [json.loads(line)["guidance"] for line in lines]
+
+
+def test_another_seed_s_record_is_repeated(tmp_path: Path) -> None:
+    """Rate and tree of each generation are the leader's, whatever the population is like here."""
+    leader = led(tmp_path / "expert-seed1")
+    how = YokedSettings(record=str(tmp_path / "expert-seed{seed}"), seeds=5)
+    given = replace(setup(None), generations=8)
+    steps = run(plan("supervisor.inject=true"), Yoked.make(how, given), seed=0)
+    found = [record.guidance for record in records(steps)]
+    assert len(found) == 8
+    for said, was in zip(found[:-1], leader[:-1], strict=True):
+        assert said is not None
+        assert (said.wanted_rate, said.tree, said.phase, said.target) == (
+            was["wanted_rate"],
+            was["tree"],
+            was["phase"],
+            was["target"],
+        )
+        assert (said.source, said.notes) == ("yoked", {"led_by": "expert"})
+
+
+def test_each_seed_is_led_by_the_next() -> None:
+    """And the last by the first, so that each record leads once."""
+    how = YokedSettings(record="runs/x/expert-seed{seed}", seeds=5)
+    assert [how.folder(seed).name[-1] for seed in range(5)] == ["1", "2", "3", "4", "0"]
+
+
+def test_a_leader_that_lacks_or_is_unfinished_is_told(tmp_path: Path) -> None:
+    """Before the run starts, with what to do."""
+    how = YokedSettings(record=str(tmp_path / "expert-seed{seed}"), seeds=5)
+    with pytest.raises(SupervisionError, match="run it first, with seed=1"):
+        Yoked.make(how, setup(None))
+    led(tmp_path / "expert-seed1")
+    with pytest.raises(SupervisionError, match="41 generations"):
+        Yoked.make(how, setup(None))
+
+
+def test_rate_only() -> None:
+    """The supervisor's rates are applied; its trees are not injected."""
+    found = composed("experiment=ablation_rate_only").supervisor
+    assert (found.name, found.adapt_mutation, found.inject) == ("expert", True, False)
+    steps = run(plan("supervisor.inject=false"), make_supervisor(composed(), None))
+    for record in records(steps)[:-1]:
+        assert record.guidance is not None
+        assert record.guidance.applied_rate in (record.guidance.wanted_rate, 0.5)
+        assert not record.guidance.injected
+    assert not any("injected" in record.origins for record in records(steps))
+
+
+def test_injection_only() -> None:
+    """Trees go in; the rate is the one of the start, but for emergencies, which do not last."""
+    found = composed("experiment=ablation_injection_only").supervisor
+    assert (found.name, found.adapt_mutation, found.inject) == ("expert", False, True)
+    how = plan("supervisor.inject=true", "supervisor.adapt_mutation=false")
+    steps = run(how, make_supervisor(composed(), None))
+    for record in records(steps)[:-1]:
+        assert record.guidance is not None
+        crisis = how.gp.crisis.emergency_rate
+        assert record.guidance.applied_rate == (
+            crisis if record.guidance.crisis else how.gp.mutation_rate
+        )
+        assert record.guidance.injected
+
+
+def test_ablations_have_names_of_their_own() -> None:
+    """Each arm's runs lie in a folder of their own, and every file of the group composes."""
+    files = sorted((resource("conf") / "experiment").glob("ablation_*.yaml"))
+    names = {composed(f"experiment={file.stem}").name for file in files}
+    assert names == {file.stem for file in files}
+    assert len(names) == 4

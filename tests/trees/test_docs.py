@@ -1,0 +1,164 @@
+"""The documentation of the language: generated parts are up to date, every command runs."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+from click.shell_completion import ShellComplete
+
+from islandgp.bt.format import format_text
+from islandgp.bt.language import parse, words
+from islandgp.bt.node import ACTIONS, KEYS, KINDS
+from islandgp.cli import COMMANDS
+from islandgp.cli import islandgp as group
+from islandgp.resources import resource
+from tests.trees.shell import Cli
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLES = sorted((resource("grammar") / "examples").glob("*.bt"))
+
+
+def _generate() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("generate", ROOT / "docs" / "generate.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+generate = _generate()
+TUTORIAL = generate.TUTORIAL.read_text(encoding="utf-8")
+
+
+def test_language_is_up_to_date() -> None:
+    """docs/language.md has the tables that the declarations give (python docs/generate.py)."""
+    text = generate.LANGUAGE.read_text(encoding="utf-8")
+    assert generate.filled(text, generate.tables()) == text
+    for name in (*ACTIONS, *KEYS, *(kind for kind in KINDS if kind != "action")):
+        assert name in text
+
+
+def test_editor_grammar_is_up_to_date() -> None:
+    """The TextMate grammar is the one that the declarations give (python docs/generate.py)."""
+    assert generate.textmate() == generate.TEXTMATE.read_text(encoding="utf-8")
+
+
+def scopes(line: str, rules: list[dict[str, Any]]) -> Iterator[tuple[str, str]]:
+    """The words of a line with their scopes, as an editor finds them: leftmost, first rule."""
+    at = 0
+    while at < len(line):
+        found = [(m, rule) for rule in rules if (m := re.compile(rule["match"]).search(line, at))]
+        if not found:
+            return
+        match, rule = min(found, key=lambda pair: pair[0].start())
+        if "captures" in rule:
+            for number, captured in rule["captures"].items():
+                yield match[int(number)], captured["name"]
+        else:
+            yield match[0], rule["name"]
+        at = match.end()
+
+
+@pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)
+def test_highlighting(file: Path) -> None:
+    """In every example each word has a colour, and none is marked as illegal."""
+    rules = json.loads(generate.textmate())["patterns"]
+    text = file.read_text(encoding="utf-8")
+    found = [pair for line in text.splitlines() for pair in scopes(line, rules)]
+    coloured = {word for word, _ in found}
+    assert not [word for word, scope in found if scope == "invalid.illegal"]
+    assert {str(word) for word in words(text)} - {"{", "}"} <= coloured
+
+
+def test_highlighting_shows_misspelt_words() -> None:
+    """A word that is neither an action nor a key is marked."""
+    rules = json.loads(generate.textmate())["patterns"]
+    found = dict(scopes("when foundGarbag { MoveToGarbage } # MoveToGarbag", rules))
+    assert found["foundGarbag"] == "invalid.illegal"
+    assert found["MoveToGarbage"] == "support.function"
+    assert found["# MoveToGarbag"] == "comment.line.number-sign"
+
+
+def test_editor_extension_is_whole() -> None:
+    """Every file that the extension names is there, for the ending that trees have."""
+    folder = ROOT / "editors" / "vscode"
+    made = json.loads((folder / "package.json").read_text())["contributes"]
+    assert made["languages"][0]["extensions"] == [".bt"]
+    for part in (made["languages"][0]["configuration"], made["grammars"][0]["path"]):
+        json.loads((folder / part).read_text())
+
+
+def test_tab_completion() -> None:
+    """The shell is offered the commands by their beginning, and files for their arguments."""
+    complete = ShellComplete(group, {}, "islandgp", "_ISLANDGP_COMPLETE")
+    assert [item.value for item in complete.get_completions([], "s")] == [
+        name for name in COMMANDS if name.startswith("s")
+    ]
+    assert [item.type for item in complete.get_completions(["check"], "")] == ["file"]
+    options = [item.value for item in complete.get_completions(["play"], "--")]
+    assert {"--seeds", "--watch", "--stage", "--set"} <= set(options)
+
+
+def commands(text: str) -> list[str]:
+    """The lines of the blocks that begin with ```sh."""
+    blocks = re.findall(r"^```sh\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+    return [line for block in blocks for line in block.splitlines()]
+
+
+def test_tutorial_runs(islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every command of the tutorial runs as it stands, on the trees that the tutorial shows."""
+    monkeypatch.chdir(tmp_path)
+    for name, text in generate.files(TUTORIAL).items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    for line in commands(TUTORIAL):
+        program, *arguments = shlex.split(line)
+        assert program == "islandgp"
+        if "--seeds" in arguments:  # fewer and shorter, as what is earned is another test's
+            at = arguments.index("--seeds") + 1
+            arguments[at] = "2"
+        if arguments[0] in ("play", "trace", "replay"):
+            arguments += ["--set", "world.episode.length=20"]
+        said = islandgp(*arguments)
+        assert said.code == (arguments[0] == "diff"), line
+        if arguments == ["check", "empty.bt"]:
+            assert "ExecuteCharge can never succeed" in said.out
+        elif arguments[0] == "check":
+            assert "warning:" not in said.out
+
+
+def test_tutorial_trees_are_in_canonical_form() -> None:
+    """What the tutorial shows is how `fmt` writes it, but for the first tree's three lines."""
+    for name, text in generate.files(TUTORIAL).items():
+        parse(text)
+        if name != "patrol.bt":
+            assert format_text(text) == text
+
+
+def test_tutorial_tells_the_results() -> None:
+    """The table of results is what the trees earn (python docs/generate.py), each step earns more
+    than the one before, and the last tree more than the example."""
+    found = generate.results(TUTORIAL)
+    assert generate.filled(TUTORIAL, {"results": generate.results_table(found)}) == TUTORIAL
+    steps = ["patrol", "garbage", "guard", "charge", "rounder", "better"]
+    earned = [found[f"`{step}.bt`"] for step in steps]
+    assert earned == sorted(earned)
+    assert found["`hasty.bt`"] < found["`rounder.bt`"]
+    assert found["`empty.bt`"] > found["`charge.bt`"]
+    assert earned[-1] > found["`grammar/examples/all_rounder.bt`"]
+
+
+def test_exports_page_runs(islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The commands of docs/exports.md run as they stand, where the examples are."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "grammar").symlink_to(resource("grammar"))
+    for line in commands((ROOT / "docs" / "exports.md").read_text(encoding="utf-8")):
+        assert islandgp(*shlex.split(line)[1:]).code == 0, line

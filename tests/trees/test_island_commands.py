@@ -1,0 +1,175 @@
+"""`islandgp play`, `trace`, `replay` and `simplify`, as a user runs them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from islandgp.bt.language import parse, to_text
+from islandgp.bt.node import size
+from islandgp.resources import resource
+from islandgp.viewer.recording import IDLE, record
+from islandgp.viewer.trace import courses, drawn, merged, stints
+from islandgp.viewer.watch import frame, lines, watch
+from tests.composed import composed
+from tests.trees.shell import Cli
+
+EXAMPLES = resource("grammar") / "examples"
+GOOD = EXAMPLES / "all_rounder.bt"
+SHORT = ("--set", "world.episode.length=20")
+
+
+def test_play(islandgp: Cli) -> None:
+    """A row per world, the mean of each component, and how often each tier was reached."""
+    said = islandgp("play", GOOD, "--seeds", 3, *SHORT)
+    assert said.code == 0
+    rows = [line.split() for line in said.out.splitlines()]
+    assert [row[0] for row in rows[1:4]] == ["0", "1", "2"]
+    names = [row[0] for row in rows if row]
+    for component in ("garbage", "battery", "humanoid", "delivery", "leftover", "fitness"):
+        assert component in names
+    assert "of 3 worlds: excellent" in said.out
+
+
+def test_play_is_the_same_on_processes(islandgp: Cli) -> None:
+    """Four worlds or more go to worker processes; the first three come out as before."""
+    few = json.loads(islandgp("play", GOOD, "--seeds", 3, "--json", *SHORT).out)
+    many = json.loads(
+        islandgp(
+            "play", GOOD, "--seeds", 4, "--json", *SHORT, "--set", "evaluator.policy.workers=2"
+        ).out
+    )
+    assert many[:3] == few
+    assert len(many) == 4
+
+
+def test_play_at_another_stage(islandgp: Cli) -> None:
+    """--stage scores by another row of Table 2, in the same episode."""
+    late = json.loads(islandgp("play", GOOD, "--seeds", 1, "--json", *SHORT).out)
+    early = json.loads(islandgp("play", GOOD, "--seeds", 1, "--json", "--stage", 1, *SHORT).out)
+    assert late[0]["pickups"] == early[0]["pickups"]
+    assert late[0]["components"][4] == 2.5 * early[0]["components"][4]  # leftover: 2.0 and 0.8
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--set", "world.robot.spee=3"), "did you mean world.robot.speed?"),
+        (("--set", "world.robot.speed=fast"), "world.robot.speed='fast'"),
+        (("--set", "speed"), "expected KEY=VALUE, found 'speed'"),
+        (("--stage", "9"), "--stage: expected 1 to 4, found 9"),
+    ],
+)
+@pytest.mark.parametrize("name", ["play", "trace", "replay"])
+def test_wrong_settings(islandgp: Cli, name: str, arguments: tuple[str, ...], message: str) -> None:
+    """A wrong setting is one clear line and exit code 2."""
+    said = islandgp(name, GOOD, *arguments)
+    assert said.code == 2
+    assert message in said.err
+    assert "Traceback" not in said.err
+
+
+def test_wrong_tree(islandgp: Cli) -> None:
+    """What is no tree is told as `check` tells it."""
+    said = islandgp("play", "-", stdin="selector { PatrolWaypont }")
+    assert said.code == 2
+    assert "Did you mean PatrolWaypoint?" in said.err
+
+
+def test_watch_without_a_terminal(islandgp: Cli) -> None:
+    """Where nobody can watch, a line every ten seconds tells the episode."""
+    said = islandgp("play", GOOD, "--watch", *SHORT)
+    assert [line.split()[0] for line in said.out.splitlines()] == ["0.0", "10.0", "19.9"]
+
+
+def test_watch_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a terminal it shows frames up to the end, and waits between them as told."""
+    whole = composed()
+    short = whole.world.episode.model_copy(update={"length": 5})
+    settings = whole.model_copy(update={"world": whole.world.model_copy(update={"episode": short})})
+    recording = record(parse(GOOD.read_text()), settings, seed=0, stage=3)
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+    waits: list[float] = []
+    watch(recording, speed=8.0, pause=waits.append)
+    assert waits == [1 / 8] * 6  # a frame a simulated second, and the last one
+    console = Console(width=130, height=60, record=True)
+    console.print(frame(recording, recording.ticks - 1))
+    text = console.export_text()
+    assert "R" in text
+    assert "selector" in text
+    assert f"{recording.episode.fitness:,.0f} points" in text
+    assert list(lines(recording, every=10.0))[-1].split()[0] == "4.9"
+
+
+def test_trace(islandgp: Cli) -> None:
+    """The tree with what each node did, what was never reached, and the decisions in order."""
+    said = islandgp("trace", EXAMPLES / "poor.bt", *SHORT)
+    assert said.code == 0
+    tree = parse((EXAMPLES / "poor.bt").read_text())
+    # The battery stays above 15 % all the time.
+    never = [line for line in said.out.splitlines() if "never reached" in line]
+    assert [line.split()[-3] for line in never] == ["sequence", "SeekCharger", "ExecuteCharge"]
+    assert len(said.out.splitlines()) > size(tree) + 5
+    assert "DeliverToClearingPoint" in said.out
+    assert "batteryLevel" in said.out
+
+
+def test_trace_tells_every_call() -> None:
+    """The stints of the actions cover each tick in which an action was called, once."""
+    recording = record(parse(GOOD.read_text()), composed(), seed=1, stage=3)
+    for place, codes in enumerate(recording.statuses):
+        own = [s for s in stints(recording) if s.place == place]
+        called = sum(s.end - s.start + 1 for s in own)
+        if own:
+            assert called == sum(code != IDLE for code in codes)
+    won = sum(s.points for s in stints(recording))
+    assert sum(s.points for s in merged(stints(recording))) == pytest.approx(won)
+    credited = sum(
+        c.points
+        for c in recording.credits
+        if c.event.name not in ("LEFTOVER", "COLLISION", "IDLE", "SHUTDOWN")
+    )
+    assert won == pytest.approx(credited)
+    assert len(drawn(recording).plain.splitlines()) == size(recording.tree)
+    assert len(list(courses(recording))) == 5
+
+
+def test_trace_between(islandgp: Cli) -> None:
+    """--from and --to cut the timeline."""
+    said = islandgp("trace", GOOD, "--from", 15, "--to", 20, "--seed", 1, *SHORT)
+    starts = [
+        float(line.split()[0]) for line in said.out.splitlines() if line.lstrip()[:1].isdigit()
+    ]
+    assert starts
+    assert all(15 <= start <= 20 for start in starts)
+
+
+def test_replay(islandgp: Cli, tmp_path: Path) -> None:
+    """The page of one world, under the name of the file; the same again, to the byte."""
+    a, b = tmp_path / "a.html", tmp_path / "b.html"
+    assert islandgp("replay", GOOD, "--seed", 4, "-o", a, *SHORT).code == 0
+    assert islandgp("replay", GOOD, "--seed", 4, "-o", b, *SHORT).code == 0
+    assert a.read_bytes() == b.read_bytes()
+    assert "<title>all_rounder</title>" in a.read_text()
+
+
+def test_empty_island(islandgp: Cli, tmp_path: Path) -> None:
+    """A world without garbage and humanoids, and an episode of one tick, are worlds like others."""
+    empty = ("world.garbage.initial=0", "world.garbage.most=0", "world.humanoids.count=0")
+    options = [word for key in (*empty, "world.episode.length=0.1") for word in ("--set", key)]
+    for command in (("play", "--seeds", 1), ("trace",), ("replay", "-o", tmp_path / "t.html")):
+        assert islandgp(*command, *options, "-", stdin="PatrolWaypoint").code == 0
+
+
+def test_simplify(islandgp: Cli, tmp_path: Path) -> None:
+    """The shorter tree is printed or written, and --explain tells why it is shorter."""
+    text = "selector { sequence { MoveToGarbage } inverter { inverter { PatrolWaypoint } } }"
+    said = islandgp("simplify", "-", "--explain", stdin=text)
+    assert said.out == to_text(parse("selector { MoveToGarbage PatrolWaypoint }"))
+    assert "double inverter" in said.err
+    assert "6 nodes before, 3 after" in said.err
+    islandgp("simplify", "-", "-o", tmp_path / "t.bt", stdin=text)
+    assert (tmp_path / "t.bt").read_text() == said.out
