@@ -182,8 +182,8 @@ def _evolve(
     done = start.generation if start is not None else 0
     evaluator = make_evaluator(settings)
     champion: Champion | None = None
+    steps = evolve(settings.plan, settings.seed, supervisor, evaluator, start=start)
     try:
-        steps = evolve(settings.plan, settings.seed, supervisor, evaluator, start=start)
         with Progress(
             settings.progress,
             settings.gp.generations,
@@ -197,6 +197,7 @@ def _evolve(
                 progress.show(step)
                 champion = step.champion
     finally:
+        steps.close()  # now, and not when the interpreter ends
         evaluator.close()
     assert champion is not None
     target.finish(summary(target, champion))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import os
+import socket
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
@@ -102,10 +103,18 @@ def _connect(settings: RaySettings) -> tuple[Any, bool]:
     if settings.address == "local" and settings.workers:
         options["num_cpus"] = settings.workers
     try:
+        _reach(settings.address)
         ray.init(**options)
-    except (ConnectionError, ValueError, RuntimeError) as error:
+    except (OSError, ValueError, RuntimeError) as error:
         raise EvaluationError(
             f"Expected a Ray cluster at {settings.address!r}, found none ({error});"
             " start one with `ray start --head`, or take evaluator.policy.address=local."
         ) from error
     return ray, True
+
+
+def _reach(address: str) -> None:
+    """Raises OSError where nobody listens: Ray itself would wait for minutes, or end the process."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if port.isdigit():
+        socket.create_connection((host, int(port)), timeout=10).close()

@@ -7,7 +7,7 @@ a run can go on from any of its states and ends in the same bytes.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import replace
 from time import perf_counter
 
@@ -59,7 +59,7 @@ def evolve(
     evaluator: Evaluator,
     *,
     start: RunState | None = None,
-) -> Iterator[Step]:
+) -> Generator[Step, None, None]:
     """Algorithm 1 from `start` (default: from generation 0) to the last generation."""
     state = initial_state(plan, seed) if start is None else start
     desk = Desk(supervisor, seed=seed, lag=plan.switches.lag)

@@ -49,6 +49,11 @@ def quality(state: PopulationState) -> int:
     return state.now.tiers[Tier.COMPLETE]
 
 
+def calm(state: PopulationState, how: ExpertSettings) -> float:
+    """How low in its range the rate may be, in [0, 1]: the more there is to lose, the lower."""
+    return min(1.0, max(state.now.working, quality(state) / (2 * how.several)))
+
+
 def classify_phase(state: PopulationState, how: ExpertSettings) -> Phase:
     """Table 8: the phase that the state is in."""
     good, stuck = quality(state), state.stagnant_generations >= how.plateau
@@ -128,7 +133,7 @@ class Expert:
         trees = how.trees[target]
         name = trees[rng.integers(len(trees))]
         return Guidance(
-            mutation_rate=high - (high - low) * min(1.0, quality(state) / (2 * how.several)),
+            mutation_rate=high - (high - low) * calm(state, how),
             tree=self.library[name],
             source=self.name,
             phase=phase,

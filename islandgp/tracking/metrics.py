@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from islandgp.scoring.rewards import Component
+from islandgp.supervision.decisions import decisions
 
 COSTS = {"evaluation": "evaluation_s", "supervision": "supervision_s", "operators": "operators_s"}
 """Costs whose metric says the unit; the others keep their names."""
@@ -71,7 +71,7 @@ def _cost(cost: Mapping[str, Any], section: str = "cost") -> Iterator[tuple[str,
 def final_metrics(records: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, float]]:
     """What can be said of a whole run only: emergence, and the shares of Fig. 8's decisions."""
     first: dict[str, int] = {}
-    decisions: list[Mapping[str, Any]] = []
+    given: list[Mapping[str, Any]] = []
     best = 0.0
     diversities: list[float] = []
     for record in records:
@@ -82,10 +82,8 @@ def final_metrics(records: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, f
             if n:
                 first.setdefault(tier, s["generation"])
         if record["guidance"] is not None:
-            decisions.append(record["guidance"])
+            given.append(record["guidance"])
     yield "run/best", best
     yield "run/mean_diversity", sum(diversities) / len(diversities)
     yield from ((f"run/first_{tier}", generation) for tier, generation in first.items())
-    for kind, section in (("phase", "phases"), ("pattern", "patterns")):
-        for name, n in Counter(d[kind] for d in decisions if d[kind]).items():
-            yield f"{section}/{name}", n / len(decisions)
+    yield from decisions(given)

@@ -225,6 +225,17 @@ def test_what_is_taken_is_of_the_declared_types(answer: dict[str, object]) -> No
         assert isinstance(found.value.pattern, Pattern)
 
 
+def test_texts_inside_the_json_are_made_storable() -> None:
+    """JSON can spell half a character and control codes where the text around it cannot."""
+    odd = r"a\ud800b\u001b[31m\u0000c"
+    body = json.dumps({**GOOD, "risk": "@"}).replace("@", odd)
+    found = decide(said(body))
+    assert isinstance(found, Accepted)
+    assert found.value.risk == "a?b [31m c"
+    tree = json.dumps({**GOOD_TREE, "tree": "@"}).replace("@", odd)
+    rejected(propose(said(tree))).error.encode()
+
+
 def test_explanations_are_kept_short() -> None:
     """A model that rambles does not fill the records."""
     found = decide(said({**GOOD, "reasoning": "x" * 50_000}))

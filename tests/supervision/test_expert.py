@@ -132,24 +132,28 @@ def test_every_pattern_is_reached() -> None:
     assert {pattern for _, pattern in PATTERNS} == set(Pattern)
 
 
+# A Complete Robot exists already; 3 of 30 individuals are not too few, 2 are.
 TARGETS = [
-    # 3 of 30 individuals are not too few, 2 are
-    (past(1, doing={"humanoid": 3}), Target.INTEGRATION),
-    (past(1, doing={"humanoid": 2}), Target.HUMANOID),
-    (past(1, doing={"charging": 0}), Target.CHARGING),
-    (past(1, doing={"clearing": 1}), Target.CLEARING),
-    (past(1, doing={"pickup": 2}), Target.PICKUP),
+    (past(1, complete=1, doing={"humanoid": 3}), Target.INTEGRATION),
+    (past(1, complete=1, doing={"humanoid": 2}), Target.HUMANOID),
+    (past(1, complete=1, doing={"charging": 0}), Target.CHARGING),
+    (past(1, complete=1, doing={"clearing": 1}), Target.CLEARING),
+    (past(1, complete=1, doing={"pickup": 2}), Target.PICKUP),
     # the fewest first; of equals the one that is hardest to find
-    (past(1, doing={"pickup": 0, "charging": 1}), Target.PICKUP),
-    (past(1, doing=dict.fromkeys(WORKERS, 0)), Target.CHARGING),
-    (past(1, doing={"humanoid": 1, "clearing": 1}), Target.CLEARING),
+    (past(1, complete=1, doing={"pickup": 0, "charging": 1}), Target.PICKUP),
+    (past(1, complete=1, doing=dict.fromkeys(WORKERS, 0)), Target.CHARGING),
+    (past(1, complete=1, doing={"humanoid": 1, "clearing": 1}), Target.CLEARING),
     # nothing is missing
-    (past(1), Target.INTEGRATION),
-    (past(11), Target.EXPLORATION),  # 10 generations without a better best
-    (past(10), Target.INTEGRATION),
-    (past(1, diversity=0.2), Target.RARE),
-    (past(11, diversity=0.2), Target.EXPLORATION),
-    (past(11, doing={"clearing": 0}), Target.CLEARING),  # what is missing comes first
+    (past(1, complete=1), Target.INTEGRATION),
+    (past(11, complete=1), Target.EXPLORATION),  # 10 generations without a better best
+    (past(10, complete=1), Target.INTEGRATION),
+    (past(1, complete=1, diversity=0.2), Target.RARE),
+    (past(11, complete=1, diversity=0.2), Target.EXPLORATION),
+    (past(11, complete=1, doing={"clearing": 0}), Target.CLEARING),  # what is missing comes first
+    # before the first Complete Robot: always the rarest behaviour
+    (past(1, doing={"humanoid": 3}), Target.HUMANOID),
+    (past(11, doing={"charging": 9}), Target.CHARGING),
+    (past(1, diversity=0.2, doing={"clearing": 4}), Target.CLEARING),
 ]
 
 
@@ -203,12 +207,24 @@ def test_advice_keeps_the_tables(seen: PopulationState, seed: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("complete", "rate"),
-    [(1, 0.25 - 0.1 / 6), (2, 0.25 - 0.1 / 3), (3, 0.2), (6, 0.15), (30, 0.15)],
+    ("complete", "working", "rate"),
+    [
+        (1, 0.0, 0.25 - 0.1 / 6),
+        (2, 0.0, 0.25 - 0.1 / 3),
+        (3, 0.0, 0.2),
+        (6, 0.0, 0.15),
+        (30, 0.0, 0.15),
+        (1, 0.5, 0.2),
+        (1, 1.0, 0.15),
+        (6, 0.5, 0.15),
+    ],
 )
-def test_more_complete_robots_lower_rate(complete: int, rate: float) -> None:
-    """In refinement, 0.15-0.25, the rate falls with each Complete Robot, up to six."""
-    found = expert().advise(state([snapshot(0, complete=complete)]), np.random.default_rng(0))
+def test_the_more_there_is_to_lose_the_lower_the_rate(
+    complete: int, working: float, rate: float
+) -> None:
+    """In refinement, 0.15-0.25: down with Complete Robots, up to six, or with working ones."""
+    seen = state([snapshot(0, complete=complete, working=working)])
+    found = expert().advise(seen, np.random.default_rng(0))
     assert found.mutation_rate == pytest.approx(rate)
 
 

@@ -71,7 +71,15 @@ def test_what_is_said_of_a_whole_run() -> None:
                 "diversity": 0.25 * generation,
                 "tiers": {"complete": complete, "excellent": 0},
             },
-            "guidance": None if phase is None else {"phase": phase, "pattern": None},
+            "guidance": None
+            if phase is None
+            else {
+                "source": "expert",
+                "phase": phase,
+                "pattern": None,
+                "intervention": False,
+                "crisis": "",
+            },
         }
 
     records = [
@@ -86,4 +94,8 @@ def test_what_is_said_of_a_whole_run() -> None:
         "run/first_complete": 1,
         "phases/refinement": 1 / 3,
         "phases/exploitation": 2 / 3,
+        "decisions/expert": 1.0,
+        "decisions/interventions": 0,
+        "decisions/crises": 0,
+        "decisions/fallbacks": 0,
     }

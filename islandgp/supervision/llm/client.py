@@ -14,6 +14,7 @@ import math
 import time
 from collections.abc import AsyncIterator
 from concurrent.futures import CancelledError
+from contextlib import suppress
 from email.utils import parsedate_to_datetime
 from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any, Final
@@ -77,7 +78,8 @@ class AnthropicClient:
         if running is None:
             return
         loop, thread, sdk = running
-        asyncio.run_coroutine_threadsafe(_end(sdk), loop).result(GRACE)
+        with suppress(TimeoutError):  # at the end of a process its threads stand still
+            asyncio.run_coroutine_threadsafe(_end(sdk), loop).result(GRACE)
         loop.call_soon_threadsafe(loop.stop)
         thread.join(GRACE)
         if not thread.is_alive():

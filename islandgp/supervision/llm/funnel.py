@@ -28,7 +28,7 @@ from islandgp.supervision.llm.answers import (
     Proposal,
     faults,
 )
-from islandgp.supervision.llm.message import SANE, Reply
+from islandgp.supervision.llm.message import SANE, Reply, clean
 
 T = TypeVar("T")
 _CANDIDATES: Final = 20  # places of a text where a JSON object is looked for
@@ -141,7 +141,8 @@ def _fields(reply: Reply, shape: Mapping[str, FieldType]) -> dict[str, Any] | Re
         return Rejection(Stage.JSON, _no_json(reply))
     if wrong := faults(found, shape):
         return Rejection(Stage.FIELDS, "\n".join(wrong))
-    return found
+    # JSON inside a text can spell characters that the text itself could not have.
+    return {key: clean(value) if isinstance(value, str) else value for key, value in found.items()}
 
 
 def _no_json(reply: Reply) -> str:

@@ -1,0 +1,102 @@
+"""Supervisors that hold something open: what a run does with them besides asking."""
+
+from __future__ import annotations
+
+import time
+from contextlib import closing
+from threading import Event
+
+import numpy as np
+import pytest
+
+from islandgp.evolution.loop import evolve
+from islandgp.scoring.state import PopulationState
+from islandgp.supervision.base import Guidance, Service
+from tests.evolution.fake import Fake
+from tests.evolution.runs import Says, plan, run
+
+
+class Serves(Says):
+    """A supervisor that counts what it is asked, and can be told to hang."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.closed = 0
+        self.hangs: Event | None = None
+
+    def start(self) -> str:
+        """See `Service`."""
+        return "ready"
+
+    def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
+        """See `Supervisor`."""
+        if self.hangs is not None:
+            self.hangs.wait()
+        return super().advise(state, rng)
+
+    def spent(self) -> dict[str, float]:
+        """See `Service`."""
+        return {"questions": float(len(self.seen))}
+
+    def close(self) -> None:
+        """See `Service`."""
+        self.closed += 1
+
+
+def test_what_a_service_is() -> None:
+    """Only those that say so are started, counted and closed."""
+    assert isinstance(Serves(), Service)
+    assert not isinstance(Says(), Service)
+
+
+def test_what_was_spent_is_in_each_generation_s_cost() -> None:
+    """As sums from the start; empty for a supervisor that takes nothing."""
+    spent = [step.cost.llm for step in run(supervisor=Serves())]
+    assert spent == [{"questions": float(min(g + 1, 7))} for g in range(8)]
+    assert all(step.cost.llm == {} for step in run())
+
+
+def test_a_run_closes_its_service_once() -> None:
+    """At its end, and as well when it is left in the middle."""
+    whole, left = Serves(), Serves()
+    run(supervisor=whole)
+    with closing(evolve(plan(), 1, left, Fake())) as steps:
+        next(steps)
+    assert (whole.closed, left.closed) == (1, 1)
+
+
+@pytest.mark.parametrize("lag", [0, 1, 3])
+def test_nothing_is_asked_that_nobody_waits_for(lag: int) -> None:
+    """An answer that would take effect after the last generation is not asked for."""
+    supervisor = Says()
+    steps = run(plan(f"supervisor.lag={lag}"), supervisor)
+    used = [step.record.guidance.asked_at for step in steps if step.record.guidance is not None]
+    assert [s.now.generation for s in supervisor.seen] == list(range(8 - 1 - lag))
+    assert [g for g in used if g is not None] == list(range(8 - 1 - lag))
+
+
+def test_a_hanging_supervisor_does_not_keep_a_run_from_ending() -> None:
+    """What is under way when a lagged run is left is forgotten at once."""
+    supervisor = Serves()
+    supervisor.hangs = Event()
+    began = time.monotonic()
+    with closing(evolve(plan("supervisor.lag=2"), 1, supervisor, Fake())) as steps:
+        next(steps)
+        next(steps)
+    assert time.monotonic() - began < 2
+    assert supervisor.seen == []
+    supervisor.hangs.set()
+
+
+@pytest.mark.parametrize("lag", [0, 2])
+def test_an_error_of_a_supervisor_reaches_the_run(lag: int) -> None:
+    """A replay that finds a difference ends the run, from whatever thread it comes."""
+
+    class Fails(Says):
+        def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
+            if state.now.generation == 1:
+                raise LookupError("no such answer")
+            return super().advise(state, rng)
+
+    with pytest.raises(LookupError, match="no such answer"):
+        run(plan(f"supervisor.lag={lag}"), Fails())
