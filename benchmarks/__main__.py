@@ -23,6 +23,7 @@ BENCHMARKS: Final = (
     "overhead_share",
     "startup_s",
     "growth",
+    "profile_share",
 )
 """Modules of this package with `measure(effort)`, in the order of the table."""
 

@@ -6,6 +6,7 @@ run starts; only then Hydra's launcher takes over.
 
 from __future__ import annotations
 
+import argparse
 import os
 import signal
 import sys
@@ -23,7 +24,7 @@ from omegaconf import DictConfig
 
 from islandgp.api_key import NONE, key_in, without_key
 from islandgp.compose import command_line, planned, read, run_folder
-from islandgp.errors import IslandError
+from islandgp.errors import ConfigError, IslandError
 from islandgp.resources import resource
 from islandgp.run import check_ready, choose, run
 from islandgp.sweep import run_sweep
@@ -38,15 +39,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     try:
         words = without_key(sys.argv[1:] if arguments is None else arguments)
-        args = get_args_parser().parse_args(words)
+        args, words = _parsed(words)
         with _terminate_as_ctrl_c():
             if args.help or args.hydra_help or args.info or args.cfg or args.shell_completion:
-                _start(words, lambda _: None)
+                _show(words)
                 return 0
             jobs = list(planned(args, words, Path.cwd()))
             if key_in(job.config for job in jobs):
-                words = _with(words, [NONE], args.overrides)
-                args = get_args_parser().parse_args(words)
+                args, words = _parsed([NONE, *words])
                 jobs = list(planned(args, words, Path.cwd()))
             for job in jobs:
                 folder = RunFolder(job.folder)
@@ -56,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 return run_sweep(
                     jobs,
                     command_line(words),
-                    lambda job, extra: _start(_with(words, extra, args.overrides), job),
+                    lambda job, extra: _start([*extra, *words], job),
                 )
             _run_single(words)
     except IslandError as error:
@@ -86,10 +86,19 @@ def _start(words: Sequence[str], job: Callable[[DictConfig], None]) -> None:
         sys.argv = old
 
 
-def _with(words: list[str], extra: list[str], overrides: list[str]) -> list[str]:
-    """The command with overrides added beside its own, where Hydra expects them."""
-    at = words.index(overrides[0]) if overrides else len(words)
-    return [*words[:at], *extra, *words[at:]]
+def _show(words: Sequence[str]) -> None:
+    """Help, a composed configuration, and what else Hydra shows without running anything."""
+    try:
+        _start(words, lambda _: None)
+    except ValueError as error:  # options that exclude each other
+        raise ConfigError(str(error)) from None
+
+
+def _parsed(words: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
+    """The command's parts, and its words with the overrides first, wherever the options stood."""
+    args = get_args_parser().parse_intermixed_args(words)
+    options = [word for word in words if word not in set(args.overrides)]
+    return args, [*args.overrides, *options]
 
 
 def _run_single(words: Sequence[str]) -> None:

@@ -114,7 +114,7 @@ def _connect(settings: RaySettings) -> tuple[Any, bool]:
 
 
 def _reach(address: str) -> None:
-    """Raises OSError where nobody listens: Ray itself would wait for minutes, or end the process."""
+    """Raises OSError where nobody listens: Ray would wait for minutes, or end the process."""
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if port.isdigit():
         socket.create_connection((host, int(port)), timeout=10).close()

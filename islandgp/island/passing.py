@@ -22,12 +22,11 @@ def advance(island: Island, until: int) -> None:
         until = step + 1
     while step < until:
         stop = min(until, cues[island.cue][0])
-        while step < stop:
+        for now in range(step + 1, stop + 1):
             physics_step(dt)
-            step += 1
             if touching or begun:
                 break
-        island.step = step
+        island.step = step = now
         if touching or begun or shaken:
             island.shaken = bool(touching or begun)
             _touch(island)

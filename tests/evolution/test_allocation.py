@@ -156,8 +156,9 @@ def test_other_sizes(
     assert found["behavioural_elite"] <= scaled(5, table, size)
     assert found["resurrected"] <= scaled(2, table, size)
     assert 1 <= found["diversity"] <= max(1, scaled(4, table, size))
-    # Roundings may pull against each other by one.
-    assert scaled(18, table, size) - 1 <= found["tournament"] <= scaled(25, table, size) + 1
+    # Roundings may pull against each other by one, and small populations keep one of each kind.
+    assert max(0, scaled(18, table, size) - 3) <= found["tournament"]
+    assert found["tournament"] <= scaled(25, table, size) + 1
 
 
 @pytest.mark.parametrize(

@@ -36,6 +36,7 @@ class BreaksSettings(BaseModel, frozen=True, extra="forbid"):
     after: int  # generations that go well
     how: str  # "error", "fault", "interrupt" or "kill"
     unless: str = ""  # a file that, when it exists, makes all well
+    mark: bool = False  # make that file before breaking: so it breaks once
 
 
 class Breaks(Fake):
@@ -59,6 +60,8 @@ class Breaks(Fake):
         settings = self.settings
         well = settings.unless and Path(settings.unless).exists()
         if self.calls > settings.after and not well:
+            if settings.mark:
+                Path(settings.unless).touch()
             if settings.how == "error":
                 raise EvaluationError("Expected an outcome, found trouble.")
             if settings.how == "interrupt":

@@ -1,0 +1,64 @@
+"""The cache of episodes saves work and changes no record."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+import pytest
+
+from islandgp.evaluation.base import Job
+from islandgp.evaluation.cache import Cached
+from islandgp.evolution.checkpoint import dump
+from islandgp.evolution.loop import evolve
+from islandgp.evolution.record import Step
+from islandgp.run import make_evaluator, make_supervisor
+from tests.composed import composed
+from tests.evolution.fake import Fake, outcome_of
+
+RUN = (
+    "evaluator=serial",
+    "gp.population=12",
+    "gp.generations=6",
+    "gp.mutate_elites=false",  # so that elites come back as they were
+    "world.episode.length=15",
+)
+
+
+def steps(*overrides: str) -> list[Step]:
+    """A run with real, short episodes."""
+    settings = composed(*RUN, *overrides)
+    evaluator = make_evaluator(settings)
+    supervisor = make_supervisor(settings, None)
+    try:
+        return list(evolve(settings.plan, settings.seed, supervisor, evaluator))
+    finally:
+        evaluator.close()
+
+
+@pytest.mark.parametrize("new_worlds", ["generation", "never"])
+def test_records_are_the_same_with_and_without(new_worlds: str) -> None:
+    """Off switch and on switch give the same bytes; only on saves episodes, and says how many."""
+    worlds = f"gp.new_worlds={new_worlds}"
+    cached, plain = steps(worlds), steps(worlds, "evaluator.cache=false")
+    assert [dump(asdict(s.record)) for s in cached] == [dump(asdict(s.record)) for s in plain]
+    assert [dump(asdict(s.champion)) for s in cached] == [dump(asdict(s.champion)) for s in plain]
+    assert all(s.cost.simulated == s.cost.episodes == 12 for s in plain)
+    assert all(s.cost.episodes == 12 for s in cached)
+    saved = [s.cost.episodes - s.cost.simulated for s in cached]
+    assert sum(saved) > 0
+    if new_worlds == "never":
+        assert all(hits >= 1 for hits in saved[1:]), "elites are known from the generation before"
+
+
+def test_what_makes_an_episode_another_one() -> None:
+    """Another tree, stage or seed is simulated; the same job is not, in this batch and the next."""
+    inner = Fake()
+    cached = Cached(inner)
+    job = Job("PatrolWaypoint\n", 0, 1)
+    others = [Job("SeekCharger\n", 0, 1), Job(job.tree, 1, 1), Job(job.tree, 0, 2)]
+    batch = [job, *others, job]
+    assert cached.evaluate(batch) == [outcome_of(j) for j in batch]
+    assert inner.asked == [[job, *others]]
+    assert cached.evaluate([job, others[0]]) == [outcome_of(job), outcome_of(others[0])]
+    assert inner.asked[1:] == [[]]
+    assert cached.simulated == 4

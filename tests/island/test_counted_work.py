@@ -1,0 +1,101 @@
+"""What a fixed episode takes, counted: a guard against slowness that no busy machine can upset.
+
+The bounds are a tenth above what was counted when they were last set. Who makes
+episodes cheaper lowers them; who has to raise one says why in the commit.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import pytest
+
+from islandgp.bt.language import parse
+from islandgp.island import sensing
+from islandgp.island.episode import Episode, run_episode
+from islandgp.resources import resource
+from tests.island.days import points, world
+
+TICKS = 270  # of the tree
+ALL_ROUNDER = {
+    "looks": 2560,
+    "cpBodyGetPosition": 1370,
+    "cpBodySetVelocity": 900,
+    "python": 34_000,
+    "builtin": 40_800,
+}
+"""The most that a full-length episode of the all-rounder may take."""
+
+WAITING = "selector { MoveToHumanoid when batteryLevel < 5 { ExecuteCharge } }"
+
+
+def all_rounder() -> str:
+    """The example of that name."""
+    return (resource("grammar") / "examples" / "all_rounder.bt").read_text(encoding="utf-8")
+
+
+def counted(text: str, *, stepwise: bool = False) -> tuple[Episode, Counter[str]]:
+    """An episode of seed 0 on the paper's island, and how often what was called in it.
+
+    `python`: functions of Python; `builtin`: functions of C; `looks`: functions of
+    `sensing`; and each function of the engine by its name.
+    """
+    found: Counter[str] = Counter()
+    looking = Path(sensing.__file__).name
+
+    def note(frame: FrameType, event: str, called: Any) -> None:
+        if event == "call":
+            found["python"] += 1
+            found["looks"] += frame.f_code.co_filename.endswith(looking)
+        elif event == "c_call":
+            found["builtin"] += 1
+            if called.__name__.startswith("cp"):
+                found[called.__name__] += 1
+
+    tree, island, award = parse(text), world(), points()
+    run_episode(tree, island, 0, award)  # what is made once for a world is there from now on
+    before = sys.getprofile()
+    sys.setprofile(note)
+    try:
+        episode = run_episode(tree, island, 0, award, stepwise=stepwise)
+    finally:
+        sys.setprofile(before)
+    return episode, found
+
+
+@pytest.mark.parametrize("stepwise", [False, True])
+def test_each_step_is_one_step_of_the_engine(stepwise: bool) -> None:
+    """The physics is not asked for steps that nobody needs, and none is left out."""
+    episode, found = counted(all_rounder(), stepwise=stepwise)
+    assert episode.steps == 4200
+    assert found["cpSpaceStep"] == episode.steps
+
+
+def test_work_of_the_all_rounder() -> None:
+    """A full-length episode: 4,200 steps with few ticks, looks, readings and calls."""
+    episode, found = counted(all_rounder())
+    assert episode.ticks <= TICKS
+    for name, most in ALL_ROUNDER.items():
+        assert 0 < found[name] <= most, name
+
+
+def test_work_of_a_robot_that_waits() -> None:
+    """Nobody asks a tree again that waits for something that does not come."""
+    episode, found = counted(WAITING)
+    assert episode.steps >= 600
+    assert episode.ticks <= 2
+    assert found["looks"] <= 0.75 * episode.steps
+    assert found["python"] <= 9 * episode.steps
+
+
+def test_counting_sees_more_work() -> None:
+    """The same episode step by step takes many times the calls, so the counts mean something."""
+    quick, few = counted(all_rounder())
+    slow, many = counted(all_rounder(), stepwise=True)
+    assert slow.ticks > 10 * quick.ticks
+    for name in ("python", "looks", "cpBodyGetPosition"):
+        assert many[name] > 3 * few[name], name

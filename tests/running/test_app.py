@@ -1,0 +1,227 @@
+"""The command: exit codes, messages, and what a sweep says of its jobs. In this process."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from islandgp.app import main
+from tests.running.commands import TINY, fake
+from tests.running.histories import store, tracked
+
+INSTANT = (*TINY, "tracking=off", *fake("Instant"))
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder in which the command is given."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def leaf(here: Path, name: str = "default") -> list[str]:
+    """The folders of a name's runs."""
+    return sorted(path.name for path in (here / "runs" / name).iterdir() if path.is_dir())
+
+
+def test_a_run_leaves_its_records_and_says_where(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 0, a summary with the best tree, and nothing else in the folder."""
+    assert main(INSTANT) == 0
+    said = capsys.readouterr().out
+    (folder,) = leaf(here)
+    assert f"Results: {here}/runs/default/{folder}" in said
+    assert "Best fitness" in said
+    assert {path.name for path in here.iterdir()} == {"runs"}
+
+
+def test_the_same_command_again_does_nothing(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A finished run is shown, not made again."""
+    main(INSTANT)
+    (folder,) = leaf(here)
+    file = here / "runs/default" / folder / "generations.jsonl"
+    before = file.stat().st_mtime_ns
+    assert main(INSTANT) == 0
+    assert "This run was complete already; resume=never runs it again." in capsys.readouterr().out
+    assert file.stat().st_mtime_ns == before
+
+
+def test_resume_never_takes_a_new_folder(here: Path) -> None:
+    """The old run stays as it is, and the new one has the same records."""
+    main(INSTANT)
+    assert main([*INSTANT, "resume=never"]) == 0
+    assert main([*INSTANT, "resume=never"]) == 0
+    first, second, third = leaf(here)
+    assert (second, third) == (f"{first}.2", f"{first}.3")
+    records = [
+        (here / "runs/default" / name / "generations.jsonl").read_bytes() for name in leaf(here)
+    ]
+    assert records[0] == records[1] == records[2]
+
+
+def test_a_changed_configuration_is_refused_with_the_keys_that_differ(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 2 and `key: old -> new`; the keys that do not shape the records may differ."""
+    words = [*INSTANT, "name=x"]
+    broken = [*TINY, "tracking=off", "name=x", *fake("Breaks", after=2, how="error")]
+    assert main(broken) == 2
+    (folder,) = leaf(here, "x")
+    config = here / "runs/x" / folder / "config.yaml"
+    config.write_text(config.read_text().replace("tournament: 3", "tournament: 4"))
+    capsys.readouterr()
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert "  gp.tournament: 4 -> 3\n" in said
+    assert "evaluator" not in said
+    assert "Traceback" not in said
+
+
+def test_resume_force_goes_on_with_the_new_configuration(here: Path) -> None:
+    """Generations before the change stay; those after it are the new configuration's."""
+    broken = [*TINY, "tracking=off", *fake("Breaks", after=2, how="error")]
+    assert main(broken) == 2
+    (folder,) = leaf(here)
+    records = here / "runs/default" / folder / "generations.jsonl"
+    before = records.read_bytes()
+    config = here / "runs/default" / folder / "config.yaml"
+    config.write_text(config.read_text().replace("tournament: 3", "tournament: 4"))
+    assert main([*INSTANT, "resume=force"]) == 0
+    assert leaf(here) == [folder]
+    assert records.read_bytes().startswith(before)
+    assert "tournament: 3" in config.read_text()
+
+
+def test_resume_force_does_not_touch_a_finished_run(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """There is nothing to go on from: the message names the keys and `resume=never`."""
+    main(INSTANT)
+    (folder,) = leaf(here)
+    config = here / "runs/default" / folder / "config.yaml"
+    config.write_text(config.read_text().replace("tournament: 3", "tournament: 4"))
+    assert main([*INSTANT, "resume=force"]) == 2
+    assert "the finished run" in capsys.readouterr().err
+
+
+def test_a_fault_of_the_program_gives_its_traceback_once(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 1; the traceback is also in the run's folder."""
+    assert main([*TINY, "tracking=off", *fake("Breaks", after=1, how="fault")]) == 1
+    said = capsys.readouterr().err
+    assert said.count("ZeroDivisionError: a fault of the program") == 1
+    (folder,) = leaf(here)
+    assert "ZeroDivisionError" in (here / "runs/default" / folder / "error.txt").read_text()
+
+
+def test_options_may_stand_anywhere(here: Path) -> None:
+    """`-m` before, among and behind the overrides."""
+    for i, words in enumerate((["-m", *INSTANT], [INSTANT[0], "-m", *INSTANT[1:]])):
+        assert main([*words, f"name=n{i}"]) == 0
+        assert (here / f"runs/n{i}/sweep.json").exists()
+
+
+def test_jobs_that_are_the_same_run_are_refused(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before anything starts, with the name of the run."""
+    assert main([*INSTANT, "seed=1,1", "-m"]) == 2
+    assert "two that are the same run: baseline-seed1" in capsys.readouterr().err
+    assert not (here / "runs").exists()
+
+
+def test_a_wrong_job_stops_a_sweep_before_it_starts(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The last job's configuration is checked before the first job runs."""
+    assert main([*INSTANT, "gp.tournament=3,99", "-m"]) == 2
+    assert "gp.tournament" in capsys.readouterr().err
+    assert not (here / "runs").exists()
+
+
+def test_a_failed_job_is_reported_at_the_end_and_the_others_go_on(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 1, the reason, the file with the traceback, and a command that mends it."""
+    well = here / "well"
+    words = [*TINY, "tracking=off", *fake("Breaks", after=2, how="error", unless=well)]
+    assert main([*words, "seed=0,1", "-m"]) == 1
+    said = capsys.readouterr().err
+    assert "2 of 2 jobs not finished" in said
+    assert "Expected an outcome, found trouble." in said
+    assert re.search(rf"error:  {here}/runs/default/baseline-seed0\S*/error.txt", said)
+    again = re.search(r"again:  python -m islandgp (.*seed=1.*)", said)
+    assert again is not None
+    well.touch()
+    assert main(shlex.split(again[1])) == 0
+    assert main([*words, "seed=0,1", "-m"]) == 0
+    done = {path.parent.name for path in here.rglob("summary.json")}
+    assert done == set(leaf(here))
+
+
+def test_ctrl_c_in_a_sweep_stops_it(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit code 130; the job after it was not started."""
+    words = [*TINY, "tracking=off", *fake("Breaks", after=1, how="interrupt")]
+    assert main([*words, "seed=0,1", "-m"]) == 130
+    assert "the same command goes on from here" in capsys.readouterr().err
+    assert len(leaf(here)) == 1
+
+
+@pytest.mark.usefixtures("here")
+def test_a_sweep_says_how_far_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+    """Before each job: jobs done, running, failed, generations; at the end a table of arms."""
+    assert main([*INSTANT, "seed=0,1", "-m"]) == 0
+    said = capsys.readouterr()
+    assert "sweep default: 0 of 2 done, 0 running, 0 failed, generation 0 of 12" in said.err
+    assert "sweep default: 1 of 2 done, 0 running, 0 failed, generation 6 of 12" in said.err
+    assert re.search(r"baseline-seed1\S*: best fitness", said.err)
+    assert "| baseline | 2 of 2 |" in said.out
+
+
+def test_sweeps_over_names_are_sweeps_of_their_own(here: Path) -> None:
+    """Each name has its folder, its list of jobs and its own parent."""
+    assert main([*INSTANT, "name=a,b", "-m"]) == 0
+    for name in ("a", "b"):
+        (job,) = json.loads((here / "runs" / name / "sweep.json").read_text())["jobs"]
+        assert job["folder"] == leaf(here, name)[0]
+
+
+def test_a_tracked_sweep_is_a_parent_with_children(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One parent run; each child has name, supervisor and seed; all FINISHED."""
+    monkeypatch.chdir(home)
+    assert main([*TINY, *fake("Instant"), "supervisor=baseline,fixed", "seed=3,4", "-m"]) == 0
+    found = tracked(store(home))
+    (parent,) = (run for run in found if run.parent is None)
+    children = [run for run in found if run is not parent]
+    assert {run.status for run in found} == {"FINISHED"}
+    assert {run.parent for run in children} == {parent.id}
+    assert {(run.tags["supervisor"], run.tags["seed"]) for run in children} == {
+        (supervisor, seed) for supervisor in ("baseline", "fixed") for seed in ("3", "4")
+    }
+    assert {run.name.split("-gp")[0] for run in children} == {
+        f"{run.tags['supervisor']}-seed{run.tags['seed']}" for run in children
+    }
+    assert len({run.tags["config"] for run in children}) == 2  # the same for all seeds
+    assert "sweep/fixed best fitness mean" in parent.points
+
+
+def test_a_failed_job_fails_its_parent(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The child is FAILED and carries its error; so is the parent; nothing stays RUNNING."""
+    monkeypatch.chdir(home)
+    words = [*TINY, *fake("Breaks", after=2, how="fault"), "seed=3", "-m"]
+    assert main(words) == 1
+    found = tracked(store(home))
+    assert [run.status for run in found] == ["FAILED", "FAILED"]
+    (child,) = (run for run in found if run.parent)
+    assert "error.txt" in child.artifacts
+    assert "ZeroDivisionError" in child.tags["mlflow.note.content"]

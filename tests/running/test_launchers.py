@@ -1,0 +1,134 @@
+"""Sweeps under each launcher: the same records as one job after the other."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+from hydra._internal.utils import get_args_parser
+
+from islandgp.compose import command_line, planned
+from islandgp.evaluation.processes import cores
+from islandgp.sweep_job import workers_of
+from tests.running.commands import ROOT, finish, group_members, start
+
+WORDS = (
+    "supervisor=baseline",
+    "experiment=smoke",
+    "gp.population=8",
+    "gp.generations=4",
+    "tracking=off",
+    "progress=plain",
+    "seed=0,1",
+    "-m",
+)
+
+
+def records(home: Path) -> dict[str, bytes]:
+    """Each run's records."""
+    return {file.parent.name: file.read_bytes() for file in home.rglob("generations.jsonl")}
+
+
+def sweep(home: Path, *words: str) -> str:
+    """Runs the sweep in a new folder; returns what it said."""
+    home.mkdir()
+    process = start(home, *WORDS, *words)
+    code, said = finish(process, 300)
+    assert code == 0, said
+    if sys.platform == "linux":
+        assert group_members(process.pid) == []
+    return said
+
+
+def test_joblib_gives_the_same_records(tmp_path: Path) -> None:
+    """Two jobs at a time, each in workers of its own; one progress line for all."""
+    sweep(tmp_path / "basic", "evaluator=serial")
+    said = sweep(tmp_path / "joblib", "hydra/launcher=local", "hydra.launcher.n_jobs=2")
+    assert records(tmp_path / "joblib") == records(tmp_path / "basic")
+    assert len(records(tmp_path / "basic")) == 2
+    assert "2 of 2 done, 0 running, 0 failed" in said
+    assert "generation       best" not in said  # no job shows a table of its own
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("module", "words"),
+    [
+        ("hydra_plugins.hydra_ray_launcher", ["hydra/launcher=cluster"]),
+        ("hydra_plugins.hydra_submitit_launcher", ["hydra/launcher=slurm_try"]),
+        ("ray", ["evaluator=ray", "evaluator.policy.address=local", "evaluator.policy.workers=2"]),
+    ],
+)
+def test_clusters_give_the_same_records(tmp_path: Path, module: str, words: list[str]) -> None:
+    """Jobs on Ray, jobs as Slurm would start them, episodes on Ray."""
+    pytest.importorskip(module)
+    sweep(tmp_path / "basic", "evaluator=serial")
+    sweep(tmp_path / "other", *words)
+    assert records(tmp_path / "other") == records(tmp_path / "basic")
+
+
+def test_a_job_whose_process_dies_does_not_take_the_others_with_it(tmp_path: Path) -> None:
+    """joblib gives up when a worker is killed; the launcher is started again for the rest."""
+    flag = tmp_path / "flag"
+    words = (
+        "supervisor=baseline",
+        "gp.population=8",
+        "gp.generations=4",
+        "tracking=off",
+        "progress=plain",
+        "evaluator=serial",
+        "evaluator.factory=tests.running.evaluators:Breaks",
+        f"++evaluator.policy={{after:2,how:kill,unless:'{flag}',mark:true}}",
+        "seed=0,1,2",
+        "hydra/launcher=local",
+        "hydra.launcher.n_jobs=2",
+        "-m",
+    )
+    code, said = finish(start(tmp_path, *words))
+    assert code == 0, said
+    assert "the launcher broke down" in said
+    assert len(records(tmp_path)) == 3
+
+
+def launcher(kind: str, **settings: object) -> dict[str, object]:
+    """A launcher's configuration as far as it matters here."""
+    return {"_target_": f"hydra_plugins.x.{kind}", **settings}
+
+
+def test_jobs_at_a_time_share_the_cores() -> None:
+    """No oversubscription: jobs at a time x workers of each is at most the cores."""
+    n = cores()
+    assert workers_of(launcher("BasicLauncher"), 10) == 0  # all of them
+    assert workers_of(launcher("JoblibLauncher", n_jobs=1), 10) == n
+    assert workers_of(launcher("JoblibLauncher", n_jobs=-1), 10 * n) == 1
+    assert workers_of(launcher("JoblibLauncher", n_jobs=10 * n), 10 * n) == 1
+    assert workers_of(launcher("JoblibLauncher", n_jobs=-1), 1) == n
+    assert workers_of(launcher("RayLauncher", ray={"remote": {"num_cpus": 3}}), 10) == 3
+    assert workers_of(launcher("LocalLauncher"), n) == 1
+    assert workers_of(launcher("SlurmLauncher"), 10) == 0  # Slurm has shared them out
+
+
+@pytest.mark.parametrize("name", ["local", "cluster", "slurm", "slurm_try"])
+def test_each_launcher_has_a_configuration_that_composes(name: str) -> None:
+    """With it the command's job runs under the launcher that the file is for."""
+    kinds = {
+        "local": ("hydra_plugins.hydra_joblib_launcher", "JoblibLauncher"),
+        "cluster": ("hydra_plugins.hydra_ray_launcher", "RayLauncher"),
+        "slurm": ("hydra_plugins.hydra_submitit_launcher", "SlurmLauncher"),
+        "slurm_try": ("hydra_plugins.hydra_submitit_launcher", "LocalLauncher"),
+    }
+    module, kind = kinds[name]
+    pytest.importorskip(module)
+    words = [f"hydra/launcher={name}", "-m"]
+    (job,) = planned(get_args_parser().parse_args(words), words, ROOT)
+    assert job.launcher == kind
+    assert "launcher" not in job.folder.name
+
+
+def test_commands_are_quoted_for_a_shell() -> None:
+    """What is printed to run a job again can be pasted."""
+    assert command_line(["seed=range(5)", "-m"]) == "python -m islandgp 'seed=range(5)' -m"
+    assert command_line(["supervisor.policy.api_key=sk-1"]) == (
+        "python -m islandgp 'supervisor.policy.api_key=***'"
+    )
