@@ -27,6 +27,8 @@ BENCHMARKS: Final = (
 )
 """Modules of this package with `measure(effort)`, in the order of the table."""
 
+BUSY: Final = 0.5  # load average above which figures of several workers mean little
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measures, prints the table, writes the results down."""
@@ -38,9 +40,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.write_docs:
         return _write_docs(options.out or results.FILE)
     effort = Effort.TINY if options.tiny else Effort.QUICK if options.quick else Effort.FULL
-    found = [_measured(name, effort) for name in options.names or BENCHMARKS]
+    load = results.load_average()
+    found = [_measured(name, effort, load) for name in options.names or BENCHMARKS]
     print(as_text(found))
     print(f"\n{conditions(found[-1])}; {sum(r.seconds for r in found):.0f} s in all")
+    if load > BUSY:
+        print("Other programs were at work: measure again when the machine is quiet.")
     out = options.out or (results.FILE if effort is Effort.FULL else None)
     if out is not None:
         results.save(found, out)
@@ -61,9 +66,9 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _measured(name: str, effort: Effort) -> results.Result:
+def _measured(name: str, effort: Effort, load: float) -> results.Result:
     print(f"{name} ...", file=sys.stderr, flush=True)
-    load, began, missing = results.load_average(), perf_counter(), ""
+    began, missing = perf_counter(), ""
     try:
         figures = import_module(f"benchmarks.{name}").measure(effort)
     except Missing as reason:

@@ -31,7 +31,7 @@ TREES: Final = (  # of grammar/examples
     "rare_category",
 )
 SEEDS: Final = {Effort.TINY: 1, Effort.QUICK: 3, Effort.FULL: 3}  # times TREES: 30 episodes
-ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 2, Effort.FULL: 7}
+ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 2, Effort.FULL: 5}
 SINGLE: Final = {Effort.TINY: 1, Effort.QUICK: 3, Effort.FULL: 12}  # seeds of the all-rounder
 MOST_WORKERS: Final = 4
 

@@ -28,7 +28,7 @@ class Result:
     date: str  # ISO 8601
     python: str
     cores: int
-    load: float  # average of the minute before: above 0.5 somebody else was at work
+    load: float  # processes at work in the minute before the first benchmark, on average
     effort: str
 
 

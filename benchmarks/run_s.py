@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 
 from benchmarks.figure import Effort, Figure, at_least, at_most
 from benchmarks.pinned import SEED, STAGE, example, settings
+from benchmarks.waiting import episode_seconds, limit
 from islandgp.bt.language import to_text
 from islandgp.evaluation.base import Job, Setting
 from islandgp.evaluation.cache import Cached
@@ -73,6 +74,16 @@ def measure(effort: Effort) -> list[Figure]:
         ]
     last = found[most][-1]
     serial = median(e.evolving - e.evaluating for e in found[most])
+    batches = episode_seconds(chosen)
+    figures += [
+        Figure(
+            f"limit_{n}",
+            limit(batches, n),
+            "%",
+            f"the efficiency that is left when {n} workers wait for a generation's last episodes",
+        )
+        for n in counts[1:]
+    ]
     return [
         *figures,
         Figure(

@@ -23,7 +23,7 @@ from islandgp.sweep_progress import Start, Watch, written_since
 from islandgp.tracking.brief import brief
 from islandgp.tracking.folder import RunFolder
 from islandgp.tracking.parameters import redacted
-from islandgp.tracking.summary import arm_table, arms
+from islandgp.tracking.summary import arm_lines, arms
 from islandgp.tracking.sweep_folder import SweepFolder, SweepJob
 
 Launch = Callable[[Callable[[DictConfig], None], list[str]], None]
@@ -55,7 +55,7 @@ def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
         interrupted = True
     for sweep in entries:
         if (file := sweep.read()) is not None:
-            print(f"\n{arm_table(arms(sweep, file))}\nResults: {sweep.path}")
+            print(f"\n{arm_lines(arms(sweep, file))}\n\nResults: {sweep.path}")
     if interrupted:
         print("islandgp: stopped; the same command goes on from here", file=sys.stderr)
         return 130

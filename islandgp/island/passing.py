@@ -22,11 +22,12 @@ def advance(island: Island, until: int) -> None:
         until = step + 1
     while step < until:
         stop = min(until, cues[island.cue][0])
-        for now in range(step + 1, stop + 1):
+        while step < stop:
             physics_step(dt)
+            step += 1
             if touching or begun:
                 break
-        island.step = step = now
+        island.step = step
         if touching or begun or shaken:
             island.shaken = bool(touching or begun)
             _touch(island)

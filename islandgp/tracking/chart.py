@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
+from math import ceil, floor, log10
 from typing import Final
 
 COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -70,12 +71,11 @@ def _panel(panel: Panel) -> str:
     parts = [
         f'<text x="{LEFT}" y="16" font-size="13" font-weight="bold">{_text(panel.title)}</text>'
     ]
-    for i in range(5):
-        value = low + i * (high - low) / 4
-        parts.append(
-            f'<path d="M{LEFT} {y(value)}H{WIDTH - RIGHT}" stroke="#ddd"/>'
-            f'<text x="{LEFT - 6}" y="{y(value)}" dy="4" text-anchor="end">{_number(value)}</text>'
-        )
+    parts += (
+        f'<path d="M{LEFT} {y(value)}H{WIDTH - RIGHT}" stroke="#ddd"/>'
+        f'<text x="{LEFT - 6}" y="{y(value)}" dy="4" text-anchor="end">{_number(value)}</text>'
+        for value in ticks(low, high)
+    )
     parts += (
         f'<text x="{x(generation)}" y="{HEIGHT - 18}" text-anchor="middle">{generation}</text>'
         for generation in sorted({round(i * max(last, 0) / 4) for i in range(5)})
@@ -99,6 +99,14 @@ def _panel(panel: Panel) -> str:
         )
         at += 44 + 7 * len(line.name)
     return "\n".join(parts)
+
+
+def ticks(low: float, high: float) -> list[float]:
+    """Three to seven round numbers in a range of some extent."""
+    rough = (high - low) / 5
+    power = 10.0 ** floor(log10(rough))
+    step = next(m * power for m in (1, 2, 5, 10) if m * power >= rough)
+    return [i * step for i in range(ceil(low / step), floor(high / step) + 1)]
 
 
 def _edges(line: Line) -> list[float]:

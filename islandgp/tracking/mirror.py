@@ -8,6 +8,7 @@ part of the folder.
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from getpass import getuser
 from itertools import islice
@@ -17,7 +18,7 @@ import yaml
 from filelock import FileLock
 
 from islandgp.errors import TrackingError
-from islandgp.tracking.artifacts import Artifact, artifacts, note
+from islandgp.tracking.artifacts import TABLE, Artifact, artifacts, note
 from islandgp.tracking.folder import About, RunFolder, Status
 from islandgp.tracking.metrics import final_metrics, metrics
 from islandgp.tracking.parameters import flat
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from mlflow.entities import Metric
 
 MARK: Final = "fitness/max"  # a metric that every generation has
+TABLES: Final = json.dumps([{"path": TABLE, "type": "table"}])  # so that the UI shows a table
 PARAMETERS: Final = 100  # MLflow's limit of parameters a call
 LONGEST: Final = 6000  # MLflow's limit of characters a parameter
 
@@ -132,6 +134,7 @@ class Mirror:
         )  # first: whatever fails below, it is not RUNNING
         for artifact in artifacts(self.folder):
             log_artifact(self.store, sent.run, artifact)
+        client.set_tag(sent.run, "mlflow.loggedArtifacts", TABLES)
         client.set_tag(sent.run, "mlflow.note.content", note(self.folder, self.about, status))
         if sent.generations:
             last = sent.generations - 1

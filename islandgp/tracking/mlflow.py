@@ -15,6 +15,7 @@ from islandgp.tracking.folder import RunFolder, Status
 from islandgp.tracking.mirror import Mirror, up_to_date
 from islandgp.tracking.store import MLflowSettings, Place, Store
 
+PERIOD: Final = 2.0  # s between two sendings while the run goes on: a call costs ten milliseconds
 PAUSE: Final = 1.0  # s between two attempts after the run, while there is patience
 
 
@@ -33,6 +34,7 @@ class MLflow:
         self.place = place
         self.patience = patience
         self._wake = Event()
+        self._over = Event()
         self._given_up = Event()
         self._status = Status.RUNNING
         self._trouble = ""
@@ -54,6 +56,7 @@ class MLflow:
     def finish(self, status: Status) -> str:
         """See `Tracker`."""
         self._status = status
+        self._over.set()
         self._wake.set()
         try:
             if self._thread is not None:
@@ -80,7 +83,9 @@ class MLflow:
                 self._trouble = ""
             except Exception as error:
                 self._trouble = brief(error)
-            if status is not Status.RUNNING:
-                if not self._trouble or self._given_up.wait(PAUSE):
-                    return
+            if status is Status.RUNNING:
+                self._over.wait(PERIOD)
+            elif not self._trouble or self._given_up.wait(PAUSE):
+                return
+            else:
                 self._wake.set()

@@ -28,6 +28,7 @@ ENVIRONMENT: Final = {
     "MLFLOW_HTTP_REQUEST_TIMEOUT": "10",  # s a request; the default is 120
     "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "1",  # this package tries again by itself
     "MLFLOW_DISABLE_TELEMETRY": "true",  # a run tells nobody that it runs
+    "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
     "GIT_PYTHON_REFRESH": "quiet",
 }
 """MLflow's own settings, where the user has not set them."""

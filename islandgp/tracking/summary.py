@@ -106,19 +106,27 @@ def curves_csv(found: Sequence[Arm]) -> str:
     return text.getvalue()
 
 
+HEAD: Final = ("arm", "finished", "best fitness", "Complete", "Excellent", "diversity")
+
+
+def arm_rows(found: Sequence[Arm]) -> list[tuple[str, ...]]:
+    """HEAD, and a row for each arm: the mean best fitness with its standard deviation, the
+    median generation of the first robot of a tier, and the mean diversity."""
+    return [HEAD, *(_row(arm) for arm in found)]
+
+
 def arm_table(found: Sequence[Arm]) -> str:
-    """One row an arm, in Markdown."""
-    head = (
-        "arm",
-        "runs finished",
-        "best fitness, mean ± sd",
-        "first Complete, median",
-        "first Excellent, median",
-        "mean diversity",
-    )
-    rows = [head, *(_row(arm) for arm in found)]
-    lines = ["| " + " | ".join(row) + " |" for row in rows]
-    return "\n".join([lines[0], "|---" * len(head) + "|", *lines[1:]]) + "\n"
+    """The rows in Markdown."""
+    lines = ["| " + " | ".join(row) + " |" for row in arm_rows(found)]
+    return "\n".join([lines[0], "|---" * len(HEAD) + "|", *lines[1:]]) + "\n"
+
+
+def arm_lines(found: Sequence[Arm]) -> str:
+    """The rows for a terminal."""
+    rows = arm_rows(found)
+    widths = [max(len(cell) for cell in column) for column in zip(*rows, strict=True)]
+    lines = ["  ".join(f"{c:<{w}}" for c, w in zip(row, widths, strict=True)) for row in rows]
+    return "\n".join(line.rstrip() for line in lines)
 
 
 def _row(arm: Arm) -> tuple[str, ...]:
@@ -142,21 +150,21 @@ def _emergence(arm: Arm, tier: str) -> str:
     """The median over the runs that got there, and how many did."""
     came = [g for s in arm.summaries if (g := s["first"][tier]) is not None]
     n = len(arm.summaries)
-    return f"generation {median(came):g} ({len(came)} of {n})" if came else f"never (0 of {n})"
+    return f"{median(came):g} ({len(came)} of {n})" if came else f"never (0 of {n})"
 
 
 def sweep_note(sweep: SweepFolder, file: SweepFile, found: Sequence[Arm], status: Status) -> str:
     """What MLflow shows as the sweep's description, in Markdown."""
     seeds = sorted({job.seed for job in file.jobs})
     lines = [
-        f"# Sweep {sweep.path.name} ({status.value.lower()})",
-        "",
-        f"{len(file.jobs)} runs: {len(found)} arm{'s' * (len(found) != 1)},"
-        f" seeds {', '.join(map(str, seeds))}.",
+        arm_table(found),
+        f"{len(file.jobs)} runs, {status.value.lower()}: {len(found)} arm{'s' * (len(found) != 1)},"
+        f" seeds {', '.join(map(str, seeds))}. Best fitness: mean ± standard deviation over runs."
+        " Complete, Excellent: median generation of the first such robot, and how many runs had"
+        " one. Diversity: mean.",
         "",
         *(f"    {command}" for command in file.commands),
         "",
-        arm_table(found),
     ]
     if broken := [job for job in file.jobs if sweep.run(job).status() is not Status.FINISHED]:
         lines += ["## Not finished", ""]

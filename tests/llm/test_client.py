@@ -212,6 +212,7 @@ def test_only_text_blocks_are_read() -> None:
         b'{"content": null}',
         b'{"content": [], "usage": {"input_tokens": -5}}',
         b'{"content": [], "usage": {"output_tokens": true}}',
+        b'{"content": [], "usage": {"output_tokens": 1' + b"0" * 400 + b"}}",
         b'{"content": [{"type": "text", "text": 5}]}',
     ],
 )

@@ -263,7 +263,8 @@ def test_a_hopeless_probe_stops_the_run_before_it_starts(kind: FailureKind, reme
 def test_a_server_that_is_only_busy_does_not_stop_the_run(kind: FailureKind) -> None:
     """The run starts in the plainest dialect, and says so."""
     line, requests = probed(*[failed(kind)] * 3)
-    assert "JSON found in text, no temperature (the probe got no answer: a made-up" in line
+    assert "JSON found in text, no temperature (no answer yet: a made-up" in line
+    assert "the fallback stands in" in line
     assert len(requests) == 3
 
 

@@ -72,8 +72,11 @@ def group_members(group: int) -> list[str]:
     for stat in Path("/proc").glob("[0-9]*/stat"):
         try:
             fields = stat.read_text().rpartition(")")[2].split()
-            if int(fields[2]) == group and fields[0] != "Z":
-                found.append((stat.parent / "cmdline").read_text().replace("\0", " "))
+            if int(fields[2]) != group or fields[0] in "ZX":
+                continue
+            line = (stat.parent / "cmdline").read_text().replace("\0", " ")
+            if line:  # without one it is on its way out: its memory is gone already
+                found.append(line)
         except OSError:
             continue  # it ended while we looked
     return found

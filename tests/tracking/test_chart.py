@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from xml.etree import ElementTree
 
-from islandgp.tracking.chart import Line, Panel, svg
+import pytest
+
+from islandgp.tracking.chart import Line, Panel, svg, ticks
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -40,3 +42,17 @@ def test_names_are_text_and_no_markup() -> None:
     root = ElementTree.fromstring(svg([Panel("a<b & c", (Line("<x>", (1.0, 2.0)),))]))
     texts = {text.text for text in root.iter(f"{SVG}text")}
     assert {"a<b & c", "<x>"} <= texts
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "expected"),
+    [
+        (0, 10, [0, 2, 4, 6, 8, 10]),
+        (-2.7, 14.4, [0, 5, 10]),
+        (-3537, 56313, [0, 20000, 40000]),
+        (0.5, 0.52, [0.5, 0.505, 0.51, 0.515, 0.52]),
+    ],
+)
+def test_ticks_are_round_numbers(low: float, high: float, expected: list[float]) -> None:
+    """Inside the range, at steps of 1, 2 or 5 times a power of ten."""
+    assert ticks(low, high) == pytest.approx(expected)

@@ -179,4 +179,4 @@ def test_the_table_says_how_many_runs_got_somewhere(tmp_path: Path) -> None:
         folder.finish(summary)
     (row,) = arm_table(arms(sweep, file_of(sweep))).splitlines()[2:]
     assert row.startswith("| baseline | 2 of 3 |")
-    assert "| generation 3 (1 of 2) |" in row
+    assert "| 3 (1 of 2) |" in row

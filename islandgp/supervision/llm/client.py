@@ -9,17 +9,14 @@ up a name, connecting, reading headers or a body. The SDK's retries are off.
 from __future__ import annotations
 
 import asyncio
-import json
-import math
-import time
 from collections.abc import AsyncIterator
 from concurrent.futures import CancelledError
 from contextlib import suppress
-from email.utils import parsedate_to_datetime
 from threading import Lock, Thread
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
-from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage, clean
+from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, clean
+from islandgp.supervision.llm.wire import arguments, kind_of, read_message, retry_after
 
 if TYPE_CHECKING:
     import anthropic
@@ -27,10 +24,6 @@ if TYPE_CHECKING:
 
 LARGEST: Final = 8_000_000  # bytes of a body; an honest one has some 10,000
 GRACE: Final = 5.0  # s for a cancelled attempt to end; it needs none of it
-HEADERS: Final = {
-    "accept-encoding": "identity",  # else a small body could unpack to a huge one
-    "anthropic-version": "2023-06-01",  # later ones refuse `temperature`
-}
 HIDDEN: Final = "[key]"
 
 
@@ -98,8 +91,8 @@ class AnthropicClient:
         import httpx2
 
         try:
-            answer = await sdk.messages.with_raw_response.create(**_arguments(request))
-            return self._read(answer.http_response.content)
+            answer = await sdk.messages.with_raw_response.create(**arguments(request))
+            return read_message(answer.http_response.content, self._line, self._hide)
         except anthropic.APIStatusError as error:
             return self._refused(error)
         except anthropic.APITimeoutError:
@@ -112,26 +105,11 @@ class AnthropicClient:
         except Exception as error:  # whatever the SDK makes of a broken answer is a broken answer
             return Failure(FailureKind.MALFORMED, self._line(f"{type(error).__name__}: {error}"))
 
-    def _read(self, body: bytes) -> Reply | Failure:
-        """A message's body. The SDK's models are not used: they take whatever comes."""
-        try:
-            message = json.loads(body)
-            text = "".join(b["text"] for b in message["content"] if b["type"] == "text")
-            stop = message.get("stop_reason") or ""
-            usage = _usage(message.get("usage") or {})
-            return Reply(clean(self._hide(text)), self._line(str(stop)), usage)
-        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-            start = self._line(body.decode("utf-8", "replace"))[:80]
-            return Failure(
-                FailureKind.MALFORMED,
-                f"expected a message, found a body of {len(body)} bytes that begins with"
-                f" {start!r} ({type(error).__name__})",
-            )
-
     def _refused(self, error: anthropic.APIStatusError) -> Failure:
         said = error.api_message if isinstance(error.api_message, str) else ""
         message = f"status {error.status_code}" + (f": {self._line(said)}" if said else "")
-        return Failure(_kind(error.status_code), message, _retry_after(error.response.headers))
+        headers = error.response.headers
+        return Failure(kind_of(error.status_code), message, retry_after(headers.get("retry-after")))
 
     def _line(self, text: str) -> str:
         """What the other side said, as one short line without the key."""
@@ -187,67 +165,3 @@ def _sdk(
     return anthropic.AsyncAnthropic(
         api_key=key, base_url=base_url, http_client=http, max_retries=0, timeout=None
     )
-
-
-def _arguments(request: Request) -> dict[str, Any]:
-    roles = ("user", "assistant")
-    found: dict[str, Any] = {
-        "model": request.model,
-        "max_tokens": request.max_tokens,
-        "system": request.system,
-        "messages": [
-            {"role": roles[i % 2], "content": text} for i, text in enumerate(request.turns)
-        ],
-        "extra_headers": HEADERS,
-    }
-    if request.schema is not None:
-        found["output_config"] = {"format": {"type": "json_schema", "schema": request.schema}}
-    if request.temperature is not None:
-        found["extra_body"] = {"temperature": request.temperature}
-    if request.cache:
-        found["cache_control"] = {"type": "ephemeral"}
-    return found
-
-
-def _usage(found: dict[str, Any]) -> Usage:
-    """Local servers leave some of it out. Raises TypeError where it is no usage."""
-
-    def tokens(value: Any) -> int:
-        if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-            raise TypeError("expected a number of tokens")
-        return value
-
-    return Usage(
-        tokens(found.get("input_tokens") or 0),
-        tokens(found.get("output_tokens") or 0),
-        tokens(found.get("cache_read_input_tokens") or 0),
-        tokens(found.get("cache_creation_input_tokens") or 0),
-    )
-
-
-def _kind(status: int) -> FailureKind:
-    known = {
-        401: FailureKind.UNAUTHORISED,
-        403: FailureKind.UNAUTHORISED,
-        404: FailureKind.NOT_FOUND,
-        408: FailureKind.SERVER,
-        409: FailureKind.SERVER,
-        429: FailureKind.RATE_LIMITED,
-        529: FailureKind.OVERLOADED,
-    }
-    return known.get(status, FailureKind.SERVER if status >= 500 else FailureKind.REJECTED)
-
-
-def _retry_after(headers: httpx2.Headers) -> float | None:
-    """The seconds that a server asks to wait, given as a number or as a date."""
-    said = headers.get("retry-after")
-    if said is None:
-        return None
-    try:
-        seconds = float(said)
-    except ValueError:
-        try:
-            seconds = parsedate_to_datetime(said).timestamp() - time.time()
-        except (ValueError, TypeError, OverflowError):
-            return None
-    return max(0.0, seconds) if math.isfinite(seconds) else None

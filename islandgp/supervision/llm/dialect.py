@@ -66,7 +66,8 @@ def find_dialect(calls: Calls, settings: LLMSettings) -> Dialect:
         if answer.kind in TRANSIENT or answer.kind is FailureKind.BUDGET:
             # The plainest dialect is understood everywhere. The run does not wait.
             plain = settings.output == "structured"
-            return Dialect(plain, None, f"the probe got no answer: {answer.message}")
+            why = f"no answer yet: {answer.message}; the fallback stands in until there is one"
+            return Dialect(plain, None, why)
         if answer.kind is not FailureKind.REJECTED or not (structured or temperature is not None):
             raise _hopeless(answer, settings)
         if structured and settings.output == "auto" and not _about_temperature(answer):

@@ -1,0 +1,89 @@
+"""Takes the pictures of the MLflow pages anew. Needs Chromium and some minutes.
+
+python docs/screenshots_ui.py [FOLDER]
+
+FOLDER is one in which the sweep was run; without it the sweep is run first:
+python -m islandgp supervisor=baseline,expert 'seed=range(5)' -m
+"""
+
+from __future__ import annotations
+
+import base64
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from time import sleep
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from islandgp.tracking.place import place_of_latest  # noqa: E402 -- from this checkout
+from islandgp.tracking.store import Store  # noqa: E402
+from islandgp.tracking.ui import served  # noqa: E402
+from tests.viewer.browser import Browser, chromium  # noqa: E402
+
+SWEEP = ("supervisor=baseline,expert", "seed=range(5)", "-m")
+PORT = 5077
+SIZE = (1500, 940)
+
+
+def main() -> None:
+    """Writes docs/img/ui-*.png."""
+    program = chromium()
+    if program is None:
+        raise SystemExit("Expected Chromium, found none; apt-get install chromium.")
+    with tempfile.TemporaryDirectory() as scratch:
+        if len(sys.argv) > 1:
+            home = Path(sys.argv[1]).resolve()
+        else:
+            home = Path(scratch)
+            command = [sys.executable, "-m", "islandgp", *SWEEP]
+            subprocess.run(command, cwd=home, env={"PYTHONPATH": str(ROOT)}, check=True)
+        place = place_of_latest(home / "runs")
+        with (
+            served(place, PORT) as pages,
+            Browser(program, Path(scratch) / "profile", size=SIZE) as browser,
+        ):
+            server = pages.runs.partition("/#/")[0]
+            shots = {"arms": pages.arms, **_runs(Store(place), server)}
+            for name, address in shots.items():
+                _shoot(browser, address, ROOT / f"docs/img/ui-{name}.png")
+
+
+def _runs(store: Store, server: str) -> dict[str, str]:
+    """Addresses of a sweep's page, and of the pages of one of its runs."""
+    ml = "workflowType=machine_learning"
+    base = f"{server}/#/experiments/{store.experiment}/runs"
+    runs = store.client.search_runs([store.experiment])
+    parent = next(r.info.run_id for r in runs if r.data.tags.get("kind") == "sweep")
+    best = max(
+        (r for r in runs if "run/best" in r.data.metrics), key=lambda r: r.data.metrics["run/best"]
+    )
+    return {
+        "sweep": f"{base}/{parent}?{ml}",
+        "replay": f"{base}/{best.info.run_id}/artifacts/replay.html?{ml}",
+    }
+
+
+def _shoot(browser: Browser, address: str, file: Path) -> None:
+    width, height = SIZE
+    browser.call(
+        "Emulation.setDeviceMetricsOverride",
+        width=width,
+        height=height,
+        deviceScaleFactor=1,
+        mobile=False,
+    )
+    browser.open(address)
+    sleep(6)  # the page fetches and draws by itself
+    browser.run("document.querySelector('button[aria-label=Close]')?.click()")  # the assistant
+    sleep(3)
+    picture = browser.call("Page.captureScreenshot", format="png")["data"]
+    file.parent.mkdir(exist_ok=True)
+    file.write_bytes(base64.b64decode(picture))
+    print(file)
+
+
+if __name__ == "__main__":
+    main()

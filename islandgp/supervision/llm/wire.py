@@ -1,0 +1,104 @@
+"""Between our nouns and the Messages API's: requests, bodies, statuses, waiting times."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable
+from email.utils import parsedate_to_datetime
+from typing import Any, Final
+
+from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage, clean
+
+HEADERS: Final = {
+    "accept-encoding": "identity",  # else a small body could unpack to a huge one
+    "anthropic-version": "2023-06-01",  # later ones refuse `temperature`
+}
+
+
+def arguments(request: Request) -> dict[str, Any]:
+    """A request as the SDK's `messages.create` takes it."""
+    roles = ("user", "assistant")
+    found: dict[str, Any] = {
+        "model": request.model,
+        "max_tokens": request.max_tokens,
+        "system": request.system,
+        "messages": [
+            {"role": roles[i % 2], "content": text} for i, text in enumerate(request.turns)
+        ],
+        "extra_headers": HEADERS,
+    }
+    if request.schema is not None:
+        found["output_config"] = {"format": {"type": "json_schema", "schema": request.schema}}
+    if request.temperature is not None:
+        found["extra_body"] = {"temperature": request.temperature}
+    if request.cache:
+        found["cache_control"] = {"type": "ephemeral"}
+    return found
+
+
+def read_message(
+    body: bytes, line: Callable[[str], str], hide: Callable[[str], str]
+) -> Reply | Failure:
+    """A message's body. The SDK's models are not used: they take whatever comes.
+
+    `line` makes one short line of a text, `hide` takes the key out of it.
+    """
+    try:
+        message = json.loads(body)
+        text = "".join(b["text"] for b in message["content"] if b["type"] == "text")
+        stop = message.get("stop_reason") or ""
+        usage = _usage(message.get("usage") or {})
+        return Reply(clean(hide(text)), line(str(stop)), usage)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        start = line(body.decode("utf-8", "replace"))[:80]
+        return Failure(
+            FailureKind.MALFORMED,
+            f"expected a message, found a body of {len(body)} bytes that begins with"
+            f" {start!r} ({type(error).__name__})",
+        )
+
+
+def _usage(found: dict[str, Any]) -> Usage:
+    """Local servers leave some of it out. Raises TypeError where it is no usage."""
+
+    def tokens(value: Any) -> int:
+        if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 1e9:
+            raise TypeError("expected a number of tokens")
+        return value
+
+    return Usage(
+        tokens(found.get("input_tokens") or 0),
+        tokens(found.get("output_tokens") or 0),
+        tokens(found.get("cache_read_input_tokens") or 0),
+        tokens(found.get("cache_creation_input_tokens") or 0),
+    )
+
+
+def kind_of(status: int) -> FailureKind:
+    """What a status other than 200 means."""
+    known = {
+        401: FailureKind.UNAUTHORISED,
+        403: FailureKind.UNAUTHORISED,
+        404: FailureKind.NOT_FOUND,
+        408: FailureKind.SERVER,
+        409: FailureKind.SERVER,
+        429: FailureKind.RATE_LIMITED,
+        529: FailureKind.OVERLOADED,
+    }
+    return known.get(status, FailureKind.SERVER if status >= 500 else FailureKind.REJECTED)
+
+
+def retry_after(said: str | None) -> float | None:
+    """The seconds that a server asks to wait, given as a number or as a date."""
+    if said is None:
+        return None
+    try:
+        seconds = float(said)
+    except ValueError:
+        try:
+            seconds = parsedate_to_datetime(said).timestamp() - time.time()
+        except (ValueError, TypeError, OverflowError):
+            return None
+    return max(0.0, seconds) if math.isfinite(seconds) else None

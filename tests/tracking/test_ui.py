@@ -1,0 +1,116 @@
+"""The MLflow pages: the right address, the right view, and errors of use."""
+
+from __future__ import annotations
+
+import json
+import socket
+from pathlib import Path
+from time import monotonic, sleep
+from urllib.request import urlopen
+
+import pytest
+from click.testing import CliRunner
+
+from islandgp.cli import islandgp
+from islandgp.errors import TrackingError
+from islandgp.tracking.mirror import Mirror
+from islandgp.tracking.place import place_from, place_of_latest
+from islandgp.tracking.store import Place, Store
+from islandgp.tracking.ui import served
+from islandgp.tracking.view import runs_page, share_view
+from tests.tracking.folders import place, written
+from tests.viewer.browser import Browser, chromium
+
+
+def test_the_runs_page_is_the_one_with_the_charts() -> None:
+    """MLflow itself opens on a page for language models, which is empty."""
+    assert runs_page("http://h:1", "7") == (
+        "http://h:1/#/experiments/7/runs?workflowType=machine_learning&compareRunsMode=CHART"
+    )
+    assert runs_page("http://h:1", "7", "arms").endswith("&viewStateShareKey=arms")
+
+
+def test_the_view_of_the_arms_is_kept_in_the_store(store: Store) -> None:
+    """Grouped by supervisor, in the tag where MLflow's pages look for shared views."""
+    share_view(store)
+    tags = store.client.get_experiment(store.experiment).tags
+    state = json.loads(tags["mlflow.sharedViewState.arms"])
+    assert state["groupBy"]["groupByKeys"] == [{"mode": "tag", "groupByData": "supervisor"}]
+    assert "fitness/max" in {chart["metricKey"] for chart in state["compareRunCharts"]}
+    assert len(tags["mlflow.sharedViewState.arms"]) < 5000  # MLflow's limit of a tag
+
+
+def test_a_taken_port_is_named(store: Store) -> None:
+    """With the remedy."""
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        with pytest.raises(TrackingError, match=rf"port {port} to be free.*--port"):
+            served(store.place, port).__enter__()
+
+
+def test_a_server_that_is_away_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`islandgp ui --uri` for a server that does not answer."""
+    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
+    with pytest.raises(TrackingError, match=r"Expected an MLflow store at http://127\.0\.0\.1:9"):
+        served(Place("http://127.0.0.1:9", None, "islandgp"), 5000).__enter__()
+
+
+def test_the_last_runs_store_is_meant(tmp_path: Path) -> None:
+    """Without `--uri` the pages are those of the run that was started last."""
+    written(tmp_path / "runs/a/one", tmp_path, 1)
+    assert place_of_latest(tmp_path / "runs") == place(tmp_path)
+
+
+def test_without_runs_there_is_nothing_to_show(tmp_path: Path) -> None:
+    """The message says what to do first."""
+    with pytest.raises(TrackingError, match="run `python -m islandgp` here first"):
+        place_of_latest(tmp_path)
+
+
+@pytest.mark.parametrize("uri", ["mlflow.db", "ftp://x"])
+def test_a_uri_of_another_kind_is_refused(uri: str) -> None:
+    """Both kinds are named."""
+    with pytest.raises(TrackingError, match="sqlite:///FILE or http://"):
+        place_from(uri, "islandgp")
+
+
+def test_the_sync_command_counts_what_it_did(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sent once, then known; a folder that is not there is an error of use."""
+    monkeypatch.chdir(home)
+    written(home / "runs/a/one", home, 2)
+    first = CliRunner().invoke(islandgp, ["sync"])
+    assert "1 sent, 0 were there already, 0 without tracking, 0 not sent" in first.output
+    second = CliRunner().invoke(islandgp, ["sync", "runs/a"])
+    assert "0 sent, 1 were there already" in second.output
+    third = CliRunner().invoke(islandgp, ["sync", "nowhere"])
+    assert isinstance(third.exception, TrackingError)
+    elsewhere = CliRunner().invoke(islandgp, ["sync", "--uri", "sqlite:///mlflow.db"])
+    assert "0 sent, 1 were there already" in elsewhere.output
+
+
+@pytest.mark.slow
+def test_the_server_shows_two_arms(home: Path, store: Store) -> None:
+    """In headless Chromium: two groups of runs, each with its curve; afterwards no server."""
+    for name in ("baseline", "expert"):
+        folder = written(home / f"runs/a/{name}-seed1", home)
+        run = Mirror(folder, store).send(folder.status())
+        store.client.set_tag(run, "supervisor", name)
+    program = chromium()
+    if program is None:
+        pytest.skip("no Chromium")
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    with served(store.place, port) as pages, Browser(program, home / "profile") as browser:
+        browser.open(pages.arms)
+        end = monotonic() + 60
+        while "tiers/complete" not in (text := browser.run("document.body.innerText")):
+            assert monotonic() < end, text
+            sleep(0.5)
+        assert "Group by: supervisor" in text
+        assert "Group: baseline" in text
+        assert "Group: expert" in text
+    with pytest.raises(OSError):  # noqa: PT011 -- whatever the socket says of a closed port
+        urlopen(f"http://127.0.0.1:{port}/health", timeout=1)
