@@ -33,10 +33,17 @@ bench: $(STAMP)  ## the benchmarks, with goals beside figures
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]' -c constraints.txt
 	$(BIN)/python -m benchmarks
 
+demo-llm: $(STAMP) ## supervision by a language model, with scripted answers: no key
+	$(BIN)/python -m islandgp.testing.demo
+
+study: $(STAMP)  ## baseline against expert, 30 paired seeds, into docs/study; resumable
+	$(BIN)/python -m islandgp experiment=study 'seed=range(2000,2030)' supervisor=baseline,expert progress=plain -m
+	$(BIN)/islandgp compare --arm expert="supervisor=expert" --arm baseline="supervisor=baseline" --name study -o docs/study
+
 ui: $(STAMP)     ## start the MLflow UI on this folder's runs
 	$(BIN)/islandgp ui
 
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
 
-.PHONY: help setup run lint test test-slow bench ui clean
+.PHONY: help setup run lint test test-slow bench demo-llm study ui clean

@@ -9,15 +9,19 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
+from threading import Event
 
 import numpy as np
 import pytest
 
 from islandgp.errors import SupervisionError
+from islandgp.evaluation.base import Job
 from islandgp.evolution.checkpoint import dump
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import RunState, Step
 from islandgp.run import make_supervisor
+from islandgp.scoring.outcome import Outcome
+from islandgp.supervision.base import Service
 from islandgp.supervision.decisions import decisions
 from islandgp.supervision.replay import Replay
 from islandgp.testing.faults import Fault, Script, every, no_faults
@@ -161,6 +165,27 @@ def test_timing_never_changes_a_record(tmp_path: Path, lag: int) -> None:
     given = [json.loads(line)["guidance"] for line in found[0][:-1]]
     assert [g["asked_at"] for g in given] == [None] * lag + list(range(8 - lag))
     assert [g["source"] for g in given] == ["none"] * lag + ["llm"] * (8 - lag)
+
+
+@pytest.mark.slow
+def test_answers_hide_behind_episodes(tmp_path: Path) -> None:
+    """With a lag of 1 and answers quicker than a generation, less than 10 % is spent waiting."""
+
+    class Takes(Fake):
+        def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
+            Event().wait(0.5)
+            return super().evaluate(jobs)
+
+    with MessagesServer(delay=0.3) as server:
+        settings = composed("supervisor=llm", *QUICK[:1], "gp.generations=9", "supervisor.lag=1")
+        part = settings.supervisor
+        part = part.model_copy(update={"policy": {**part.policy, "base_url": server.url}})
+        made = make_supervisor(settings.model_copy(update={"supervisor": part}), tmp_path)
+        assert isinstance(made, Service)
+        made.start()
+        costs = [step.cost for step in evolve(settings.plan, 0, made, Takes())]
+    assert costs[-1].llm["latency_s"] > 7 * 2 * 0.3
+    assert sum(c.supervision for c in costs) < 0.1 * sum(c.evaluation for c in costs)
 
 
 def test_a_replay_of_something_else_shows_the_difference(tmp_path: Path) -> None:

@@ -1,0 +1,104 @@
+"""docs/running.md: its commands run, and what it names exists."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from dataclasses import asdict
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from islandgp.app import main
+from islandgp.cli import islandgp
+from islandgp.progress import COLUMNS
+from islandgp.run import FREE
+from islandgp.tracking.artifacts import FILES
+from islandgp.tracking.metrics import final_metrics, metrics
+from islandgp.tracking.sent import FILE
+from tests.running.commands import ROOT, finish, start
+from tests.tracking.folders import steps
+from tests.tracking.test_metrics import COST
+
+TEXT = (ROOT / "docs/running.md").read_text(encoding="utf-8")
+TINY = ["experiment=smoke", "name=default", "gp.population=6", "gp.generations=3", "world.episode.length=20"]
+MODULES = {"ray": "ray", "submitit": "submitit", "": "joblib"}
+
+
+def commands(kind: str) -> list[list[str]]:
+    """The commands of the blocks ```sh KIND, as words."""
+    pattern = rf"^```sh{' ' + kind if kind else ''}\n(.*?)^```"
+    blocks = re.findall(pattern, TEXT, re.MULTILINE | re.DOTALL)
+    return [shlex.split(line) for block in blocks for line in block.splitlines()]
+
+
+def small(words: list[str]) -> list[str]:
+    """A command's overrides with a run of seconds in place of the default one."""
+    return [*TINY, *(word for word in words if not word.startswith("gp.")), "progress=off"]
+
+
+def test_the_commands_run_as_they_stand(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One after the other in one folder, on a small run; those of launchers are tested below."""
+    monkeypatch.chdir(home)
+    found = commands("")
+    assert len(found) >= 8
+    for words in found:
+        if words[0] == "islandgp":
+            result = CliRunner().invoke(islandgp, words[1:])
+            assert result.exit_code == 0, (words, result.output)
+        elif not any(word.startswith("hydra/launcher") for word in words):
+            assert main(small(words[3:])) == 0, words
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["", "ray", "submitit"])
+def test_the_commands_of_launchers_run(kind: str, tmp_path: Path) -> None:
+    """In a process of their own, as a user gives them."""
+    if find_spec(MODULES[kind]) is None:
+        pytest.skip(f"{MODULES[kind]} is not installed")
+    found = [words for words in commands(kind) if kind or "hydra/launcher=local" in words]
+    assert found
+    for words in found:
+        code, said = finish(start(tmp_path, *small(words[3:]), "tracking=off"), 300)
+        assert code == 0, said
+
+
+def test_the_files_of_a_run_are_all_named() -> None:
+    """The table of the folder names each file that a run leaves."""
+    for name in {*FILES, "config.yaml", "about.json", "checkpoint.json", FILE}:
+        assert f"`{name}`" in TEXT or name == "transcript.jsonl", name
+
+
+def test_every_section_of_charts_is_named() -> None:
+    """The table of metrics has each section, and names metrics that exist."""
+
+    records = [asdict(step.record) for step in steps()]
+    found = {**metrics(records[0], COST), **dict(final_metrics(records))}
+    table = TEXT.partition("| section of charts |")[2].partition("\n\n")[0]
+    rows = re.findall(r"^\| (`.*?`) \| (.*) \|$", table, re.MULTILINE)
+    named = {name for cell, _ in rows for name in re.findall(r"`(\w+)`", cell)}
+    assert {name.partition("/")[0] for name in found} <= named
+    for cell, text in rows:
+        (section, *others) = re.findall(r"`(\w+)`", cell)
+        for metric in re.findall(r"`(\w+)`", text) if not others else []:
+            assert f"{section}/{metric}" in found
+
+
+def test_what_may_differ_at_a_resumption_is_named() -> None:
+    """The keys of FREE, and no others."""
+    sentence = re.search(r"^(.*) may always differ", TEXT, re.MULTILINE)
+    assert sentence is not None
+    assert set(re.findall(r"`(\w+)`", sentence[1])) == FREE
+
+
+def test_the_head_of_the_table_is_the_programs() -> None:
+    """The example of plain lines has the columns of today."""
+    assert "  ".join(f"{name:>{width}}" for name, width in COLUMNS.items()) in TEXT
+
+
+def test_pictures_are_there() -> None:
+    """Each picture that the text shows is a file."""
+    for name in re.findall(r"!\[[^]]*\]\(([^)]*)\)", TEXT):
+        assert (ROOT / "docs" / name).is_file(), name
