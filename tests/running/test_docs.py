@@ -23,7 +23,13 @@ from tests.tracking.folders import steps
 from tests.tracking.test_metrics import COST
 
 TEXT = (ROOT / "docs/running.md").read_text(encoding="utf-8")
-TINY = ["experiment=smoke", "name=default", "gp.population=6", "gp.generations=3", "world.episode.length=20"]
+TINY = [
+    "experiment=smoke",
+    "name=default",
+    "gp.population=6",
+    "gp.generations=3",
+    "world.episode.length=20",
+]
 MODULES = {"ray": "ray", "submitit": "submitit", "": "joblib"}
 
 
