@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from threading import Event, Thread
+from time import monotonic, sleep
 from typing import Final
 
 from omegaconf import DictConfig
@@ -21,7 +22,7 @@ from islandgp.run import choose
 from islandgp.sweep_job import sweep_job
 from islandgp.sweep_progress import Start, Watch, written_since
 from islandgp.tracking.brief import brief
-from islandgp.tracking.folder import RunFolder
+from islandgp.tracking.folder import RunFolder, Status
 from islandgp.tracking.parameters import redacted
 from islandgp.tracking.summary import arm_lines, arms
 from islandgp.tracking.sweep_folder import SweepFolder, SweepJob
@@ -29,6 +30,7 @@ from islandgp.tracking.sweep_folder import SweepFolder, SweepJob
 Launch = Callable[[Callable[[DictConfig], None], list[str]], None]
 """Hands a job function to Hydra, with overrides besides the command's own."""
 
+ENDING: Final = 10.0  # s that a cluster may take to end a job
 LAUNCHES: Final = 3  # starts of a launcher that breaks down, the first one included
 
 
@@ -49,6 +51,7 @@ def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
             _launch_all(jobs, entries, launch)
         except KeyboardInterrupt:
             interrupted = True
+        _end_ray([sweep.run(job) for sweep, own in entries.items() for job in own.values()])
     try:
         _send(entries, jobs)
     except KeyboardInterrupt:
@@ -110,6 +113,17 @@ def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> No
             (first.path / "multirun.yaml").unlink(missing_ok=True)
         if all(run.finished() or written_since(run, start.at) for run in start.runs()):
             break
+
+
+def _end_ray(runs: Sequence[RunFolder]) -> None:
+    """Ends the jobs that Ray's launcher has started: interrupted, it would leave them at work."""
+    ray = sys.modules.get("ray")
+    if ray is None or not ray.is_initialized():
+        return
+    ray.shutdown()
+    end = monotonic() + ENDING
+    while any(run.status() is Status.RUNNING for run in runs) and monotonic() < end:
+        sleep(0.2)
 
 
 def _send(entries: Entries, jobs: Sequence[Planned]) -> None:

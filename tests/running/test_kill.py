@@ -152,3 +152,16 @@ def test_ctrl_c_stops_a_joblib_sweep_and_the_same_command_finishes_it(tmp_path: 
     assert sorted(run.status for run in found) == ["FINISHED"] * 4
     (parent,) = (run for run in found if run.parent is None)
     assert {run.parent for run in found if run is not parent} == {parent.id}
+
+
+@pytest.mark.slow
+def test_ctrl_c_stops_a_sweep_on_ray(tmp_path: Path) -> None:
+    """Ray's workers do not hear of Ctrl-C; they are ended, and nothing stays RUNNING."""
+    pytest.importorskip("hydra_plugins.hydra_ray_launcher")
+    process = start(tmp_path, *SLOW, "hydra/launcher=cluster", "seed=0,1", "-m")
+    wait_until(lambda: any(tmp_path.rglob("checkpoint.json")), process)
+    process.send_signal(signal.SIGINT)
+    code, said = finish(process)
+    assert code == 130, said
+    assert group_members(process.pid) == []
+    assert {run.status for run in tracked(store(tmp_path))} == {"KILLED"}
