@@ -26,7 +26,8 @@ from islandgp.api_key import NONE, key_in, without_key
 from islandgp.compose import command_line, planned, read, run_folder
 from islandgp.errors import ConfigError, IslandError
 from islandgp.resources import resource
-from islandgp.run import check_ready, choose, run
+from islandgp.resume import choose
+from islandgp.run import check_ready, run
 from islandgp.sweep import run_sweep
 from islandgp.tracking.folder import RunFolder
 from islandgp.tracking.parameters import redacted

@@ -18,7 +18,7 @@ from omegaconf import DictConfig
 
 from islandgp.compose import Planned, is_choice
 from islandgp.errors import ConfigError
-from islandgp.run import choose
+from islandgp.resume import choose
 from islandgp.sweep_job import sweep_job
 from islandgp.sweep_progress import Start, Watch, written_since
 from islandgp.tracking.brief import brief

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from islandgp.app import main
 from islandgp.cli import islandgp
 from islandgp.progress import COLUMNS
-from islandgp.run import FREE
+from islandgp.resume import FREE
 from islandgp.tracking.artifacts import FILES
 from islandgp.tracking.metrics import final_metrics, metrics
 from islandgp.tracking.sent import FILE

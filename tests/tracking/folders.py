@@ -8,7 +8,7 @@ import yaml
 
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import Step
-from islandgp.run import summary
+from islandgp.report import summary
 from islandgp.supervision.baseline import Baseline, BaselineSettings
 from islandgp.tracking.folder import About, RunFolder
 from islandgp.tracking.store import MLflowSettings, Place, Store

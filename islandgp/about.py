@@ -1,0 +1,44 @@
+"""What a run writes down about itself at its start: names, hashes, where it came from."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from time import time
+from typing import Any
+from uuid import uuid4
+
+from islandgp.resume import FREE
+from islandgp.settings import Settings
+from islandgp.tracking.folder import About, RunFolder
+from islandgp.version import code_version
+
+
+def about_run(
+    settings: Settings, config: Mapping[str, Any], target: RunFolder, home: Path, command: str
+) -> About:
+    """The same id and start as before, where a run goes on."""
+    before = target.about()
+    shape = {key: value for key, value in config.items() if key not in FREE}
+    alike = {key: value for key, value in shape.items() if key not in {"seed", "name"}}
+    return About(
+        id=before.id if before else uuid4().hex,
+        title=target.path.name,
+        home=str(home),
+        command=command,
+        started=before.started if before else int(1000 * time()),
+        identity=_hash(shape),
+        tags={
+            "supervisor": settings.supervisor.name,
+            "seed": str(settings.seed),
+            "sweep": settings.name,
+            "code": code_version(),
+            "config": _hash(alike),  # the same for all seeds
+        },
+    )
+
+
+def _hash(config: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:12]

@@ -1,0 +1,49 @@
+"""What a run came to: for its folder, and in a few lines for people."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from islandgp.evolution.record import Champion
+from islandgp.scoring.rewards import Component
+from islandgp.tracking.folder import RunFolder
+
+
+def summary(target: RunFolder, champion: Champion) -> dict[str, Any]:
+    """What a run came to, from its records; `seconds` are those spent in its generations."""
+    first: dict[str, int | None] = {"complete": None, "excellent": None}
+    snapshots = [record["snapshot"] for record in target.records()]
+    seconds = (c["evaluation"] + c["supervision"] + c["operators"] for c in target.costs())
+    for tier in first:
+        first[tier] = next((s["generation"] for s in snapshots if s["tiers"][tier]), None)
+    return {
+        "champion": asdict(champion),
+        "first": first,
+        "final_best": snapshots[-1]["best"],
+        "final_mean": snapshots[-1]["mean"],
+        "mean_diversity": sum(s["diversity"] for s in snapshots) / len(snapshots),
+        "generations": len(snapshots),
+        "seconds": round(sum(seconds), 3),
+    }
+
+
+def report(target: RunFolder) -> str:
+    """A finished run in a few lines for people."""
+    s = target.summary()
+    best = s["champion"]["record"]
+    parts = sorted(zip(Component, best["components"], strict=True), key=lambda p: -abs(p[1]))
+    came_from = ", ".join(f"{c.name.lower()} {p:+,.0f}" for c, p in parts if p)
+    first = {tier: "never" if g is None else f"generation {g}" for tier, g in s["first"].items()}
+    return "\n".join(
+        (
+            f"Best fitness {best['fitness']:,.0f} in generation {s['champion']['generation']}:"
+            f" {came_from}",
+            f"First Complete Robot: {first['complete']};"
+            f" first Excellent Robot: {first['excellent']}",
+            f"Results: {target.path}",
+            "",
+            best["tree"].rstrip(),
+            "",
+        )
+    )

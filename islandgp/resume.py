@@ -1,0 +1,54 @@
+"""May this command go on with the run in a folder? `resume=auto|never|force`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import yaml
+
+from islandgp.errors import RunError
+from islandgp.tracking.folder import RunFolder
+
+FREE: Final = frozenset({"runs", "resume", "progress", "evaluator", "tracking"})
+"""Keys that may differ between a run and its resumption: they do not change its records."""
+
+
+def choose(folder: RunFolder, resume: str, config: Mapping[str, Any]) -> RunFolder:
+    """The folder to work in: `never` takes a new one beside an old one.
+
+    Raises:
+        RunError: the folder holds a run of another configuration, and `resume` is `auto`,
+            or `force` while that run is finished.
+    """
+    before = folder.config()
+    if before is None:
+        return folder
+    if resume == "never":
+        n = 2
+        while (path := folder.path.with_name(f"{folder.path.name}.{n}")).exists():
+            n += 1
+        return RunFolder(path)
+    changed = differences(yaml.safe_load(before), config)
+    if changed and (resume != "force" or folder.finished()):
+        state = "the finished run" if folder.finished() else "the run"
+        raise RunError(
+            f"Expected the configuration of {state} in {folder.path}, found it changed:\n  "
+            + "\n  ".join(changed)
+            + "\nGive this run another name=..., or resume=never for a new folder beside it."
+        )
+    return folder
+
+
+def differences(old: Mapping[str, Any], new: Mapping[str, Any], path: str = "") -> list[str]:
+    """The keys whose values differ, as `key: old -> new`; keys of FREE are left out."""
+    found = []
+    for key in sorted({*old, *new}, key=str):
+        if not path and key in FREE:
+            continue
+        name, a, b = f"{path}{key}", old.get(key), new.get(key)
+        if isinstance(a, Mapping) and isinstance(b, Mapping):
+            found += differences(a, b, f"{name}.")
+        elif a != b:
+            found.append(f"{name}: {a} -> {b}")
+    return found
