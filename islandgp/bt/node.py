@@ -124,3 +124,22 @@ def size(node: Node) -> int:
 def depth(node: Node) -> int:
     """Number of levels, >= 1: a single action has depth 1."""
     return 1 + max(map(depth, node.children), default=0)
+
+
+def levels(tree: Node, level: int = 1) -> list[int]:
+    """The level of each node, the root's being 1, in document order."""
+    return [level, *(below for child in tree.children for below in levels(child, level + 1))]
+
+
+def replace_at(tree: Node, index: int, new: Node) -> Node:
+    """The tree with its node number `index` (document order, root 0) replaced by `new`."""
+    if index == 0:
+        return new
+    index -= 1
+    for i, child in enumerate(tree.children):
+        n = size(child)
+        if index < n:
+            child = replace_at(child, index, new)
+            return tree._replace(children=(*tree.children[:i], child, *tree.children[i + 1 :]))
+        index -= n
+    raise IndexError("expected an index below the tree's size")

@@ -1,4 +1,4 @@
-"""Who makes up the next population: Table 1, with niche protection (section 2.3).
+"""Who makes up the next population: Table 1 (section 2.3).
 
 The slots are filled in a fixed order: elites, behavioural elites, resurrected,
 the supervisor's tree and random ones for diversity, and tournament children for
@@ -8,18 +8,17 @@ the rest. Mutation comes afterwards and is not decided here.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
-import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
 from islandgp.bt.limits import Limits
 from islandgp.bt.node import Node
+from islandgp.evolution.archive import Archive
+from islandgp.evolution.crossover import crossover
 from islandgp.evolution.generation import TreeSettings, random_tree
 from islandgp.evolution.population import Evaluated, Individual, Origin, ranked
-from islandgp.evolution.variation import crossover, tournament
-from islandgp.scoring.classify import Specialist
+from islandgp.evolution.selection import pick_parent
 from islandgp.scoring.state import BEHAVIOURS
 from islandgp.seeding import Stream, stream
 
@@ -56,28 +55,6 @@ class Allocation(BaseModel, frozen=True, extra="forbid"):
                 f" {taken} and at least {self.tournament[0]} tournament children"
             )
         return self
-
-
-@dataclass(frozen=True, slots=True)
-class Ancestor:
-    """The best individual of a behaviour that has ever been."""
-
-    id: str
-    tree: Node
-    fitness: float
-
-
-Archive = Mapping[str, Ancestor]  # by behaviour
-
-
-def remember(archive: Archive, population: Sequence[Evaluated]) -> dict[str, Ancestor]:
-    """The archive with this generation's best of each behaviour, where they are better."""
-    kept = dict(archive)
-    for e in population:
-        for behaviour in e.behaviours:
-            if behaviour not in kept or e.fitness > kept[behaviour].fitness:
-                kept[behaviour] = Ancestor(e.individual.id, e.individual.tree, e.fitness)
-    return {name: kept[name] for name in BEHAVIOURS if name in kept}
 
 
 def scaled(count: int, allocation: Allocation, population: int) -> int:
@@ -120,30 +97,6 @@ def elites(
         for a in extinct[: scaled(allocation.resurrected, allocation, n)]
     ]
     return slots
-
-
-def pick_parent(
-    rng: np.random.Generator,
-    population: Sequence[Evaluated],
-    supplied: Counter[str],
-    *,
-    most: float,
-    entrants: int,
-) -> Evaluated:
-    """A tournament's winner, with niche protection.
-
-    A class that has given `most` parents sits out as long as another class of
-    working robots has room: then the tournament is held among those.
-    """
-    first = tournament(rng, population, entrants)[0]
-    if supplied[first.specialist] < most:
-        return first
-    others = [
-        e
-        for e in population
-        if supplied[e.specialist] < most and e.specialist is not Specialist.PATROL_ONLY
-    ]
-    return tournament(rng, others, entrants)[0] if others else first
 
 
 def next_population(

@@ -11,7 +11,7 @@ from typing import Any
 
 from islandgp.bt.language import parse, to_text
 from islandgp.errors import RunError
-from islandgp.evolution.allocation import Ancestor
+from islandgp.evolution.archive import Ancestor
 from islandgp.evolution.population import Individual, Origin
 from islandgp.evolution.record import Champion, IndividualRecord, RunState
 from islandgp.scoring.state import Snapshot

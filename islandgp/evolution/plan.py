@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field
 from islandgp.bt.limits import Limits
 from islandgp.evolution.allocation import Allocation
 from islandgp.evolution.generation import TreeSettings
-from islandgp.evolution.variation import MutationSettings
+from islandgp.evolution.operators import MutationSettings
 from islandgp.scoring.classify import Classes
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.scoring.state import StateSettings

@@ -6,10 +6,12 @@ same bytes. Costs are kept apart for that reason.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from islandgp.evolution.allocation import Ancestor
-from islandgp.evolution.population import Individual
+from islandgp.bt.node import depth, size
+from islandgp.evolution.archive import Ancestor
+from islandgp.evolution.population import Evaluated, Individual
 from islandgp.scoring.state import Snapshot
 
 
@@ -34,6 +36,30 @@ class IndividualRecord:
     charges: float
     gathered: float
     endings: tuple[str, ...]
+
+
+def line(e: Evaluated, text: str) -> IndividualRecord:
+    """An individual's line; `text` is its tree's canonical text."""
+    i, o = e.individual, e.outcome
+    return IndividualRecord(
+        id=i.id,
+        origin=i.origin,
+        parents=i.parents,
+        mutation=i.mutation,
+        tree=text,
+        nodes=size(i.tree),
+        depth=depth(i.tree),
+        fitness=o.fitness,
+        components=o.components,
+        specialist=e.specialist,
+        tiers=e.tiers,
+        pickups=o.pickups,
+        interactions=o.interactions,
+        deliveries=o.deliveries,
+        charges=o.charges,
+        gathered=o.gathered,
+        endings=o.endings,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +102,16 @@ class Champion:
 
     generation: int
     record: IndividualRecord
+
+
+def fittest(
+    before: Champion | None, generation: int, lines: Sequence[IndividualRecord]
+) -> Champion:
+    """The champion after `generation`; the earlier of equals."""
+    best = max(lines, key=lambda line: line.fitness)
+    if before is not None and before.record.fitness >= best.fitness:
+        return before
+    return Champion(generation, best)
 
 
 @dataclass(frozen=True, slots=True)

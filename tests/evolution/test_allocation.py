@@ -15,16 +15,10 @@ from pydantic import ValidationError
 
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node
-from islandgp.evolution.allocation import (
-    Allocation,
-    Ancestor,
-    diversity_slots,
-    next_population,
-    pick_parent,
-    remember,
-    scaled,
-)
+from islandgp.evolution.allocation import Allocation, diversity_slots, next_population, scaled
+from islandgp.evolution.archive import Ancestor, remember
 from islandgp.evolution.population import Evaluated, Individual, Origin, ranked
+from islandgp.evolution.selection import pick_parent
 from islandgp.scoring.diversity import diversity
 from islandgp.scoring.outcome import Outcome
 from islandgp.scoring.state import BEHAVIOURS

@@ -12,17 +12,12 @@ from pydantic import ValidationError
 
 from islandgp.bt.language import parse, to_text
 from islandgp.bt.limits import Limits, within
-from islandgp.bt.node import KEYS, KINDS, Node, depth, size, walk
+from islandgp.bt.node import KEYS, KINDS, Node, depth, levels, replace_at, size, walk
+from islandgp.evolution.crossover import crossover
 from islandgp.evolution.generation import TreeSettings, grow, random_tree, weighted
-from islandgp.evolution.variation import (
-    MUTATIONS,
-    MutationSettings,
-    crossover,
-    levels,
-    mutate,
-    replace_at,
-    tournament,
-)
+from islandgp.evolution.mutation import mutate
+from islandgp.evolution.operators import MUTATIONS, MutationSettings
+from islandgp.evolution.selection import tournament
 from tests.composed import composed
 from tests.made import evaluated, outcome
 from tests.strategies import nodes
@@ -265,16 +260,12 @@ def test_replace_at() -> None:
 
 
 def test_tournament() -> None:
-    """The fittest of the entrants stands first; all of them are drawn from the population."""
+    """The fittest of three individuals, drawn with replacement, wins."""
     classes = composed().classes
     population = [evaluated(f"0.{i}", outcome(fitness=float(i)), classes) for i in range(10)]
     wins: Counter[str] = Counter()
     for seed in range(500):
-        entrants = tournament(np.random.default_rng(seed), population, 3)
-        fitness = [e.fitness for e in entrants]
-        assert len(entrants) == 3
-        assert fitness == sorted(fitness, reverse=True)
-        wins[entrants[0].individual.id] += 1
+        wins[tournament(np.random.default_rng(seed), population, 3).individual.id] += 1
     # The chance that the best of ten is among three draws is 1 - 0.9^3 = 0.271.
     assert 100 < wins["0.9"] < 171
     assert wins["0.0"] < 10

@@ -1,19 +1,18 @@
-"""Selection, subtree crossover and mutation (section 2.3).
+"""The mutation operators (section 2.3): what each changes in a tree.
 
-Each operator is a function of the trees and a generator, which it consumes.
-The limits always hold: a child that would break them is not made.
+Each is a function of the tree and a generator, which it consumes. What it makes
+is a tree, but may break the limits or be the same tree: `mutate` sees to that.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
-from islandgp.bt.limits import Limits, within
-from islandgp.bt.node import KEYS, KINDS, REPEATS, Node, depth, size, walk
+from islandgp.bt.node import KEYS, KINDS, REPEATS, Node, replace_at, size, walk
 from islandgp.evolution.generation import (
     TreeSettings,
     check_weights,
@@ -21,11 +20,7 @@ from islandgp.evolution.generation import (
     inner_node,
     random_action,
     random_args,
-    weighted,
 )
-from islandgp.evolution.population import Evaluated
-
-TRIES = 8  # attempts at a mutation that keeps the limits and changes something
 
 
 class MutationSettings(BaseModel, frozen=True, extra="forbid"):
@@ -39,45 +34,6 @@ class MutationSettings(BaseModel, frozen=True, extra="forbid"):
     def _operators_exist(self) -> MutationSettings:
         check_weights("operators", self.operators, MUTATIONS)
         return self
-
-
-def replace_at(tree: Node, index: int, new: Node) -> Node:
-    """The tree with its node number `index` (document order, root 0) replaced by `new`."""
-    if index == 0:
-        return new
-    index -= 1
-    for i, child in enumerate(tree.children):
-        n = size(child)
-        if index < n:
-            child = replace_at(child, index, new)
-            return tree._replace(children=(*tree.children[:i], child, *tree.children[i + 1 :]))
-        index -= n
-    raise IndexError("expected an index below the tree's size")
-
-
-def levels(tree: Node, level: int = 1) -> list[int]:
-    """The level of each node, the root's being 1, in document order."""
-    return [level, *(below for child in tree.children for below in levels(child, level + 1))]
-
-
-def tournament(
-    rng: np.random.Generator, population: Sequence[Evaluated], entrants: int
-) -> list[Evaluated]:
-    """Entrants of one tournament (drawn with replacement), best first; the first has won."""
-    drawn = [population[i] for i in rng.integers(len(population), size=entrants)]
-    return sorted(drawn, key=lambda e: -e.fitness)
-
-
-def crossover(rng: np.random.Generator, mother: Node, father: Node, limits: Limits) -> Node:
-    """Subtree crossover: a random subtree of `mother` gives way to one of `father` that fits."""
-    nodes, depths = list(walk(mother)), levels(mother)
-    cut = int(rng.integers(len(nodes)))
-    room = limits.max_nodes - len(nodes) + size(nodes[cut])
-    below = limits.max_depth - depths[cut] + 1
-    donors = [node for node in walk(father) if size(node) <= room and depth(node) <= below]
-    if not donors:
-        return mother
-    return replace_at(mother, cut, donors[rng.integers(len(donors))])
 
 
 def _subtree(
@@ -189,27 +145,3 @@ MUTATIONS: Final[dict[str, Mutation]] = {
     "delete": _delete,
     "swap": _swap,
 }
-
-
-def mutate(
-    rng: np.random.Generator,
-    tree: Node,
-    *,
-    rate: float,
-    trees: TreeSettings,
-    how: MutationSettings,
-    limits: Limits,
-) -> tuple[Node, str]:
-    """With chance `rate`, one mutation: (new tree, its operator), else (the same tree, "").
-
-    A mutation that breaks the limits or changes nothing is tried again; after
-    TRIES attempts the tree stays as it is.
-    """
-    if rng.random() >= rate:
-        return tree, ""
-    for _ in range(TRIES):
-        name = weighted(rng, how.operators)
-        new = MUTATIONS[name](rng, tree, trees, how)
-        if new != tree and within(new, limits):
-            return new, name
-    return tree, ""
