@@ -7,7 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from islandgp.evolution.record import Champion, Cost, GenerationRecord, IndividualRecord
+from islandgp.evolution.record import (
+    Champion,
+    Cost,
+    GenerationRecord,
+    GuidanceRecord,
+    IndividualRecord,
+)
 from islandgp.scoring.state import Snapshot
 
 
@@ -44,6 +50,11 @@ class Run:
     def snapshots(self) -> tuple[Snapshot, ...]:
         """The generations in numbers."""
         return tuple(r.snapshot for r in self.records)
+
+    @property
+    def guidance(self) -> tuple[GuidanceRecord, ...]:
+        """The supervisor's decisions, by generation."""
+        return tuple(r.guidance for r in self.records if r.guidance is not None)
 
     @property
     def best(self) -> tuple[IndividualRecord, ...]:

@@ -27,11 +27,10 @@ class Supervision:
 
 def supervision(run: Run) -> Supervision:
     """One run's bill."""
-    answers = [r.guidance for r in run.records if r.guidance is not None]
     llm = run.costs[-1].llm  # sums since the start, by supervision.llm.ledger; {} offline
     return Supervision(
-        decisions=len(answers),
-        injected=sum(g.injected for g in answers),
+        decisions=len(run.guidance),
+        injected=sum(g.injected for g in run.guidance),
         seconds=sum(c.supervision for c in run.costs),
         simulation=sum(c.evaluation for c in run.costs),
         operators=sum(c.operators for c in run.costs),

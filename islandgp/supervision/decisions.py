@@ -1,25 +1,47 @@
-"""Decision patterns of a run: what Fig. 8 and section 3.7 are made of."""
+"""What supervisors decided, counted: section 3.7 and Fig. 8 are made of it."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+from islandgp.evolution.record import GuidanceRecord
 
 
-def decisions(given: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, float]]:
-    """Names and values, from the guidance of a run's generations (GuidanceRecord).
+@dataclass(frozen=True, slots=True)
+class Decisions:
+    """How often each decision was taken."""
 
-    phases/<name>, patterns/<name>   share of the guidance that names it, in [0, 1]
-    decisions/<source>               share of the guidance from a source, as "llm_and_fallback"
-    decisions/interventions          guidance that saw a need to step in
-    decisions/crises                 generations with the emergency rate, Eq. (7)
-    decisions/fallbacks              guidance that came from the fallback, wholly or in part
-    """
-    found = list(given)
-    for key, section in (("phase", "phases"), ("pattern", "patterns"), ("source", "decisions")):
-        for name, n in Counter(g[key] for g in found if g[key]).items():
-            yield f"{section}/{name.replace(' ', '_')}", n / len(found)
-    yield "decisions/interventions", sum(g["intervention"] for g in found)
-    yield "decisions/crises", sum(bool(g["crisis"]) for g in found)
-    yield "decisions/fallbacks", sum("fallback" in g["source"] for g in found)
+    total: int
+    sources: Counter[str]  # whose decisions they are
+    phases: Counter[str]  # rows of Table 8; decisions without a phase are left out
+    patterns: Counter[str]  # rows of Table 6, likewise
+    targets: Counter[str]  # rows of Table 7, of the trees that were injected
+    crises: Counter[str]  # generations with the emergency rate, Eq. (7), by reason
+    episodes: Counter[str]  # crises that began, by reason: one that lasts counts once
+    interventions: int  # decisions that saw a need to step in
+
+
+def decisions(runs: Iterable[Sequence[GuidanceRecord]]) -> Decisions:
+    """Over all runs, each of them by generation."""
+    runs = tuple(runs)
+    given = [g for run in runs for g in run]
+    return Decisions(
+        total=len(given),
+        sources=Counter(g.source for g in given),
+        phases=Counter(g.phase for g in given if g.phase),
+        patterns=Counter(g.pattern for g in given if g.pattern),
+        targets=Counter(g.target for g in given if g.target and g.injected),
+        crises=Counter(g.crisis for g in given if g.crisis),
+        episodes=Counter(reason for run in runs for reason in _began(run)),
+        interventions=sum(g.intervention for g in given),
+    )
+
+
+def _began(run: Sequence[GuidanceRecord]) -> Iterator[str]:
+    before = ""
+    for g in run:
+        if g.crisis and g.crisis != before:
+            yield g.crisis
+        before = g.crisis

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
+from islandgp.evolution.record import GuidanceRecord
 from islandgp.scoring.rewards import Component
-from islandgp.supervision.decisions import decisions
+from islandgp.supervision.decisions import Decisions, decisions
 
 COSTS = {"evaluation": "evaluation_s", "supervision": "supervision_s", "operators": "operators_s"}
 """Costs whose metric says the unit; the others keep their names."""
@@ -71,7 +72,7 @@ def _cost(cost: Mapping[str, Any], section: str = "cost") -> Iterator[tuple[str,
 def final_metrics(records: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, float]]:
     """What can be said of a whole run only: emergence, and the shares of Fig. 8's decisions."""
     first: dict[str, int] = {}
-    given: list[Mapping[str, Any]] = []
+    given: list[GuidanceRecord] = []
     best = 0.0
     diversities: list[float] = []
     for record in records:
@@ -82,8 +83,26 @@ def final_metrics(records: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, f
             if n:
                 first.setdefault(tier, s["generation"])
         if record["guidance"] is not None:
-            given.append(record["guidance"])
+            given.append(GuidanceRecord(**record["guidance"]))
     yield "run/best", best
     yield "run/mean_diversity", sum(diversities) / len(diversities)
     yield from ((f"run/first_{tier}", generation) for tier, generation in first.items())
-    yield from decisions(given)
+    yield from _decisions(decisions([given]))
+
+
+def _decisions(found: Decisions) -> Iterator[tuple[str, float]]:
+    """The run's decisions as Fig. 8 shows them.
+
+    phases/<name>, patterns/<name>   share of the decisions that name it, in [0, 1]
+    decisions/<source>               share of the decisions from a source, as "llm_and_fallback"
+    decisions/interventions          decisions that saw a need to step in
+    decisions/crises                 generations with the emergency rate, Eq. (7)
+    decisions/fallbacks              decisions that came from the fallback, wholly or in part
+    """
+    sections = {"phases": found.phases, "patterns": found.patterns, "decisions": found.sources}
+    for section, counts in sections.items():
+        for name, n in counts.items():
+            yield f"{section}/{name.replace(' ', '_')}", n / found.total
+    yield "decisions/interventions", found.interventions
+    yield "decisions/crises", found.crises.total()
+    yield "decisions/fallbacks", sum(n for s, n in found.sources.items() if "fallback" in s)

@@ -1,50 +1,35 @@
-"""Decision patterns: shares and counts as Fig. 8 shows them."""
+"""What supervisors decided, counted by hand."""
 
 from __future__ import annotations
 
+from collections import Counter
+
 from islandgp.supervision.decisions import decisions
+from tests.study.made_runs import guidance
 
 
-def guidance(**changes: object) -> dict[str, object]:
-    plain = {
-        "source": "llm",
-        "phase": "refinement",
-        "pattern": "healthy_progress",
-        "intervention": False,
-        "crisis": "",
-    }
-    return {**plain, **changes}
-
-
-def test_shares_and_counts() -> None:
-    """By hand: four decisions and one generation without an answer."""
-    found = decisions(
-        [
-            guidance(),
-            guidance(),
-            guidance(phase="early_exploration", pattern="stagnation", intervention=True),
-            guidance(source="llm and fallback", crisis="diversity"),
-            guidance(source="none", phase=None, pattern=None, crisis="stagnation"),
-        ]
-    )
-    assert dict(found) == {
-        "phases/refinement": 0.6,
-        "phases/early_exploration": 0.2,
-        "patterns/healthy_progress": 0.6,
-        "patterns/stagnation": 0.2,
-        "decisions/llm": 0.6,
-        "decisions/llm_and_fallback": 0.2,
-        "decisions/none": 0.2,
-        "decisions/interventions": 1,
-        "decisions/crises": 2,
-        "decisions/fallbacks": 1,
-    }
+def test_counts() -> None:
+    """Two runs: decisions without a label are left out, and a crisis that lasts begins once."""
+    one = [
+        guidance(source="llm", phase="refinement", pattern="stagnation", crisis="diversity"),
+        guidance(source="llm", phase="refinement", crisis="diversity", intervention=True),
+        guidance(source="fallback", crisis="stagnation"),
+    ]
+    other = [
+        guidance(source="llm", crisis="diversity", target="clearing", injected=True),
+        guidance(source="llm", target="charging", injected=False),
+    ]
+    found = decisions([one, other])
+    assert found.total == 5
+    assert found.sources == Counter(llm=4, fallback=1)
+    assert found.phases == Counter(refinement=2)
+    assert found.patterns == Counter(stagnation=1)
+    assert found.targets == Counter(clearing=1)
+    assert found.crises == Counter(diversity=3, stagnation=1)
+    assert found.episodes == Counter(diversity=2, stagnation=1)
+    assert found.interventions == 1
 
 
 def test_a_run_of_one_generation_has_no_decisions() -> None:
-    """Nothing is divided by nothing."""
-    assert dict(decisions([])) == {
-        "decisions/interventions": 0,
-        "decisions/crises": 0,
-        "decisions/fallbacks": 0,
-    }
+    """Nothing is counted where nothing was decided."""
+    assert decisions([()]).total == 0

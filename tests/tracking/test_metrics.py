@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from typing import Any
 
+from islandgp.evolution.record import GuidanceRecord
 from islandgp.tracking.metrics import final_metrics, metrics
+from tests.study.made_runs import guidance
 from tests.tracking.folders import steps
 
 COST = {
@@ -60,41 +63,49 @@ def test_the_last_generation_has_the_same_metrics_without_guidance() -> None:
     assert last["supervisor/crisis"] == 0
 
 
+def record(generation: int, best: float, complete: int, given: GuidanceRecord | None) -> Any:
+    """A generation's line, as far as it matters for the whole run."""
+    return {
+        "snapshot": {
+            "generation": generation,
+            "best": best,
+            "diversity": 0.25 * generation,
+            "tiers": {"complete": complete, "excellent": 0},
+        },
+        "guidance": None if given is None else asdict(given),
+    }
+
+
 def test_what_is_said_of_a_whole_run() -> None:
     """The best ever, mean diversity, the first generation of a tier, shares of decisions."""
-
-    def record(generation: int, best: float, complete: int, phase: str | None) -> dict[str, object]:
-        return {
-            "snapshot": {
-                "generation": generation,
-                "best": best,
-                "diversity": 0.25 * generation,
-                "tiers": {"complete": complete, "excellent": 0},
-            },
-            "guidance": None
-            if phase is None
-            else {
-                "source": "expert",
-                "phase": phase,
-                "pattern": None,
-                "intervention": False,
-                "crisis": "",
-            },
-        }
-
+    fallback = guidance(source="llm and fallback", phase="exploitation", crisis="diversity")
     records = [
-        record(0, -5.0, 0, "refinement"),
-        record(1, 9.0, 2, "exploitation"),
-        record(2, 7.0, 1, "exploitation"),
-        record(3, 8.0, 0, None),
+        record(0, -5.0, 0, guidance(source="llm", phase="refinement", pattern="stagnation")),
+        record(1, 9.0, 2, fallback),
+        record(2, 7.0, 1, replace(fallback, crisis="", intervention=True)),
+        record(3, 8.0, 0, guidance(source="none")),
+        record(4, 8.0, 0, None),
     ]
     assert dict(final_metrics(records)) == {
         "run/best": 9.0,
-        "run/mean_diversity": 0.375,
+        "run/mean_diversity": 0.5,
         "run/first_complete": 1,
-        "phases/refinement": 1 / 3,
-        "phases/exploitation": 2 / 3,
-        "decisions/expert": 1.0,
+        "phases/refinement": 0.25,
+        "phases/exploitation": 0.5,
+        "patterns/stagnation": 0.25,
+        "decisions/llm": 0.25,
+        "decisions/llm_and_fallback": 0.5,
+        "decisions/none": 0.25,
+        "decisions/interventions": 1,
+        "decisions/crises": 1,
+        "decisions/fallbacks": 2,
+    }
+
+
+def test_a_run_of_one_generation_has_no_decisions() -> None:
+    """Nothing is divided by nothing."""
+    found = dict(final_metrics([record(0, 1.0, 0, None)]))
+    assert {name: n for name, n in found.items() if name.startswith("decisions/")} == {
         "decisions/interventions": 0,
         "decisions/crises": 0,
         "decisions/fallbacks": 0,

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from islandgp.study.arms import Arm, Comparison
-from islandgp.study.decisions import decisions, pattern_shares
 from islandgp.study.figures.style import (
     Picture,
     band,
@@ -18,6 +17,7 @@ from islandgp.study.figures.style import (
     picture,
 )
 from islandgp.supervision.base import Pattern
+from islandgp.supervision.decisions import decisions
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,7 +52,7 @@ def figure_7(study: Comparison) -> Picture:
 
 def figure_8(study: Comparison) -> Picture | None:
     """Patterns of decisions; None when no arm's supervisor names any."""
-    named = [arm for arm in study.arms if decisions(arm).patterns]
+    named = [arm for arm in study.arms if any(g.pattern for run in arm.runs for g in run.guidance)]
     if not named:
         return None
 
@@ -80,7 +80,7 @@ def _words(pattern: str) -> str:
 
 
 def _totals(axes: Axes, arm: Arm) -> None:
-    counts = decisions(arm)
+    counts = decisions(run.guidance for run in arm.runs)
     for i, pattern in enumerate(Pattern):
         how, share = look(i), counts.patterns[pattern] / counts.total
         axes.barh(i, share, color=how.colour, alpha=0.8, hatch=how.hatch, edgecolor="white")
@@ -91,6 +91,17 @@ def _totals(axes: Axes, arm: Arm) -> None:
     axes.set_xlim(0, most * 1.35)
     axes.xaxis.set_major_formatter(lambda v, _: f"{v:.0%}")
     axes.grid(visible=False, axis="y")
+
+
+def pattern_shares(arm: Arm, generations: int) -> dict[str, list[float]]:
+    """For each pattern, the share of the arm's runs with it after each generation."""
+    shares: dict[str, list[float]] = {}
+    for run in arm.runs:
+        for generation, g in enumerate(run.guidance[:generations]):
+            if g.pattern:
+                row = shares.setdefault(g.pattern, [0.0] * generations)
+                row[generation] += 1 / len(arm.runs)
+    return shares
 
 
 def _over_time(axes: Axes, arm: Arm, study: Comparison) -> None:

@@ -7,19 +7,15 @@ from collections.abc import Sequence
 
 from islandgp.study import paper
 from islandgp.study.arms import Comparison
-from islandgp.study.decisions import decisions
-from islandgp.study.notation import (
-    NONE,
-    number,
-    percent,
-)
+from islandgp.study.notation import NONE, number, percent
 from islandgp.study.paper import MARK
 from islandgp.study.table import Table
+from islandgp.supervision.decisions import decisions
 
 
 def decisions_table(study: Comparison) -> Table:
     """Section 3.7: how often each pattern, phase, target and crisis came."""
-    each = [decisions(arm) for arm in study.arms]
+    each = [decisions(run.guidance for run in arm.runs) for arm in study.arms]
     rows: list[tuple[str, ...]] = [("Decisions", *(number(d.total) for d in each), NONE)]
     for title, kinds in (
         ("Pattern", [d.patterns for d in each]),
