@@ -23,9 +23,13 @@ from islandgp.resources import resource
 from islandgp.settings import Settings, read_settings, unknown_key
 from islandgp.tracking.parameters import HIDDEN, is_secret
 
-FREE_GROUPS: Final = frozenset({"evaluator", "tracking", "experiment", "hydra"})
-NOT_IN_FOLDER: Final = frozenset({"name", "seed", "supervisor", "runs", "resume", "progress"})
-"""Overrides that a run's folder name says otherwise, or that do not change its records."""
+MACHINERY: Final = frozenset({"evaluator", "tracking", "hydra", "runs", "resume", "progress"})
+"""Overrides that do not change a run's records."""
+
+NOT_IN_FOLDER: Final = frozenset(
+    {*MACHINERY, "name", "seed", "experiment", "supervisor", "supervisor.policy.base_url"}
+)
+"""Overrides that a run's folder name leaves out, or says otherwise."""
 
 EXTRAS: Final = {"joblib": "joblib", "ray": "ray", "submitit": "submitit"}
 """What to install for a launcher of Hydra's that is not there."""
@@ -52,7 +56,7 @@ def planned(args: argparse.Namespace, words: Sequence[str], home: Path) -> Itera
         with open_dict(composed):
             del composed["hydra"]  # what it holds is known only when Hydra runs
         config, settings = read(composed)
-        ours = [o for o in overrides if _key(o).split(".")[0].split("/")[0] != "hydra"]
+        ours = [o for o in overrides if _group(o) != "hydra"]
         yield Planned(
             tuple(ours),
             config,
@@ -73,21 +77,22 @@ def read(config: DictConfig) -> tuple[dict[str, Any], Settings]:
 
 def run_folder(settings: Settings, overrides: Sequence[str], home: Path) -> Path:
     """Where a run keeps its records: <runs>/<name>/<supervisor>-seed<n>[-<overrides>]."""
-    words = []
     last = {_key(override): override for override in overrides}  # Hydra takes the last of a key
-    for key, override in last.items():
-        free = key.split(".")[0].split("/")[0] in FREE_GROUPS | NOT_IN_FOLDER
-        if not is_secret(key) and (not free or key.startswith("supervisor.")):
-            words.append(re.sub(r"[^A-Za-z0-9._=,+-]+", "_", override))
+    words = [
+        re.sub(r"[^A-Za-z0-9._=,+-]+", "_", override)
+        for key, override in last.items()
+        if key not in NOT_IN_FOLDER
+        and (key.startswith("supervisor.") or _group(key) not in NOT_IN_FOLDER)
+        and not is_secret(key)
+    ]
     leaf = "-".join([f"{settings.supervisor.name}-seed{settings.seed}", *sorted(words)])
     return (home / settings.runs / settings.name / leaf[:180]).resolve()
 
 
 def is_choice(override: str) -> bool:
-    """Whether an override tells arms apart: all do but the seed, the machinery and secrets."""
-    group = _key(override).split(".")[0].split("/")[0]
-    machinery = {"evaluator", "tracking", "hydra", "seed", "name", "runs", "resume", "progress"}
-    return not is_secret(_key(override)) and group not in machinery
+    """Whether an override tells arms apart: all do but name, seed, machinery and secrets."""
+    group = _group(override)
+    return not is_secret(_key(override)) and group not in MACHINERY | {"name", "seed"}
 
 
 def command_line(words: Sequence[str]) -> str:
@@ -98,6 +103,10 @@ def command_line(words: Sequence[str]) -> str:
 
 def _key(override: str) -> str:
     return override.lstrip("+~").partition("=")[0].partition("@")[0]
+
+
+def _group(override: str) -> str:
+    return _key(override).split(".")[0].split("/")[0]
 
 
 def _flags(words: Sequence[str], args: argparse.Namespace) -> list[str]:

@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 
 from islandgp.app import main
+from islandgp.compose import run_folder
+from tests.composed import composed
 from tests.running.commands import TINY, fake
 from tests.running.histories import store, tracked
 
@@ -38,6 +40,26 @@ def test_a_run_leaves_its_records_and_says_where(
     assert f"Results: {here}/runs/default/{folder}" in said
     assert "Best fitness" in said
     assert {path.name for path in here.iterdir()} == {"runs"}
+
+
+def test_what_a_runs_folder_is_called() -> None:
+    """Supervisor, seed and the overrides that shape the records; no machinery, address or key."""
+    words = [
+        "supervisor=llm",
+        "supervisor.policy.base_url=http://localhost:11434",
+        "supervisor.policy.temperature=0.2",
+        "supervisor.policy.api_key=secret",
+        "supervisor.lag=1",
+        "supervisor.lag=2",
+        "evaluator=serial",
+        "tracking.policy.patience=3",
+        "seed=7",
+        "gp.population=12",
+    ]
+    settings = composed("supervisor=llm", "seed=7", "name=x")
+    assert run_folder(settings, words, Path("/home")) == Path(
+        "/home/runs/x/llm-seed7-gp.population=12-supervisor.lag=2-supervisor.policy.temperature=0.2"
+    )
 
 
 def test_the_same_command_again_does_nothing(
