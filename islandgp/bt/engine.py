@@ -13,10 +13,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final, TypeAlias
 
-from islandgp.bt import closures
-from islandgp.bt.closures import Observed, Stop, Tick
+from islandgp.bt import closures, observing
+from islandgp.bt.closures import Stop, Tick
 from islandgp.bt.condition import Board, condition, thresholds
 from islandgp.bt.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node
+from islandgp.bt.observing import Observed
 
 __all__ = ["ABORTED", "Board", "Tick", "Watch", "compile_tree", "condition", "thresholds"]
 
@@ -116,7 +117,7 @@ class _Compiler:
             branches.append(self.compile(child, observed if branch < last else None))
         places.append(len(self._running))
         if observed.guards:
-            return closures.observing_composite(branches, go_on, observed, places, self._stop)
+            return observing.observing_composite(branches, go_on, observed, places, self._stop)
         return closures.composite(branches, go_on)
 
     def _parallel(self, node: Node) -> Tick:
@@ -138,7 +139,7 @@ class _Compiler:
         first = len(self._running)
         child = self.compile(node.children[0], observed)
         span = (first, len(self._running))
-        return closures.guard(
+        return observing.guard(
             child, holds, abort in ("self", "both"), truth, slot, span, self._stop
         )
 
