@@ -11,9 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+from islandgp.bt.comments import Comment
 from islandgp.bt.node import Node
 from islandgp.bt.printer import INDENT, INLINE_LEVELS, WIDTH, head
-from islandgp.bt.syntax import Comment, File, Written, read
+from islandgp.bt.syntax import File, Written, read
 
 
 def format_text(text: str, *, name: str = "<tree>") -> str:

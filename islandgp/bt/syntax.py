@@ -7,28 +7,18 @@ order, and only files that `parse` accepts.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from islandgp.bt.language import parse, plain, words
+from islandgp.bt.comments import Comment, Word, above, commented
+from islandgp.bt.language import parse, plain
 from islandgp.bt.node import ABORTS, FLAG_OPERATORS, KINDS, OPERATORS, Node
 
 if TYPE_CHECKING:
     from lark import Token
 
 _INNER = frozenset(KINDS) - {"action"}  # kinds with a brace
-_BETWEEN = re.compile(r"\n|#[^\n]*")  # what matters between two words
-
-
-@dataclass(frozen=True, slots=True)
-class Comment:
-    """A comment on a line of its own."""
-
-    text: str  # with its #
-    blank_before: bool  # a blank line stands before it
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,14 +55,6 @@ class File:
     at_end: tuple[Comment, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class _Word:
-    token: Token
-    before: tuple[Comment, ...]
-    blank_before: bool
-    behind: str
-
-
 def read(text: str, *, name: str = "<tree>") -> File:
     """What stands in a text. Raises TreeError as `parse` does."""
     parse(text, name=name)
@@ -101,8 +83,7 @@ class _Reader:
     """Reads words one after the other. The text is known to be right."""
 
     def __init__(self, text: str) -> None:
-        self._text = text
-        self._words = list(self._with_comments())
+        self._words = list(commented(text))
         self._next = 0
 
     def file(self) -> File:
@@ -112,27 +93,10 @@ class _Reader:
         root = self._node(())
         return File(tuple(definitions), root, self._words[-1].before)
 
-    def _with_comments(self) -> Iterator[_Word]:
-        """Each word with what stands around it; last an empty word for the end of the text."""
-        from lark import Token
-
-        tokens = [*words(self._text), Token("END", "", start_pos=len(self._text))]
-        end = 0
-        held: tuple[Token, tuple[Comment, ...], bool] | None = None
-        for token in tokens:
-            start = token.start_pos or 0
-            behind, before, blank = _comments(self._text[end:start], first=held is None)
-            if held is not None:
-                yield _Word(*held, behind)
-            held = (token, before, blank)
-            end = start + len(token)
-        if held is not None:
-            yield _Word(*held, "")
-
     def _peek(self) -> str:
         return str(self._words[self._next].token)
 
-    def _take(self) -> _Word:
+    def _take(self) -> Word:
         word = self._words[self._next]
         self._next += 1
         return word
@@ -142,7 +106,7 @@ class _Reader:
         body = self._node((first, name, equal))
         return Definition(str(name.token), body, *_place(name.token))
 
-    def _node(self, lead: tuple[_Word, ...]) -> Written:
+    def _node(self, lead: tuple[Word, ...]) -> Written:
         """A node; comments in `lead` and among the words of its head are put above it."""
         head = [self._take()]
         kind, first = str(head[0].token), head[0].token
@@ -152,19 +116,19 @@ class _Reader:
             head += self._up_to_brace()
         node = _node_of(head)
         if kind not in _INNER:
-            before = _above([*lead, *head])
+            before = above([*lead, *head])
             return Written(node, (), *_place(first), *before, "", (), head[-1].behind)
         brace = self._take()
         children = []
         while self._peek() != "}":
             children.append(self._node(()))
         end = self._take()
-        before = _above([*lead, *head, brace])
+        before = above([*lead, *head, brace])
         return Written(
             node, tuple(children), *_place(first), *before, brace.behind, end.before, end.behind
         )
 
-    def _up_to_brace(self) -> Iterator[_Word]:
+    def _up_to_brace(self) -> Iterator[Word]:
         while self._peek() != "{":
             yield self._take()
 
@@ -173,40 +137,7 @@ def _place(token: Token) -> tuple[int, int]:
     return token.line or 1, token.column or 1
 
 
-def _above(head: list[_Word]) -> tuple[tuple[Comment, ...], bool]:
-    """All comments before the last word of a head ends, and whether a blank line precedes it."""
-    loose: list[str] = []
-    for before, word in pairwise(head):
-        loose += [before.behind] if before.behind else []
-        loose += [comment.text for comment in word.before]
-    blank = head[0].blank_before
-    if not loose:
-        return head[0].before, blank
-    first, *others = loose
-    moved = (Comment(first, blank), *(Comment(text, False) for text in others))
-    return (*head[0].before, *moved), False
-
-
-def _comments(gap: str, *, first: bool) -> tuple[str, tuple[Comment, ...], bool]:
-    """Between two words: the comment on the line of the first one, those on own lines, and
-    whether a blank line stands before the second word."""
-    behind = ""
-    own: list[Comment] = []
-    ends = 1 if first else 0  # line ends since the last word or comment; a text begins a line
-    blank = False
-    for match in _BETWEEN.finditer(gap):
-        if match[0] == "\n":
-            ends += 1
-            blank = ends > 1 and not (first and not own)
-        elif ends == 0:
-            behind = match[0].rstrip()
-        else:
-            own.append(Comment(match[0].rstrip(), blank))
-            ends, blank = 0, False
-    return behind, tuple(own), blank
-
-
-def _node_of(head: list[_Word]) -> Node:
+def _node_of(head: list[Word]) -> Node:
     """Kind and arguments of a head."""
     kind, *rest = (str(word.token) for word in head)
     if kind == "use":
