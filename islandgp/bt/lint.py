@@ -11,11 +11,12 @@ from dataclasses import dataclass
 from itertools import takewhile
 from typing import NamedTuple
 
-from islandgp.bt.facts import Condition, fact
+from islandgp.bt.facts import fact
 from islandgp.bt.language import plain
-from islandgp.bt.node import FAILURE, KEYS, Node
+from islandgp.bt.node import FAILURE, Node, size
 from islandgp.bt.outcomes import HANDS_OVER, ends, never
 from islandgp.bt.printer import head
+from islandgp.bt.reasons import Above, why, why_not
 from islandgp.bt.source import Source
 from islandgp.bt.syntax import File, Written, expanded, read
 from islandgp.bt.truth import (
@@ -49,7 +50,7 @@ class _Place(NamedTuple):
 
     node: Node
     standing: Standing
-    path: tuple[tuple[Node, int], ...]  # the nodes above it, each with the child that leads down
+    above: Above
 
 
 def warnings(text: str, *, name: str = "<tree>") -> list[Finding]:
@@ -69,7 +70,7 @@ def warnings(text: str, *, name: str = "<tree>") -> list[Finding]:
         for at, message, whole in _about(place, index, places):
             found.add(Finding(written[at].line, written[at].column, message))
             if whole:
-                cold.update(range(at, at + _size(places[at].node)))
+                cold.update(range(at, at + size(places[at].node)))
     return sorted(found)
 
 
@@ -84,14 +85,10 @@ def _tree(written: Sequence[Written]) -> Node:
     return build()
 
 
-def _size(node: Node) -> int:
-    return 1 + sum(map(_size, node.children))
-
-
-def _places(node: Node, standing: Standing, path: tuple[tuple[Node, int], ...]) -> Iterator[_Place]:
-    yield _Place(node, standing, path)
+def _places(node: Node, standing: Standing, above: Above) -> Iterator[_Place]:
+    yield _Place(node, standing, above)
     for index, child in enumerate(node.children):
-        yield from _places(child, below(node, standing, index), (*path, (node, index)))
+        yield from _places(child, below(node, standing, index), (*above, (node, index)))
 
 
 def _unused(file: File) -> Iterator[Finding]:
@@ -112,14 +109,14 @@ def _all(file: File) -> Iterator[Written]:
 
 def _about(place: _Place, at: int, places: Sequence[_Place]) -> Iterator[tuple[int, str, bool]]:
     """Warnings about one node: where, what, and whether all below that place never runs."""
-    node, standing, path = place
+    node, standing, above = place
     kind = node.kind
     if kind in HANDS_OVER:
         yield from _never_goes_on(node, standing, at)
     elif kind == "inverter" and node.children[0].kind == "inverter":
         yield at, "double inverter: the two undo each other", False
     elif kind == "when":
-        yield from _guard(node, standing, path, at)
+        yield from _guard(node, standing, above, at)
     elif kind == "action":
         yield from _action(place, at, places)
 
@@ -128,7 +125,7 @@ def _never_goes_on(node: Node, standing: Standing, at: int) -> Iterator[tuple[in
     go_on = HANDS_OVER[node.kind]
     child_at = at + 1
     for index, child in enumerate(node.children):
-        child_at += _size(child)
+        child_at += size(child)
         last = index == len(node.children) - 1
         if not last and go_on not in ends(child, below(node, standing, index)):
             word = "fails" if go_on == FAILURE else "succeeds"
@@ -141,15 +138,15 @@ def _never_goes_on(node: Node, standing: Standing, at: int) -> Iterator[tuple[in
 
 
 def _guard(
-    node: Node, standing: Standing, path: tuple[tuple[Node, int], ...], at: int
+    node: Node, standing: Standing, above: Above, at: int
 ) -> Iterator[tuple[int, str, bool]]:
     asked = condition_of(node)
     if never(node, standing):
-        yield at + 1, f"this branch can never run: {_why_not(asked, standing.at_start, path)}", True
+        yield at + 1, f"this branch can never run: {why_not(asked, standing.at_start, above)}", True
     elif implies(standing.at_start, asked):
         needless = not checks_itself(node) or implies(standing.always, asked)
         if needless and not may_interrupt(node, standing):
-            message = f"this guard says nothing new: {_why(asked, path)}"
+            message = f"this guard says nothing new: {why(asked, above)}"
             yield at, message, False
     elif node.args[3] == "lower" and standing.observer is None:
         message = "abort lower is abort none here: no composite has a later branch to stop"
@@ -157,7 +154,7 @@ def _guard(
 
 
 def _action(place: _Place, at: int, places: Sequence[_Place]) -> Iterator[tuple[int, str, bool]]:
-    node, standing, path = place
+    node, standing, above = place
     name = str(node.args[0])
     known = fact(name)
     needs = [(needed, standing.at_start) for needed in known.to_start]
@@ -167,7 +164,8 @@ def _action(place: _Place, at: int, places: Sequence[_Place]) -> Iterator[tuple[
             continue
         if needed.key == "robotCurrentExtraCapacity" and _room_changes(known.room, at, places):
             continue
-        yield at, f"{name} can never succeed here: {_why_not(needed, holding, path, name)}", False
+        reason = why_not(needed, holding, above, for_action=True)
+        yield at, f"{name} can never succeed here: {reason}", False
         return
 
 
@@ -177,15 +175,15 @@ def _room_changes(sign: int, at: int, places: Sequence[_Place]) -> bool:
     The blackboard tells the room at the start of the tick. In a tick, actions
     run in document order.
     """
-    own = places[at].path
+    own = places[at].above
     for place in places[:at]:
         if place.node.kind != "action" or fact(str(place.node.args[0])).room * sign >= 0:
             continue
         same = sum(
             1
-            for _ in takewhile(lambda pair: pair[0] == pair[1], zip(place.path, own, strict=False))
+            for _ in takewhile(lambda pair: pair[0] == pair[1], zip(place.above, own, strict=False))
         )
-        (split, _), *rest = place.path[same:]
+        (split, _), *rest = place.above[same:]
         # Behind a success a selector does not go on; only these pass a success up unchanged.
         passes = all(
             above.kind in ("when", "selector", "repeater")
@@ -195,33 +193,3 @@ def _room_changes(sign: int, at: int, places: Sequence[_Place]) -> bool:
         if not (split.kind == "selector" and passes):
             return True
     return False
-
-
-def _said(condition: Condition) -> str:
-    key, operator, number = condition
-    return head(Node("when", (key, operator, number, "both"))).removeprefix("when ")
-
-
-def _why_not(
-    needed: Condition,
-    known: Sequence[Condition],
-    path: Sequence[tuple[Node, int]],
-    name: str = "",
-) -> str:
-    lead = f"it needs {_said(needed)}" if name else f"{_said(needed)} can't hold"
-    guards = [c for c in _guards(path) if c in known and c.key == needed.key]
-    against = [c for c in guards if excludes((c,), needed)][-1:] or guards
-    if not against:
-        return f"{lead}, as {needed.key} is {KEYS[needed.key].meaning}"
-    return f"{lead}, but above it stands {' and '.join(f'when {_said(c)}' for c in against)}"
-
-
-def _why(asked: Condition, path: Sequence[tuple[Node, int]]) -> str:
-    same = [c for c in _guards(path) if implies((c,), asked)]
-    if not same:
-        return f"{_said(asked)} always holds"
-    return f"when {_said(same[-1])} stands above it already"
-
-
-def _guards(path: Sequence[tuple[Node, int]]) -> list[Condition]:
-    return [condition_of(above) for above, _ in path if above.kind == "when"]
