@@ -7,7 +7,7 @@ From this follow guards that can never hold and guards that say nothing new.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from itertools import pairwise
 from typing import Final, NamedTuple, TypeAlias
 
@@ -64,6 +64,16 @@ def chain(node: Node) -> list[Node]:
             found.append(node)
         node = node.children[0]
     return found
+
+
+def with_aborts(branch: Node, change: Mapping[str, str]) -> Node:
+    """The branch with other abort rules on the guards of its `chain`: those that `change` names."""
+    if branch.kind not in ("when", "inverter", "repeater"):
+        return branch
+    args = branch.args
+    if branch.kind == "when":
+        args = (*args[:3], change.get(str(args[3]), args[3]))
+    return Node(branch.kind, args, (with_aborts(branch.children[0], change),))
 
 
 def exposes(branch: Node) -> bool:

@@ -11,11 +11,13 @@ from collections.abc import Sequence
 from typing import Final, NoReturn
 
 from islandgp.bt.export.behaviortree_cpp import REST, TAGS
+from islandgp.bt.export.plan import hands_over
 from islandgp.bt.export.scripts import OPPOSITE, read_condition
 from islandgp.bt.export.xml_reader import Element, read_xml
 from islandgp.bt.language import MAX_LEVELS, parse, to_text
 from islandgp.bt.node import ACTIONS, REPEATS, Node
 from islandgp.bt.source import closest
+from islandgp.bt.truth import with_aborts
 from islandgp.errors import TreeError
 
 _EXPLICIT: Final = ("Action", "Condition", "Control", "Decorator")  # <Action ID="X"/> is <X/>
@@ -96,10 +98,8 @@ class _Importer:
         self._check_attributes(element, tag)
         if tag in ("Sequence", "Fallback"):
             return self._with_memory(tag, self._children(element))
-        if tag == "ReactiveSequence":
-            return self._reactive_sequence(element, self._children(element))
-        if tag == "ReactiveFallback":
-            return self._reactive_fallback(element, self._children(element))
+        if tag in ("ReactiveSequence", "ReactiveFallback"):
+            return self._reactive(element, self._children(element))
         if tag == "Inverter":
             return Node("inverter", (), (self._node(self._only_child(element)),))
         if tag == "Repeat":
@@ -134,23 +134,14 @@ class _Importer:
                 parts.append(part)
         return parts[0] if len(parts) == 1 and len(elements) > 1 else Node(kind, (), tuple(parts))
 
-    def _reactive_sequence(self, element: Element, elements: Sequence[Element]) -> Node:
-        if _tag(elements[0]) == "ScriptCondition" and len(elements) > 1:
-            rest = elements[1:]
-            inner = (
-                self._node(rest[0]) if len(rest) == 1 else self._reactive_sequence(element, rest)
-            )
-            return self._guard(elements[0], inner, "self", inverted=False)
-        return self._interrupting("sequence", element, elements)
-
-    def _reactive_fallback(self, element: Element, elements: Sequence[Element]) -> Node:
-        if _tag(elements[0]) == "ScriptCondition" and len(elements) > 1:
-            rest = elements[1:]
-            inner = (
-                self._node(rest[0]) if len(rest) == 1 else self._reactive_fallback(element, rest)
-            )
-            return self._guard(elements[0], inner, "self", inverted=True)
-        return self._interrupting("selector", element, elements)
+    def _reactive(self, element: Element, elements: Sequence[Element]) -> Node:
+        """Conditions at the front guard the rest and check themselves; the others interrupt."""
+        kind = "sequence" if _tag(element) == "ReactiveSequence" else "selector"
+        first, *rest = elements
+        if _tag(first) != "ScriptCondition" or not rest:
+            return self._interrupting(kind, element, elements)
+        inner = self._node(rest[0]) if len(rest) == 1 else self._reactive(element, rest)
+        return self._guard(first, inner, "self", inverted=kind == "selector")
 
     def _interrupting(self, kind: str, element: Element, elements: Sequence[Element]) -> Node:
         """A composite whose branches, but for the last, begin with a guard that interrupts."""
@@ -158,13 +149,13 @@ class _Importer:
         parts = []
         for branch in earlier:
             part = self._node(branch)
-            if not _interruptible(part, kind):
+            if not hands_over(part, kind):
                 self._fail(
                     branch,
                     f"in a {element.tag}, all but the last child must begin with a condition:"
                     " the language takes a branch up again only when a condition asks for it",
                 )
-            parts.append(_interrupts(part))
+            parts.append(with_aborts(part, {"none": "lower", "self": "both"}))
         end = self._node(last)
         nested = last.attributes.get("name") == REST and end.kind == kind
         parts += end.children if nested else [end]
@@ -246,24 +237,3 @@ class _Importer:
 
 def _tag(element: Element) -> str:
     return element.attributes.get("ID", "") if element.tag in _EXPLICIT else element.tag
-
-
-def _interruptible(branch: Node, kind: str) -> bool:
-    """Whether the branch hands over while its outermost guard is false."""
-    hands_over = kind == "selector"
-    while branch.kind in ("when", "inverter", "repeater"):
-        if branch.kind == "when":
-            return hands_over
-        hands_over ^= branch.kind == "inverter"
-        branch = branch.children[0]
-    return False
-
-
-def _interrupts(branch: Node) -> Node:
-    """The branch with guards that interrupt as well, down to its first composite or action."""
-    if branch.kind not in ("when", "inverter", "repeater"):
-        return branch
-    args = branch.args
-    if branch.kind == "when":
-        args = (*args[:3], {"none": "lower", "self": "both"}.get(str(args[3]), args[3]))
-    return Node(branch.kind, args, (_interrupts(branch.children[0]),))

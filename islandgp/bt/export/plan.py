@@ -55,9 +55,19 @@ INNER = Loss(
 )
 
 
-def plan(tree: Node) -> Part:
-    """The tree in those terms."""
-    return _part(tree)
+def plan(node: Node) -> Part:
+    """A tree in those terms."""
+    kind, children = node.kind, node.children
+    if kind == "action":
+        return Part("action", node.args)
+    if kind == "when":
+        check = Part("check", node.args[:3])
+        kind = "reactive_sequence" if checks_itself(node) else "sequence"
+        return Part(kind, node.args, (check, plan(children[0])))
+    if kind in ("selector", "sequence"):
+        return _composite(node)
+    other = {"inverter": "inverter", "repeater": "repeat", "parallel": "parallel"}[kind]
+    return Part(other, node.args, tuple(map(plan, children)))
 
 
 def guard_losses(tree: Node) -> set[Loss]:
@@ -74,25 +84,11 @@ def guard_losses(tree: Node) -> set[Loss]:
     return found
 
 
-def _part(node: Node) -> Part:
-    kind, children = node.kind, node.children
-    if kind == "action":
-        return Part("action", node.args)
-    if kind == "when":
-        check = Part("check", node.args[:3])
-        kind = "reactive_sequence" if checks_itself(node) else "sequence"
-        return Part(kind, node.args, (check, _part(children[0])))
-    if kind in ("selector", "sequence"):
-        return _composite(node)
-    other = {"inverter": "inverter", "repeater": "repeat", "parallel": "parallel"}[kind]
-    return Part(other, node.args, tuple(map(_part, children)))
-
-
 def _composite(node: Node) -> Part:
     """Runs of reactive branches and of plain ones, each run nested in the one before it."""
     plain = "fallback" if node.kind == "selector" else "sequence"
-    branches = [(_part(b), _reacts(b, node.kind)) for b in node.children[:-1]]
-    held: list[Part] = [_part(node.children[-1])]
+    branches = [(plan(b), _reacts(b, node.kind)) for b in node.children[:-1]]
+    held: list[Part] = [plan(node.children[-1])]
     reactive = False  # whether `held` is a run of reactive branches and its last child
     for part, reacts in reversed(branches):
         if reacts != reactive and len(held) > 1:
@@ -107,18 +103,21 @@ def _kind(plain: str, reactive: bool) -> str:
 
 
 def _reacts(branch: Node, composite: str) -> bool:
-    """Whether a reactive composite says what an interrupting guard of this branch says.
+    """Whether a reactive composite says what an interrupting guard of this branch says."""
+    guards = chain(branch)
+    # The outermost guard decides: below one that does not interrupt, nothing can.
+    return bool(guards) and interrupts(guards[0]) and hands_over(branch, composite)
 
-    Ticked again while its condition is false, the branch must hand over to the
-    branches behind it: a failing guard does so in a selector, an inverted one in
-    a sequence.
+
+def hands_over(branch: Node, composite: str) -> bool:
+    """Whether a branch with a guard hands over to those behind it while its guard is false.
+
+    A failing guard does so in a selector, an inverted one in a sequence.
     """
-    hands_over = composite == "selector"
+    failure_does = composite == "selector"
     while branch.kind in ("when", "inverter", "repeater"):
-        if branch.kind == "inverter":
-            hands_over = not hands_over
-        elif branch.kind == "when":
-            # The outermost guard decides: below one that does not interrupt, nothing can.
-            return interrupts(branch) and hands_over
+        if branch.kind == "when":
+            return failure_does
+        failure_does ^= branch.kind == "inverter"
         branch = branch.children[0]
     return False
