@@ -1,11 +1,16 @@
-"""A run's state on disk: written in one piece or not at all, and checked when read."""
+"""A run's state on disk: written in one piece or not at all, and checked when read.
+
+Its history is not in it: that stands in the records beside it, a line a generation.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import os
+from collections.abc import Iterable
 from dataclasses import asdict
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -39,8 +44,12 @@ def save_state(path: Path, state: RunState) -> None:
     write_atomic(path, f'{{"sha256":"{digest}","state":{body}}}\n'.encode())
 
 
-def load_state(path: Path) -> RunState:
+def load_state(path: Path, history: Iterable[Snapshot]) -> RunState:
     """Reads a checkpoint.
+
+    Args:
+        path: the file.
+        history: the run's generations from 0 on; those behind the checkpoint are not read.
 
     Raises:
         RunError: the file is damaged.
@@ -53,7 +62,7 @@ def load_state(path: Path) -> RunState:
         raise _damaged(path, str(error)) from error
     if not intact:
         raise _damaged(path, "its checksum differs")
-    return _state(body)
+    return _state(body, history)
 
 
 def _damaged(path: Path, why: str) -> RunError:
@@ -78,7 +87,6 @@ def _plain(state: RunState) -> dict[str, Any]:
             for i in state.population
         ],
         "rate": state.rate,
-        "history": [asdict(s) for s in state.history],
         "archive": {
             name: {"id": a.id, "tree": to_text(a.tree), "fitness": a.fitness}
             for name, a in state.archive.items()
@@ -87,13 +95,13 @@ def _plain(state: RunState) -> dict[str, Any]:
     }
 
 
-def _state(plain: dict[str, Any]) -> RunState:
+def _state(plain: dict[str, Any], history: Iterable[Snapshot]) -> RunState:
     champion = plain["champion"]
     return RunState(
         generation=plain["generation"],
         population=tuple(_individual(i) for i in plain["population"]),
         rate=plain["rate"],
-        history=tuple(Snapshot(**s) for s in plain["history"]),
+        history=tuple(islice(history, plain["generation"])),
         archive={
             name: Ancestor(**{**a, "tree": parse(a["tree"])})
             for name, a in plain["archive"].items()

@@ -4,7 +4,7 @@ config.yaml         the resolved configuration, secrets left out
 about.json          what the run is called and where it was started (About)
 generations.jsonl   one generation record a line (evolution.record.GenerationRecord)
 costs.jsonl         what each generation took, and when; differs from machine to machine
-checkpoint.json     the state to go on from; gone when the run is finished
+checkpoint.json     the state to go on from, beside the records; gone when the run is finished
 best.bt             the champion's tree
 lineage.csv         every individual with its parents
 summary.json        the end of the run; it exists only when the run is finished
@@ -32,6 +32,7 @@ from filelock import FileLock, Timeout
 from islandgp.errors import IslandError, RunError
 from islandgp.evolution.checkpoint import dump, load_state, save_state, write_atomic
 from islandgp.evolution.record import RunState, Step
+from islandgp.scoring.state import Snapshot
 
 LINEAGE = ("generation", "id", "origin", "parents", "mutation", "fitness", "specialist", "tiers")
 
@@ -130,10 +131,9 @@ class RunFolder:
         """The state to go on from; cuts off what was written after it. None: from the start.
 
         Raises:
-            RunError: the checkpoint is damaged, or records before it are missing.
+            RunError: the checkpoint is damaged, or records before it are damaged or missing.
         """
-        checkpoint = self.path / "checkpoint.json"
-        state = load_state(checkpoint) if checkpoint.exists() else None
+        state = self._state()
         for name in ("generations.jsonl", "costs.jsonl"):
             file = self.path / name
             lines = file.read_bytes().splitlines(keepends=True) if file.exists() else []
@@ -146,6 +146,18 @@ class RunFolder:
             if keep != lines or not file.exists():
                 write_atomic(file, b"".join(keep))
         return state
+
+    def _state(self) -> RunState | None:
+        checkpoint = self.path / "checkpoint.json"
+        if not checkpoint.exists():
+            return None
+        try:
+            return load_state(checkpoint, (Snapshot(**r["snapshot"]) for r in self.records()))
+        except (ValueError, KeyError, TypeError) as error:
+            raise RunError(
+                f"Expected generation records in {self.path / 'generations.jsonl'}, found a damaged"
+                f" file ({error}); delete the run's folder or use resume=never."
+            ) from error
 
     def append(self, step: Step) -> None:
         """Writes a generation down, then the state to go on from."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -35,15 +36,32 @@ def test_round_trip(states: list[RunState], tmp_path: Path) -> None:
     path = tmp_path / "checkpoint.json"
     for state in states:
         save_state(path, state)
-        assert load_state(path) == state
+        assert load_state(path, state.history) == state
     assert [file.name for file in tmp_path.iterdir()] == ["checkpoint.json"]
 
 
 def test_the_same_bytes(saved: Path, tmp_path: Path) -> None:
     """Writing a state that was read gives the same file."""
     again = tmp_path / "again.json"
-    save_state(again, load_state(saved))
+    save_state(again, load_state(saved, ()))
     assert again.read_bytes() == saved.read_bytes()
+
+
+def test_a_checkpoint_does_not_grow(states: list[RunState], tmp_path: Path) -> None:
+    """It holds no generation but the next one: the others are in the records."""
+    path = tmp_path / "checkpoint.json"
+    last = states[-1]
+    save_state(path, last)
+    short = path.stat().st_size
+    save_state(path, replace(last, history=last.history * 100))
+    assert path.stat().st_size == short
+
+
+def test_records_behind_the_checkpoint_are_not_read(states: list[RunState], tmp_path: Path) -> None:
+    """A process may have died between a record and the checkpoint after it."""
+    path = tmp_path / "checkpoint.json"
+    save_state(path, states[3])
+    assert load_state(path, states[-1].history) == states[3]
 
 
 def test_resume_through_the_file(states: list[RunState], tmp_path: Path) -> None:
@@ -51,7 +69,8 @@ def test_resume_through_the_file(states: list[RunState], tmp_path: Path) -> None
     expected = list(lines(run(supervisor=Says(0.5))))
     for state in states:
         save_state(tmp_path / "checkpoint.json", state)
-        again = run(supervisor=Says(0.5), start=load_state(tmp_path / "checkpoint.json"))
+        start = load_state(tmp_path / "checkpoint.json", state.history)
+        again = run(supervisor=Says(0.5), start=start)
         assert list(lines(again)) == expected[state.generation :]
 
 
@@ -69,7 +88,7 @@ def test_one_wrong_byte(saved: Path, data: st.DataObject) -> None:
     path = saved.with_name("broken.json")
     path.write_bytes(broken)
     with pytest.raises(RunError, match=r"broken\.json.*delete the run's folder or use resume="):
-        load_state(path)
+        load_state(path, ())
 
 
 @pytest.mark.parametrize(
@@ -80,7 +99,7 @@ def test_other_files(tmp_path: Path, text: str) -> None:
     path = tmp_path / "checkpoint.json"
     path.write_text(text)
     with pytest.raises(RunError, match="found a damaged file"):
-        load_state(path)
+        load_state(path, ())
 
 
 def test_write_atomic_keeps_the_old_file(tmp_path: Path) -> None:

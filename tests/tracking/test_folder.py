@@ -79,6 +79,17 @@ def test_a_record_that_is_missing_before_the_checkpoint_is_an_error(tmp_path: Pa
         folder.resume()
 
 
+@pytest.mark.parametrize("line", [b"{}", b'{"snapshot": 3}', b'{"snap', b'{"snapshot": {"a": 1}}'])
+def test_a_damaged_record_before_the_checkpoint_is_an_error(tmp_path: Path, line: bytes) -> None:
+    """The run's history is read from its records, so they are checked like the checkpoint."""
+    folder = written(tmp_path / "one", tmp_path, 3)
+    file = folder.path / "generations.jsonl"
+    first, _, third = file.read_bytes().splitlines()
+    file.write_bytes(b"\n".join((first, line, third)) + b"\n")
+    with pytest.raises(RunError, match=r"generations\.jsonl, found a damaged file"):
+        folder.resume()
+
+
 def test_settled_generations_follow_the_checkpoint(tmp_path: Path) -> None:
     """None at first, then as many as the checkpoint has behind it, then all."""
     folder = begun(tmp_path / "one", tmp_path)
