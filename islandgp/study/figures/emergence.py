@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING, Final
 
 from islandgp.scoring.classify import Tier
 from islandgp.study.arms import Arm, Comparison
-from islandgp.study.emergence import Summary, first, still_without, summary
-from islandgp.study.figures.style import INK, Look, Picture, legend, looks, picture
+from islandgp.study.emergence import Summary, first, ranks, still_without, summary
+from islandgp.study.figures.drawing import bar, groups, legend, named, sideways
+from islandgp.study.figures.style import INK, Look, Picture, looks, picture
+from islandgp.study.statistics import bootstrap
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,18 +42,24 @@ def figure_6(study: Comparison) -> Picture:
 
 def _boxes(axes: Axes, study: Comparison) -> None:
     top = study.generations + 2.5
-    width = 0.8 / len(study.arms)
     never = False
-    for i, (arm, how) in enumerate(looks(study)):
-        for k, tier in enumerate(TIERS):
-            at = k + (i - (len(study.arms) - 1) / 2) * width
-            firsts = [first(run, tier) for run in arm.runs]
-            there = [g for g in firsts if g is not None]
-            if there:
-                _box(axes, at, there, width, how)
-            never = never or len(there) < len(firsts)
-            label = f"{arm.name} (n = {len(arm.runs)})" if k == 0 else None
-            _runs(axes, at, firsts, top, width, how, label)
+    for arm, how, k, at, width in groups(study, len(TIERS)):
+        firsts = [first(run, TIERS[k]) for run in arm.runs]
+        there = [g for g in firsts if g is not None]
+        if there:
+            _box(axes, at, there, width, how)
+        never = never or len(there) < len(firsts)
+        axes.scatter(
+            sideways(at, len(firsts), width),
+            [top if g is None else g for g in firsts],
+            s=16,
+            marker=how.marker,
+            color=how.colour,
+            edgecolor="white",
+            linewidth=0.4,
+            zorder=3,
+            label=named(arm) if k == 0 else None,
+        )
     if never:
         axes.axhspan(study.generations + 0.5, study.generations + 4.5, color="#f1f1f1", zorder=0)
         axes.text(-0.48, top, "never", va="center", ha="left", fontsize=8, color="#555555")
@@ -77,62 +85,24 @@ def _box(axes: Axes, at: float, there: list[int], width: float, how: Look) -> No
     )
 
 
-def _runs(
-    axes: Axes,
-    at: float,
-    firsts: list[int | None],
-    never: float,
-    width: float,
-    how: Look,
-    label: str | None,
-) -> None:
-    n = len(firsts)
-    axes.scatter(
-        [at + ((i + 0.5) / n - 0.5) * width * 0.6 for i in range(n)],
-        [never if g is None else g for g in firsts],
-        s=16,
-        marker=how.marker,
-        color=how.colour,
-        edgecolor="white",
-        linewidth=0.4,
-        zorder=3,
-        label=label,
-    )
-
-
 def _bars(axes: Axes, study: Comparison) -> None:
     import numpy as np
 
-    from islandgp.study.emergence import ranks
-    from islandgp.study.statistics import bootstrap
-
-    width = 0.8 / len(study.arms)
-    for i, (arm, how) in enumerate(looks(study)):
-        for k, tier in enumerate(TIERS):
-            at = k + (i - (len(study.arms) - 1) / 2) * width
-            times = ranks([first(run, tier) for run in arm.runs], study.generations)
-            mean = bootstrap([times], lambda x: np.mean(x, axis=-1))
-            axes.bar(
-                at,
-                mean.estimate,
-                width * 0.92,
-                yerr=[[mean.estimate - mean.low], [mean.high - mean.estimate]],
-                color=how.colour,
-                alpha=0.75,
-                hatch=how.hatch,
-                edgecolor="white",
-                error_kw={"ecolor": INK, "capsize": 3, "elinewidth": 1},
-            )
-            axes.text(
-                at,
-                0.03,
-                f"{mean.estimate:.1f}",
-                transform=axes.get_xaxis_transform(),
-                ha="center",
-                va="bottom",
-                fontsize=8,
-                bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.2, "alpha": 0.9},
-            )
+    for arm, how, k, at, width in groups(study, len(TIERS)):
+        times = ranks([first(run, TIERS[k]) for run in arm.runs], study.generations)
+        mean = bootstrap([times], lambda x: np.mean(x, axis=-1))
+        error = [[mean.estimate - mean.low], [mean.high - mean.estimate]]
+        bar(axes, at, mean.estimate, width, error, how)
+        axes.text(
+            at,
+            0.03,
+            f"{mean.estimate:.1f}",
+            transform=axes.get_xaxis_transform(),
+            ha="center",
+            va="bottom",
+            fontsize=8,
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.2, "alpha": 0.9},
+        )
     axes.set_xticks(range(len(TIERS)), [t.value.capitalize() for t in TIERS])
     axes.set_ylim(0, study.generations + 1)
     axes.set(title="(b) Generations without one")

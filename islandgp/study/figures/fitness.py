@@ -6,18 +6,17 @@ from typing import TYPE_CHECKING, Any
 
 from islandgp.scoring.rewards import Component
 from islandgp.study.arms import Arm, Comparison
-from islandgp.study.figures.style import (
-    FAINT,
-    INK,
-    Picture,
-    band,
+from islandgp.study.figures.drawing import (
+    bar,
+    curves,
     epoch_lines,
+    groups,
     legend,
-    look,
-    looks,
-    picture,
+    named,
+    sideways,
     thousands,
 )
+from islandgp.study.figures.style import FAINT, INK, Picture, look, picture
 from islandgp.study.measures import PHASES, best, phase_mean
 from islandgp.study.statistics import mean_sd
 
@@ -31,15 +30,8 @@ def figure_4(study: Comparison) -> Picture:
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        for arm, how in looks(study):
-            band(
-                axes,
-                arm.name,
-                how,
-                [[s.best for s in r.snapshots[: study.generations]] for r in arm.runs],
-            )
-        epoch_lines(axes, study, stages=True)
-        axes.set(xlabel="Generation", ylabel="Best fitness of a generation (points)")
+        curves(axes, study, best)
+        axes.set_ylabel("Best fitness of a generation (points)")
         thousands(axes)
         legend(figure, axes)
 
@@ -58,25 +50,20 @@ def figure_5(study: Comparison) -> Picture:
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        width = 0.8 / len(study.arms)
-        for i, (arm, how) in enumerate(looks(study)):
-            for k, phase in enumerate(PHASES):
-                values = [phase_mean(run, phase, best) for run in arm.runs]
-                at = k + (i - (len(study.arms) - 1) / 2) * width
-                mean, sd = mean_sd(values)
-                axes.bar(
-                    at,
-                    mean,
-                    width * 0.92,
-                    yerr=sd,
-                    color=how.colour,
-                    alpha=0.75,
-                    hatch=how.hatch,
-                    edgecolor="white",
-                    error_kw={"ecolor": INK, "capsize": 3, "elinewidth": 1},
-                    label=f"{arm.name} (n = {len(arm.runs)})" if k == 0 else None,
-                )
-                _points(axes, at, values, width, how.marker)
+        for arm, how, k, at, width in groups(study, len(PHASES)):
+            values = [phase_mean(run, PHASES[k], best) for run in arm.runs]
+            mean, sd = mean_sd(values)
+            bar(axes, at, mean, width, sd, how, named(arm) if k == 0 else None)
+            axes.scatter(
+                sideways(at, len(values), width),
+                values,
+                s=9,
+                marker=how.marker,
+                facecolor="white",
+                edgecolor=INK,
+                linewidth=0.6,
+                zorder=3,
+            )
         axes.set_xticks(range(len(PHASES)), [p.name(study.generations) for p in PHASES])
         axes.grid(visible=False, axis="x")
         axes.axhline(0, color=FAINT, linewidth=0.8)
@@ -90,22 +77,6 @@ def figure_5(study: Comparison) -> Picture:
         "Mean over a stage's generations of the highest fitness; bars: mean over runs, whiskers:"
         " ±1 standard deviation, points: runs.",
         draw,
-    )
-
-
-def _points(axes: Axes, at: float, values: list[float], width: float, marker: str) -> None:
-    """The single runs, spread sideways in their order so that they do not hide each other."""
-    n = len(values)
-    shift = [((i + 0.5) / n - 0.5) * width * 0.6 for i in range(n)]
-    axes.scatter(
-        [at + s for s in shift],
-        values,
-        s=9,
-        marker=marker,
-        facecolor="white",
-        edgecolor=INK,
-        linewidth=0.6,
-        zorder=3,
     )
 
 

@@ -9,17 +9,8 @@ import numpy as np
 from islandgp.evolution.population import Origin
 from islandgp.scoring.classify import Specialist
 from islandgp.study.arms import Arm, Comparison
-from islandgp.study.figures.style import (
-    INK,
-    LINES,
-    Picture,
-    band,
-    epoch_lines,
-    legend,
-    look,
-    looks,
-    picture,
-)
+from islandgp.study.figures.drawing import curves, epoch_lines, legend
+from islandgp.study.figures.style import INK, LINES, Picture, look, looks, picture
 from islandgp.study.generalise import Generalisation
 from islandgp.study.lineage import alive, newcomers
 from islandgp.study.notation import number
@@ -35,17 +26,10 @@ def diversity(study: Comparison) -> Picture:
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        for arm, how in looks(study):
-            band(
-                axes,
-                arm.name,
-                how,
-                [[s.diversity for s in r.snapshots[: study.generations]] for r in arm.runs],
-            )
-        epoch_lines(axes, study, stages=True)
+        curves(axes, study, lambda s: s.diversity)
         axes.axhline(0.75, color=INK, linewidth=0.7, linestyle=":")
         axes.set_ylim(0, 0.8)
-        axes.set(xlabel="Generation", ylabel="Behavioural diversity, Eq. (3)")
+        axes.set_ylabel("Behavioural diversity, Eq. (3)")
         legend(figure, axes)
 
     return picture(

@@ -7,16 +7,13 @@ that a figure still reads in grey.
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Literal
 
-from islandgp.scoring.curriculum import Curriculum
 from islandgp.study.arms import Arm, Comparison
-from islandgp.study.notation import number
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 # Okabe and Ito's palette, from dark to light enough to differ in grey.
@@ -125,76 +122,3 @@ def picture(
         figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": None})
         figure.savefig(png, format="png", dpi=DPI, metadata={"Software": None})
     return Picture(key, title, caption, svg.getvalue(), png.getvalue())
-
-
-def curriculum(study: Comparison) -> Curriculum:
-    """The staged training of the first arm."""
-    return Curriculum(**study.arms[0].runs[0].config["curriculum"])
-
-
-def epoch_lines(axes: Axes, study: Comparison, *, stages: bool = False) -> None:
-    """Dashed lines where an epoch ends; with `stages`, the curriculum's stages by name on top."""
-    plan, n = curriculum(study), study.generations
-    starts = [0]
-    for g in range(1, n):
-        if plan.epoch(g) != plan.epoch(g - 1):
-            new_stage = plan.stage(g) != plan.stage(g - 1)
-            axes.axvline(
-                g - 0.5,
-                color="#7d7d7d" if new_stage else "#bdbdbd",
-                linestyle=(0, (4, 3)),
-                linewidth=0.9 if new_stage else 0.6,
-                zorder=0.5,
-            )
-            if new_stage:
-                starts.append(g)
-    axes.set_xlim(-0.5, n - 0.5)
-    if stages and len(starts) > 1:
-        for i, (start, end) in enumerate(zip(starts, [*starts[1:], n], strict=True), 1):
-            axes.text(
-                (start + end - 1) / 2,
-                1.01,
-                f"stage {i}",
-                transform=axes.get_xaxis_transform(),
-                ha="center",
-                va="bottom",
-                fontsize=8,
-                color="#555555",
-            )
-
-
-def band(axes: Axes, label: str, how: Look, columns: Sequence[Sequence[float]]) -> None:
-    """A line through the mean of each generation, with a band of ±1 SD over runs."""
-    import numpy as np
-
-    a = np.asarray(columns, float)  # runs x generations
-    mean = a.mean(axis=0)
-    x = np.arange(a.shape[1])
-    if len(a) > 1:
-        sd = a.std(axis=0, ddof=1)
-        axes.fill_between(x, mean - sd, mean + sd, color=how.colour, alpha=0.16, linewidth=0)
-        for edge in (mean - sd, mean + sd):
-            axes.plot(x, edge, color=how.colour, alpha=0.45, linewidth=0.6, linestyle=how.line)
-    axes.plot(
-        x,
-        mean,
-        color=how.colour,
-        linestyle=how.line,
-        marker=how.marker,
-        markevery=5,
-        markersize=4,
-        label=f"{label} (n = {len(a)})",
-    )
-
-
-def legend(figure: Figure, axes: Axes, columns: int = 4) -> None:
-    """The legend of a figure's axes below them, where it hides no data."""
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns)
-
-
-def thousands(axes: Axes) -> None:
-    """Ticks such as 30,000 on the y axis."""
-    from matplotlib.ticker import FuncFormatter
-
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: number(v)))

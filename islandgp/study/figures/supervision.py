@@ -7,15 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from islandgp.study.arms import Arm, Comparison
-from islandgp.study.figures.style import (
-    Picture,
-    band,
-    epoch_lines,
-    legend,
-    look,
-    looks,
-    picture,
-)
+from islandgp.study.figures.drawing import curves, epoch_lines, legend
+from islandgp.study.figures.style import Picture, look, picture
 from islandgp.supervision.base import Pattern
 from islandgp.supervision.decisions import decisions
 
@@ -29,15 +22,8 @@ def figure_7(study: Comparison) -> Picture:
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        for arm, how in looks(study):
-            band(
-                axes,
-                arm.name,
-                how,
-                [[s.rate for s in r.snapshots[: study.generations]] for r in arm.runs],
-            )
-        epoch_lines(axes, study, stages=True)
-        axes.set(xlabel="Generation", ylabel="Mutation rate that made the generation")
+        curves(axes, study, lambda s: s.rate)
+        axes.set_ylabel("Mutation rate that made the generation")
         axes.set_ylim(bottom=0)
         legend(figure, axes)
 
