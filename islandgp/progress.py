@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from time import monotonic
-from types import TracebackType
 from typing import TYPE_CHECKING, Final, Literal, Self
 
 from islandgp.evolution.record import Step
@@ -101,12 +100,7 @@ class Progress:
             _say("  ".join(f"{name:>{width}}" for name, width in COLUMNS.items()))
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         if self._live is not None:
             self._live.stop()
 

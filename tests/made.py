@@ -57,6 +57,10 @@ QUIET = Snapshot(
 )
 
 
+EARLY = {"garbage": 2.0, "battery": 1.0, "humanoid": 1.5, "delivery": 1.0, "leftover": 0.8}
+"""Table 2's multipliers in epochs 1 and 2."""
+
+
 def outcome(**changes: Any) -> Outcome:
     """A robot that did nothing, but for the changes."""
     return replace(NOTHING, **changes)
@@ -89,7 +93,7 @@ def state(history: Sequence[Snapshot], **changes: Any) -> PopulationState:
         population=30,
         generations=41,
         generations_per_epoch=5,
-        multipliers={"garbage": 2.0},
+        multipliers=EARLY,
     )
     return replace(found, **changes)
 

@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 
 from islandgp.bt.language import MAX_NUMBER
 from islandgp.bt.node import ABORTS, ACTIONS, KEYS, OPERATORS, POLICIES, REPEATS, Node
-from islandgp.scoring.state import PopulationState, Snapshot, StateSettings, population_state
+from islandgp.scoring.state import PopulationState, Snapshot
+from tests.made import state
 
 _FLAGS = [name for name, key in KEYS.items() if key.flag]
 _NUMBERS = [name for name, key in KEYS.items() if not key.flag]
@@ -106,18 +107,4 @@ def population_states(draw: st.DrawFn, generations: int = 41) -> PopulationState
     last = draw(st.integers(0, generations - 1))
     first = max(0, last - draw(st.integers(0, 7)))
     history = [draw(snapshots(g)) for g in range(first, last + 1)]
-    return population_state(
-        history,
-        StateSettings(window=5, improvement=0.01, low_diversity=0.3),
-        crossover_rate=0.8,
-        population=30,
-        generations=generations,
-        generations_per_epoch=5,
-        multipliers={
-            "garbage": 2.0,
-            "battery": 1.0,
-            "humanoid": 1.5,
-            "delivery": 1.0,
-            "leftover": 0.8,
-        },
-    )
+    return state(history, generations=generations)

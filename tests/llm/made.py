@@ -16,6 +16,7 @@ from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Reques
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.supervisor import LLM
 from tests.composed import composed
+from tests.made import EARLY
 
 DECISION = {
     "mutation_rate": 0.42,
@@ -96,13 +97,7 @@ def state(
         crossover_rate=0.8,
         population=30,
         generations=41,
-        multipliers={
-            "garbage": 2.0,
-            "battery": 1.0,
-            "humanoid": 1.5,
-            "delivery": 1.0,
-            "leftover": 0.8,
-        },
+        multipliers=EARLY,
     )
 
 
