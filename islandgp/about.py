@@ -10,9 +10,9 @@ from time import time
 from typing import Any
 from uuid import uuid4
 
-from islandgp.resume import FREE
 from islandgp.settings import Settings
 from islandgp.tracking.folder import About, RunFolder
+from islandgp.tracking.parameters import MACHINERY
 from islandgp.version import code_version
 
 
@@ -21,7 +21,7 @@ def about_run(
 ) -> About:
     """The same id and start as before, where a run goes on."""
     before = target.about()
-    shape = {key: value for key, value in config.items() if key not in FREE}
+    shape = {key: value for key, value in config.items() if key not in MACHINERY}
     alike = {key: value for key, value in shape.items() if key not in {"seed", "name"}}
     return About(
         id=before.id if before else uuid4().hex,

@@ -21,14 +21,16 @@ from omegaconf.errors import OmegaConfBaseException
 from islandgp.errors import ConfigError
 from islandgp.resources import resource
 from islandgp.settings import Settings, read_settings, unknown_key
-from islandgp.tracking.parameters import HIDDEN, is_secret
+from islandgp.tracking.parameters import HIDDEN, MACHINERY, is_secret
 
-MACHINERY: Final = frozenset({"evaluator", "tracking", "hydra", "runs", "resume", "progress"})
-"""Overrides that do not change a run's records."""
-
-NOT_IN_FOLDER: Final = frozenset(
-    {*MACHINERY, "name", "seed", "experiment", "supervisor", "supervisor.policy.base_url"}
-)
+NOT_IN_FOLDER: Final = MACHINERY | {
+    "hydra",
+    "name",
+    "seed",
+    "experiment",
+    "supervisor",
+    "supervisor.policy.base_url",
+}
 """Overrides that a run's folder name leaves out, or says otherwise."""
 
 EXTRAS: Final = {"joblib": "joblib", "ray": "ray", "submitit": "submitit"}
@@ -92,7 +94,7 @@ def run_folder(settings: Settings, overrides: Sequence[str], home: Path) -> Path
 def is_choice(override: str) -> bool:
     """Whether an override tells arms apart: all do but name, seed, machinery and secrets."""
     group = _group(override)
-    return not is_secret(_key(override)) and group not in MACHINERY | {"name", "seed"}
+    return not is_secret(_key(override)) and group not in MACHINERY | {"hydra", "name", "seed"}
 
 
 def command_line(words: Sequence[str]) -> str:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any
 
 import yaml
 
 from islandgp.errors import RunError
 from islandgp.tracking.folder import RunFolder
-
-FREE: Final = frozenset({"runs", "resume", "progress", "evaluator", "tracking"})
-"""Keys that may differ between a run and its resumption: they do not change its records."""
+from islandgp.tracking.parameters import MACHINERY
 
 
 def choose(folder: RunFolder, resume: str, config: Mapping[str, Any]) -> RunFolder:
@@ -41,10 +39,10 @@ def choose(folder: RunFolder, resume: str, config: Mapping[str, Any]) -> RunFold
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any], path: str = "") -> list[str]:
-    """The keys whose values differ, as `key: old -> new`; keys of FREE are left out."""
+    """The keys whose values differ, as `key: old -> new`; MACHINERY is left out."""
     found = []
     for key in sorted({*old, *new}, key=str):
-        if not path and key in FREE:
+        if not path and key in MACHINERY:
             continue
         name, a, b = f"{path}{key}", old.get(key), new.get(key)
         if isinstance(a, Mapping) and isinstance(b, Mapping):

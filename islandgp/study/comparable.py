@@ -9,10 +9,9 @@ from typing import Any, Final
 from islandgp.errors import StudyError
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.select import Selection, parse_selection, spans
+from islandgp.tracking.parameters import MACHINERY
 
-IRRELEVANT: Final = frozenset(
-    {"seed", "name", "runs", "resume", "progress", "evaluator", "tracking"}
-)
+IRRELEVANT: Final = MACHINERY | {"seed", "name"}
 """Groups that do not change a record, or that are looked at by themselves (the seed)."""
 
 STUDIED: Final = frozenset({"supervisor"})

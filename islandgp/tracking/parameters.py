@@ -1,4 +1,4 @@
-"""A configuration as flat pairs, and without its secrets."""
+"""What is known of configuration keys: which are secret, and which shape no record."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
+
+MACHINERY: Final = frozenset({"evaluator", "tracking", "runs", "resume", "progress"})
+"""Top-level keys that do not change a run's records."""
 
 SECRET: Final = re.compile(r"(^|_)(api_?key|token|secret|password)$", re.IGNORECASE)
 HIDDEN: Final = "***"

@@ -14,9 +14,9 @@ from click.testing import CliRunner
 from islandgp.app import main
 from islandgp.cli import islandgp
 from islandgp.progress import COLUMNS
-from islandgp.resume import FREE
 from islandgp.tracking.artifacts import FILES
 from islandgp.tracking.metrics import final_metrics, metrics
+from islandgp.tracking.parameters import MACHINERY
 from islandgp.tracking.sent import FILE
 from tests.running.commands import ROOT, finish, start
 from tests.tracking.folders import steps
@@ -93,10 +93,10 @@ def test_every_section_of_charts_is_named() -> None:
 
 
 def test_what_may_differ_at_a_resumption_is_named() -> None:
-    """The keys of FREE, and no others."""
+    """The keys of MACHINERY, and no others."""
     sentence = re.search(r"^(.*) may always differ", TEXT, re.MULTILINE)
     assert sentence is not None
-    assert set(re.findall(r"`(\w+)`", sentence[1])) == FREE
+    assert set(re.findall(r"`(\w+)`", sentence[1])) == MACHINERY
 
 
 def test_the_head_of_the_table_is_the_programs() -> None:
