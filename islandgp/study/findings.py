@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from islandgp.study.arms import Comparison, Run, paired
+from islandgp.study.arms import Comparison, paired
 from islandgp.study.emergence import ranks
 from islandgp.study.measures import Measure, values
 from islandgp.study.statistics import (
@@ -41,32 +41,24 @@ class Finding:
     @property
     def numbers(self) -> tuple[list[float], list[float]]:
         """The samples as a rank test takes them; censored runs after the last generation."""
-        a, b = (_numbers(sample, self.generations) for sample in self.samples)
+        a, b = (ranks(sample, self.generations) for sample in self.samples)
         return a, b
 
 
 def family(study: Comparison, measures: Sequence[Measure]) -> tuple[Finding, ...]:
     """All pairs of arms by all measures; each kind of test is adjusted over all of its p-values."""
     found = [
-        compare(m, (a.name, b.name), a.runs, b.runs, study.generations, in_pairs=paired(a, b))
+        examine(
+            m,
+            (a.name, b.name),
+            (values(m, a.runs), values(m, b.runs)),
+            study.generations,
+            in_pairs=paired(a, b),
+        )
         for a, b in study.pairs
         for m in measures
     ]
     return adjust(found)
-
-
-def compare(
-    measure: Measure,
-    arms: tuple[str, str],
-    first: Sequence[Run],
-    second: Sequence[Run],
-    generations: int,
-    *,
-    in_pairs: bool,
-) -> Finding:
-    """One comparison, before it is adjusted for the others."""
-    samples = (tuple(values(measure, first)), tuple(values(measure, second)))
-    return examine(measure, arms, samples, generations, in_pairs=in_pairs)
 
 
 def examine(
@@ -77,8 +69,11 @@ def examine(
     *,
     in_pairs: bool,
 ) -> Finding:
-    """The tests of two samples; `in_pairs` when their values belong together one by one."""
-    a, b = (_numbers(sample, generations) for sample in samples)
+    """The tests of two samples, before they are adjusted for others.
+
+    `in_pairs` when their values belong together one by one.
+    """
+    a, b = (ranks(sample, generations) for sample in samples)
     censored = any(v is None for sample in samples for v in sample)
     rank = rank_test(a, b)
     return Finding(
@@ -112,10 +107,6 @@ def _adjusted(
     raw = [p(f) for f in findings]
     known = iter(benjamini_hochberg([x for x in raw if x is not None]))
     return [None if x is None else next(known) for x in raw]
-
-
-def _numbers(sample: Sequence[float | None], generations: int) -> list[float]:
-    return ranks(sample, generations)
 
 
 def finding(findings: Sequence[Finding], key: str, arms: tuple[str, str]) -> Finding:

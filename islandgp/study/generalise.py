@@ -6,11 +6,11 @@ world. Here each run's champion meets the same unseen worlds, in the last stage.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import count, islice
 from statistics import fmean
-from typing import Any, Final, Protocol
+from typing import Any
 
 from islandgp.evaluation.base import Evaluator, Job, Setting
 from islandgp.island.world import World
@@ -19,14 +19,6 @@ from islandgp.scoring.curriculum import Curriculum
 from islandgp.scoring.outcome import Outcome
 from islandgp.scoring.rewards import Rewards
 from islandgp.study.arms import Comparison, Run
-
-WORLDS: Final = 30
-
-
-class MakeEvaluator(Protocol):
-    """Makes an evaluator for a setting."""
-
-    def __call__(self, setting: Setting) -> Evaluator: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +50,7 @@ def setting_of(run: Run) -> tuple[Setting, Classes]:
 
 
 def generalise(
-    study: Comparison, make: MakeEvaluator, *, worlds: int, yardstick: str
+    study: Comparison, make: Callable[[Setting], Evaluator], *, worlds: int, yardstick: str
 ) -> tuple[Generalisation, ...]:
     """Each run's champion, and one tree from elsewhere, on the same unseen worlds.
 

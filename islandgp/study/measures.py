@@ -135,6 +135,6 @@ FURTHER: Final = (*TABLE_12, MUTATION)
 """What the paper compares without a test: a family of its own here."""
 
 
-def values(measure: Measure, runs: Sequence[Run]) -> list[float | None]:
+def values(measure: Measure, runs: Sequence[Run]) -> tuple[float | None, ...]:
     """A measure of each run, in their order."""
-    return [measure.of(run) for run in runs]
+    return tuple(map(measure.of, runs))
