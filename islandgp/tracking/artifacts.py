@@ -19,48 +19,43 @@ from islandgp.scoring.rewards import Rewards
 from islandgp.tracking.chart import Line, Panel, svg
 from islandgp.tracking.folder import About, RunFolder, Status
 
-FILES: Final = {
-    "best.bt": "best.bt",
-    "lineage.csv": "lineage.csv",
-    "generations.jsonl": "generations.jsonl",
-    "costs.jsonl": "costs.jsonl",
-    "summary.json": "summary.json",
-    "transcript.jsonl": "transcript.jsonl",
-    "error.txt": "error.txt",
-}
-"""Files of the folder that are sent as they are, and their names in MLflow."""
+FILES: Final = (
+    "best.bt",
+    "lineage.csv",
+    "generations.jsonl",
+    "costs.jsonl",
+    "summary.json",
+    "transcript.jsonl",
+    "error.txt",
+)
+"""Files of the folder that are sent as they are."""
 
 TABLE: Final = "generations.json"  # in the form of MLflow's log_table
 
 
 @dataclass(frozen=True, slots=True)
 class Artifact:
-    """One file: a file of the folder, or a text made for the purpose."""
+    """One file in MLflow."""
 
-    name: str  # path in MLflow
-    file: Path | None
-    text: Callable[[], str]
+    name: str
+    content: Path | Callable[[], str]  # a file of that name, or a text made for the purpose
 
 
 def artifacts(folder: RunFolder) -> Iterator[Artifact]:
     """All files of a run that is over; what a run has not come to is left out."""
-    for name, sent_as in FILES.items():
+    for name in FILES:
         if (file := folder.path / name).exists():
-            yield Artifact(sent_as, file, file.read_text)
+            yield Artifact(name, file)
     records = list(folder.records())
     if records:
-        yield _made(TABLE, lambda: json.dumps(table(records)))
-        yield _made("curves.svg", lambda: svg(curves(records)))
+        yield Artifact(TABLE, lambda: json.dumps(table(records)))
+        yield Artifact("curves.svg", lambda: svg(curves(records)))
     if (best := folder.path / "best.bt").exists():
         text = best.read_text(encoding="utf-8")
-        yield _made("best.bt.txt", lambda: text)  # MLflow shows .txt, not .bt
-        yield _made("best.svg", lambda: _picture(text))
+        yield Artifact("best.bt.txt", lambda: text)  # MLflow shows .txt, not .bt
+        yield Artifact("best.svg", lambda: _picture(text))
     if folder.finished():
-        yield _made("replay.html", lambda: _replay(folder))
-
-
-def _made(name: str, text: Callable[[], str]) -> Artifact:
-    return Artifact(name, None, text)
+        yield Artifact("replay.html", lambda: _replay(folder))
 
 
 def _picture(tree: str) -> str:

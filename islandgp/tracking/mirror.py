@@ -12,6 +12,7 @@ import json
 from dataclasses import replace
 from getpass import getuser
 from itertools import islice
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import yaml
@@ -179,8 +180,7 @@ def create_run(store: Store, about: About, key: str) -> str:
 
 def log_artifact(store: Store, run: str, artifact: Artifact) -> None:
     """One file of an MLflow run."""
-    folder, _, name = artifact.name.rpartition("/")
-    if artifact.file is not None and artifact.file.name == name:
-        store.client.log_artifact(run, str(artifact.file), folder or None)
+    if isinstance(artifact.content, Path):
+        store.client.log_artifact(run, str(artifact.content))
     else:
-        store.client.log_text(run, artifact.text(), artifact.name)
+        store.client.log_text(run, artifact.content(), artifact.name)
