@@ -18,10 +18,10 @@ from islandgp.scoring.outcome import Outcome
 class Specialist(StrEnum):
     """The exclusive classes that diversity counts."""
 
-    PATROL_ONLY = "patrol_only"
-    PICKUP = "pickup"
-    HUMANOID = "humanoid"
-    BALANCED = "balanced"
+    PATROL_ONLY = "patrol_only"  # no pickup and no interaction
+    PICKUP = "pickup"  # far more pickups than interactions
+    HUMANOID = "humanoid"  # far more interactions than pickups
+    BALANCED = "balanced"  # both
 
 
 class Tier(StrEnum):

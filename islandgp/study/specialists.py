@@ -13,4 +13,3 @@ SPECIALISTS: Final[dict[str, Callable[[Snapshot], int]]] = {
     "charging": lambda s: s.charging,
     "clearing": lambda s: s.clearing,
 }
-"""The rows of Table 13: two classes and two labels."""

@@ -1,4 +1,4 @@
-"""A recorded run again, offline: the answers come from its transcript (DESIGN: supervisor=replay).
+"""A recorded run again, offline: the answers come from its transcript.
 
 The states, the prompts, the funnel and the fallback are worked out anew, by the
 same code as in the recorded run; only the network's part is read. So the

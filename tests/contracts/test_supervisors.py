@@ -1,4 +1,4 @@
-"""What every supervisor promises, whoever it is (DESIGN section 7).
+"""What every supervisor promises, whoever it is.
 
 A new supervisor is one entry of MAKERS.
 """
