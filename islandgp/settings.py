@@ -12,52 +12,17 @@ from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from typing import Any, Literal, Self
 
-from pydantic import (
-    BaseModel,
-    Field,
-    ImportString,
-    ValidationError,
-    ValidationInfo,
-    field_validator,
-    model_validator,
-)
+from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from islandgp.errors import ConfigError
 from islandgp.evolution.allocation import Allocation
 from islandgp.evolution.plan import GP, Plan, Switches
 from islandgp.island.script import obstacles
 from islandgp.island.world import World
+from islandgp.part import Part
 from islandgp.scoring.classify import Classes
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.scoring.rewards import Rewards
-
-
-class Part(BaseModel, frozen=True, extra="forbid"):
-    """A part that configuration chooses: a class, and the settings for it.
-
-    The class carries a pydantic model `Settings` and is made by `make(settings, ...)`.
-    """
-
-    factory: ImportString[Any]  # "package.module:Class"
-    policy: dict[str, Any] = Field(default_factory=dict, validate_default=True)
-
-    @field_validator("factory")
-    @classmethod
-    def _can_make(cls, factory: Any) -> Any:
-        if not (hasattr(factory, "Settings") and hasattr(factory, "make")):
-            raise ValueError(f"expected a class with Settings and make, found {factory!r}")
-        return factory
-
-    @field_validator("policy")
-    @classmethod
-    def _fits_factory(cls, policy: dict[str, Any], found: ValidationInfo) -> dict[str, Any]:
-        if (factory := found.data.get("factory")) is not None:
-            factory.Settings.model_validate(policy)  # its errors become errors of this field
-        return policy
-
-    def settings(self) -> Any:
-        """`policy` as the class's own Settings."""
-        return self.factory.Settings.model_validate(self.policy)
 
 
 class SupervisorSettings(Part, frozen=True, extra="forbid"):

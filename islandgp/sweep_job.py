@@ -13,8 +13,9 @@ from omegaconf import DictConfig
 
 from islandgp.compose import read, run_folder
 from islandgp.evaluation.processes import cores
+from islandgp.part import Part
 from islandgp.run import run
-from islandgp.settings import Part, Settings
+from islandgp.settings import Settings
 from islandgp.sweep_progress import Start, job_line, sweep_line, written_since
 
 ALONE: Final = frozenset({"BasicLauncher", "SlurmLauncher"})

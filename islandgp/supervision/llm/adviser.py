@@ -49,8 +49,7 @@ class Adviser:
             size = _size(settings.explore)
             render(prompt, {**self.values, **size, **dict.fromkeys(_LATER, "")})
         part = settings.fallback
-        policy = part.factory.Settings.model_validate(part.policy)
-        self.fallback: Supervisor = part.factory.make(policy, setup)
+        self.fallback: Supervisor = part.factory.make(part.settings(), setup)
 
     def advise(
         self, state: PopulationState, rng: np.random.Generator, calls: Calls, dialect: Dialect

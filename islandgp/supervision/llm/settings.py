@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 from urllib.parse import urlsplit
 
-from pydantic import (
-    BaseModel,
-    Field,
-    ImportString,
-    SecretStr,
-    ValidationInfo,
-    field_validator,
-    model_validator,
-)
+from pydantic import BaseModel, Field, SecretStr, field_validator, model_validator
 
+from islandgp.part import Part
 from islandgp.supervision.base import Phase
 from islandgp.supervision.llm.funnel import RateSettings
 from islandgp.supervision.llm.ledger import Caps
@@ -31,18 +24,8 @@ class TreeSize(BaseModel, frozen=True, extra="forbid"):
     most_nodes: int = Field(ge=1)
 
 
-class Fallback(BaseModel, frozen=True, extra="ignore"):
+class Fallback(Part, frozen=True, extra="ignore"):
     """The supervisor that answers where the model does not; its switches and lag do not count."""
-
-    factory: ImportString[Any]
-    policy: dict[str, Any]
-
-    @field_validator("policy")
-    @classmethod
-    def _fits_factory(cls, policy: dict[str, Any], found: ValidationInfo) -> dict[str, Any]:
-        if (factory := found.data.get("factory")) is not None:
-            factory.Settings.model_validate(policy)
-        return policy
 
 
 class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=True):

@@ -1,0 +1,35 @@
+"""A part of a run that configuration chooses: a supervisor, an evaluator, a tracker."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import BaseModel, Field, ImportString, ValidationInfo, field_validator
+
+
+class Part(BaseModel, frozen=True, extra="forbid"):
+    """A part that configuration chooses: a class, and the settings for it.
+
+    The class carries a pydantic model `Settings` and is made by `make(settings, ...)`.
+    """
+
+    factory: ImportString[Any]  # "package.module:Class"
+    policy: dict[str, Any] = Field(default_factory=dict, validate_default=True)
+
+    @field_validator("factory")
+    @classmethod
+    def _can_make(cls, factory: Any) -> Any:
+        if not (hasattr(factory, "Settings") and hasattr(factory, "make")):
+            raise ValueError(f"expected a class with Settings and make, found {factory!r}")
+        return factory
+
+    @field_validator("policy")
+    @classmethod
+    def _fits_factory(cls, policy: dict[str, Any], found: ValidationInfo) -> dict[str, Any]:
+        if (factory := found.data.get("factory")) is not None:
+            factory.Settings.model_validate(policy)  # its errors become errors of this field
+        return policy
+
+    def settings(self) -> Any:
+        """`policy` as the class's own Settings."""
+        return self.factory.Settings.model_validate(self.policy)
