@@ -14,15 +14,12 @@ tracking.json       what a tracking server has got of all this (tracking.mirror)
 
 from __future__ import annotations
 
-import csv
 import json
-import os
 import re
 import traceback
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from enum import StrEnum
-from itertools import islice
 from pathlib import Path
 from time import time
 from typing import Any
@@ -30,11 +27,11 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from islandgp.errors import IslandError, RunError
-from islandgp.evolution.checkpoint import dump, load_state, save_state, write_atomic
+from islandgp.evolution.checkpoint import load_state, save_state, write_atomic
 from islandgp.evolution.record import RunState, Step
 from islandgp.scoring.state import Snapshot
-
-LINEAGE = ("generation", "id", "origin", "parents", "mutation", "fitness", "specialist", "tiers")
+from islandgp.tracking.lineage import write_lineage
+from islandgp.tracking.lines import Lines
 
 
 class Status(StrEnum):
@@ -65,6 +62,8 @@ class RunFolder:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._lock = FileLock(path / ".lock")
+        self._generations = Lines(path / "generations.jsonl")
+        self._costs = Lines(path / "costs.jsonl")
 
     def open(self, config: str, about: About) -> None:
         """Takes the folder for this process and writes down whose it is.
@@ -134,17 +133,8 @@ class RunFolder:
             RunError: the checkpoint is damaged, or records before it are damaged or missing.
         """
         state = self._state()
-        for name in ("generations.jsonl", "costs.jsonl"):
-            file = self.path / name
-            lines = file.read_bytes().splitlines(keepends=True) if file.exists() else []
-            keep = lines[: state.generation if state else 0]
-            if state is not None and len(keep) < state.generation:
-                raise RunError(
-                    f"Expected {state.generation} generations in {file}, found {len(keep)};"
-                    " delete the run's folder or use resume=never."
-                )
-            if keep != lines or not file.exists():
-                write_atomic(file, b"".join(keep))
+        for lines in (self._generations, self._costs):
+            lines.cut(state.generation if state else 0)
         return state
 
     def _state(self) -> RunState | None:
@@ -155,24 +145,18 @@ class RunFolder:
             return load_state(checkpoint, (Snapshot(**r["snapshot"]) for r in self.records()))
         except (ValueError, KeyError, TypeError) as error:
             raise RunError(
-                f"Expected generation records in {self.path / 'generations.jsonl'}, found a damaged"
+                f"Expected generation records in {self._generations.path}, found a damaged"
                 f" file ({error}); delete the run's folder or use resume=never."
             ) from error
 
     def append(self, step: Step) -> None:
         """Writes a generation down, then the state to go on from."""
-        self._line("generations.jsonl", asdict(step.record))
-        self._line("costs.jsonl", {**asdict(step.cost), "at": int(1000 * time())})
+        self._generations.append(asdict(step.record))
+        self._costs.append({**asdict(step.cost), "at": int(1000 * time())})
         if step.champion.generation == step.record.snapshot.generation:
             write_atomic(self.path / "best.bt", step.champion.record.tree.encode())
         if step.state is not None:
             save_state(self.path / "checkpoint.json", step.state)
-
-    def _line(self, name: str, value: dict[str, Any]) -> None:
-        with (self.path / name).open("ab") as file:
-            file.write(dump(value).encode() + b"\n")
-            file.flush()
-            os.fsync(file.fileno())  # before the checkpoint, which counts on this line
 
     def settled(self) -> int:
         """How many generations no resumption will take back, >= 0."""
@@ -187,34 +171,17 @@ class RunFolder:
 
     def finish(self, summary: dict[str, Any]) -> None:
         """Writes the lineage and the summary, and throws the checkpoint away."""
-        with (self.path / "lineage.csv").open("w", newline="", encoding="utf-8") as file:
-            out = csv.writer(file)
-            out.writerow(LINEAGE)
-            for record in self.records():
-                generation = record["snapshot"]["generation"]
-                for i in record["individuals"]:
-                    row = {**i, "generation": generation}
-                    row["parents"], row["tiers"] = " ".join(i["parents"]), " ".join(i["tiers"])
-                    out.writerow([row[name] for name in LINEAGE])
+        write_lineage(self.path / "lineage.csv", self.records())
         write_atomic(self.path / "summary.json", _pretty(summary))
         (self.path / "checkpoint.json").unlink(missing_ok=True)
 
     def records(self, first: int = 0) -> Iterator[dict[str, Any]]:
         """The generation records from the `first` on, as plain JSON values."""
-        yield from self._read("generations.jsonl", first)
+        return self._generations.read(first)
 
     def costs(self, first: int = 0) -> Iterator[dict[str, Any]]:
         """What the generations took, from the `first` on; `at` is ms since 1970."""
-        yield from self._read("costs.jsonl", first)
-
-    def _read(self, name: str, first: int) -> Iterator[dict[str, Any]]:
-        file = self.path / name
-        if not file.exists():
-            return
-        with file.open(encoding="utf-8") as lines:
-            for line in islice(lines, first, None):
-                if line.endswith("\n"):
-                    yield json.loads(line)
+        return self._costs.read(first)
 
     def summary(self) -> dict[str, Any]:
         """The end of a finished run."""
