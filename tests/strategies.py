@@ -86,8 +86,6 @@ def snapshots(generation: int, population: int = 30) -> st.SearchStrategy[Snapsh
         specialists=st.fixed_dictionaries(
             dict.fromkeys(("patrol_only", "pickup", "humanoid", "balanced"), count)
         ),
-        charging=count,
-        clearing=count,
         doing=st.fixed_dictionaries(
             dict.fromkeys(("pickup", "humanoid", "clearing", "charging"), count)
         ),

@@ -9,7 +9,7 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -126,3 +126,8 @@ def individual_record(plain: dict[str, Any]) -> IndividualRecord:
     """An individual's line from its JSON."""
     lists = ("parents", "components", "tiers", "endings")
     return IndividualRecord(**{**plain, **{name: tuple(plain[name]) for name in lists}})
+
+
+def snapshot(plain: dict[str, Any]) -> Snapshot:
+    """A generation in numbers from its JSON; older records hold some numbers twice."""
+    return Snapshot(**{field.name: plain[field.name] for field in fields(Snapshot)})

@@ -51,9 +51,9 @@ class Snapshot:
     diversity: float  # Eq. (3)
     working: float  # Eq. (4)
     specialists: dict[str, int]  # individuals by exclusive class
-    charging: int  # individuals with the label
-    clearing: int  # individuals with the label
-    doing: dict[str, int]  # individuals with >= 1 pickup, humanoid interaction, delivery, charge
+    # Individuals with >= 1 pickup, humanoid interaction, delivery, charge. The latter two are those
+    # that carry the labels clearing and charging (section 2.3.3).
+    doing: dict[str, int]
     tiers: dict[str, int]  # individuals by tier of Table 4
     distance: float  # m, mean
     inactive: float  # s since the last non-movement action, mean
@@ -86,8 +86,6 @@ def measure(
         diversity=diversity(labels),
         working=working_ratio(outcomes),
         specialists={c.value: counts[c] for c in Specialist},
-        charging=sum(map(is_charging, outcomes)),
-        clearing=sum(map(is_clearing, outcomes)),
         doing={
             "pickup": sum(o.pickups >= 1 for o in outcomes),
             "humanoid": sum(o.interactions >= 1 for o in outcomes),

@@ -11,9 +11,8 @@ from typing import Any
 import yaml
 
 from islandgp.errors import StudyError
-from islandgp.evolution.checkpoint import individual_record
+from islandgp.evolution.checkpoint import individual_record, snapshot
 from islandgp.evolution.record import Champion, Cost, GenerationRecord, GuidanceRecord
-from islandgp.scoring.state import Snapshot
 from islandgp.study.arms import Run
 from islandgp.tracking.folder import RunFolder
 
@@ -109,7 +108,7 @@ def _record(plain: dict[str, Any]) -> GenerationRecord:
     return GenerationRecord(
         **{
             **plain,
-            "snapshot": Snapshot(**plain["snapshot"]),
+            "snapshot": snapshot(plain["snapshot"]),
             "worlds": tuple(plain["worlds"]),
             "individuals": tuple(map(individual_record, plain["individuals"])),
             "guidance": None if guidance is None else GuidanceRecord(**guidance),

@@ -10,6 +10,6 @@ from islandgp.scoring.state import Snapshot
 SPECIALISTS: Final[dict[str, Callable[[Snapshot], int]]] = {
     "pickup": lambda s: s.specialists["pickup"],
     "humanoid": lambda s: s.specialists["humanoid"],
-    "charging": lambda s: s.charging,
-    "clearing": lambda s: s.clearing,
+    "charging": lambda s: s.doing["charging"],
+    "clearing": lambda s: s.doing["clearing"],
 }

@@ -94,7 +94,11 @@ def state_json(state: PopulationState, crisis: Crisis) -> dict[str, Any]:
             "mean_trend": round(state.mean_trend),
         },
         "history": [_line(s) for s in state.history],
-        "specialists": {**now.specialists, "charging": now.charging, "clearing": now.clearing},
+        "specialists": {
+            **now.specialists,
+            "charging": now.doing["charging"],
+            "clearing": now.doing["clearing"],
+        },
         "doing": dict(now.doing),
         "behaviours": {"dominant": state.dominant, "lacking": list(state.lacking)},
         "diversity": {

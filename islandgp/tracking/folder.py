@@ -27,9 +27,8 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from islandgp.errors import IslandError, RunError
-from islandgp.evolution.checkpoint import load_state, save_state, write_atomic
+from islandgp.evolution.checkpoint import load_state, save_state, snapshot, write_atomic
 from islandgp.evolution.record import RunState, Step
-from islandgp.scoring.state import Snapshot
 from islandgp.tracking.lineage import write_lineage
 from islandgp.tracking.lines import Lines
 
@@ -142,7 +141,7 @@ class RunFolder:
         if not checkpoint.exists():
             return None
         try:
-            return load_state(checkpoint, (Snapshot(**r["snapshot"]) for r in self.records()))
+            return load_state(checkpoint, (snapshot(r["snapshot"]) for r in self.records()))
         except (ValueError, KeyError, TypeError) as error:
             raise RunError(
                 f"Expected generation records in {self._generations.path}, found a damaged"

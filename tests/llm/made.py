@@ -56,8 +56,6 @@ def snapshot(generation: int, best: float, *, complete: int = 0, excellent: int 
         diversity=0.5 + generation / 100,
         working=0.6,
         specialists={"patrol_only": 12, "pickup": 9, "humanoid": 5, "balanced": 4},
-        charging=3,
-        clearing=2,
         doing={"pickup": 14, "humanoid": 8, "clearing": 2, "charging": 0},
         tiers={
             "excellent": excellent,

@@ -56,7 +56,7 @@ WHOLE = {
         "pickup": 9,
         "humanoid": 5,
         "balanced": 4,
-        "charging": 3,
+        "charging": 0,
         "clearing": 2,
     },
     "doing": {"pickup": 14, "humanoid": 8, "clearing": 2, "charging": 0},

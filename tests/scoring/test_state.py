@@ -87,7 +87,6 @@ def test_measure() -> None:
     assert found.diversity == 0.75
     assert found.working == 0.75
     assert found.specialists == {"patrol_only": 1, "pickup": 1, "humanoid": 1, "balanced": 1}
-    assert (found.charging, found.clearing) == (2, 2)
     assert found.doing == {"pickup": 2, "humanoid": 2, "clearing": 2, "charging": 2}
     assert found.tiers == {"excellent": 0, "complete": 1, "full_service": 1, "balanced_elite": 1}
     assert (found.distance, found.inactive, found.size) == (250, 25, 6)

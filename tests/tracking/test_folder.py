@@ -79,6 +79,17 @@ def test_a_record_that_is_missing_before_the_checkpoint_is_an_error(tmp_path: Pa
         folder.resume()
 
 
+def test_a_run_of_an_older_version_goes_on(tmp_path: Path) -> None:
+    """Records that hold more than today's are read as today's."""
+    folder = written(tmp_path / "one", tmp_path, 3)
+    before = folder.resume()
+    file = folder.path / "generations.jsonl"
+    old = file.read_bytes().replace(b'"doing":', b'"charging":4,"clearing":4,"doing":')
+    file.write_bytes(old)
+    assert folder.resume() == before
+    assert file.read_bytes() == old
+
+
 @pytest.mark.parametrize("line", [b"{}", b'{"snapshot": 3}', b'{"snap', b'{"snapshot": {"a": 1}}'])
 def test_a_damaged_record_before_the_checkpoint_is_an_error(tmp_path: Path, line: bytes) -> None:
     """The run's history is read from its records, so they are checked like the checkpoint."""

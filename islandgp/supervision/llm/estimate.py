@@ -124,8 +124,6 @@ def _state(setup: Setup) -> PopulationState:
         diversity=0.567,
         working=0.867,
         specialists={"patrol_only": 4, "pickup": 11, "humanoid": 7, "balanced": 8},
-        charging=12,
-        clearing=14,
         doing={"pickup": 19, "humanoid": 15, "clearing": 14, "charging": 12},
         tiers={"excellent": 1, "complete": 4, "full_service": 5, "balanced_elite": 6},
         distance=1234.0,
