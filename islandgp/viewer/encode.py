@@ -6,7 +6,8 @@ from collections.abc import Iterable, Sequence
 from itertools import groupby
 from typing import Any, Final
 
-from islandgp.bt.node import KEYS, Node, walk
+from islandgp.bt.condition import thresholds
+from islandgp.bt.node import KEYS
 from islandgp.bt.render.label import label
 from islandgp.bt.render.layout import lay_out
 from islandgp.scoring.rewards import Component
@@ -55,7 +56,7 @@ def encode(recording: Recording, *, title: str) -> dict[str, Any]:
                 "key": name,
                 "flag": key.flag,
                 "meaning": key.meaning,
-                "marks": _marks(recording.tree, name),
+                "marks": [] if key.flag else thresholds(recording.tree, name),
                 "changes": _changes(round(board[place], 1) for board in recording.boards),
             }
             for place, (name, key) in enumerate(KEYS.items())
@@ -106,9 +107,3 @@ def _changes(values: Iterable[Any]) -> list[Any]:
             told += [tick - last, value]
             last, before = tick, value
     return told
-
-
-def _marks(tree: Node, key: str) -> list[float]:
-    """The numbers that the tree compares a key with."""
-    asked = (node.args for node in walk(tree) if node.kind == "when")
-    return sorted({float(args[2]) for args in asked if args[0] == key and not KEYS[key].flag})

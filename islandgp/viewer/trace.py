@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 from islandgp.bt.node import KEYS, Node, walk
@@ -59,15 +59,8 @@ def merged(found: list[Stint]) -> list[Stint]:
         last = told[-1] if told else None
         same = last is not None and (last.place, last.result) == (stint.place, stint.result)
         if last is not None and same and stint.start == stint.end and last.end >= stint.start - 1:
-            told[-1] = Stint(
-                last.start,
-                stint.end,
-                last.place,
-                last.action,
-                last.result,
-                last.points + stint.points,
-                last.times + 1,
-            )
+            points = last.points + stint.points
+            told[-1] = replace(last, end=stint.end, points=points, times=last.times + 1)
         else:
             told.append(stint)
     return told

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from islandgp.bt.language import parse
-from islandgp.bt.node import Node
+from islandgp.bt.node import Node, depth, size
 from islandgp.bt.render.label import label
 from islandgp.bt.render.layout import BOX, Box, lay_out
 from islandgp.bt.render.svg import COLOURS, to_svg
@@ -76,8 +76,6 @@ def _last_stage(run: Run) -> range:
 
 
 def _size(tree: str) -> str:
-    from islandgp.bt.node import depth, size
-
     node = parse(tree)
     return f"{size(node)} nodes, depth {depth(node)}"
 

@@ -8,12 +8,7 @@ from statistics import fmean
 from islandgp.scoring.rewards import Component
 from islandgp.study.arms import Comparison
 from islandgp.study.generalise import Generalisation
-from islandgp.study.notation import (
-    NONE,
-    number,
-    spread,
-    tested,
-)
+from islandgp.study.notation import NONE, number, spread, tested
 from islandgp.study.statistics import mean_sd, rank_test
 from islandgp.study.table import Table
 

@@ -9,11 +9,7 @@ from typing import Final
 from islandgp.study import paper
 from islandgp.study.emergence import reduction, summary
 from islandgp.study.findings import Finding, finding
-from islandgp.study.notation import (
-    change,
-    percent,
-    probability,
-)
+from islandgp.study.notation import change, percent, probability
 from islandgp.study.paper import MARK
 from islandgp.study.power import LEVEL
 from islandgp.study.statistics import mean_sd

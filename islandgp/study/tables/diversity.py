@@ -7,11 +7,7 @@ from collections.abc import Sequence
 from islandgp.study import paper
 from islandgp.study.findings import Finding
 from islandgp.study.measures import TABLE_12
-from islandgp.study.notation import (
-    NONE,
-    number,
-    percent,
-)
+from islandgp.study.notation import NONE, number, percent
 from islandgp.study.paper import MARK
 from islandgp.study.table import Table
 from islandgp.study.tables.cells import SIGNS, TESTS, arm_cells, test_cells

@@ -9,13 +9,7 @@ from islandgp.study import paper
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.emergence import Summary, first, reduction, summary
 from islandgp.study.findings import Finding
-from islandgp.study.notation import (
-    NONE,
-    number,
-    percent,
-    probability,
-    spread,
-)
+from islandgp.study.notation import NONE, number, percent, probability, spread
 from islandgp.study.paper import MARK
 from islandgp.study.table import Table
 from islandgp.study.tables.cells import SIGNS, TESTS, rank_cells

@@ -6,11 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from islandgp.study import paper
 from islandgp.study.findings import Finding
-from islandgp.study.notation import (
-    effect,
-    probability,
-    spread,
-)
+from islandgp.study.notation import effect, probability, spread
 from islandgp.study.paper import MARK
 from islandgp.study.table import Table
 from islandgp.study.tables.cells import SIGNS, TESTS, arm_cells, test_cells

@@ -19,9 +19,7 @@ from islandgp.study.lineage import (
     newcomers,
     source_of_first,
 )
-from islandgp.study.notation import (
-    number,
-)
+from islandgp.study.notation import number
 from islandgp.study.table import Table
 
 LATER: Final = 5  # generations after which the lineage table asks who is alive

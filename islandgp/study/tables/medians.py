@@ -7,13 +7,7 @@ from collections.abc import Sequence
 from islandgp.study.emergence import summary
 from islandgp.study.findings import Finding
 from islandgp.study.measures import TABLE_11, Measure
-from islandgp.study.notation import (
-    DIGITS,
-    NONE,
-    interval,
-    probability,
-    tested,
-)
+from islandgp.study.notation import DIGITS, NONE, interval, probability, tested
 from islandgp.study.statistics import bootstrap, median, median_difference
 from islandgp.study.table import Table
 from islandgp.study.tables.emergence import when

@@ -11,11 +11,7 @@ from islandgp.scoring.classify import Tier
 from islandgp.study import paper
 from islandgp.study.arms import Arm, Comparison, Run
 from islandgp.study.emergence import first
-from islandgp.study.notation import (
-    NONE,
-    percent,
-    spread,
-)
+from islandgp.study.notation import NONE, percent, spread
 from islandgp.study.overhead import Supervision, supervision
 from islandgp.study.paper import MARK
 from islandgp.study.statistics import mean_sd

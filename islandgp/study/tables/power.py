@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 from islandgp.study.arms import Comparison
-from islandgp.study.notation import (
-    NONE,
-    number,
-    probability,
-)
+from islandgp.study.notation import NONE, number, probability
 from islandgp.study.power import LEVEL, smallest_difference
 from islandgp.study.table import Table
 

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from islandgp.study import paper
 from islandgp.study.arms import Comparison
-from islandgp.study.notation import (
-    spread,
-)
+from islandgp.study.notation import spread
 from islandgp.study.paper import MARK
 from islandgp.study.specialists import SPECIALISTS
 from islandgp.study.statistics import mean_sd
