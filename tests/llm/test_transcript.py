@@ -11,16 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from islandgp.errors import SupervisionError
+from islandgp.supervision.llm.attempt import Attempt, Call, Part
 from islandgp.supervision.llm.calls import RecordedCalls, difference
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage, clean
-from islandgp.supervision.llm.transcript import (
-    NAME,
-    Attempt,
-    Call,
-    Part,
-    Transcript,
-    find_transcript,
-)
+from islandgp.supervision.llm.transcript import NAME, Transcript, find_transcript
 
 ASK = Request("m", "system text", ("question",), 100, 0.7, {"type": "object"}, False)
 

@@ -15,6 +15,7 @@ from typing import Final, Protocol
 
 from islandgp.errors import SupervisionError
 from islandgp.seeding import Stream, stream
+from islandgp.supervision.llm.attempt import Attempt, Call, Part
 from islandgp.supervision.llm.ledger import Ledger, known_usage
 from islandgp.supervision.llm.message import (
     QUOTED,
@@ -27,7 +28,7 @@ from islandgp.supervision.llm.message import (
 )
 from islandgp.supervision.llm.prices import cost, most_tokens
 from islandgp.supervision.llm.retry import RetrySettings, final, wait
-from islandgp.supervision.llm.transcript import Attempt, Call, Part, Transcript
+from islandgp.supervision.llm.transcript import Transcript
 
 _SLOTS: Final = {"probe": 0, "rate": 1, "tree": 2}  # of Stream.NETWORK
 

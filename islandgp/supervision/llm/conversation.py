@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
+from islandgp.supervision.llm.attempt import Call, Part
 from islandgp.supervision.llm.calls import Calls
 from islandgp.supervision.llm.funnel import Check, Rejection, Stage
 from islandgp.supervision.llm.message import QUOTED, Failure, Request
-from islandgp.supervision.llm.transcript import Call, Part
 
 T = TypeVar("T")
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from islandgp.errors import SupervisionError
+from islandgp.supervision.llm.attempt import Call
 from islandgp.supervision.llm.calls import Calls
 from islandgp.supervision.llm.funnel import find_object
 from islandgp.supervision.llm.message import TRANSIENT, Failure, FailureKind, Reply, Request
 from islandgp.supervision.llm.settings import LLMSettings
-from islandgp.supervision.llm.transcript import Call
 
 _SYSTEM: Final = "Answer in one short sentence."
 _QUESTION: Final = "Please greet me."

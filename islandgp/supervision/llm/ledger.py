@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 from pydantic import BaseModel, Field
 
+from islandgp.supervision.llm.attempt import Attempt
 from islandgp.supervision.llm.message import CHARGED, Failure, FailureKind, Reply, Usage
 from islandgp.supervision.llm.prices import Price, cost
-from islandgp.supervision.llm.transcript import Attempt, Transcript
+from islandgp.supervision.llm.transcript import Transcript
 
 
 class Caps(BaseModel, frozen=True, extra="forbid"):

@@ -16,56 +16,16 @@ import hashlib
 import json
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from threading import Lock
 from typing import Any, Final
 
 from islandgp.errors import SupervisionError
-from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage
+from islandgp.supervision.llm.attempt import Attempt, Call, Part, from_line, to_line
 
 NAME: Final = "transcript.jsonl"
 FORMAT: Final = 1
-
-
-@dataclass(frozen=True, slots=True)
-class Call:
-    """Where in a run a call belongs."""
-
-    generation: int  # whose state is asked about; -1 for the probe
-    part: str  # "rate", "tree" or "probe"
-    turn: int  # 0: the question, 1 and up: repairs
-
-    def __str__(self) -> str:
-        turn = f", repair {self.turn}" if self.turn else ""
-        return f"{self.part} after generation {self.generation}{turn}"
-
-
-@dataclass(frozen=True, slots=True)
-class Attempt:
-    """One attempt at a call."""
-
-    call: Call
-    number: int  # from 1
-    request: Request
-    answer: Reply | Failure
-    usage: Usage | None  # tokens; None: nobody knows
-    at_most: Usage  # tokens that it may have taken; `usage` where that is known
-    usd: float | None  # of `usage`; None: unknown tokens or an unknown price
-    seconds: float  # until the answer
-    waited: float  # s before the attempt
-    at: str  # ISO time of the start
-
-
-@dataclass(frozen=True, slots=True)
-class Part:
-    """What became of one part of the guidance of a generation."""
-
-    generation: int
-    part: str
-    source: str  # "llm", "llm, repaired", "fallback", ...
-    why: str  # of a fallback, else ""
-    rejected: tuple[str, ...]  # stages of the funnel, in order
 
 
 class Transcript:
@@ -109,7 +69,7 @@ class Transcript:
                 self._systems[digest] = attempt.request.system
                 text = attempt.request.system
                 self._write({"line": "system", "sha256": digest, "text": text})
-            self._write({"line": "attempt", **_plain(attempt, digest)})
+            self._write({"line": "attempt", **to_line(attempt, digest)})
 
     def conclude(self, part: Part) -> None:
         """Writes down what became of a part, once."""
@@ -139,7 +99,7 @@ class Transcript:
                 elif kind == "system":
                     self._systems[line["sha256"]] = line["text"]
                 elif kind == "attempt":
-                    self.attempts.append(_attempt(line, self._systems))
+                    self.attempts.append(from_line(line, self._systems))
                 elif kind == "part":
                     self.parts.append(Part(**{**line, "rejected": tuple(line["rejected"])}))
         except (ValueError, KeyError, TypeError) as error:
@@ -167,49 +127,6 @@ def find_transcript(place: Path) -> Path:
 def _lines(data: bytes) -> Iterator[dict[str, Any]]:
     for line in data.splitlines():
         yield json.loads(line)
-
-
-def _plain(attempt: Attempt, system: str) -> dict[str, Any]:
-    request = attempt.request.plain()
-    answer = attempt.answer
-    return {
-        **asdict(attempt.call),
-        "attempt": attempt.number,
-        "at": attempt.at,
-        "request": {**request, "system": system},
-        "digest": attempt.request.digest,
-        "prompt": attempt.request.prompt_digest,
-        "reply": asdict(answer) if isinstance(answer, Reply) else None,
-        "failure": asdict(answer) if isinstance(answer, Failure) else None,
-        "usage": None if attempt.usage is None else asdict(attempt.usage),
-        "at_most": asdict(attempt.at_most),
-        "usd": attempt.usd,
-        "seconds": attempt.seconds,
-        "waited": attempt.waited,
-    }
-
-
-def _attempt(line: Mapping[str, Any], systems: Mapping[str, str]) -> Attempt:
-    said = line["request"]
-    request = Request(**{**said, "system": systems[said["system"]], "turns": tuple(said["turns"])})
-    answer: Reply | Failure
-    if line["reply"] is not None:
-        answer = Reply(**{**line["reply"], "usage": Usage(**line["reply"]["usage"])})
-    else:
-        failure = line["failure"]
-        answer = Failure(**{**failure, "kind": FailureKind(failure["kind"])})
-    return Attempt(
-        call=Call(line["generation"], line["part"], line["turn"]),
-        number=line["attempt"],
-        request=request,
-        answer=answer,
-        usage=None if line["usage"] is None else Usage(**line["usage"]),
-        at_most=Usage(**line["at_most"]),
-        usd=line["usd"],
-        seconds=line["seconds"],
-        waited=line["waited"],
-        at=line["at"],
-    )
 
 
 def _sha256(text: str) -> str:
