@@ -14,9 +14,9 @@ from islandgp.scoring.state import BEHAVIOURS
 class Ancestor:
     """The best individual of a behaviour that has ever been."""
 
-    id: str
+    id: str  # of the individual
     tree: Node
-    fitness: float
+    fitness: float  # points
 
 
 Archive = Mapping[str, Ancestor]  # by behaviour

@@ -19,23 +19,23 @@ from islandgp.scoring.state import Snapshot
 class IndividualRecord:
     """One individual's line: lineage, tree, behaviour, fitness."""
 
-    id: str
-    origin: str
-    parents: tuple[str, ...]
+    id: str  # "<generation>.<slot>"
+    origin: str  # a value of population.Origin
+    parents: tuple[str, ...]  # ids
     mutation: str  # operator, or ""
     tree: str  # canonical text
-    nodes: int
-    depth: int
-    fitness: float  # points
+    nodes: int  # >= 1
+    depth: int  # levels, >= 1
+    fitness: float  # points, Eq. (1)
     components: tuple[float, ...]  # points by scoring.rewards.Component
-    specialist: str
-    tiers: tuple[str, ...]
-    pickups: float
+    specialist: str  # its exclusive class (section 2.3.3)
+    tiers: tuple[str, ...]  # rows of Table 4, best first
+    pickups: float  # these five: as in scoring.outcome.Outcome, mean over episodes
     interactions: float
     deliveries: float
     charges: float
     gathered: float
-    endings: tuple[str, ...]
+    endings: tuple[str, ...]  # why each episode ended
 
 
 def line(e: Evaluated, text: str) -> IndividualRecord:
@@ -67,18 +67,18 @@ class GuidanceRecord:
     """What the supervisor said after a generation, and what was done with it."""
 
     asked_at: int | None  # generation whose state was answered; None: no answer was due yet
-    source: str
-    phase: str | None
-    pattern: str | None
-    target: str | None
-    intervention: bool
-    wanted_rate: float | None
+    source: str  # who it comes from
+    phase: str | None  # row of Table 8
+    pattern: str | None  # row of Table 6
+    target: str | None  # row of Table 7: what the tree is for
+    intervention: bool  # the supervisor saw a need to step in
+    wanted_rate: float | None  # in [0, 1]; None: it said nothing to that
     crisis: str  # Eq. (7): why it is a crisis, or ""
-    applied_rate: float  # Eq. (8)
+    applied_rate: float  # Eq. (8): the rate that made the next population
     tree: str | None  # canonical text
-    injected: bool
+    injected: bool  # the tree took its slot in the next population
     refused: str  # why a tree was not injected, or ""
-    risk: str
+    risk: str  # these four as in supervision.base.Guidance
     reasoning: str
     rationale: str
     notes: dict[str, str]
@@ -91,7 +91,7 @@ class GenerationRecord:
     snapshot: Snapshot
     worlds: tuple[int, ...]  # world seeds
     origins: dict[str, int]  # individuals by origin
-    stagnant_generations: int
+    stagnant_generations: int  # since the best of the present stage last rose
     individuals: tuple[IndividualRecord, ...]  # in slot order
     guidance: GuidanceRecord | None  # for the next generation; None after the last
 
@@ -100,7 +100,7 @@ class GenerationRecord:
 class Champion:
     """The individual with the highest fitness so far."""
 
-    generation: int
+    generation: int  # in which it was evaluated, from 0
     record: IndividualRecord
 
 

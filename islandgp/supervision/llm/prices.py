@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from pydantic import BaseModel, Field
 
 from islandgp.supervision.llm.message import Request, Usage
 
-PER: float = 1e6  # tokens that a price is for
+PER: Final = 1e6  # tokens that a price is for
 
 
 class Price(BaseModel, frozen=True, extra="forbid"):
