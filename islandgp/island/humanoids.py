@@ -6,6 +6,7 @@ from math import inf
 
 import pymunk
 
+from islandgp.island import engine
 from islandgp.island.world import HumanoidSettings
 
 
@@ -14,12 +15,17 @@ class Humanoids:
 
     def __init__(self, settings: HumanoidSettings, bodies: tuple[pymunk.Body, ...]) -> None:
         self.settings = settings
-        self.bodies = bodies
+        self.bodies = [engine.handle(body) for body in bodies]
         self.items = [0] * len(bodies)
         self.unseen = set(range(len(bodies)))
         self.near: set[int] = set()  # those in sight that ask
         self.dues = [0] * len(bodies)  # step from which a look at each can give something else
         self.due = 0  # the earliest of them
+
+    def position(self, h: int) -> complex:
+        """Where `h` is now, x + iy in metres."""
+        at = engine.position(self.bodies[h])
+        return complex(at.x, at.y)
 
     def asks(self, h: int) -> bool:
         """Whether humanoid `h` wants to be cleared."""
@@ -27,7 +33,7 @@ class Humanoids:
 
     def turn(self, h: int, velocity: tuple[float, float]) -> bool:
         """`h` takes a new heading and finds one more item; true when it begins to ask."""
-        self.bodies[h].velocity = velocity
+        engine.steer(self.bodies[h], velocity)
         items = self.items[h]
         if items == self.settings.most_items:
             return False
@@ -55,7 +61,7 @@ class Humanoids:
         """`h` walks straight away from the robot that touches it."""
         away = position - robot
         away *= self.settings.speed / (abs(away) or 1.0)
-        self.bodies[h].velocity = (away.real, away.imag)
+        engine.steer(self.bodies[h], (away.real, away.imag))
 
     def nearest_asking(self, positions: list[complex], robot: complex) -> int:
         """The nearest humanoid that asks, or -1 if nobody does."""

@@ -14,22 +14,16 @@ def advance(island: Island, until: int) -> None:
     The robot touching something, garbage appearing in sight and a humanoid
     that begins to ask all want a look at once.
     """
-    cues, contacts = island.script.cues, island.physics.contacts
-    physics_step, dt = island.physics.space.step, island.world.episode.step
-    touching, begun = contacts.touching, contacts.begun
+    cues, physics = island.script.cues, island.physics
+    touching, dt = physics.contacts.touching, island.world.episode.step
     step, shaken = island.step, island.shaken
     if shaken:
         until = step + 1
     while step < until:
         stop = min(until, cues[island.cue][0])
-        while step < stop:
-            physics_step(dt)
-            step += 1
-            if touching or begun:
-                break
-        island.step = step
-        if touching or begun or shaken:
-            island.shaken = bool(touching or begun)
+        step = island.step = step + physics.run(stop - step, dt)
+        if touching or shaken:
+            island.shaken = bool(touching)
             _touch(island)
             until = step
         if step == cues[island.cue][0] and _play_cues(island):

@@ -12,6 +12,7 @@ from math import ceil, inf
 
 import pymunk
 
+from islandgp.island import engine
 from islandgp.island.script import Circle
 from islandgp.island.steering import steer
 from islandgp.island.world import ROCK_MARGIN, World
@@ -39,7 +40,7 @@ class Robot:
     ) -> None:
         """`thresholds`: levels in percent at which somebody wants to look at the battery."""
         step, self.settings = world.episode.step, world.robot
-        self.body = body
+        self.body = engine.handle(body)
         self.x, self.y = world.start  # m, as last looked at
         self.load = 0  # items
         self.laps = 0  # patrol rounds finished
@@ -84,14 +85,14 @@ class Robot:
             self.leg_end = 0
             if not self.rolling:
                 return False
-            self.body.velocity = (0.0, 0.0)
+            engine.steer(self.body, (0.0, 0.0))
             self.rolling = False
             return True
         if step < self.leg_end and self.goal == self.wish:
             return False
         x, y, reach = self.goal = self.wish
         ux, uy, length = steer(self.x, self.y, x, y, reach=reach, obstacles=self.rocks)
-        self.body.velocity = (ux * self.settings.speed, uy * self.settings.speed)
+        engine.steer(self.body, (ux * self.settings.speed, uy * self.settings.speed))
         self.heading = complex(ux, uy)
         self.leg_end = FAR if length == inf else step + max(1, round(length / self.stride))
         self.rolling = True

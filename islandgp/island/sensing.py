@@ -10,6 +10,7 @@ from __future__ import annotations
 from math import hypot, sqrt
 
 from islandgp.bt.node import KEYS
+from islandgp.island import engine
 from islandgp.island.journal import Event
 from islandgp.island.robot import FAR, MICRO, TOLERANCE, steps_to
 from islandgp.island.state import Island
@@ -31,7 +32,8 @@ def sense(island: Island, *, always: bool = False) -> bool:
     `always` looks at everything, else only at what can have changed.
     """
     robot, board, step = island.robot, island.board, island.step
-    robot.x, robot.y = robot.body.position
+    at = engine.position(robot.body)
+    robot.x, robot.y = at.x, at.y
     changed = False
     if always or step >= island.ground.due:
         found = _look_for_garbage(island)
@@ -126,8 +128,8 @@ def _look_at(island: Island, h: int) -> bool:
     people.dues[h] = FAR
     if not asks and not unseen:
         return False
-    x, y = people.bodies[h].position
-    gap, reach = hypot(x - robot.x, y - robot.y), robot.settings.perception
+    at, reach = engine.position(people.bodies[h]), robot.settings.perception
+    gap = hypot(at.x - robot.x, at.y - robot.y)
     if gap <= reach:
         people.unseen.discard(h)
         if not asks:

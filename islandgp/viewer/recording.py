@@ -160,7 +160,7 @@ class _Recorder:
         self._see_garbage(island.ground.items(), len(self.robot))
         self.robot.append(complex(robot.x, robot.y))
         self.goals.append(complex(*robot.wish[:2]) if robot.driving else None)
-        self.humanoids.append([complex(*body.position) for body in people.bodies])
+        self.humanoids.append(island.physics.humanoid_positions())
         self.carried.append(tuple(people.items))
         self.boards.append(tuple(map(float, island.board)))
 
