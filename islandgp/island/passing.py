@@ -5,28 +5,37 @@ from __future__ import annotations
 from islandgp.island.journal import Event
 from islandgp.island.robot import steps_to
 from islandgp.island.script import SPAWN
+from islandgp.island.sensing import sense
 from islandgp.island.state import Island
 
 
 def advance(island: Island, until: int) -> None:
-    """Moves the island to step `until`, or to the first step where somebody must look.
+    """Moves the island to step `until`, or to the first step where something has changed.
 
-    The robot touching something, garbage appearing in sight and a humanoid
-    that begins to ask all want a look at once.
+    The script's cues are played on the way, and who is due looks. A contact, an
+    action that may find new garbage, and a look that shows something new end it.
     """
-    cues, physics = island.script.cues, island.physics
+    cues, physics, ground, people = (
+        island.script.cues,
+        island.physics,
+        island.ground,
+        island.humanoids,
+    )
     touching, dt = physics.contacts.touching, island.world.episode.step
     step, shaken = island.step, island.shaken
     if shaken:
         until = step + 1
     while step < until:
-        stop = min(until, cues[island.cue][0])
+        stop = max(step + 1, min(until, cues[island.cue][0], ground.due, people.due))
         step = island.step = step + physics.run(stop - step, dt)
         if touching or shaken:
             island.shaken = bool(touching)
             _touch(island)
-            until = step
-        if step == cues[island.cue][0] and _play_cues(island):
+        if step == cues[island.cue][0]:
+            _play_cues(island)
+        if step >= island.wake:
+            return
+        if step < until and (step >= ground.due or step >= people.due) and sense(island):
             return
 
 
@@ -46,29 +55,26 @@ def _touch(island: Island) -> None:
     island.humanoids.look_at_all(island.step)
 
 
-def _play_cues(island: Island) -> bool:
-    """This step's cues happen: garbage appears, humanoids turn. True: somebody must look."""
+def _play_cues(island: Island) -> None:
+    """This step's cues happen: garbage appears, humanoids turn."""
     cues, people = island.script.cues, island.humanoids
-    look = False
     while cues[island.cue][0] == island.step:
         _, who, a, b = cues[island.cue]
         island.cue += 1
         if who == SPAWN:
-            look |= island.ground.drop(a, b) and _notice(island, complex(a, b))
+            if island.ground.drop(a, b):
+                _notice(island, complex(a, b))
         elif people.turn(who, (a, b)):
             people.look_at(who, island.step)
-            look = True
-    return look
 
 
-def _notice(island: Island, item: complex) -> bool:
-    """New garbage may be the next thing that comes into sight; true if it is."""
+def _notice(island: Island, item: complex) -> None:
+    """New garbage may be the next thing that comes into sight."""
     robot, ground = island.robot, island.ground
     gap = abs(item - island.physics.robot_position()) - robot.settings.perception
     seen = island.step + (steps_to(gap, robot.stride) if gap > 0 else 0)
     if seen >= ground.due:
-        return False
+        return
     ground.due = seen
     if gap <= 0:
         island.wake = island.step  # an action may find it though the blackboard stays the same
-    return True
