@@ -31,14 +31,14 @@ class Humanoids:
         """Whether humanoid `h` wants to be cleared."""
         return self.items[h] >= self.settings.ask_from
 
-    def turn(self, h: int, velocity: tuple[float, float]) -> bool:
-        """`h` takes a new heading and finds one more item; true when it begins to ask."""
-        engine.steer(self.bodies[h], velocity)
+    def turn(self, h: int, vx: float, vy: float, step: int) -> None:
+        """`h` takes a new heading and finds one more item; who begins to ask wants a look."""
+        engine.steer(self.bodies[h], (vx, vy))
         items = self.items[h]
-        if items == self.settings.most_items:
-            return False
-        self.items[h] = items + 1
-        return items + 1 == self.settings.ask_from
+        if items < self.settings.most_items:
+            self.items[h] = items + 1
+            if items + 1 == self.settings.ask_from:
+                self.look_at(h, step)
 
     def hand_over(self, h: int, room: int) -> int:
         """`h` gives away what fits into `room`; returns the number of items."""

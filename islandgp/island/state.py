@@ -55,6 +55,7 @@ class Island:
             cell=world.robot.perception + 2 * self.robot.stride,  # may be left by a step
         )
         self.humanoids = Humanoids(world.humanoids, self.physics.humanoids)
+        self.dt = world.episode.step  # s
         self.walk = world.humanoids.speed * world.episode.step  # m a step
         self.journal = Journal(award)
         self.board = [0.0] * len(KEYS)  # the blackboard, in the order of KEYS
