@@ -75,12 +75,13 @@ class Ground:
                 best, least = item, square
         return best, least**0.5
 
-    def to_border(self, x: float, y: float, ux: float, uy: float) -> float:
-        """Metres to the border of the cell that holds (x, y), along a unit direction."""
-        east, north = x % self.cell, y % self.cell
+    def along(self, x: float, y: float, ux: float, uy: float) -> tuple[list[Item], float]:
+        """The items around a point, and metres to another cell along a unit direction."""
+        (column, east), (row, north) = divmod(x, self.cell), divmod(y, self.cell)
+        items = self._near[(int(row) + 1) * self.columns + int(column) + 1]
         along_x = (self.cell - east) / ux if ux > 0 else east / -ux if ux < 0 else inf
         along_y = (self.cell - north) / uy if uy > 0 else north / -uy if uy < 0 else inf
-        return along_x if along_x < along_y else along_y
+        return items, along_x if along_x < along_y else along_y
 
     def _seen_from(self, x: float, y: float) -> Iterable[list[Item]]:
         """The lists of the nine cells that a point is near to."""

@@ -25,7 +25,8 @@ TOLERANCE = 1e-6  # m, far above the rounding of positions
 
 def steps_to(distance: float, stride: float) -> int:
     """The first step, >= 1, at which `distance` metres can be behind, at `stride` metres a step."""
-    return max(1, ceil((distance - TOLERANCE) / stride))
+    steps = ceil((distance - TOLERANCE) / stride)
+    return steps if steps > 1 else 1
 
 
 class Robot:
@@ -56,6 +57,7 @@ class Robot:
         marks = {round(t * MICRO) for t in levels}
         self.marks = sorted(m for m in marks if 0 <= m <= FULL)
         # wheels
+        self.sight = world.robot.perception**2  # m2
         self.stride = world.robot.speed * step  # m a step
         self.rocks = tuple((x, y, r + world.robot.radius + ROCK_MARGIN) for x, y, r in rocks)
         self.driving = False  # in this step

@@ -68,10 +68,11 @@ def look_for_garbage(island: Island) -> None:
     """
     robot, ground = island.robot, island.ground
     x, y, ux, uy = robot.x, robot.y, robot.heading.real, robot.heading.imag
-    square = robot.settings.perception**2
+    square = robot.sight
     found, new = False, 0
-    last, change, back = 0.0, ground.to_border(x, y, ux, uy) + robot.stride, inf
-    for item in ground.around(x, y):
+    items, border = ground.along(x, y, ux, uy)
+    last, change, back = 0.0, border + robot.stride, inf
+    for item in items:
         dx, dy = item.x - x, item.y - y
         gap = dx * dx + dy * dy
         if gap <= square:
@@ -85,11 +86,13 @@ def look_for_garbage(island: Island) -> None:
             continue
         half = sqrt(half) if half > 0 else 0.0
         if along <= half:
-            last = max(last, along + half)
+            if along + half > last:
+                last = along + half
         elif item.seen:
-            back = min(back, along - half)
-        else:
-            change = min(change, along - half)
+            if along - half < back:
+                back = along - half
+        elif along - half < change:
+            change = along - half
     if found != island.board[GARBAGE]:
         island.board[GARBAGE] = found
         island.changed = True
@@ -103,8 +106,9 @@ def _look_for_humanoids(island: Island, always: bool) -> bool:
     """Whether a humanoid in sight asks; new ones are discovered. Says when to look again."""
     people, step = island.humanoids, island.step
     new = 0
+    soon = FAR if always else step + TOGETHER
     for h, due in enumerate(people.dues):
-        if always or due <= step + TOGETHER:
+        if due <= soon:
             new += _look_at(island, h)
     people.due = min(people.dues, default=FAR)
     if new:
@@ -117,18 +121,20 @@ def _look_at(island: Island, h: int) -> bool:
     robot, people = island.robot, island.humanoids
     asks, unseen = people.asks(h), h in people.unseen
     people.near.discard(h)
-    people.dues[h] = FAR
     if not asks and not unseen:
+        people.dues[h] = FAR
         return False
-    at, reach = engine.position(people.bodies[h]), robot.settings.perception
-    gap = hypot(at.x - robot.x, at.y - robot.y)
-    if gap <= reach:
-        people.unseen.discard(h)
-        if not asks:
-            return unseen
+    at = engine.position(people.bodies[h])
+    beyond = hypot(at.x - robot.x, at.y - robot.y) - robot.settings.perception
+    people.dues[h] = island.step + steps_to(abs(beyond), robot.stride + island.walk)
+    if beyond > 0:
+        return False
+    if asks:
         people.near.add(h)
-    people.dues[h] = island.step + steps_to(abs(gap - reach), robot.stride + island.walk)
-    return unseen and gap <= reach
+    else:
+        people.dues[h] = FAR
+    people.unseen.discard(h)
+    return unseen
 
 
 def discover(island: Island, things: int) -> None:
