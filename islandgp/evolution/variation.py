@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
 from islandgp.bt.limits import Limits, within
-from islandgp.bt.node import KEYS, KINDS, REPEATS, Node, depth, size, walk
+from islandgp.bt.node import KEYS, KINDS, REPEATS, Node, size, walk
 from islandgp.evolution.generation import (
     TreeSettings,
     check_weights,
@@ -60,6 +60,17 @@ def levels(tree: Node, level: int = 1) -> list[int]:
     return [level, *(below for child in tree.children for below in levels(child, level + 1))]
 
 
+def measured(tree: Node) -> list[tuple[Node, int, int]]:
+    """Each node with its size and depth, in document order."""
+    below: list[tuple[Node, int, int]] = []
+    depths = [0]
+    for child in tree.children:
+        nodes = measured(child)
+        depths.append(nodes[0][2])
+        below += nodes
+    return [(tree, 1 + len(below), 1 + max(depths)), *below]
+
+
 def tournament(
     rng: np.random.Generator, population: Sequence[Evaluated], entrants: int
 ) -> list[Evaluated]:
@@ -74,7 +85,7 @@ def crossover(rng: np.random.Generator, mother: Node, father: Node, limits: Limi
     cut = int(rng.integers(len(nodes)))
     room = limits.max_nodes - len(nodes) + size(nodes[cut])
     below = limits.max_depth - depths[cut] + 1
-    donors = [node for node in walk(father) if size(node) <= room and depth(node) <= below]
+    donors = [node for node, n, d in measured(father) if n <= room and d <= below]
     if not donors:
         return mother
     return replace_at(mother, cut, donors[rng.integers(len(donors))])
