@@ -170,6 +170,8 @@ class _Recorder:
         return sorted([*self._gone, *left], key=lambda stay: (stay[2], stay[:2]))
 
     def _see_garbage(self, items: list[Item], tick: int) -> None:
+        if items == list(self._lying):
+            return
         there = dict.fromkeys(items, tick)
         for item in self._lying.keys() - there.keys():
             self._gone.append((item.x, item.y, self._lying[item], tick))
