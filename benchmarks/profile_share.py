@@ -25,9 +25,8 @@ ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 1, Effort.FULL: 4}
 BATCH: Final = {Effort.TINY: 10, Effort.QUICK: 30, Effort.FULL: 30}  # episodes a round
 
 PARTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
-    # name: what it is, and what a path in it holds
-    "engine": ("Chipmunk's steps, with pymunk's wrapper around each", ("pymunk/space.py",)),
-    "bodies": ("reading positions and setting velocities", ("/pymunk/",)),
+    # name: what it is, and what "path:function" in it holds
+    "engine": ("Chipmunk's steps, and the loop around them", ("island/space.py:run",)),
     "sensing": (
         "who looks, and when somebody has to look again",
         ("island/sensing.py", "island/garbage.py"),
@@ -91,5 +90,5 @@ def _sampling(found: Counter[str]) -> Iterator[None]:
 
 
 def _part(frame: FrameType) -> str:
-    path = frame.f_code.co_filename.replace("\\", "/")
-    return next(part for part, (_, places) in PARTS.items() if any(p in path for p in places))
+    at = f"{frame.f_code.co_filename}:{frame.f_code.co_name}".replace("\\", "/")
+    return next(part for part, (_, places) in PARTS.items() if any(p in at for p in places))

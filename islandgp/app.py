@@ -7,6 +7,8 @@ run starts; only then Hydra's launcher takes over.
 from __future__ import annotations
 
 import argparse
+import atexit
+import gc
 import os
 import signal
 import sys
@@ -38,6 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     0: all is done; 1: a job failed; 2: the user's error; 130: stopped by Ctrl-C or SIGTERM.
     """
+    # What is there at the end goes with the process; to look for garbage in it takes long.
+    atexit.register(gc.freeze)
     try:
         words = without_key(sys.argv[1:] if arguments is None else arguments)
         args, words = _parsed(words)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from islandgp.errors import RunError
 from islandgp.evaluation.base import Evaluator, Setting
 from islandgp.evaluation.cache import Cached
 from islandgp.evolution.loop import evolve
-from islandgp.evolution.record import Champion
+from islandgp.evolution.record import Champion, Step
 from islandgp.progress import Progress
 from islandgp.report import report, summary
 from islandgp.resources import resource
@@ -149,24 +150,36 @@ def _evolve(
     evaluator = make_evaluator(settings)
     champion: Champion | None = None
     steps = evolve(settings.plan, settings.seed, supervisor, evaluator, start=start)
+    written: Future[None] = Future()
+    written.set_result(None)
     try:
-        with Progress(
-            settings.progress,
-            settings.gp.generations,
-            _title(settings),
-            done=done,
-            keep=keep_display,
-        ) as progress:
+        # A generation is written down while the episodes of the next one run.
+        with (
+            ThreadPoolExecutor(1, "writer") as writer,
+            Progress(
+                settings.progress,
+                settings.gp.generations,
+                _title(settings),
+                done=done,
+                keep=keep_display,
+            ) as progress,
+        ):
             for step in steps:
-                target.append(step)
-                tracker.generation()
+                written.result()
+                written = writer.submit(_write, target, step, tracker)
                 progress.show(step)
                 champion = step.champion
+            written.result()
     finally:
         steps.close()  # now, and not when the interpreter ends
         evaluator.close()
     assert champion is not None
     target.finish(summary(target, champion))
+
+
+def _write(target: RunFolder, step: Step, tracker: Tracker) -> None:
+    target.append(step)
+    tracker.generation()
 
 
 def _title(settings: Settings) -> str:

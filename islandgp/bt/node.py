@@ -131,6 +131,17 @@ def levels(tree: Node, level: int = 1) -> list[int]:
     return [level, *(below for child in tree.children for below in levels(child, level + 1))]
 
 
+def measured(tree: Node) -> list[tuple[Node, int, int]]:
+    """Each node with its size and depth, in document order."""
+    below: list[tuple[Node, int, int]] = []
+    depths = [0]
+    for child in tree.children:
+        nodes = measured(child)
+        depths.append(nodes[0][2])
+        below += nodes
+    return [(tree, 1 + len(below), 1 + max(depths)), *below]
+
+
 def replace_at(tree: Node, index: int, new: Node) -> Node:
     """The tree with its node number `index` (document order, root 0) replaced by `new`."""
     if index == 0:

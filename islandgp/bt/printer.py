@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from decimal import Decimal
+from functools import lru_cache
 
 from islandgp.bt.node import ABORTS, Node
 
@@ -15,6 +16,7 @@ INDENT = "  "
 INLINE_LEVELS = 3  # levels that one line may hold: deeper ones are hard to read
 
 
+@lru_cache(maxsize=256)  # a run asks for each tree of a generation several times
 def to_text(node: Node) -> str:
     """The canonical text of a tree; it ends in a line end.
 

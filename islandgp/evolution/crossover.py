@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from islandgp.bt.limits import Limits
-from islandgp.bt.node import Node, depth, levels, replace_at, size, walk
+from islandgp.bt.node import Node, levels, measured, replace_at, size, walk
 
 
 def crossover(rng: np.random.Generator, mother: Node, father: Node, limits: Limits) -> Node:
@@ -14,7 +14,7 @@ def crossover(rng: np.random.Generator, mother: Node, father: Node, limits: Limi
     cut = int(rng.integers(len(nodes)))
     room = limits.max_nodes - len(nodes) + size(nodes[cut])
     below = limits.max_depth - depths[cut] + 1
-    donors = [node for node in walk(father) if size(node) <= room and depth(node) <= below]
+    donors = [node for node, n, d in measured(father) if n <= room and d <= below]
     if not donors:
         return mother
     return replace_at(mother, cut, donors[rng.integers(len(donors))])

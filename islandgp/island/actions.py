@@ -84,7 +84,7 @@ def move_to_humanoid(island: Island, fresh: bool) -> int:
     h = island.humanoid
     if h < 0 or not people.asks(h):
         return FAILURE
-    at = complex(*people.bodies[h].position)
+    at = people.position(h)
     gap = abs(at - here)
     if gap > robot.settings.perception:
         return FAILURE

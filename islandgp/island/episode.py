@@ -19,7 +19,7 @@ from islandgp.island.actions import ACTIONS
 from islandgp.island.journal import Award, Event
 from islandgp.island.passing import advance
 from islandgp.island.robot import FAR, MICRO
-from islandgp.island.sensing import look_ahead, refresh, sense
+from islandgp.island.sensing import look_for_garbage, refresh, sense
 from islandgp.island.state import Island
 from islandgp.island.world import World
 
@@ -70,8 +70,8 @@ def run_episode(
     ending: Ending | None = None
     while ending is None:
         start = island.step
-        changed = sense(island, always=stepwise)
-        if changed or start >= due or start >= island.wake:
+        sense(island, always=stepwise)
+        if island.changed or start >= due or start >= island.wake:
             again = _tick(island, tick) or stepwise
             due = start + 1 if again else island.robot.battery_due(start)
             ticks += 1
@@ -94,7 +94,9 @@ def _tick(island: Island, tick: Callable[[], int]) -> bool:
     """
     robot = island.robot
     refresh(island)
-    robot.driving = robot.charging = island.acted = island.stirred = island.patrolling = False
+    island.changed = robot.driving = robot.charging = island.acted = island.stirred = (
+        island.patrolling
+    ) = False
     island.wake = FAR
     resumed, island.status = island.status >= RUNNING, tick()
     if island.status == RUNNING:  # who charges while another branch drives will lose the charger
@@ -106,9 +108,9 @@ def _horizon(island: Island, latest: int) -> int:
     """The earliest step, `latest` at most, at which anything but the physics changes something."""
     ground, robot, step = island.ground, island.robot, island.step
     another_leg = robot.turn_wheels(step)
-    if ground.due and (another_leg or ground.due == FAR):  # 0: look at the next step
-        ground.due = look_ahead(island)
-    until = min(latest, island.wake, ground.due, island.humanoids.due)
+    if another_leg and ground.due:  # 0: look at the next step
+        look_for_garbage(island)
+    until = min(latest, island.wake)
     if robot.driving:
         until = min(until, robot.leg_end)
     elif not island.acted:
@@ -130,6 +132,7 @@ def _account(island: Island, steps: int) -> None:
     """Books `steps` steps that have passed. Idle is who neither drives nor acts."""
     robot = island.robot
     robot.spend(steps)
+    island.booked = island.step
     if island.patrolling:
         island.patrol_steps += steps
     if island.acted:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import chain
 from math import ceil, inf
 
 
@@ -26,48 +27,43 @@ class Ground:
         self.most = most
         self.cell = cell
         self.columns = ceil(side / cell) + 2  # a ring of empty cells keeps neighbours simple
-        self.cells: list[list[Item]] = [[] for _ in range(self.columns**2)]
-        self.count = 0
+        # What lies in a cell and in the eight around it, in the order in which it came.
+        self._near: list[list[Item]] = [[] for _ in range(self.columns**2)]
+        self._items: dict[Item, None] = {}
         self.due = 0  # step from which a look can give something else
-        self._near: list[Item] = []  # items of the nine cells around `_at`
-        self._at = -1
         for z in start:
             self.drop(z.real, z.imag)
 
+    @property
+    def count(self) -> int:
+        """How many items there are."""
+        return len(self._items)
+
     def drop(self, x: float, y: float) -> bool:
         """A new item, unless the ground is full."""
-        if self.count >= self.most:
+        if len(self._items) >= self.most:
             return False
-        self.cells[self._cell(x, y)].append(Item(x, y))
-        self.count += 1
-        self._at = -1
+        item = Item(x, y)
+        self._items[item] = None
+        for near in self._seen_from(x, y):
+            near.append(item)
         return True
 
     def take(self, item: Item) -> None:
         """The item is gone."""
-        self.cells[self._cell(item.x, item.y)].remove(item)
+        del self._items[item]
+        for near in self._seen_from(item.x, item.y):
+            near.remove(item)
         item.there = False
-        self.count -= 1
-        self._at = -1
         self.due = 0
 
     def items(self) -> list[Item]:
-        """All items, cell by cell."""
-        return [item for cell in self.cells for item in cell]
+        """All items, in the order in which they came."""
+        return list(self._items)
 
     def around(self, x: float, y: float) -> list[Item]:
         """The items of the nine cells around a point: all that are within `cell` metres."""
-        at = self._cell(x, y)
-        if at != self._at:
-            self._at, n, cells = at, self.columns, self.cells
-            self._near = [
-                item
-                for row in (at - n, at, at + n)
-                for cell in cells[row - 1 : row + 2]
-                if cell
-                for item in cell
-            ]
-        return self._near
+        return self._near[(int(y // self.cell) + 1) * self.columns + int(x // self.cell) + 1]
 
     def nearest(self, x: float, y: float) -> tuple[Item | None, float]:
         """The nearest item around and its distance in metres; (None, inf) if there is none."""
@@ -79,12 +75,18 @@ class Ground:
                 best, least = item, square
         return best, least**0.5
 
-    def to_border(self, x: float, y: float, ux: float, uy: float) -> float:
-        """Metres to the border of the cell that holds (x, y), along a unit direction."""
-        east, north = x % self.cell, y % self.cell
+    def along(self, x: float, y: float, ux: float, uy: float) -> tuple[list[Item], float]:
+        """The items around a point, and metres to another cell along a unit direction."""
+        (column, east), (row, north) = divmod(x, self.cell), divmod(y, self.cell)
+        items = self._near[(int(row) + 1) * self.columns + int(column) + 1]
         along_x = (self.cell - east) / ux if ux > 0 else east / -ux if ux < 0 else inf
         along_y = (self.cell - north) / uy if uy > 0 else north / -uy if uy < 0 else inf
-        return min(along_x, along_y)
+        return items, along_x if along_x < along_y else along_y
 
-    def _cell(self, x: float, y: float) -> int:
-        return (int(y // self.cell) + 1) * self.columns + int(x // self.cell) + 1
+    def _seen_from(self, x: float, y: float) -> Iterable[list[Item]]:
+        """The lists of the nine cells that a point is near to."""
+        n, near = self.columns, self._near
+        at = int(y // self.cell) * n + int(x // self.cell)  # the lowest of the nine
+        return chain(
+            near[at : at + 3], near[at + n : at + n + 3], near[at + 2 * n : at + 2 * n + 3]
+        )

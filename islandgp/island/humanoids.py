@@ -6,6 +6,7 @@ from math import inf
 
 import pymunk
 
+from islandgp.island import engine
 from islandgp.island.world import HumanoidSettings
 
 
@@ -14,25 +15,30 @@ class Humanoids:
 
     def __init__(self, settings: HumanoidSettings, bodies: tuple[pymunk.Body, ...]) -> None:
         self.settings = settings
-        self.bodies = bodies
+        self.bodies = [engine.handle(body) for body in bodies]
         self.items = [0] * len(bodies)
         self.unseen = set(range(len(bodies)))
         self.near: set[int] = set()  # those in sight that ask
         self.dues = [0] * len(bodies)  # step from which a look at each can give something else
         self.due = 0  # the earliest of them
 
+    def position(self, h: int) -> complex:
+        """Where `h` is now, x + iy in metres."""
+        at = engine.position(self.bodies[h])
+        return complex(at.x, at.y)
+
     def asks(self, h: int) -> bool:
         """Whether humanoid `h` wants to be cleared."""
         return self.items[h] >= self.settings.ask_from
 
-    def turn(self, h: int, velocity: tuple[float, float]) -> bool:
-        """`h` takes a new heading and finds one more item; true when it begins to ask."""
-        self.bodies[h].velocity = velocity
+    def turn(self, h: int, vx: float, vy: float, step: int) -> None:
+        """`h` takes a new heading and finds one more item; who begins to ask wants a look."""
+        engine.steer(self.bodies[h], (vx, vy))
         items = self.items[h]
-        if items == self.settings.most_items:
-            return False
-        self.items[h] = items + 1
-        return items + 1 == self.settings.ask_from
+        if items < self.settings.most_items:
+            self.items[h] = items + 1
+            if items + 1 == self.settings.ask_from:
+                self.look_at(h, step)
 
     def hand_over(self, h: int, room: int) -> int:
         """`h` gives away what fits into `room`; returns the number of items."""
@@ -55,7 +61,7 @@ class Humanoids:
         """`h` walks straight away from the robot that touches it."""
         away = position - robot
         away *= self.settings.speed / (abs(away) or 1.0)
-        self.bodies[h].velocity = (away.real, away.imag)
+        engine.steer(self.bodies[h], (away.real, away.imag))
 
     def nearest_asking(self, positions: list[complex], robot: complex) -> int:
         """The nearest humanoid that asks, or -1 if nobody does."""

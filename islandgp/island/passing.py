@@ -2,37 +2,41 @@
 
 from __future__ import annotations
 
+from math import hypot
+
+from islandgp.island import engine
 from islandgp.island.journal import Event
 from islandgp.island.robot import steps_to
 from islandgp.island.script import SPAWN
+from islandgp.island.sensing import sense
 from islandgp.island.state import Island
 
 
 def advance(island: Island, until: int) -> None:
-    """Moves the island to step `until`, or to the first step where somebody must look.
+    """Moves the island to step `until`, or to the first step where something has changed.
 
-    The robot touching something, garbage appearing in sight and a humanoid
-    that begins to ask all want a look at once.
+    The script's cues are played on the way, and who is due looks. A contact, an
+    action that may find new garbage, and a look that shows something new end it.
     """
-    cues, contacts = island.script.cues, island.physics.contacts
-    physics_step, dt = island.physics.space.step, island.world.episode.step
-    touching, begun = contacts.touching, contacts.begun
-    step, shaken = island.step, island.shaken
+    physics, ground, people, dt = island.physics, island.ground, island.humanoids, island.dt
+    touching, cues = physics.contacts.touching, island.script.cues
+    step, cue, shaken = island.step, cues[island.cue][0], island.shaken
     if shaken:
         until = step + 1
     while step < until:
-        stop = min(until, cues[island.cue][0])
-        while step < stop:
-            physics_step(dt)
-            step += 1
-            if touching or begun:
-                break
-        island.step = step
-        if touching or begun or shaken:
-            island.shaken = bool(touching or begun)
+        look = ground.due if ground.due < people.due else people.due
+        stop = cue if cue < until else until
+        if look < stop:
+            stop = look if look > step else step + 1
+        step = island.step = step + physics.run(stop - step, dt)
+        if touching or shaken:
+            island.shaken = bool(touching)
             _touch(island)
-            until = step
-        if step == cues[island.cue][0] and _play_cues(island):
+        if step == cue:
+            cue = _play_cues(island, step)
+        if step >= island.wake:
+            return
+        if step < until and (step >= ground.due or step >= people.due) and sense(island):
             return
 
 
@@ -52,29 +56,29 @@ def _touch(island: Island) -> None:
     island.humanoids.look_at_all(island.step)
 
 
-def _play_cues(island: Island) -> bool:
-    """This step's cues happen: garbage appears, humanoids turn. True: somebody must look."""
-    cues, people = island.script.cues, island.humanoids
-    look = False
-    while cues[island.cue][0] == island.step:
-        _, who, a, b = cues[island.cue]
-        island.cue += 1
-        if who == SPAWN:
-            look |= island.ground.drop(a, b) and _notice(island, complex(a, b))
-        elif people.turn(who, (a, b)):
-            people.look_at(who, island.step)
-            look = True
-    return look
+def _play_cues(island: Island, step: int) -> int:
+    """This step's cues happen: garbage appears, humanoids turn. Returns the next one's step."""
+    cues, i = island.script.cues, island.cue
+    at, who, a, b = cues[i]
+    while at == step:
+        if who != SPAWN:
+            island.humanoids.turn(who, a, b, step)
+        elif island.ground.drop(a, b):
+            _notice(island, a, b)
+        i += 1
+        at, who, a, b = cues[i]
+    island.cue = i
+    return at
 
 
-def _notice(island: Island, item: complex) -> bool:
-    """New garbage may be the next thing that comes into sight; true if it is."""
+def _notice(island: Island, x: float, y: float) -> None:
+    """New garbage may be the next thing that comes into sight."""
     robot, ground = island.robot, island.ground
-    gap = abs(item - island.physics.robot_position()) - robot.settings.perception
+    at = engine.position(robot.body)
+    gap = hypot(x - at.x, y - at.y) - robot.settings.perception
     seen = island.step + (steps_to(gap, robot.stride) if gap > 0 else 0)
     if seen >= ground.due:
-        return False
+        return
     ground.due = seen
     if gap <= 0:
         island.wake = island.step  # an action may find it though the blackboard stays the same
-    return True

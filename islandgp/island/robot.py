@@ -12,6 +12,7 @@ from math import ceil, inf
 
 import pymunk
 
+from islandgp.island import engine
 from islandgp.island.script import Circle
 from islandgp.island.steering import steer
 from islandgp.island.world import ROCK_MARGIN, World
@@ -24,7 +25,8 @@ TOLERANCE = 1e-6  # m, far above the rounding of positions
 
 def steps_to(distance: float, stride: float) -> int:
     """The first step, >= 1, at which `distance` metres can be behind, at `stride` metres a step."""
-    return max(1, ceil((distance - TOLERANCE) / stride))
+    steps = ceil((distance - TOLERANCE) / stride)
+    return steps if steps > 1 else 1
 
 
 class Robot:
@@ -39,7 +41,7 @@ class Robot:
     ) -> None:
         """`thresholds`: levels in percent at which somebody wants to look at the battery."""
         step, self.settings = world.episode.step, world.robot
-        self.body = body
+        self.body = engine.handle(body)
         self.x, self.y = world.start  # m, as last looked at
         self.load = 0  # items
         self.laps = 0  # patrol rounds finished
@@ -55,6 +57,7 @@ class Robot:
         marks = {round(t * MICRO) for t in levels}
         self.marks = sorted(m for m in marks if 0 <= m <= FULL)
         # wheels
+        self.sight = world.robot.perception**2  # m2
         self.stride = world.robot.speed * step  # m a step
         self.rocks = tuple((x, y, r + world.robot.radius + ROCK_MARGIN) for x, y, r in rocks)
         self.driving = False  # in this step
@@ -84,14 +87,14 @@ class Robot:
             self.leg_end = 0
             if not self.rolling:
                 return False
-            self.body.velocity = (0.0, 0.0)
+            engine.steer(self.body, (0.0, 0.0))
             self.rolling = False
             return True
         if step < self.leg_end and self.goal == self.wish:
             return False
         x, y, reach = self.goal = self.wish
         ux, uy, length = steer(self.x, self.y, x, y, reach=reach, obstacles=self.rocks)
-        self.body.velocity = (ux * self.settings.speed, uy * self.settings.speed)
+        engine.steer(self.body, (ux * self.settings.speed, uy * self.settings.speed))
         self.heading = complex(ux, uy)
         self.leg_end = FAR if length == inf else step + max(1, round(length / self.stride))
         self.rolling = True

@@ -7,9 +7,10 @@ nearer. Until then nobody needs to look again; this is exact, not a guess.
 
 from __future__ import annotations
 
-from math import hypot, sqrt
+from math import hypot, inf, sqrt
 
 from islandgp.bt.node import KEYS
+from islandgp.island import engine
 from islandgp.island.journal import Event
 from islandgp.island.robot import FAR, MICRO, TOLERANCE, steps_to
 from islandgp.island.state import Island
@@ -26,23 +27,23 @@ TOGETHER = 20  # steps: looks at humanoids that are due so soon are done in one 
 
 
 def sense(island: Island, *, always: bool = False) -> bool:
-    """Brings the robot's position and the two flags up to date; true when a flag changed.
+    """Brings the robot's position and the two flags up to date.
 
-    `always` looks at everything, else only at what can have changed.
+    True when a flag changed, or something was seen that counts. `always` looks at
+    everything, else only at what can have changed.
     """
     robot, board, step = island.robot, island.board, island.step
-    robot.x, robot.y = robot.body.position
-    changed = False
+    at = engine.position(robot.body)
+    robot.x, robot.y = at.x, at.y
+    events = len(island.journal.events)
     if always or step >= island.ground.due:
-        found = _look_for_garbage(island)
-        changed = found != board[GARBAGE]
-        board[GARBAGE] = found
-        island.ground.due = FAR
+        look_for_garbage(island)
     if always or step >= island.humanoids.due:
         asking = _look_for_humanoids(island, always)
-        changed = changed or asking != board[HUMANOID]
-        board[HUMANOID] = asking
-    return changed
+        if asking != board[HUMANOID]:
+            board[HUMANOID] = asking
+            island.changed = True
+    return island.changed or len(island.journal.events) > events
 
 
 def refresh(island: Island) -> None:
@@ -57,25 +58,8 @@ def refresh(island: Island) -> None:
             robot.fined_at = -1
 
 
-def _look_for_garbage(island: Island) -> bool:
-    """Whether garbage is in sight; new items are discovered."""
-    robot = island.robot
-    x, y, square = robot.x, robot.y, robot.settings.perception**2
-    found, new = False, 0
-    for item in island.ground.around(x, y):
-        dx, dy = item.x - x, item.y - y
-        if dx * dx + dy * dy <= square:
-            found = True
-            if not item.seen:
-                item.seen = True
-                new += 1
-    if new:
-        discover(island, new)
-    return found
-
-
-def look_ahead(island: Island) -> int:
-    """The step from which garbage can give something new, if the robot stays on its leg.
+def look_for_garbage(island: Island) -> None:
+    """Whether garbage is in sight; new items are discovered. Says when to look again.
 
     Seen from a robot on a straight leg, an item is in sight along one stretch of
     the way. Something changes when a stretch begins that matters, when the last
@@ -83,34 +67,48 @@ def look_ahead(island: Island) -> int:
     cells. A robot that stands sees nothing new.
     """
     robot, ground = island.robot, island.ground
-    if not robot.driving:
-        return FAR
     x, y, ux, uy = robot.x, robot.y, robot.heading.real, robot.heading.imag
-    square, found = robot.settings.perception**2, island.board[GARBAGE]
-    change, last = ground.to_border(x, y, ux, uy) + robot.stride, 0.0
-    for item in ground.around(x, y):
+    square = robot.sight
+    found, new = False, 0
+    items, border = ground.along(x, y, ux, uy)
+    last, change, back = 0.0, border + robot.stride, inf
+    for item in items:
         dx, dy = item.x - x, item.y - y
+        gap = dx * dx + dy * dy
+        if gap <= square:
+            found = True
+            if not item.seen:
+                item.seen = True
+                new += 1
         along = dx * ux + dy * uy
-        half = square - dx * dx - dy * dy + along * along
+        half = square - gap + along * along
         if half < -TOLERANCE:
             continue
         half = sqrt(half) if half > 0 else 0.0
-        if along > half:
-            if not (found and item.seen) and along - half < change:
-                change = along - half
-        elif along + half > last:
-            last = along + half
-    if found and last < change:
-        change = last
-    return island.step + steps_to(change, robot.stride)
+        if along <= half:
+            if along + half > last:
+                last = along + half
+        elif item.seen:
+            if along - half < back:
+                back = along - half
+        elif along - half < change:
+            change = along - half
+    if found != island.board[GARBAGE]:
+        island.board[GARBAGE] = found
+        island.changed = True
+    if new:
+        discover(island, new)
+    change = min(change, last if found else back)
+    ground.due = island.step + steps_to(change, robot.stride) if robot.driving else FAR
 
 
 def _look_for_humanoids(island: Island, always: bool) -> bool:
     """Whether a humanoid in sight asks; new ones are discovered. Says when to look again."""
     people, step = island.humanoids, island.step
     new = 0
+    soon = FAR if always else step + TOGETHER
     for h, due in enumerate(people.dues):
-        if always or due <= step + TOGETHER:
+        if due <= soon:
             new += _look_at(island, h)
     people.due = min(people.dues, default=FAR)
     if new:
@@ -123,18 +121,20 @@ def _look_at(island: Island, h: int) -> bool:
     robot, people = island.robot, island.humanoids
     asks, unseen = people.asks(h), h in people.unseen
     people.near.discard(h)
-    people.dues[h] = FAR
     if not asks and not unseen:
+        people.dues[h] = FAR
         return False
-    x, y = people.bodies[h].position
-    gap, reach = hypot(x - robot.x, y - robot.y), robot.settings.perception
-    if gap <= reach:
-        people.unseen.discard(h)
-        if not asks:
-            return unseen
+    at = engine.position(people.bodies[h])
+    beyond = hypot(at.x - robot.x, at.y - robot.y) - robot.settings.perception
+    people.dues[h] = island.step + steps_to(abs(beyond), robot.stride + island.walk)
+    if beyond > 0:
+        return False
+    if asks:
         people.near.add(h)
-    people.dues[h] = island.step + steps_to(abs(gap - reach), robot.stride + island.walk)
-    return unseen and gap <= reach
+    else:
+        people.dues[h] = FAR
+    people.unseen.discard(h)
+    return unseen
 
 
 def discover(island: Island, things: int) -> None:
@@ -142,9 +142,8 @@ def discover(island: Island, things: int) -> None:
     if not island.patrolling:
         return
     island.log(Event.DISCOVERY, things)
-    segment = int(
-        island.patrol_steps * island.robot.stride / island.robot.settings.patrol_segment + 1e-9
-    )
+    steps = island.patrol_steps + island.step - island.booked
+    segment = int(steps * island.robot.stride / island.robot.settings.patrol_segment + 1e-9)
     if segment > island.rewarded_segment:
         island.rewarded_segment = segment
         island.log(Event.PATROL, 1)

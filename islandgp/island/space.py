@@ -14,6 +14,7 @@ import numpy as np
 import pymunk
 from pymunk.batch import BodyFields, Buffer, get_space_bodies
 
+from islandgp.island import engine
 from islandgp.island.script import Script
 from islandgp.island.world import World
 
@@ -53,16 +54,29 @@ class Space:
         self.robot = robot
         self.humanoids = humanoids
         self.contacts = contacts
+        self._space, self._robot = engine.handle(space), engine.handle(robot)
         self._buffer = Buffer()
         self._read()
         # The engine's own memory; it stays in place, as each reading fills it to the same size.
         # The robot comes first, then the humanoids, last the static body: x + iy in metres.
         self._positions = np.frombuffer(self._buffer.float_buf(), dtype=complex)
 
+    def run(self, steps: int, dt: float) -> int:
+        """Up to `steps` >= 1 steps of `dt` seconds: the one that ends in a contact is the last.
+
+        Returns how many it were.
+        """
+        space, step, touching = self._space, engine.step, self.contacts.touching
+        for done in range(1, steps + 1):
+            step(space, dt)
+            if touching:
+                return done
+        return steps
+
     def robot_position(self) -> complex:
         """Where the robot is now, x + iy in metres."""
-        x, y = self.robot.position
-        return complex(x, y)
+        at = engine.position(self._robot)
+        return complex(at.x, at.y)
 
     def humanoid_positions(self) -> list[complex]:
         """Where the humanoids are now, in metres; one call of the engine for all of them."""

@@ -55,10 +55,13 @@ class Island:
             cell=world.robot.perception + 2 * self.robot.stride,  # may be left by a step
         )
         self.humanoids = Humanoids(world.humanoids, self.physics.humanoids)
+        self.dt = world.episode.step  # s
         self.walk = world.humanoids.speed * world.episode.step  # m a step
         self.journal = Journal(award)
         self.board = [0.0] * len(KEYS)  # the blackboard, in the order of KEYS
         self.step = 0
+        self.booked = 0  # step until which time is in the account
+        self.changed = False  # a flag of the blackboard, since the last tick
         self.cue = 0  # index of the next cue of the script
         self.wake = FAR  # a step at which a running action wants to be ticked
         self.shaken = False  # touched a step ago: the engine still moves overlapping bodies apart

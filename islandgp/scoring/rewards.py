@@ -115,25 +115,33 @@ TABLE_3: Final[dict[Event, tuple[Component, Callable[[Rewards, float], float]]]]
 }
 
 
-def points(rewards: Rewards, stage: Multipliers, event: Event, amount: float) -> float:
-    """What one event adds to the fitness: a term of Eq. (1)."""
-    component, value = TABLE_3[event]
-    scale = multiplier(stage, component)
-    if rewards.normalize:
-        scale /= rewards.maxima[component]
-    return scale * value(rewards, amount)
+def scales(rewards: Rewards, stage: Multipliers) -> tuple[float, ...]:
+    """What the points of each component are multiplied with, in Component's order."""
+    shares = rewards.maxima if rewards.normalize else None
+    return tuple(multiplier(stage, c) / (shares[c] if shares else 1) for c in Component)
 
 
 def award(rewards: Rewards, stage: Multipliers) -> Callable[[Event, float], float]:
-    """`points` for one stage, as the island asks for it."""
-    return lambda event, amount: points(rewards, stage, event, amount)
+    """What one event adds to the fitness in a stage, by its amount: a term of Eq. (1)."""
+    scale = scales(rewards, stage)
+
+    def worth(event: Event, amount: float) -> float:
+        component, value = TABLE_3[event]
+        return scale[component] * value(rewards, amount)
+
+    return worth
+
+
+def points(rewards: Rewards, stage: Multipliers, event: Event, amount: float) -> float:
+    """The same for a single event."""
+    return award(rewards, stage)(event, amount)
 
 
 def components(
     rewards: Rewards, stage: Multipliers, events: Sequence[tuple[int, Event, float]]
 ) -> tuple[float, ...]:
     """Fitness by component, in Component's order; the sum is Eq. (1)."""
-    sums = [0.0] * len(Component)
+    sums, worth = [0.0] * len(Component), award(rewards, stage)
     for _, event, amount in events:
-        sums[TABLE_3[event][0]] += points(rewards, stage, event, amount)
+        sums[TABLE_3[event][0]] += worth(event, amount)
     return tuple(sums)

@@ -16,7 +16,7 @@ from islandgp.island.script import obstacles
 from islandgp.island.state import Island
 from islandgp.island.world import World
 from islandgp.scoring.curriculum import Curriculum
-from islandgp.scoring.rewards import TABLE_3, Component, Rewards, award, points
+from islandgp.scoring.rewards import TABLE_3, Component, Rewards, award
 
 IDLE, FAILED, SUCCEEDED, RUNS, STOPPED = range(5)
 """What a node did in a tick: nothing, or the last thing that it was told or told."""
@@ -86,13 +86,13 @@ class Recording:
 
 def record(tree: Node, surroundings: Surroundings, *, seed: int, stage: int) -> Recording:
     """Runs a tree in the world of `seed`, scored as in the stage of that index, and records it."""
-    multipliers = surroundings.curriculum.multipliers(stage)
+    worth = award(surroundings.rewards, surroundings.curriculum.multipliers(stage))
     recorder = _Recorder(tree)
     episode = run_episode(
         tree,
         surroundings.world,
         seed,
-        award(surroundings.rewards, multipliers),
+        worth,
         stepwise=True,
         watch=recorder.watch,
         observe=recorder.observe,
@@ -121,7 +121,7 @@ def record(tree: Node, surroundings: Surroundings, *, seed: int, stage: int) -> 
                 event,
                 amount,
                 TABLE_3[event][0],
-                points(surroundings.rewards, multipliers, event, amount),
+                worth(event, amount),
             )
             for step, event, amount in episode.events
         ),
@@ -160,7 +160,7 @@ class _Recorder:
         self._see_garbage(island.ground.items(), len(self.robot))
         self.robot.append(complex(robot.x, robot.y))
         self.goals.append(complex(*robot.wish[:2]) if robot.driving else None)
-        self.humanoids.append([complex(*body.position) for body in people.bodies])
+        self.humanoids.append(island.physics.humanoid_positions())
         self.carried.append(tuple(people.items))
         self.boards.append(tuple(map(float, island.board)))
 
@@ -170,6 +170,8 @@ class _Recorder:
         return sorted([*self._gone, *left], key=lambda stay: (stay[2], stay[:2]))
 
     def _see_garbage(self, items: list[Item], tick: int) -> None:
+        if items == list(self._lying):
+            return
         there = dict.fromkeys(items, tick)
         for item in self._lying.keys() - there.keys():
             self._gone.append((item.x, item.y, self._lying[item], tick))

@@ -26,8 +26,8 @@ FIGURES: Final = {
     "startup_s": "help_s config_error_s first_generation_s worker_mb worker_own_mb",
     "growth": "per_garbage_us per_garbage_power per_humanoid_us per_humanoid_power"
     " per_node_us per_node_power per_individual_us per_individual_power",
-    "profile_share": "all_rounder_engine all_rounder_bodies all_rounder_sensing all_rounder_tree"
-    " all_rounder_time all_rounder_rest all_rounder_samples random_engine random_bodies"
+    "profile_share": "all_rounder_engine all_rounder_sensing all_rounder_tree"
+    " all_rounder_time all_rounder_rest all_rounder_samples random_engine"
     " random_sensing random_tree random_time random_rest random_samples",
 }
 GOALS: Final = {  # of the figures that have one at any effort

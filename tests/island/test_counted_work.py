@@ -22,11 +22,11 @@ from tests.island.days import points, world
 
 TICKS = 270  # of the tree
 ALL_ROUNDER = {
-    "looks": 2560,
+    "looks": 2380,
     "cpBodyGetPosition": 1370,
-    "cpBodySetVelocity": 900,
-    "python": 34_000,
-    "builtin": 40_800,
+    "cpBodySetVelocity": 890,
+    "python": 16_500,
+    "builtin": 20_500,
 }
 """The most that a full-length episode of the all-rounder may take."""
 
@@ -88,8 +88,8 @@ def test_work_of_a_robot_that_waits() -> None:
     episode, found = counted(WAITING)
     assert episode.steps >= 600
     assert episode.ticks <= 2
-    assert found["looks"] <= 0.75 * episode.steps
-    assert found["python"] <= 9 * episode.steps
+    assert found["looks"] <= 0.33 * episode.steps
+    assert found["python"] <= 4.2 * episode.steps
 
 
 def test_counting_sees_more_work() -> None:

@@ -19,6 +19,7 @@ from islandgp.bt.language import parse, to_text
 from islandgp.bt.limits import Limits, within
 from islandgp.bt.node import Node
 from islandgp.evolution.generation import random_tree
+from islandgp.island import engine
 from islandgp.island.episode import Episode, run_episode
 from islandgp.island.world import World
 from tests.composed import composed
@@ -112,6 +113,17 @@ def test_stepwise_is_the_same_for_any_tree_often(tree: Node, seed: int) -> None:
     if within(tree, LIMITS):
         quick, slow = both_ways(tree, busy(), seed)
         assert quick == slow
+
+
+@pytest.mark.parametrize("tree", [ALL_ROUNDER, RESTLESS], ids=["all-rounder", "restless"])
+def test_the_public_engine_is_the_same(tree: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """pymunk's public interface and Chipmunk's own functions give the same episode."""
+    found = []
+    for functions in (engine.chipmunk(), engine.wrapped()):
+        for name, function in functions._asdict().items():
+            monkeypatch.setattr(engine, name, function)
+        found.append(run_episode(parse(tree), busy(), 2, points()))
+    assert found[0] == found[1]
 
 
 def test_skipping_is_worth_it() -> None:

@@ -11,6 +11,8 @@ import pytest
 
 from islandgp.app import main
 from islandgp.compose import run_folder
+from islandgp.evolution.record import Step
+from islandgp.tracking.folder import RunFolder
 from tests.composed import composed
 from tests.running.commands import TINY, fake
 from tests.running.histories import store, tracked
@@ -142,6 +144,30 @@ def test_a_fault_of_the_program_gives_its_traceback_once(
     assert said.count("ZeroDivisionError: a fault of the program") == 1
     (folder,) = leaf(here)
     assert "ZeroDivisionError" in (here / "runs/default" / folder / "error.txt").read_text()
+
+
+@pytest.mark.parametrize("generation", [0, 3, 5])  # of 6
+def test_a_generation_that_cannot_be_written_down_ends_the_run(
+    generation: int, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Exit code 1; what was written before is kept, and the same command goes on from there."""
+
+    def append(folder: RunFolder, step: Step) -> None:
+        if step.record.snapshot.generation == generation:
+            raise OSError("no space left")
+        before(folder, step)
+
+    before = RunFolder.append
+    words = [*TINY, "tracking=off", *fake("Instant")]
+    with monkeypatch.context() as full:
+        full.setattr(RunFolder, "append", append)
+        assert main(words) == 1
+    (name,) = leaf(here)
+    folder = RunFolder(here / "runs/default" / name)
+    assert folder.settled() == generation
+    assert "no space left" in folder.reason()
+    assert main(words) == 0
+    assert len(list(folder.records())) == 6
 
 
 def test_options_may_stand_anywhere(here: Path) -> None:
