@@ -94,9 +94,8 @@ def _tick(island: Island, tick: Callable[[], int]) -> bool:
     """
     robot = island.robot
     refresh(island)
-    island.changed = robot.driving = robot.charging = island.acted = island.stirred = (
-        island.patrolling
-    ) = False
+    island.changed = island.acted = island.stirred = island.patrolling = False
+    robot.driving = robot.charging = False
     island.wake = FAR
     resumed, island.status = island.status >= RUNNING, tick()
     if island.status == RUNNING:  # who charges while another branch drives will lose the charger
