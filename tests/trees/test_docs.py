@@ -145,12 +145,13 @@ def test_tutorial_trees_are_in_canonical_form() -> None:
 
 def test_tutorial_tells_the_results() -> None:
     """The table of results is what the trees earn (python docs/generate.py), each step earns more
-    than the one before, and the last tree more than the example."""
+    than the one before but the guard, and the last tree more than the example."""
     found = generate.results(TUTORIAL)
     assert generate.filled(TUTORIAL, {"results": generate.results_table(found)}) == TUTORIAL
-    steps = ["patrol", "garbage", "guard", "charge", "rounder", "better"]
+    steps = ["patrol", "garbage", "charge", "rounder", "better"]
     earned = [found[f"`{step}.bt`"] for step in steps]
     assert earned == sorted(earned)
+    assert abs(found["`guard.bt`"] - found["`garbage.bt`"]) < 1000
     assert found["`hasty.bt`"] < found["`rounder.bt`"]
     assert found["`empty.bt`"] > found["`charge.bt`"]
     assert earned[-1] > found["`grammar/examples/all_rounder.bt`"]
