@@ -37,7 +37,7 @@ demo-llm: $(STAMP) ## supervision by a language model, with scripted answers: no
 	$(BIN)/python -m islandgp.testing.demo
 
 study: $(STAMP)  ## baseline against expert, 30 paired seeds, into docs/study; resumable
-	$(BIN)/python -m islandgp experiment=study 'seed=range(2000,2030)' supervisor=baseline,expert progress=plain -m
+	$(BIN)/python -m islandgp experiment=study 'seed=range(3000,3030)' supervisor=baseline,expert progress=plain -m
 	$(BIN)/islandgp compare --arm expert="supervisor=expert" --arm baseline="supervisor=baseline" --name study -o docs/study
 
 ui: $(STAMP)     ## start the MLflow UI on this folder's runs
