@@ -12,6 +12,7 @@ import pytest
 from islandgp.study.arms import Comparison
 from islandgp.study.building import build
 from islandgp.study.comparable import compare_arms
+from islandgp.study.figures.trees import late_evolved
 from islandgp.study.generalise import Generalisation
 from islandgp.study.page import to_page
 from islandgp.study.report import Report
@@ -185,3 +186,18 @@ def test_arms_without_supervision_leave_figures_out() -> None:
     keys = {p.key for p in report.pictures}
     assert not {"figure-8", "figure-9"} & keys
     assert "No arm injects trees, so there is no Figure 9." in to_page(report)
+
+
+def test_the_late_tree_is_one_that_was_bred() -> None:
+    """Figure 10 shows no tree that is still as the supervisor gave it, however fit it is."""
+    bred = "selector {\n  PatrolWaypoint\n  MoveToGarbage\n}\n"
+    population = [
+        individual("a", "injected", fitness=9_000.0),
+        individual("b", "elite", fitness=8_000.0),
+        individual("c", tree=bred, fitness=500.0),
+    ]
+    runs = [made_run(populations=[population] * 41, guided=guidance(tree=TREE, injected=True))]
+    dull = [[individual("d", fitness=0.0)]] * 41
+    rivals = [made_run("baseline", best=0.0, populations=dull)]
+    study = compare_arms([made_arm("expert", runs), made_arm("baseline", rivals)])
+    assert late_evolved(study).tree == bred

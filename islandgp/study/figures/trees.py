@@ -48,7 +48,15 @@ def early_injected(study: Comparison) -> Specimen | None:
 
 
 def late_evolved(study: Comparison) -> Specimen:
-    """The fittest tree of the last stage, an Excellent Robot if there is one in any run."""
+    """The fittest bred tree of the last stage, an Excellent Robot if there is one in any run.
+
+    A tree that is still as a supervisor gave it comes last: it shows no evolution.
+    """
+    given = {
+        (run.seed, arm.name): {r.guidance.tree for r in run.records if r.guidance is not None}
+        for arm in study.arms
+        for run in arm.runs
+    }
     arm, run, generation, best = max(
         (
             (arm, run, generation, i)
@@ -57,7 +65,11 @@ def late_evolved(study: Comparison) -> Specimen:
             for generation in _last_stage(run)
             for i in run.records[generation].individuals
         ),
-        key=lambda found: (Tier.EXCELLENT in found[3].tiers, found[3].fitness),
+        key=lambda found: (
+            found[3].tree not in given[found[1].seed, found[0].name],
+            Tier.EXCELLENT in found[3].tiers,
+            found[3].fitness,
+        ),
     )
     what = "Excellent Robot" if Tier.EXCELLENT in best.tiers else "the fittest individual"
     return Specimen(
