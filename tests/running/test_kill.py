@@ -64,7 +64,7 @@ def test_a_run_killed_at_twenty_random_moments_ends_like_one_that_was_not(tmp_pa
     words = (
         "supervisor=expert",
         "gp.population=12",
-        "gp.generations=80",
+        "gp.generations=800",
         "evaluator.policy.workers=2",
         "progress=off",
         "name=k",
