@@ -18,10 +18,10 @@ from islandgp.bt.node import AGAIN, RUNNING, Node
 from islandgp.island.actions import ACTIONS
 from islandgp.island.journal import Award, Event
 from islandgp.island.passing import advance
-from islandgp.island.robot import FAR, MICRO
+from islandgp.island.robot import MICRO
 from islandgp.island.sensing import look_for_garbage, refresh, sense
-from islandgp.island.state import Island
-from islandgp.island.world import World
+from islandgp.island.state import Island, build_island
+from islandgp.island.world import FAR, World
 
 
 class Ending(StrEnum):
@@ -63,7 +63,7 @@ def run_episode(
     `watch(node, status)` sees every ticked node, `observe(island)` the island
     after every tick; both want `stepwise=True` to see each step.
     """
-    island = Island(world, seed, award, thresholds(tree, "batteryLevel"))
+    island = build_island(world, seed, award, thresholds(tree, "batteryLevel"))
     actions = {name: partial(action, island) for name, action in ACTIONS.items()}
     tick = compile_tree(tree, actions, island.board, watch=watch)
     ticks, due, end = 0, 0, _deadline(island)

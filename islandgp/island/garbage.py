@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from itertools import chain
+from functools import lru_cache
 from math import ceil, inf
 
 
@@ -22,48 +22,51 @@ class Item:
 class Ground:
     """The items on the ground, in square cells that are wider than the robot can see."""
 
-    def __init__(self, start: Iterable[complex], *, most: int, side: float, cell: float) -> None:
+    def __init__(self, start: tuple[complex, ...], *, most: int, side: float, cell: float) -> None:
         """At most `most` items on an island of `side` metres; `cell` metres a cell."""
-        self.most = most
         self.cell = cell
-        self.columns = ceil(side / cell) + 2  # a ring of empty cells keeps neighbours simple
-        # What lies in a cell and in the eight around it, in the order in which it came.
-        self._near: list[list[Item]] = [[] for _ in range(self.columns**2)]
-        self._items: dict[Item, None] = {}
+        self.columns = _columns(side, cell)
+        self._items = [Item(z.real, z.imag) for z in start]  # all that ever came, in their order
+        # The numbers of what came into a cell and into the eight around it, and, once somebody
+        # has looked there, those of them that are left.
+        self._came = list(_near(start, side, cell))
+        self._near: list[list[Item] | None] = [None] * len(self._came)
+        self.room = most - len(start)  # how many items more may come
         self.due = 0  # step from which a look can give something else
-        for z in start:
-            self.drop(z.real, z.imag)
 
     @property
     def count(self) -> int:
         """How many items there are."""
-        return len(self._items)
+        return sum(item.there for item in self._items)
 
-    def drop(self, x: float, y: float) -> bool:
-        """A new item, unless the ground is full."""
-        if len(self._items) >= self.most:
-            return False
-        item = Item(x, y)
-        self._items[item] = None
-        for near in self._seen_from(x, y):
-            near.append(item)
-        return True
+    def drop(self, x: float, y: float) -> None:
+        """A new item."""
+        item, number = Item(x, y), len(self._items)
+        self._items.append(item)
+        self.room -= 1
+        for i in _seen_from(x, y, self.cell, self.columns):
+            self._came[i] += (number,)
+            near = self._near[i]
+            if near is not None:
+                near.append(item)
 
     def take(self, item: Item) -> None:
         """The item is gone."""
-        del self._items[item]
-        for near in self._seen_from(item.x, item.y):
-            near.remove(item)
         item.there = False
+        self.room += 1
+        for i in _seen_from(item.x, item.y, self.cell, self.columns):
+            near = self._near[i]
+            if near is not None:
+                near.remove(item)
         self.due = 0
 
     def items(self) -> list[Item]:
         """All items, in the order in which they came."""
-        return list(self._items)
+        return [item for item in self._items if item.there]
 
     def around(self, x: float, y: float) -> list[Item]:
         """The items of the nine cells around a point: all that are within `cell` metres."""
-        return self._near[(int(y // self.cell) + 1) * self.columns + int(x // self.cell) + 1]
+        return self._at((int(y // self.cell) + 1) * self.columns + int(x // self.cell) + 1)
 
     def nearest(self, x: float, y: float) -> tuple[Item | None, float]:
         """The nearest item around and its distance in metres; (None, inf) if there is none."""
@@ -78,15 +81,47 @@ class Ground:
     def along(self, x: float, y: float, ux: float, uy: float) -> tuple[list[Item], float]:
         """The items around a point, and metres to another cell along a unit direction."""
         (column, east), (row, north) = divmod(x, self.cell), divmod(y, self.cell)
-        items = self._near[(int(row) + 1) * self.columns + int(column) + 1]
+        items = self._at((int(row) + 1) * self.columns + int(column) + 1)
         along_x = (self.cell - east) / ux if ux > 0 else east / -ux if ux < 0 else inf
         along_y = (self.cell - north) / uy if uy > 0 else north / -uy if uy < 0 else inf
         return items, along_x if along_x < along_y else along_y
 
-    def _seen_from(self, x: float, y: float) -> Iterable[list[Item]]:
-        """The lists of the nine cells that a point is near to."""
-        n, near = self.columns, self._near
-        at = int(y // self.cell) * n + int(x // self.cell)  # the lowest of the nine
-        return chain(
-            near[at : at + 3], near[at + n : at + n + 3], near[at + 2 * n : at + 2 * n + 3]
-        )
+    def _at(self, i: int) -> list[Item]:
+        near = self._near[i]
+        if near is None:
+            items = self._items
+            near = [items[n] for n in self._came[i] if items[n].there]
+            self._near[i] = near
+        return near
+
+
+def _columns(side: float, cell: float) -> int:
+    """Cells in a row, with a ring of empty ones, which keeps neighbours simple."""
+    return ceil(side / cell) + 2
+
+
+def _seen_from(x: float, y: float, cell: float, columns: int) -> Iterable[int]:
+    """The indices of the nine cells that a point is near to."""
+    at = int(y // cell) * columns + int(x // cell)  # the lowest of the nine
+    return (
+        at,
+        at + 1,
+        at + 2,
+        at + columns,
+        at + columns + 1,
+        at + columns + 2,
+        at + 2 * columns,
+        at + 2 * columns + 1,
+        at + 2 * columns + 2,
+    )
+
+
+@lru_cache(maxsize=4)
+def _near(start: tuple[complex, ...], side: float, cell: float) -> tuple[tuple[int, ...], ...]:
+    """For each cell, the numbers of the items at the start that are near it: once for a world."""
+    columns = _columns(side, cell)
+    near: list[list[int]] = [[] for _ in range(columns**2)]
+    for number, z in enumerate(start):
+        for i in _seen_from(z.real, z.imag, cell, columns):
+            near[i].append(number)
+    return tuple(map(tuple, near))

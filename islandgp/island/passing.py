@@ -7,9 +7,9 @@ from math import hypot
 from islandgp.island import engine
 from islandgp.island.journal import Event
 from islandgp.island.robot import steps_to
-from islandgp.island.script import SPAWN
 from islandgp.island.sensing import sense
 from islandgp.island.state import Island
+from islandgp.island.world import FAR
 
 
 def advance(island: Island, until: int) -> None:
@@ -19,21 +19,26 @@ def advance(island: Island, until: int) -> None:
     action that may find new garbage, and a look that shows something new end it.
     """
     physics, ground, people, dt = island.physics, island.ground, island.humanoids, island.dt
-    touching, cues = physics.contacts.touching, island.script.cues
-    step, cue, shaken = island.step, cues[island.cue][0], island.shaken
+    touching, turns = physics.contacts.touching, island.script.turns
+    step, turn, shaken = island.step, turns[island.turn][0], island.shaken
+    spawn = _next_spawn(island) if ground.room > 0 else FAR
     if shaken:
         until = step + 1
     while step < until:
         look = ground.due if ground.due < people.due else people.due
-        stop = cue if cue < until else until
+        stop = turn if turn < until else until
+        if spawn < stop:
+            stop = spawn
         if look < stop:
             stop = look if look > step else step + 1
         step = island.step = step + physics.run(stop - step, dt)
         if touching or shaken:
             island.shaken = bool(touching)
             _touch(island)
-        if step == cue:
-            cue = _play_cues(island, step)
+        if step == spawn:
+            spawn = _spawn(island)
+        if step == turn:
+            turn = _turn(island)
         if step >= island.wake:
             return
         if step < until and (step >= ground.due or step >= people.due) and sense(island):
@@ -56,18 +61,35 @@ def _touch(island: Island) -> None:
     island.humanoids.look_at_all(island.step)
 
 
-def _play_cues(island: Island, step: int) -> int:
-    """This step's cues happen: garbage appears, humanoids turn. Returns the next one's step."""
-    cues, i = island.script.cues, island.cue
-    at, who, a, b = cues[i]
-    while at == step:
-        if who != SPAWN:
-            island.humanoids.turn(who, a, b, step)
-        elif island.ground.drop(a, b):
-            _notice(island, a, b)
+def _next_spawn(island: Island) -> int:
+    """The step at which the next item appears; those for which there was no room are over."""
+    spawns, step, i = island.script.spawns, island.step, island.spawn
+    while spawns[i][0] <= step:
         i += 1
-        at, who, a, b = cues[i]
-    island.cue = i
+    island.spawn = i
+    return spawns[i][0]
+
+
+def _spawn(island: Island) -> int:
+    """This step's garbage appears. Returns the next step at which some does."""
+    spawns = island.script.spawns
+    at, x, y = spawns[island.spawn]
+    while at == island.step and island.ground.room > 0:
+        island.ground.drop(x, y)
+        _notice(island, x, y)
+        island.spawn += 1
+        at, x, y = spawns[island.spawn]
+    return at if island.ground.room > 0 else FAR
+
+
+def _turn(island: Island) -> int:
+    """This step's humanoids turn. Returns the next step at which one does."""
+    turns = island.script.turns
+    at, h, vx, vy = turns[island.turn]
+    while at == island.step:
+        island.humanoids.turn(h, vx, vy, at)
+        island.turn += 1
+        at, h, vx, vy = turns[island.turn]
     return at
 
 

@@ -15,11 +15,10 @@ import pymunk
 from islandgp.island import engine
 from islandgp.island.script import Circle
 from islandgp.island.steering import steer
-from islandgp.island.world import ROCK_MARGIN, World
+from islandgp.island.world import FAR, ROCK_MARGIN, World
 
 MICRO = 1_000_000  # units of charge in one percent
 FULL = 100 * MICRO
-FAR = 1 << 60  # a step that never comes
 TOLERANCE = 1e-6  # m, far above the rounding of positions
 
 

@@ -13,13 +13,11 @@ from math import cos, hypot, sin, tau
 import numpy as np
 
 from islandgp.errors import ConfigError
-from islandgp.island.world import World
+from islandgp.island.world import FAR, World
 
 Circle = tuple[float, float, float]  # x, y, radius in metres
-SPAWN = -1  # in a cue's place for a humanoid's index: an item of garbage appears
-
-Cue = tuple[int, int, float, float]
-"""(step, humanoid, vx, vy): it turns and finds one more item; (step, SPAWN, x, y): new garbage."""
+Spawn = tuple[int, float, float]  # (step, x, y): an item of garbage appears
+Turn = tuple[int, int, float, float]  # (step, humanoid, vx, vy): it turns and finds one more item
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +27,9 @@ class Script:
     obstacles: tuple[Circle, ...]
     garbage: tuple[complex, ...]  # positions at the start, x + iy
     humanoids: tuple[tuple[float, float, float, float], ...]  # x, y, vx, vy at the start
-    cues: tuple[Cue, ...]  # by step; a last one lies beyond every episode
+    # Cues, by step; in both, the last is never played.
+    spawns: tuple[Spawn, ...]
+    turns: tuple[Turn, ...]
 
 
 @lru_cache(maxsize=8)
@@ -86,32 +86,31 @@ def write_script(world: World, seed: int) -> Script:
     clear = world.robot.radius + world.robot.pickup_reach
     steps = round(world.episode.length / world.episode.step)
     every = max(1, round(world.garbage.every / world.episode.step))
-    spawns = range(every, steps + 1, every)
+    spawning = range(every, steps + 1, every)
     garbage = _free_points(world, rng, world.garbage.initial, clear)
-    cues: list[Cue] = [
-        (step, SPAWN, z.real, z.imag)
-        for step, z in zip(spawns, _free_points(world, rng, len(spawns), clear), strict=True)
-    ]
+    spawned = _free_points(world, rng, len(spawning), clear)
     people = world.humanoids
     starts = _free_points(world, rng, people.count, people.radius + 2 * world.robot.radius)
     first = [_velocity(people.speed, a) for a in rng.uniform(0, tau, people.count)]
     low, high = (max(1, round(s / world.episode.step)) for s in people.turn_every)
-    turns = steps // low + 1
-    when = rng.integers(low, high + 1, (people.count, turns)).cumsum(axis=1)
-    angles = rng.uniform(0, tau, (people.count, turns))
-    for h in range(people.count):
-        cues += [
-            (int(s), h, *_velocity(people.speed, a))
-            for s, a in zip(when[h].tolist(), angles[h].tolist(), strict=True)
-            if s <= steps
-        ]
-    cues.sort(key=lambda cue: cue[:2])
-    cues.append((10 * steps + 10, SPAWN, 0.0, 0.0))
+    most = steps // low + 1
+    when = rng.integers(low, high + 1, (people.count, most)).cumsum(axis=1)
+    angles = rng.uniform(0, tau, (people.count, most))
+    turns = sorted(
+        (step, h, *_velocity(people.speed, angle))
+        for h in range(people.count)
+        for step, angle in zip(when[h].tolist(), angles[h].tolist(), strict=True)
+        if step <= steps
+    )
     return Script(
         obstacles=obstacles(world),
         garbage=tuple(garbage),
         humanoids=tuple((z.real, z.imag, *v) for z, v in zip(starts, first, strict=True)),
-        cues=tuple(cues),
+        spawns=(
+            *((s, z.real, z.imag) for s, z in zip(spawning, spawned, strict=True)),
+            (FAR, 0.0, 0.0),
+        ),
+        turns=(*turns, (FAR, 0, 0.0, 0.0)),
     )
 
 

@@ -12,8 +12,9 @@ from math import hypot, inf, sqrt
 from islandgp.bt.node import KEYS
 from islandgp.island import engine
 from islandgp.island.journal import Event
-from islandgp.island.robot import FAR, MICRO, TOLERANCE, steps_to
+from islandgp.island.robot import MICRO, TOLERANCE, steps_to
 from islandgp.island.state import Island
+from islandgp.island.world import FAR
 
 BATTERY, ROOM, LAP, GARBAGE, HUMANOID = range(len(KEYS))
 assert tuple(KEYS) == (

@@ -8,10 +8,10 @@ from islandgp.bt.node import FAILURE, KEYS
 from islandgp.island.garbage import Ground, Item
 from islandgp.island.humanoids import Humanoids
 from islandgp.island.journal import Award, Event, Journal
-from islandgp.island.robot import FAR, MICRO, Robot
-from islandgp.island.script import write_script
-from islandgp.island.space import build_space
-from islandgp.island.world import EpisodeSettings, World
+from islandgp.island.robot import MICRO, Robot
+from islandgp.island.script import Script, write_script
+from islandgp.island.space import Space, build_space
+from islandgp.island.world import FAR, EpisodeSettings, World
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,46 +37,40 @@ class Limits:
         return Limits(length, stagnation, longer, low, negative, max(1, round(1 / settings.step)))
 
 
+@dataclass(slots=True)
 class Island:
     """Everything that a tick can see or change."""
 
-    def __init__(
-        self, world: World, seed: int, award: Award, thresholds: tuple[float, ...]
-    ) -> None:
-        self.world = world
-        self.limits = Limits.of(world.episode)
-        self.script = write_script(world, seed)
-        self.physics = build_space(world, self.script)
-        self.robot = Robot(world, self.physics.robot, self.script.obstacles, thresholds)
-        self.ground = Ground(
-            self.script.garbage,
-            most=world.garbage.most,
-            side=world.side,
-            cell=world.robot.perception + 2 * self.robot.stride,  # may be left by a step
-        )
-        self.humanoids = Humanoids(world.humanoids, self.physics.humanoids)
-        self.dt = world.episode.step  # s
-        self.walk = world.humanoids.speed * world.episode.step  # m a step
-        self.journal = Journal(award)
-        self.board = [0.0] * len(KEYS)  # the blackboard, in the order of KEYS
-        self.step = 0
-        self.booked = 0  # step until which time is in the account
-        self.changed = False  # a flag of the blackboard, since the last tick
-        self.cue = 0  # index of the next cue of the script
-        self.wake = FAR  # a step at which a running action wants to be ticked
-        self.shaken = False  # touched a step ago: the engine still moves overlapping bodies apart
-        self.status = FAILURE  # of the tree's last tick
-        self.stirred = False  # this tick changed something that the next one can depend on
-        self.acted = False  # a non-movement action happened in this tick
-        self.idle = 0  # steps of idleness so far
-        self.last_action = 0  # step of the last non-movement action
-        self.patrolling = False  # PatrolWaypoint drives the robot
-        self.patrol_steps = 0  # steps of patrol so far
-        self.rewarded_segment = -1  # last stretch of patrol that had a discovery
-        self.item: Item | None = None  # garbage that MoveToGarbage drives to
-        self.humanoid = -1  # whom MoveToHumanoid drives to
-        self.aim_end = 0  # step at which it aims anew
-        self.aim = 0j  # where it saw that humanoid, x + iy in metres
+    world: World
+    limits: Limits
+    script: Script
+    physics: Space
+    robot: Robot
+    ground: Ground
+    humanoids: Humanoids
+    journal: Journal
+    board: list[float]  # the blackboard, in the order of KEYS
+    dt: float  # s a step
+    walk: float  # m a step, of a humanoid
+    step: int = 0
+    booked: int = 0  # step until which time is in the account
+    changed: bool = False  # a flag of the blackboard, since the last tick
+    spawn: int = 0  # index of the script's next garbage
+    turn: int = 0  # index of the script's next turn of a humanoid
+    wake: int = FAR  # a step at which a running action wants to be ticked
+    shaken: bool = False  # touched a step ago: the engine still moves overlapping bodies apart
+    status: int = FAILURE  # of the tree's last tick
+    stirred: bool = False  # this tick changed something that the next one can depend on
+    acted: bool = False  # a non-movement action happened in this tick
+    idle: int = 0  # steps of idleness so far
+    last_action: int = 0  # step of the last non-movement action
+    patrolling: bool = False  # PatrolWaypoint drives the robot
+    patrol_steps: int = 0  # steps of patrol so far
+    rewarded_segment: int = -1  # last stretch of patrol that had a discovery
+    item: Item | None = None  # garbage that MoveToGarbage drives to
+    humanoid: int = -1  # whom MoveToHumanoid drives to
+    aim_end: int = 0  # step at which it aims anew
+    aim: complex = 0j  # where it saw that humanoid, x + iy in metres
 
     def log(self, event: Event, amount: float) -> None:
         """Writes an event of this step down."""
@@ -92,3 +86,24 @@ class Island:
         """Asks for a tick at `step` at the latest."""
         if step < self.wake:
             self.wake = step
+
+
+def build_island(world: World, seed: int, award: Award, thresholds: tuple[float, ...]) -> Island:
+    """The island of `seed` at step 0. `thresholds`: as a Robot has them."""
+    script = write_script(world, seed)
+    physics = build_space(world, script)
+    robot = Robot(world, physics.robot, script.obstacles, thresholds)
+    cell = world.robot.perception + 2 * robot.stride  # may be left by a step
+    return Island(
+        world=world,
+        limits=Limits.of(world.episode),
+        script=script,
+        physics=physics,
+        robot=robot,
+        ground=Ground(script.garbage, most=world.garbage.most, side=world.side, cell=cell),
+        humanoids=Humanoids(world.humanoids, physics.humanoids),
+        journal=Journal(award),
+        board=[0.0] * len(KEYS),
+        dt=world.episode.step,
+        walk=world.humanoids.speed * world.episode.step,
+    )

@@ -14,6 +14,7 @@ Positive = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
 Percent = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
 ROCK_MARGIN = 0.3  # m between the robot's hull and an obstacle it drives around
+FAR = 1 << 29  # a step that no episode comes to
 Point = tuple[NotNegative, NotNegative]  # metres from the south-west corner
 
 
@@ -73,6 +74,15 @@ class EpisodeSettings(BaseModel, frozen=True, extra="forbid"):
     stagnation_low_battery: Positive  # the same while the battery is low
     low_battery: Percent
     negative: Positive  # s of negative fitness
+
+    @model_validator(mode="after")
+    def _comes_to_an_end(self) -> Self:
+        if self.length / self.step >= FAR:
+            raise ValueError(
+                f"expected fewer than {FAR:,} steps, found {self.length:g} s in steps of"
+                f" {self.step:g} s; shorten length or lengthen step"
+            )
+        return self
 
 
 class World(BaseModel, frozen=True, extra="forbid"):

@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 import pytest
 
 from islandgp.island import state
-from islandgp.island.script import SPAWN, Circle, Cue, Script
+from islandgp.island.script import Circle, Script, Spawn, Turn
+from islandgp.island.world import FAR
 
 Lay = Callable[..., None]
-END = (10**9, SPAWN, 0.0, 0.0)  # a cue beyond every episode
 
 
 @pytest.fixture
@@ -21,7 +21,8 @@ def lay(monkeypatch: pytest.MonkeyPatch) -> Lay:
         *,
         garbage: Sequence[complex] = (),
         humanoids: Sequence[tuple[float, float]] = (),
-        cues: Sequence[Cue] = (),
+        spawns: Sequence[Spawn] = (),
+        turns: Sequence[Turn] = (),
         obstacles: Sequence[Circle] = (),
     ) -> None:
         """`garbage` lies at x + iy, `humanoids` stand at (x, y)."""
@@ -29,7 +30,8 @@ def lay(monkeypatch: pytest.MonkeyPatch) -> Lay:
             obstacles=tuple(obstacles),
             garbage=tuple(garbage),
             humanoids=tuple((x, y, 0.0, 0.0) for x, y in humanoids),
-            cues=(*sorted(cues), END),
+            spawns=(*sorted(spawns), (FAR, 0.0, 0.0)),
+            turns=(*sorted(turns), (FAR, 0, 0.0, 0.0)),
         )
         monkeypatch.setattr(state, "write_script", lambda _world, _seed: script)
 

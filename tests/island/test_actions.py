@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 
 from islandgp.island.journal import Event
-from islandgp.island.script import SPAWN, Cue
+from islandgp.island.script import Turn
 from islandgp.island.world import World
 from tests.island.conftest import Lay
 from tests.island.days import day, world
@@ -20,7 +20,7 @@ def short(seconds: float = 10, **changes: object) -> World:
     return world(episode={"length": seconds}, **changes)
 
 
-def asking(*people: int, items: int = 5, first: int = 1) -> list[Cue]:
+def asking(*people: int, items: int = 5, first: int = 1) -> list[Turn]:
     """Cues after which humanoids carry so many items; one is found at each step."""
     return [(first + n, h, 0.0, 0.0) for n in range(items) for h in people]
 
@@ -47,7 +47,7 @@ def test_garbage_in_sight(lay: Lay, x: float, seen: bool) -> None:
 
 def test_move_to_garbage_takes_the_nearest(lay: Lay) -> None:
     """Of several items it drives to the nearest, and keeps to it."""
-    lay(garbage=[150 + 162j, 159 + 150j, 150 + 139j], cues=[(3, SPAWN, 150.0, 153.0)])
+    lay(garbage=[150 + 162j, 159 + 150j, 150 + 139j], spawns=[(3, 150.0, 153.0)])
     found = day("MoveToGarbage", short())
     arrival = found.moments[found.statuses.index("SUCCESS")]
     assert (arrival.x, arrival.y) == (pytest.approx(157.5), pytest.approx(150))
@@ -165,7 +165,7 @@ def test_charging_is_no_idleness(lay: Lay) -> None:
 
 def test_move_to_humanoid(lay: Lay) -> None:
     """It drives to the humanoid until it is within 2 m, and takes over what it carries."""
-    lay(humanoids=[(160, 150)], cues=asking(0))
+    lay(humanoids=[(160, 150)], turns=asking(0))
     found = day("MoveToHumanoid", short())
     assert found.statuses[:5] == ["FAILURE"] * 5, "nobody asks before the fifth item"
     first = found.statuses.index("SUCCESS")
@@ -179,7 +179,7 @@ def test_move_to_humanoid(lay: Lay) -> None:
 @pytest.mark.parametrize(("x", "seen"), [(165, True), (165.01, False)])
 def test_humanoid_in_sight(lay: Lay, x: float, seen: bool) -> None:
     """Who asks is seen up to 15 m, that included."""
-    lay(humanoids=[(x, 150)], cues=asking(0))
+    lay(humanoids=[(x, 150)], turns=asking(0))
     late = day("MoveToHumanoid", short(1)).moments[6]
     assert late.board[ASKED] == seen
     assert late.status == ("RUNNING" if seen else "FAILURE")
@@ -187,7 +187,7 @@ def test_humanoid_in_sight(lay: Lay, x: float, seen: bool) -> None:
 
 def test_full_robot_takes_nothing_over(lay: Lay) -> None:
     """Without room MoveToHumanoid fails; with little room it takes what fits."""
-    lay(humanoids=[(151.5, 150)], cues=asking(0, items=9))
+    lay(humanoids=[(151.5, 150)], turns=asking(0, items=9))
     found = day("MoveToHumanoid", short(2, robot={"capacity": 3}))
     assert found.amounts(Event.INTERACTION) == [3]
     assert found.moments[-1].load == 3
@@ -196,7 +196,7 @@ def test_full_robot_takes_nothing_over(lay: Lay) -> None:
 
 def test_a_humanoid_with_enough_left_asks_on(lay: Lay) -> None:
     """Who still carries five asks again at once."""
-    lay(humanoids=[(151.5, 150)], cues=asking(0, items=10))
+    lay(humanoids=[(151.5, 150)], turns=asking(0, items=10))
     island = short(6, robot={"capacity": 4}, waypoints=[[150, 160], [150, 162]])
     found = day("sequence { PatrolWaypoint MoveToHumanoid }", island)
     (first,) = found.steps(Event.INTERACTION)
@@ -207,8 +207,8 @@ def test_a_humanoid_with_enough_left_asks_on(lay: Lay) -> None:
 
 def test_moving_humanoids_are_caught(lay: Lay) -> None:
     """A humanoid that walks away at 1.2 m/s is caught by a robot at 5 m/s."""
-    cues = [*asking(0), *((step, 0, 1.2, 0.0) for step in range(6, 100))]
-    lay(humanoids=[(160, 150)], cues=cues)
+    turns = [*asking(0), *((step, 0, 1.2, 0.0) for step in range(6, 100))]
+    lay(humanoids=[(160, 150)], turns=turns)
     found = day("MoveToHumanoid", short())
     assert found.amounts(Event.INTERACTION)[0] >= 5
     assert found.steps(Event.INTERACTION)[0] < 40
@@ -305,11 +305,11 @@ def test_idle_seconds(lay: Lay) -> None:
 
 def test_an_action_ends_idleness(lay: Lay) -> None:
     """A pickup in between lets the count begin again, and so does driving."""
-    lay(cues=[(35, SPAWN, 150.0, 150.0)])
+    lay(spawns=[(35, 150.0, 150.0)])
     found = day("PickupGarbage", short(6))
     assert found.steps(Event.PICKUP) == [35]
     assert found.amounts(Event.IDLE) == [1, 2, 3, 1, 2]
-    lay(cues=[(35, SPAWN, 155.0, 150.0)])
+    lay(spawns=[(35, 155.0, 150.0)])
     assert day("MoveToGarbage", short(6)).amounts(Event.IDLE) == [1, 2, 3, 1]
 
 
@@ -321,7 +321,7 @@ def test_driving_is_no_idleness(lay: Lay) -> None:
 
 def test_inactive_time(lay: Lay) -> None:
     """The time since the last non-movement action; driving does not shorten it."""
-    lay(cues=[(40, SPAWN, 150.0, 150.0)])
+    lay(spawns=[(40, 150.0, 150.0)])
     found = day("PickupGarbage", short(10))
     assert found.episode.inactive == pytest.approx(6, abs=0.11)
     assert day("PatrolWaypoint", short(10)).episode.inactive == 10

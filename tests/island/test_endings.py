@@ -7,7 +7,6 @@ import pytest
 from islandgp.bt.language import parse
 from islandgp.island.episode import Ending, Episode, run_episode
 from islandgp.island.journal import Event
-from islandgp.island.script import SPAWN
 from islandgp.island.world import World
 from tests.island.conftest import Lay
 from tests.island.days import day, points, world
@@ -22,8 +21,8 @@ def run(tree: str, island: World) -> Episode:
 
 def test_time(lay: Lay) -> None:
     """An episode that goes well lasts 420 s."""
-    spawns = [(step, SPAWN, 150.0, 150.0) for step in range(500, 4200, 500)]
-    lay(cues=spawns)
+    spawns = [(step, 150.0, 150.0) for step in range(500, 4200, 500)]
+    lay(spawns=spawns)
     found = run(STAND, world(robot={"drain_standing": 0.01}))
     assert (found.ending, found.steps) == (Ending.TIME, 4200)
 
@@ -48,7 +47,7 @@ def test_stagnation(lay: Lay, battery: float, seconds: int) -> None:
 
 def test_stagnation_counts_from_the_best(lay: Lay) -> None:
     """The clock starts again with each better fitness, and not with one that only recovers."""
-    lay(cues=[(300, SPAWN, 150.0, 150.0)])
+    lay(spawns=[(300, 150.0, 150.0)])
     found = run(STAND, world(robot={"drain_standing": 0.01}))
     assert (found.ending, found.steps) == (Ending.STAGNATION, 300 + 1200)
 
@@ -74,7 +73,7 @@ def test_negative(lay: Lay) -> None:
 
 def test_negative_ends_with_a_gain(lay: Lay) -> None:
     """A gain that brings the fitness back above 0 stops that clock."""
-    lay(cues=[(800, SPAWN, 150.0, 150.0)])
+    lay(spawns=[(800, 150.0, 150.0)])
     found = run(STAND, world(robot={"drain_standing": 0.01}))
     # -10 a second from 21 to 80 are -600; the pickup adds 600. That is 0, neither negative nor
     # a better best. The next idle second, one after 20 more, makes it negative again.
@@ -84,7 +83,7 @@ def test_negative_ends_with_a_gain(lay: Lay) -> None:
 def test_shutdown(lay: Lay) -> None:
     """An empty battery ends it, and costs: 70 % last 350 s of driving."""
     garbage = [complex(150, y) for y in range(20, 290, 10)]
-    lay(garbage=garbage, cues=[(s, SPAWN, 150.0, 40.0 + s % 200) for s in range(100, 4000, 100)])
+    lay(garbage=garbage, spawns=[(s, 150.0, 40.0 + s % 200) for s in range(100, 4000, 100)])
     found = day(PATROL, world(waypoints=[[150, 30], [150, 270]]))
     arrivals = found.statuses.count("SUCCESS")  # at each it stands for a tick, at a quarter
     steps = 3500 + round(arrivals * 0.75)
@@ -99,7 +98,7 @@ def test_shutdown(lay: Lay) -> None:
 
 def test_leftover_is_counted_at_the_end(lay: Lay) -> None:
     """Each episode's last event is the garbage that still lies there."""
-    lay(garbage=[150 + 150j, 10 + 10j, 20 + 20j], cues=[(5, SPAWN, 280.0, 280.0)])
+    lay(garbage=[150 + 150j, 10 + 10j, 20 + 20j], spawns=[(5, 280.0, 280.0)])
     found = day(STAND, world(episode={"length": 2}))
     assert found.episode.events[-1] == (20, Event.LEFTOVER, 3)
     assert found.amounts(Event.LEFTOVER) == [3]

@@ -8,7 +8,7 @@ from math import hypot
 import pytest
 
 from islandgp.island.journal import Event
-from islandgp.island.script import SPAWN, write_script
+from islandgp.island.script import write_script
 from tests.island.conftest import Lay
 from tests.island.days import day, world
 
@@ -16,7 +16,7 @@ from tests.island.days import day, world
 def test_garbage_is_capped(lay: Lay) -> None:
     """At most 150 items lie on the ground at once; what would be more never appears."""
     many = [complex(10 + i % 90, 10 + i // 90) for i in range(140)]
-    lay(garbage=many, cues=[(step, SPAWN, 250.0, 250.0) for step in range(1, 60)])
+    lay(garbage=many, spawns=[(step, 250.0, 250.0) for step in range(1, 60)])
     found = day("PatrolWaypoint", world(episode={"length": 8}))
     assert max(moment.lying for moment in found.moments) == 150
     assert found.amounts(Event.LEFTOVER) == [150]
@@ -24,7 +24,7 @@ def test_garbage_is_capped(lay: Lay) -> None:
 
 def test_garbage_comes_again_when_there_is_room(lay: Lay) -> None:
     """On a full ground a pickup makes room for the next item."""
-    lay(garbage=[150 + 150j, 10 + 10j], cues=[(5, SPAWN, 20.0, 20.0), (6, SPAWN, 30.0, 30.0)])
+    lay(garbage=[150 + 150j, 10 + 10j], spawns=[(5, 20.0, 20.0), (6, 30.0, 30.0)])
     found = day("PickupGarbage", world(garbage={"initial": 2, "most": 2}, episode={"length": 2}))
     assert found.amounts(Event.LEFTOVER) == [2]
 
@@ -54,7 +54,7 @@ def test_humanoids_find_an_item_every_4_to_10_seconds() -> None:
     island = world()
     script = write_script(island, 3)
     for h in range(island.humanoids.count):
-        steps = [0, *(step for step, who, _, _ in script.cues if who == h)]
+        steps = [0, *(step for step, who, _, _ in script.turns[:-1] if who == h)]
         gaps = [b - a for a, b in pairwise(steps)]
         assert len(gaps) > 40
         assert min(gaps) >= 40
@@ -65,7 +65,7 @@ def test_humanoids_walk_at_their_speed() -> None:
     """A heading is a velocity of 1.2 m/s in some direction."""
     script = write_script(world(), 3)
     speeds = [hypot(vx, vy) for _, _, vx, vy in script.humanoids]
-    speeds += [hypot(vx, vy) for _, who, vx, vy in script.cues[:-1] if who != SPAWN]
+    speeds += [hypot(vx, vy) for _, _, vx, vy in script.turns[:-1]]
     assert speeds == [pytest.approx(1.2)] * len(speeds)
 
 
@@ -83,7 +83,7 @@ def test_a_contact_is_one_collision(lay: Lay) -> None:
 
 def test_a_standing_robot_can_be_touched(lay: Lay) -> None:
     """A humanoid that walks into a robot is a collision, and then walks away from it."""
-    lay(humanoids=[(150, 155)], cues=[(1, 0, 0.0, -1.2)])
+    lay(humanoids=[(150, 155)], turns=[(1, 0, 0.0, -1.2)])
     found = day("PickupGarbage", world(episode={"length": 15}))
     assert found.amounts(Event.COLLISION) == [1]
     # 5 m less the two radii of 0.6 and 0.4 m, at 1.2 m/s
@@ -103,7 +103,7 @@ def test_things_have_room() -> None:
     island = world()
     for seed in range(20):
         script = write_script(island, seed)
-        spawned = [complex(a, b) for _, who, a, b in script.cues[:-1] if who == SPAWN]
+        spawned = [complex(x, y) for _, x, y in script.spawns[:-1]]
         assert len(script.garbage) == 120
         assert len(spawned) == 210
         for z in (*script.garbage, *spawned, *(complex(h[0], h[1]) for h in script.humanoids)):

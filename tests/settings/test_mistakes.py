@@ -54,6 +54,8 @@ ONE_LINE = [
     (["supervisor.lag=41"], "supervisor.lag: expected less than gp.generations=41, found 41"),
     (["world.start=[500,400]"],
      "world.start: expected points at least 2 m inside the 300 m island, found (500, 400)"),
+    (["world.episode.step=1e-9"],
+     "world.episode: expected fewer than 536,870,912 steps, found 420 s in steps of 1e-09 s"),
     (["world.garbage.initial=300"],
      "world.garbage.initial: expected at most garbage.most=250, found 300"),
     (["world.humanoids.speed=9"], "world.humanoids.speed: expected at most robot.speed=5, found 9"),
