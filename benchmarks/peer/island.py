@@ -8,7 +8,7 @@ import numpy as np
 from pymunk import Vec2d
 
 from islandgp.island.journal import Award, Event, Journal
-from islandgp.island.script import SPAWN, write_script
+from islandgp.island.script import write_script
 from islandgp.island.space import build_space
 from islandgp.island.steering import steer
 from islandgp.island.world import ROCK_MARGIN, Point, World
@@ -38,7 +38,7 @@ class Island:
         self.met = np.zeros(len(self.people), dtype=bool)  # humanoids seen before
         gap = world.robot.radius + ROCK_MARGIN
         self.rocks = [(x, y, radius + gap) for x, y, radius in self.script.obstacles]
-        self.step = self.cue = 0
+        self.step = self.spawn = self.turn = 0
         self.dt = world.episode.step
         self.stride = world.robot.speed * self.dt  # m a step
         self.at = self.robot.position
@@ -139,18 +139,21 @@ class Island:
             if h >= 0:
                 away = self.people[h].position - self.robot.position
                 self.people[h].velocity = away.normalized() * self.world.humanoids.speed
-        while self.script.cues[self.cue][0] == self.step:
-            self._play(*self.script.cues[self.cue][1:])
-            self.cue += 1
+        self._play_script()
         self._account()
 
-    def _play(self, who: int, a: float, b: float) -> None:
-        if who != SPAWN:
-            self.people[who].velocity = (a, b)
+    def _play_script(self) -> None:
+        while self.script.spawns[self.spawn][0] == self.step:
+            _, x, y = self.script.spawns[self.spawn]
+            self.spawn += 1
+            if len(self.garbage) < self.world.garbage.most:
+                self.garbage.append(Item(x, y))
+                self._lay_out()
+        while self.script.turns[self.turn][0] == self.step:
+            _, who, vx, vy = self.script.turns[self.turn]
+            self.turn += 1
+            self.people[who].velocity = (vx, vy)
             self.carried[who] = min(self.carried[who] + 1, self.world.humanoids.most_items)
-        elif len(self.garbage) < self.world.garbage.most:
-            self.garbage.append(Item(a, b))
-            self._lay_out()
 
     def _account(self) -> None:
         robot = self.world.robot
