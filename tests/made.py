@@ -9,6 +9,7 @@ from typing import Any
 from islandgp.bt.language import parse
 from islandgp.evolution.population import Evaluated, Individual, Origin
 from islandgp.scoring.classify import Classes, specialist, tiers
+from islandgp.scoring.crisis import Crisis
 from islandgp.scoring.outcome import Outcome
 from islandgp.scoring.state import (
     PopulationState,
@@ -87,6 +88,7 @@ def state(history: Sequence[Snapshot], **changes: Any) -> PopulationState:
     found = population_state(
         history,
         StateSettings(window=5, improvement=0.01, low_diversity=0.3),
+        Crisis(diversity_below=0.05, stagnant_epochs_above=1.5, emergency_rate=0.5),
         crossover_rate=0.8,
         population=30,
         generations=41,

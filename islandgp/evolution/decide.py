@@ -9,7 +9,6 @@ from islandgp.evolution.plan import Plan
 from islandgp.evolution.record import GuidanceRecord
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance
-from islandgp.supervision.crisis import applied_rate, crisis_reason
 
 
 def decide(
@@ -23,7 +22,6 @@ def decide(
     wanted = given.mutation_rate if plan.switches.adapt_mutation else None
     # An emergency does not outlast its crisis where nobody adapts the rate.
     held = rate if plan.switches.adapt_mutation else plan.gp.mutation_rate
-    reason = crisis_reason(state, plan.gp.crisis)
     refused = ""
     if given.tree is not None:
         if not plan.switches.inject:
@@ -39,8 +37,8 @@ def decide(
         target=given.target,
         intervention=given.intervention,
         wanted_rate=given.mutation_rate,
-        crisis=reason,
-        applied_rate=applied_rate(held if wanted is None else wanted, reason, plan.gp.crisis),
+        crisis=state.crisis,
+        applied_rate=plan.gp.crisis.rate(held if wanted is None else wanted, state.crisis),
         tree=None if given.tree is None else to_text(given.tree),
         injected=tree is not None,
         refused=refused,

@@ -29,6 +29,7 @@ def view(plan: Plan, history: Sequence[Snapshot]) -> PopulationState:
     return population_state(
         history,
         plan.gp.state,
+        plan.gp.crisis,
         crossover_rate=plan.gp.crossover_rate,
         population=plan.gp.population,
         generations=plan.gp.generations,

@@ -12,9 +12,9 @@ from islandgp.evolution.allocation import Allocation
 from islandgp.evolution.generation import TreeSettings
 from islandgp.evolution.operators import MutationSettings
 from islandgp.scoring.classify import Classes
+from islandgp.scoring.crisis import Crisis
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.scoring.state import StateSettings
-from islandgp.supervision.crisis import Crisis
 
 
 class GP(BaseModel, frozen=True, extra="forbid"):

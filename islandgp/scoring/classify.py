@@ -73,18 +73,18 @@ def specialist(o: Outcome, classes: Classes) -> Specialist:
 
 
 def is_charging(o: Outcome) -> bool:
-    """The label Charging Robot."""
-    return o.charges >= 1
+    """The label Charging Robot: at least one charging attempt, in whichever of its episodes."""
+    return o.charges > 0
 
 
 def is_clearing(o: Outcome) -> bool:
-    """The label Clearing Robot."""
-    return o.deliveries >= 1
+    """The label Clearing Robot: at least one delivery."""
+    return o.deliveries > 0
 
 
 def is_working(o: Outcome) -> bool:
-    """Whether it counts for the working ratio, Eq. (4)."""
-    return o.pickups >= 1 or o.interactions >= 1
+    """Whether it counts for the working ratio, Eq. (4): a pickup or an interaction."""
+    return o.pickups > 0 or o.interactions > 0
 
 
 def reaches(o: Outcome, threshold: Threshold) -> bool:

@@ -23,6 +23,7 @@ from islandgp.scoring.classify import (
     specialist,
     tiers,
 )
+from islandgp.scoring.crisis import Crisis
 from islandgp.scoring.diversity import diversity, working_ratio
 from islandgp.scoring.outcome import Outcome
 
@@ -51,8 +52,8 @@ class Snapshot:
     diversity: float  # Eq. (3)
     working: float  # Eq. (4)
     specialists: dict[str, int]  # individuals by exclusive class
-    # Individuals with >= 1 pickup, humanoid interaction, delivery, charge. The latter two are those
-    # that carry the labels clearing and charging (section 2.3.3).
+    # Individuals with a pickup, humanoid interaction, delivery, charge in any episode. The latter
+    # two are those that carry the labels clearing and charging (section 2.3.3).
     doing: dict[str, int]
     tiers: dict[str, int]  # individuals by tier of Table 4
     distance: float  # m, mean
@@ -87,8 +88,8 @@ def measure(
         working=working_ratio(outcomes),
         specialists={c.value: counts[c] for c in Specialist},
         doing={
-            "pickup": sum(o.pickups >= 1 for o in outcomes),
-            "humanoid": sum(o.interactions >= 1 for o in outcomes),
+            "pickup": sum(o.pickups > 0 for o in outcomes),
+            "humanoid": sum(o.interactions > 0 for o in outcomes),
             "clearing": sum(map(is_clearing, outcomes)),
             "charging": sum(map(is_charging, outcomes)),
         },
@@ -110,10 +111,16 @@ class StateSettings(BaseModel, frozen=True, extra="forbid"):
 
 @dataclass(frozen=True, slots=True)
 class PopulationState:
-    """Table 5. Everything a supervisor may base its guidance on."""
+    """Table 5. Everything a supervisor may base its guidance on.
+
+    Fitness is compared within a stage of the curriculum alone: other multipliers,
+    another scale. When a stage begins its changes, trends and plateau begin at 0.
+    """
 
     now: Snapshot
     history: tuple[Snapshot, ...]  # the last generations, oldest first, `now` included
+    best_rose: bool  # the best of the present stage has just risen
+    best_rise: float  # rise of the best over the window, as a share of what it was
     best_change: float  # points: best now minus the best of the previous generation
     mean_change: float  # points
     best_trend: float  # points a generation, least squares over the window
@@ -122,6 +129,7 @@ class PopulationState:
     diversity_trend: float  # a generation
     stagnant_generations: int  # since the best of the present stage last rose
     stagnant_epochs: float  # the same in epochs
+    crisis: str  # Eq. (7): "diversity", "stagnation", or "" when there is none
     diversity_warning: bool  # diversity is low
     ever_complete: bool  # a Complete Robot has existed
     ever_excellent: bool  # an Excellent Robot has existed
@@ -145,10 +153,7 @@ def trend(values: Sequence[float]) -> float:
 
 
 def stagnant(history: Sequence[Snapshot], improvement: float) -> int:
-    """Generations since the best fitness last rose by more than the share `improvement`.
-
-    A new stage of the curriculum counts afresh: other multipliers, another scale.
-    """
+    """Generations since the best of the present stage last rose by more than `improvement`."""
     stage, best, since = -1, 0.0, 0
     for snapshot in history:
         since += 1
@@ -160,6 +165,7 @@ def stagnant(history: Sequence[Snapshot], improvement: float) -> int:
 def population_state(
     history: Sequence[Snapshot],
     settings: StateSettings,
+    crisis: Crisis,
     *,
     crossover_rate: float,
     population: int,
@@ -170,18 +176,23 @@ def population_state(
     """The state after the last generation of `history` (all generations so far, oldest first)."""
     now, recent = history[-1], tuple(history[-settings.window :])
     before = history[-2] if len(history) > 1 else now
+    stage = [s for s in recent if s.stage == now.stage]
+    last = stage[-2] if len(stage) > 1 else now
     plateau = stagnant(history, settings.improvement)
     return PopulationState(
         now=now,
         history=recent,
-        best_change=now.best - before.best,
-        mean_change=now.mean - before.mean,
-        best_trend=trend([s.best for s in recent]),
-        mean_trend=trend([s.mean for s in recent]),
+        best_rose=plateau == 0 and len(stage) > 1,
+        best_rise=(now.best - stage[0].best) / max(1.0, abs(stage[0].best)),
+        best_change=now.best - last.best,
+        mean_change=now.mean - last.mean,
+        best_trend=trend([s.best for s in stage]),
+        mean_trend=trend([s.mean for s in stage]),
         diversity_change=now.diversity - before.diversity,
         diversity_trend=trend([s.diversity for s in recent]),
         stagnant_generations=plateau,
         stagnant_epochs=plateau / generations_per_epoch,
+        crisis=crisis.reason(now.diversity, plateau / generations_per_epoch),
         diversity_warning=now.diversity < settings.low_diversity,
         ever_complete=any(s.tiers[Tier.COMPLETE] for s in history),
         ever_excellent=any(s.tiers[Tier.EXCELLENT] for s in history),

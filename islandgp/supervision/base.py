@@ -12,8 +12,8 @@ import numpy as np
 
 from islandgp.bt.limits import Limits
 from islandgp.bt.node import Node
+from islandgp.scoring.crisis import Crisis
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.crisis import Crisis
 
 
 class Phase(StrEnum):

@@ -42,7 +42,7 @@ class Baseline:
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:  # noqa: ARG002 -- the protocol's
         """The rate now in force, moved by what the best fitness did."""
         how, stuck = self.settings, state.stagnant_generations
-        if state.now.generation > 0 and stuck == 0:
+        if state.best_rose:
             factor, why = how.down, "the best fitness rose"
         elif stuck >= how.patience:
             factor, why = how.up, f"no better fitness for {stuck} generations"

@@ -7,14 +7,27 @@ Robots exist says more than raw fitness, which single-task specialists inflate.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
-from islandgp.bt.node import Node
+from islandgp.bt.node import Node, depth, size
+from islandgp.errors import ConfigError
 from islandgp.scoring.classify import Tier
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Pattern, Phase, Setup, Target
+
+
+class Size(BaseModel, frozen=True, extra="forbid"):
+    """The largest that a tree may be."""
+
+    depth: int = Field(ge=1)
+    nodes: int = Field(ge=1)
+
+    def holds(self, tree: Node) -> bool:
+        """Whether `tree` is no larger."""
+        return depth(tree) <= self.depth and size(tree) <= self.nodes
 
 
 class ExpertSettings(BaseModel, frozen=True, extra="forbid"):
@@ -26,6 +39,7 @@ class ExpertSettings(BaseModel, frozen=True, extra="forbid"):
     strong: float = Field(gt=0)  # rise of the best over the window, as a share, that is "strong"
     rare: float = Field(ge=0, le=1)  # share of the population below which a behaviour is missing
     collapse: float = Field(ge=0, le=1)  # Eq. (3) below which diversity has collapsed
+    compact: Size  # section 2.4.6: trees until a Complete Robot has existed
     trees: dict[Target, tuple[str, ...]]  # Table 7: example trees by target; one of them is drawn
 
     @model_validator(mode="after")
@@ -75,13 +89,12 @@ def classify_phase(state: PopulationState, how: ExpertSettings) -> Phase:
 
 def rising(state: PopulationState, how: ExpertSettings) -> bool:
     """Whether the best fitness rose strongly over the window."""
-    start = state.history[0].best
-    return state.now.best - start > how.strong * max(1.0, abs(start))
+    return state.best_rise > how.strong
 
 
 def classify_pattern(state: PopulationState, how: ExpertSettings) -> Pattern:
     """Table 6: the label of the evolutionary pattern."""
-    if state.stagnant_generations >= 2 * how.plateau:
+    if state.crisis == "stagnation":
         return Pattern.STAGNATION
     if state.now.diversity < how.collapse:
         return Pattern.PREMATURE_CONVERGENCE
@@ -91,20 +104,28 @@ def classify_pattern(state: PopulationState, how: ExpertSettings) -> Pattern:
 
 
 def choose_target(state: PopulationState, how: ExpertSettings) -> Target:
-    """Table 7: what the next tree is for.
+    """Table 7: what the next tree is for; a crisis comes first, then what is missing.
 
-    Until a Complete Robot has existed, a compact specialist for the rarest behaviour:
-    putting behaviours together is left to evolution.
+    Until a Complete Robot has existed the rarest behaviour always is: putting
+    behaviours together is left to evolution.
     """
+    if state.crisis:
+        return Target.EXPLORATION
     order = ("charging", "clearing", "humanoid", "pickup")  # hardest to find first
     rarest = min(order, key=lambda name: state.now.doing[name])
     if not state.ever_complete or state.now.doing[rarest] < how.rare * state.population:
         return Target(rarest)
-    if state.stagnant_generations >= 2 * how.plateau:
-        return Target.EXPLORATION
-    if state.now.diversity < how.collapse:
-        return Target.RARE
-    return Target.INTEGRATION
+    return Target.RARE if state.now.diversity < how.collapse else Target.INTEGRATION
+
+
+EARLY: Final = (
+    Target.PICKUP,
+    Target.HUMANOID,
+    Target.CHARGING,
+    Target.CLEARING,
+    Target.EXPLORATION,
+)
+"""Targets that there are before the first Complete Robot."""
 
 
 class Expert:
@@ -117,12 +138,24 @@ class Expert:
     def make(cls, settings: ExpertSettings, setup: Setup) -> Expert:
         """See `Supervisor`."""
         names = {name for trees in settings.trees.values() for name in trees}
-        return cls(settings, {name: setup.example(name) for name in sorted(names)})
+        expert = cls(settings, {name: setup.example(name) for name in sorted(names)})
+        for target in EARLY:
+            if not expert.trees(target, compact=True):
+                raise ConfigError(
+                    f"supervisor.policy.trees.{target}: expected a tree within"
+                    f" supervisor.policy.compact, found only larger ones; add one, or allow more."
+                )
+        return expert
 
     def __init__(self, settings: ExpertSettings, library: Mapping[str, Node]) -> None:
         """`library` holds the trees that `settings.trees` names."""
         self.settings = settings
         self.library = library
+
+    def trees(self, target: Target, *, compact: bool) -> list[str]:
+        """The trees for a target; with `compact` only those that are."""
+        names = self.settings.trees[target]
+        return [n for n in names if not compact or self.settings.compact.holds(self.library[n])]
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """A rate inside the phase's range, and a tree for what the population lacks most."""
@@ -130,7 +163,7 @@ class Expert:
         phase, pattern = classify_phase(state, how), classify_pattern(state, how)
         target = choose_target(state, how)
         low, high = how.rates[phase]
-        trees = how.trees[target]
+        trees = self.trees(target, compact=not state.ever_complete)
         name = trees[rng.integers(len(trees))]
         return Guidance(
             mutation_rate=high - (high - low) * calm(state, how),

@@ -10,23 +10,24 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
+from islandgp.scoring.crisis import Crisis
 from islandgp.scoring.state import PopulationState, Snapshot
-from islandgp.supervision.crisis import Crisis, crisis_reason
 
 FIELDS: Final[dict[str, str]] = {
     "generation": "the generation just evaluated, from 0",
     "generations": "generations of the whole run",
     "epoch": "the curriculum's epoch, from 1",
+    "stage": "the curriculum's stage, from 1: other multipliers, another scale of fitness",
     "fitness.best": "highest fitness now, points",
     "fitness.mean": "mean fitness now, points",
     "fitness.sd": "standard deviation over the population, points",
-    "fitness.best_change": "best now minus best one generation ago, points",
+    "fitness.best_change": "best now minus best one generation ago, points; 0 in a new stage",
     "fitness.best_change_share": "the same as a share of the best one generation ago",
-    "fitness.mean_change": "mean now minus mean one generation ago, points",
-    "fitness.best_trend": "slope of the best over the history, points a generation",
-    "fitness.mean_trend": "slope of the mean over the history, points a generation",
+    "fitness.mean_change": "mean now minus mean one generation ago, points; 0 in a new stage",
+    "fitness.best_trend": "slope of the best within the stage, points a generation",
+    "fitness.mean_trend": "slope of the mean within the stage, points a generation",
     "history[].generation": "a line for each recent generation, the present one last",
-    "history[].best": "its highest fitness, points",
+    "history[].best": "its highest fitness, under the multipliers of its stage, points",
     "history[].mean": "its mean fitness, points",
     "history[].diversity": "its behavioural diversity",
     "history[].working": "its working ratio",
@@ -57,7 +58,7 @@ FIELDS: Final[dict[str, str]] = {
     "milestones.excellent_seen": "whether an Excellent Robot has ever existed in this run",
     "activity.distance_m": "mean distance driven in an episode, m",
     "activity.inactive_s": "mean time since the last action other than moving, s",
-    "stagnation.generations": "generations since the best fitness ever last rose",
+    "stagnation.generations": "generations since the best of the stage last rose; 0 in a new stage",
     "stagnation.epochs": "the same in epochs",
     "crisis.low_diversity": "whether diversity is below the warning level",
     "crisis.diversity_below": "diversity below which the emergency rate is enforced",
@@ -83,6 +84,7 @@ def state_json(state: PopulationState, crisis: Crisis) -> dict[str, Any]:
         "generation": now.generation,
         "generations": state.generations,
         "epoch": now.epoch,
+        "stage": now.stage + 1,
         "fitness": {
             "best": round(now.best),
             "mean": round(now.mean),
@@ -121,7 +123,7 @@ def state_json(state: PopulationState, crisis: Crisis) -> dict[str, Any]:
             "low_diversity": state.diversity_warning,
             "diversity_below": crisis.diversity_below,
             "stagnant_epochs_above": crisis.stagnant_epochs_above,
-            "now": bool(crisis_reason(state, crisis)),
+            "now": bool(state.crisis),
         },
         "parameters": {
             "mutation_rate": _three(state.mutation_rate),

@@ -78,6 +78,8 @@ def state(
     return PopulationState(
         now=now,
         history=(snapshot(generation - 1, 3000.6), now),
+        best_rose=True,
+        best_rise=0.333,
         best_change=999.8,
         mean_change=124.975,
         best_trend=999.8,
@@ -86,6 +88,7 @@ def state(
         diversity_trend=0.01,
         stagnant_generations=0,
         stagnant_epochs=0.0,
+        crisis="",
         diversity_warning=False,
         ever_complete=bool(complete) if ever is None else ever,
         ever_excellent=bool(excellent) if ever is None else ever,

@@ -42,6 +42,17 @@ def test_rate(bests: list[float], rate: float, expected: float) -> None:
     assert advice(bests, rate).mutation_rate == pytest.approx(expected)
 
 
+def test_a_new_stage_is_neither_better_nor_worse() -> None:
+    """Other multipliers, another scale: where a stage begins the rate stays."""
+    for best in (10.0, 100.0, 1000.0):
+        history = [snapshot(9, best=100.0), snapshot(10, stage=1, best=best)]
+        found = Baseline(SETTINGS).advise(state(history), np.random.default_rng(0))
+        assert (found.mutation_rate, found.reasoning) == (0.4, "waiting")
+    grown = [*history, snapshot(11, stage=1, best=2000.0)]
+    found = Baseline(SETTINGS).advise(state(grown), np.random.default_rng(0))
+    assert found.mutation_rate == pytest.approx(0.36)
+
+
 def test_never_injects() -> None:
     """The baseline has no trees to give; the reason names what it saw."""
     found = advice([100, 100, 100], 0.4)

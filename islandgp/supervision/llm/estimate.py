@@ -134,6 +134,8 @@ def _state(setup: Setup) -> PopulationState:
     return PopulationState(
         now=now,
         history=(now,) * 5,
+        best_rose=True,
+        best_rise=0.123,
         best_change=1234.0,
         mean_change=123.0,
         best_trend=1234.0,
@@ -142,6 +144,7 @@ def _state(setup: Setup) -> PopulationState:
         diversity_trend=0.012,
         stagnant_generations=3,
         stagnant_epochs=0.6,
+        crisis="",
         diversity_warning=False,
         ever_complete=True,
         ever_excellent=True,

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from islandgp.supervision.crisis import Crisis, applied_rate, crisis_reason
-from tests.made import snapshot, state
+from islandgp.scoring.crisis import Crisis
 
 CRISIS = Crisis(diversity_below=0.15, stagnant_epochs_above=3, emergency_rate=0.5)
 
@@ -24,12 +23,11 @@ CRISIS = Crisis(diversity_below=0.15, stagnant_epochs_above=3, emergency_rate=0.
 )
 def test_crisis_reason(diversity: float, plateau: int, reason: str) -> None:
     """Eq. (7): diversity below its threshold, or stagnation for more than so many epochs."""
-    history = [snapshot(g, diversity=diversity) for g in range(plateau + 1)]
-    assert crisis_reason(state(history), CRISIS) == reason
+    assert CRISIS.reason(diversity, plateau / 5) == reason
 
 
 def test_applied_rate() -> None:
     """Eq. (8): the emergency rate in a crisis, else the wanted one."""
-    assert applied_rate(0.12, "", CRISIS) == 0.12
-    assert applied_rate(0.12, "diversity", CRISIS) == 0.5
-    assert applied_rate(0.9, "stagnation", CRISIS) == 0.5
+    assert CRISIS.rate(0.12, "") == 0.12
+    assert CRISIS.rate(0.12, "diversity") == 0.5
+    assert CRISIS.rate(0.9, "stagnation") == 0.5
