@@ -67,6 +67,8 @@ class RunFolder:
     def open(self, config: str, about: About) -> None:
         """Takes the folder for this process and writes down whose it is.
 
+        A run that is finished keeps what is written there.
+
         Raises:
             RunError: another process is writing here.
         """
@@ -78,6 +80,8 @@ class RunFolder:
                 f"Expected to be the only one who writes to {self.path}, found another run at work"
                 " there; wait for it, or give this one another name=..."
             ) from None
+        if self.finished():
+            return
         write_atomic(self.path / "about.json", _pretty(asdict(about)))
         write_atomic(self.path / "config.yaml", config.encode())
         (self.path / "error.txt").unlink(missing_ok=True)
@@ -129,8 +133,14 @@ class RunFolder:
         """The state to go on from; cuts off what was written after it. None: from the start.
 
         Raises:
-            RunError: the checkpoint is damaged, or records before it are damaged or missing.
+            RunError: the run is finished, the checkpoint is damaged, or records before it are
+                damaged or missing.
         """
+        if self.finished():
+            raise RunError(
+                f"Expected a run to go on with in {self.path}, found it finished; use resume=never"
+                " for a new folder beside it."
+            )
         state = self._state()
         for lines in (self._generations, self._costs):
             lines.cut(state.generation if state else 0)

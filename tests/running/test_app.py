@@ -12,7 +12,7 @@ import pytest
 from islandgp.app import main
 from islandgp.compose import run_folder
 from islandgp.evolution.record import Step
-from islandgp.tracking.folder import RunFolder
+from islandgp.tracking.folder import About, RunFolder
 from tests.composed import composed
 from tests.running.commands import TINY, fake
 from tests.running.histories import store, tracked
@@ -75,6 +75,28 @@ def test_the_same_command_again_does_nothing(
     assert main(INSTANT) == 0
     assert "This run was complete already; resume=never runs it again." in capsys.readouterr().out
     assert file.stat().st_mtime_ns == before
+
+
+def test_a_run_that_another_process_finishes_meanwhile_stays_complete(
+    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Between the look at a folder and its lock the run may come to its end elsewhere."""
+
+    def late(folder: RunFolder, config: str, about: About) -> None:
+        (here / "elsewhere").rename(here / "runs")
+        before(folder, config, about)
+
+    before = RunFolder.open
+    main(INSTANT)
+    (name,) = leaf(here)
+    folder = here / "runs/default" / name
+    made = {path.name: path.read_bytes() for path in folder.iterdir()}
+    (here / "runs").rename(here / "elsewhere")
+    monkeypatch.setattr(RunFolder, "open", late)
+    capsys.readouterr()
+    assert main(INSTANT) == 0
+    assert "This run was complete already" in capsys.readouterr().out
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == made
 
 
 def test_resume_never_takes_a_new_folder(here: Path) -> None:
