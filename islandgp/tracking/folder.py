@@ -29,6 +29,7 @@ from filelock import FileLock, Timeout
 from islandgp.errors import IslandError, RunError
 from islandgp.evolution.checkpoint import load_state, save_state, snapshot, write_atomic
 from islandgp.evolution.record import RunState, Step
+from islandgp.tracking.brief import brief
 from islandgp.tracking.lineage import write_lineage
 from islandgp.tracking.lines import Lines
 
@@ -116,9 +117,16 @@ class RunFolder:
         return Status.FAILED if self.error() else Status.KILLED
 
     def about(self) -> About | None:
-        """What was written down at the start; None if there was no start."""
+        """What was written down at the start; None if there was no start.
+
+        Raises:
+            RunError: the file is damaged, or of another version.
+        """
         file = self.path / "about.json"
-        return About(**json.loads(file.read_text(encoding="utf-8"))) if file.exists() else None
+        try:
+            return About(**json.loads(file.read_text(encoding="utf-8"))) if file.exists() else None
+        except (ValueError, TypeError) as error:
+            raise _damaged("what a run says of itself", file, error) from error
 
     def config(self) -> str | None:
         """The configuration of the run that was here before, as YAML; None if there was none."""
@@ -153,10 +161,7 @@ class RunFolder:
         try:
             return load_state(checkpoint, (snapshot(r["snapshot"]) for r in self.records()))
         except (ValueError, KeyError, TypeError) as error:
-            raise RunError(
-                f"Expected generation records in {self._generations.path}, found a damaged"
-                f" file ({error}); delete the run's folder or use resume=never."
-            ) from error
+            raise _damaged("generation records", self._generations.path, error) from error
 
     def append(self, step: Step) -> None:
         """Writes a generation down, then the state to go on from."""
@@ -207,6 +212,13 @@ def locked(path: Path) -> bool:
             return False
     except Timeout:
         return True
+
+
+def _damaged(what: str, file: Path, error: Exception) -> RunError:
+    return RunError(
+        f"Expected {what} in {file}, found a damaged file ({brief(error)});"
+        " delete the run's folder or use resume=never."
+    )
 
 
 def _pretty(value: dict[str, Any]) -> bytes:
