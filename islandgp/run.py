@@ -99,10 +99,9 @@ def run(
     if target.finished():
         return _complete(target, tracker)
     supervisor = make_supervisor(settings, target.path)
-    target.open(
-        yaml.safe_dump(config, sort_keys=False), about_run(settings, config, target, home, command)
-    )
+    about = about_run(settings, config, target, home, command)
     try:
+        target.open(yaml.safe_dump(config, sort_keys=False), about)
         if target.finished():  # by the process that had the folder until now
             return _complete(target, tracker)
         where = _tracked(settings, target, supervisor, tracker, keep_display)
