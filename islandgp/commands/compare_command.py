@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 import yaml
 
+from islandgp.errors import StudyError
 from islandgp.resources import resource
 
 if TYPE_CHECKING:
@@ -85,6 +86,8 @@ def command(
     from islandgp.study.writing import write
 
     place = _place(uri, experiment)
+    if out is not None:
+        _check_folder(out)
     wanted = [parse_arm(arm) for arm in arms]
     with TemporaryDirectory(prefix="islandgp-compare-") as scratch:
         chosen, notes = _select(wanted, runs, name, place, Path(scratch))
@@ -94,11 +97,31 @@ def command(
     unseen = _unseen(study, worlds, workers) if worlds else ()
     report = build(study, unseen, worlds)
     folder = out or Path("study") / "-".join(arm.name for arm in study.arms)
-    files = write(report, study, folder)
+    _check_folder(folder)
+    try:
+        files = write(report, study, folder)
+    except OSError as error:
+        raise _unusable(folder, error.strerror or str(error)) from error
     click.echo("\n".join([*(f"note: {note}" for note in study.notes), *_claims(report)]))
     click.echo(f"\n{folder / 'index.html'}: the page; beside it report.md, tables/, figures/")
     if mlflow:
         click.echo(_publish(report, study, place, folder, files))
+
+
+def _check_folder(folder: Path) -> None:
+    """Raises StudyError where a file is in the folder's way: it must not cost the comparison."""
+    try:
+        found = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    except OSError as error:
+        raise _unusable(folder, error.strerror or str(error)) from error
+    if not found.is_dir():
+        raise _unusable(folder, f"the file {found}")
+
+
+def _unusable(folder: Path, found: str) -> StudyError:
+    return StudyError(
+        f"Expected a folder for the report in {folder}, found: {found}; give another with -o."
+    )
 
 
 def _place(uri: str | None, experiment: str | None) -> Place:

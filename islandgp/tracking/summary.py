@@ -49,7 +49,7 @@ class Arm:
 
 
 def arms(sweep: SweepFolder, file: SweepFile) -> list[Arm]:
-    """The arms with what their finished runs came to."""
+    """The arms with what their finished runs came to. Raises RunError where that is damaged."""
     return [_arm(sweep, name, jobs) for name, jobs in file.arms().items()]
 
 
@@ -62,6 +62,8 @@ def _arm(sweep: SweepFolder, name: str, jobs: list[SweepJob]) -> Arm:
         for measure, of in MEASURES.items()
         if length
     ]
+    for job in finished:
+        sweep.run(job).check_summary()
     summaries = tuple(sweep.run(job).summary() for job in finished)
     return Arm(name, tuple(jobs), tuple(finished), summaries, tuple(curves))
 
