@@ -27,8 +27,9 @@ from islandgp.study.tables.power import power_table
 from islandgp.study.tables.specialists import specialists_table
 
 METHODS: Final = (
-    "Two arms are compared by the Mann-Whitney U test, two-sided: exact where no values are tied,"
-    " else the normal approximation corrected for ties and continuity, as section 3.1 has it. The"
+    "Two arms are compared by the Mann-Whitney U test, two-sided: exact, with ties by counting"
+    " every split of the ranks; only beyond 100 values with ties it is the normal approximation"
+    " corrected for ties and continuity, which the paper takes for all of them (section 3.1). The"
     " nine comparisons of Tables 9, 10 and 11, times the pairs of arms, are one family for"
     " Benjamini and Hochberg; what the paper does not test (diversity, mutation rate) is a second"
     " one. Tests of another kind of the same comparisons (paired, log-rank) are adjusted among"

@@ -9,6 +9,7 @@ from islandgp.study.arms import Comparison, paired
 from islandgp.study.emergence import ranks
 from islandgp.study.measures import Measure, values
 from islandgp.study.statistics import (
+    ENUMERATED,
     PairedTest,
     RankTest,
     benjamini_hochberg,
@@ -68,14 +69,15 @@ def examine(
     generations: int,
     *,
     in_pairs: bool,
+    enumerated: int = ENUMERATED,
 ) -> Finding:
     """The tests of two samples, before they are adjusted for others.
 
-    `in_pairs` when their values belong together one by one.
+    `in_pairs` when their values belong together one by one; `enumerated` as in `rank_test`.
     """
     a, b = (ranks(sample, generations) for sample in samples)
     censored = any(v is None for sample in samples for v in sample)
-    rank = rank_test(a, b)
+    rank = rank_test(a, b, enumerated=enumerated)
     return Finding(
         measure=measure,
         arms=arms,

@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from typing import Final
 
-from islandgp.study.statistics import EXACT, SIGN, UNTESTED, Interval, PairedTest, RankTest
+from islandgp.study.statistics import (
+    EXACT,
+    EXACT_TIES,
+    SIGN,
+    UNTESTED,
+    Interval,
+    PairedTest,
+    RankTest,
+)
 
 MINUS: Final = "\N{MINUS SIGN}"
 NONE: Final = "\N{EN DASH}"
@@ -53,7 +61,7 @@ def probability(p: float | None) -> str:
     return f"{p:.3f}" if p >= 0.0095 else f"{p:.4f}"
 
 
-_SHORT: Final = {EXACT: "exact", UNTESTED: "all equal", SIGN: "sign, exact"}
+_SHORT: Final = {EXACT: "exact", EXACT_TIES: EXACT_TIES, UNTESTED: "all equal", SIGN: "sign, exact"}
 
 
 def kind(test: RankTest | PairedTest) -> str:

@@ -13,10 +13,14 @@ from typing import Any, Final
 
 import numpy as np
 
+from islandgp.study.enumeration import tied_rank_p, tied_signed_rank_p
+
 EXACT: Final = "exact"
+EXACT_TIES: Final = "exact, ties enumerated"
 ASYMPTOTIC: Final = "asymptotic, corrected for ties and continuity"
 UNTESTED: Final = "no test: all values are equal"
 SIGN: Final = "sign test, exact"
+ENUMERATED: Final = 100  # values, tied ones among them, up to which a p-value is counted out
 RESAMPLES: Final = 10_000  # of a bootstrap
 BOOTSTRAP_SEED: Final = 20_240_901  # so that a report has the same bytes each time
 
@@ -28,7 +32,7 @@ class RankTest:
     u: float  # Eq. (9) for the first sample, in [0, n1 n2]; half a point for a tie
     z: float  # Eq. (10) with the variance corrected for ties, without continuity correction
     p: float
-    kind: str  # EXACT, ASYMPTOTIC or UNTESTED
+    kind: str  # EXACT, EXACT_TIES, ASYMPTOTIC or UNTESTED
     r: float  # 1 - 2U/(n1 n2), in [-1, 1]; above 0: the first sample has the lower values
     n: tuple[int, int]  # sizes of the samples
 
@@ -53,8 +57,14 @@ class Interval:
     high: float
 
 
-def rank_test(first: Sequence[float], second: Sequence[float]) -> RankTest:
-    """Mann-Whitney U: exact without ties, else asymptotic; the kind is named."""
+def rank_test(
+    first: Sequence[float], second: Sequence[float], *, enumerated: int = ENUMERATED
+) -> RankTest:
+    """Mann-Whitney U: exact, or asymptotic for more than `enumerated` values with ties.
+
+    The kind is named. With `enumerated=0` tied samples of any size get the normal
+    approximation, as the paper's do (section 3.1).
+    """
     x, y = np.asarray(first, float), np.asarray(second, float)
     n1, n2 = len(x), len(y)
     u = float(np.sum(x[:, None] > y) + np.sum(x[:, None] == y) / 2)
@@ -64,38 +74,50 @@ def rank_test(first: Sequence[float], second: Sequence[float]) -> RankTest:
     variance = n1 * n2 / 12 * (n + 1 - ties)
     if variance <= 0:
         return RankTest(u, 0.0, 1.0, UNTESTED, 0.0, (n1, n2))
-    tied = bool(np.any(counts > 1))
-    p = _stats().mannwhitneyu(x, y, method="asymptotic" if tied else "exact").pvalue
+    if not np.any(counts > 1):
+        p, kind = float(_stats().mannwhitneyu(x, y, method="exact").pvalue), EXACT
+    elif n <= enumerated:
+        p, kind = tied_rank_p(x, y), EXACT_TIES
+    else:
+        p, kind = float(_stats().mannwhitneyu(x, y, method="asymptotic").pvalue), ASYMPTOTIC
     return RankTest(
         u=u,
         z=(u - n1 * n2 / 2) / sqrt(variance),
-        p=float(p),
-        kind=ASYMPTOTIC if tied else EXACT,
+        p=p,
+        kind=kind,
         r=1 - 2 * u / (n1 * n2),
         n=(n1, n2),
     )
 
 
 def paired_test(
-    first: Sequence[float], second: Sequence[float], *, ordinal: bool = False
+    first: Sequence[float],
+    second: Sequence[float],
+    *,
+    ordinal: bool = False,
+    enumerated: int = ENUMERATED,
 ) -> PairedTest:
-    """Wilcoxon's signed-rank test of pairs in the same order.
+    """Wilcoxon's signed-rank test of pairs in the same order; pairs without a difference drop out.
 
-    With `ordinal` only the sign of a difference means something, as when a run
-    never got there and is merely later than any other; then it is a sign test.
+    Exact, or asymptotic for more than `enumerated` differences with ties. With
+    `ordinal` only the sign of a difference means something, as when a run never
+    got there and is merely later than any other; then it is a sign test.
     """
     difference = np.asarray(first, float) - np.asarray(second, float)
     lower, higher = int(np.sum(difference < 0)), int(np.sum(difference > 0))
     moved = difference[difference != 0]
     if not len(moved):
         return PairedTest(1.0, UNTESTED, len(difference), 0, 0)
+    tied = len(np.unique(np.abs(moved))) < len(moved) or len(moved) < len(difference)
     if ordinal:
         p, kind = float(_stats().binomtest(lower, len(moved)).pvalue), SIGN
+    elif not tied:
+        p, kind = float(_stats().wilcoxon(moved, method="exact").pvalue), EXACT
+    elif len(moved) <= enumerated:
+        p, kind = tied_signed_rank_p(moved), EXACT_TIES
     else:
-        tied = len(np.unique(np.abs(moved))) < len(moved) or len(moved) < len(difference)
-        method = "approx" if tied else "exact"
-        result = _stats().wilcoxon(moved, method=method, correction=tied)
-        p, kind = float(result.pvalue), ASYMPTOTIC if tied else EXACT
+        p = float(_stats().wilcoxon(moved, method="approx", correction=True).pvalue)
+        kind = ASYMPTOTIC
     return PairedTest(p, kind, len(difference), lower, higher)
 
 
