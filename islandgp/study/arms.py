@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from islandgp.evolution.record import (
     GenerationRecord,
     GuidanceRecord,
     IndividualRecord,
+    fittest,
 )
 from islandgp.scoring.state import Snapshot
 
@@ -99,6 +100,18 @@ class Comparison:
     def generations(self) -> int:
         """How many generations all arms have."""
         return min(a.generations for a in self.arms)
+
+
+def cut(run: Run, generations: int) -> Run:
+    """The run as if it had ended after so many generations, its champion included."""
+    if len(run.records) <= generations:
+        return run
+    *before, last = run.records[:generations]
+    records = (*before, replace(last, guidance=None))  # nobody is asked after the last one
+    champion = fittest(None, 0, records[0].individuals)
+    for generation, record in enumerate(records):
+        champion = fittest(champion, generation, record.individuals)
+    return replace(run, records=records, costs=run.costs[:generations], champion=champion)
 
 
 def paired(first: Arm, second: Arm) -> bool:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 from islandgp.errors import StudyError
-from islandgp.study.arms import Arm, Comparison
+from islandgp.study.arms import Arm, Comparison, cut
 from islandgp.study.select import Selection, parse_selection, spans
 from islandgp.tracking.parameters import MACHINERY
 
@@ -33,7 +34,7 @@ def compare_arms(
     notes: Sequence[str] = (),
     sources: Sequence[str] = (),
 ) -> Comparison:
-    """The arms as one comparison.
+    """The arms as one comparison, every run cut where the shortest one ends.
 
     Raises:
         StudyError: fewer than two arms, two of one name, a run in two arms, runs too
@@ -48,9 +49,22 @@ def compare_arms(
             + "\n  ".join(doubts)
             + "\nSelect other runs, or say --force: the report then lists these differences."
         )
-    return Comparison(
-        tuple(arms), tuple(doubts), (*_declared(arms, selections), *notes), tuple(sources)
-    )
+    notes = (*_declared(arms, selections), *_cuts(arms), *notes)
+    horizon = min(arm.generations for arm in arms)
+    whole = (replace(a, runs=tuple(cut(run, horizon) for run in a.runs)) for a in arms)
+    return Comparison(tuple(whole), tuple(doubts), notes, tuple(sources))
+
+
+def _cuts(arms: Sequence[Arm]) -> list[str]:
+    """Which arms lose generations, since no measure may look further than the shortest run."""
+    horizon = min(arm.generations for arm in arms)
+    longest = {arm.name: max(len(run.records) for run in arm.runs) for arm in arms}
+    return [
+        f"{name} has runs of {n} generations; all that is measured of them ends with generation"
+        f" {horizon - 1}, as in the shortest run."
+        for name, n in longest.items()
+        if n > horizon
+    ]
 
 
 def _check_names(arms: Sequence[Arm]) -> None:
