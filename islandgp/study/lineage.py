@@ -75,7 +75,7 @@ def alive(found: Sequence[Newcomer], generations: int) -> list[float]:
     shares, share = [], 1.0
     for k in range(generations):
         shares.append(share)
-        at_risk = sum(n.lived >= k for n in found)
+        at_risk = sum(n.lived >= k and n.watched > k for n in found)  # seen in k and after it
         died = sum(n.lived == k < n.watched for n in found)
         share *= 1 - died / at_risk if at_risk else 1
     return shares
