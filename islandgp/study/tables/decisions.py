@@ -16,7 +16,8 @@ from islandgp.supervision.decisions import decisions
 def decisions_table(study: Comparison) -> Table:
     """Section 3.7: how often each pattern, phase, target and crisis came."""
     each = [decisions(run.guidance for run in arm.runs) for arm in study.arms]
-    rows: list[tuple[str, ...]] = [("Decisions", *(number(d.total) for d in each), NONE)]
+    totals = [d.total for d in each]
+    rows: list[tuple[str, ...]] = [("Decisions", *map(number, totals), NONE)]
     for title, kinds in (
         ("Pattern", [d.patterns for d in each]),
         ("Phase", [d.phases for d in each]),
@@ -24,7 +25,8 @@ def decisions_table(study: Comparison) -> Table:
     ):
         names = sorted({name for kind in kinds for name in kind})
         rows += [
-            (f"{title}: {_words(name)}", *_shares(name, kinds), _theirs(name)) for name in names
+            (f"{title}: {_words(name)}", *_shares(name, kinds, totals), _theirs(name))
+            for name in names
         ]
     rows += [
         (
@@ -59,7 +61,9 @@ def _theirs(name: str) -> str:
     return percent(paper.DECISIONS[known[name]]).lstrip("+") if name in known else NONE
 
 
-def _shares(name: str, kinds: Sequence[Counter[str]]) -> list[str]:
+def _shares(name: str, kinds: Sequence[Counter[str]], totals: Sequence[int]) -> list[str]:
+    """Of all decisions, those without a label included; a dash where an arm names none at all."""
     return [
-        percent(kind[name] / kind.total()).lstrip("+") if kind.total() else NONE for kind in kinds
+        percent(kind[name] / total).lstrip("+") if kind else NONE
+        for kind, total in zip(kinds, totals, strict=True)
     ]
