@@ -62,13 +62,13 @@ def test_how_numbers_are_written() -> None:
         (-1, True, 2, "same direction, not shown"),
         (1, True, 6, "opposite, shown"),
         (1, True, 2, "opposite direction, not shown"),
-        (0, True, 2, "agrees: no difference shown"),
+        (0, True, 2, "no difference shown (no evidence either way)"),
         (0, True, 6, "differs: lower, shown"),
         (0, False, 6, "differs: higher, shown"),
     ],
 )
 def test_verdicts(direction: int, low_first: bool, n: int, expected: str) -> None:
-    """A claim is shown only by a significant test in its own direction."""
+    """A claim is shown by a significant test in its own direction; equality by none at all."""
     low, high = tuple(range(n)), tuple(range(100, 100 + n))
     samples = (low, high) if low_first else (high, low)
     assert verdict(direction, examine(TABLE_9[0], ("a", "b"), samples, 41, in_pairs=False)) == (

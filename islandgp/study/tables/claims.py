@@ -39,6 +39,9 @@ CLAIMS: Final = (
     Claim("final_mean", "The final average fitness is lower", -1, -0.273, 0.036),
 )
 
+UNDECIDED: Final = "no difference shown (no evidence either way)"
+"""The verdict where a claim of no difference meets a test that finds none."""
+
 
 def claims_table(key: str, title: str, findings: Sequence[Finding], arms: tuple[str, str]) -> Table:
     """One row a claim, the first arm standing for the paper's proposed system."""
@@ -86,7 +89,7 @@ def verdict(direction: int, f: Finding) -> str:
     """What the tests say of a claim; `direction` as in `Claim`."""
     shown = f.rank_q < LEVEL
     if direction == 0:
-        return "agrees: no difference shown" if not shown else f"differs: {_side(f)}, shown"
+        return f"differs: {_side(f)}, shown" if shown else UNDECIDED
     if f.rank.r == 0:
         return "no difference"
     same = (f.rank.r < 0) == (direction > 0)
