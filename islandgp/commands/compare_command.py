@@ -138,18 +138,15 @@ def _select(
 
 
 def _unseen(study: Comparison, worlds: int, workers: int) -> tuple[Generalisation, ...]:
-    """Each champion, and a hand-written tree, on worlds that no run has seen."""
-    from islandgp.bt.language import parse, to_text
+    """Each champion, and the yardsticks, on worlds that no run has seen."""
     from islandgp.evaluation.processes import Processes, cores
-    from islandgp.study.generalise import generalise
+    from islandgp.study.generalise import generalise, yardsticks
 
-    file = resource("grammar") / "examples" / "all_rounder.bt"
-    yardstick = to_text(parse(file.read_text(encoding="utf-8"), name=str(file)))
     return generalise(
         study,
         lambda setting: Processes(setting, workers or cores()),
         worlds=worlds,
-        yardstick=yardstick,
+        yardsticks=yardsticks(study),
     )
 
 

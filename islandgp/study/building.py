@@ -22,6 +22,7 @@ from islandgp.study.tables.champions import components_table, generalisation_tab
 from islandgp.study.tables.decisions import decisions_table
 from islandgp.study.tables.emergence import runs_table
 from islandgp.study.tables.lineage import lineage_table, sources_table
+from islandgp.study.tables.origins import champion_sources_table
 from islandgp.study.tables.overhead import overhead_table
 from islandgp.study.tables.power import power_table
 from islandgp.study.tables.specialists import specialists_table
@@ -140,6 +141,7 @@ def _trees(study: Comparison) -> Iterator[Item]:
 def _beyond(study: Comparison, unseen: tuple[Generalisation, ...], worlds: int) -> Iterator[Item]:
     yield fitness_figures.components(study)
     yield components_table(study)
+    yield champion_sources_table(study)
     survival = population_figures.lineage(study)
     if survival is not None:
         yield survival

@@ -6,11 +6,11 @@ world. Here each run's champion meets the same unseen worlds, in the last stage.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count, islice
 from statistics import fmean
-from typing import Any
+from typing import Any, Final
 
 from islandgp.evaluation.base import Evaluator, Job, Setting
 from islandgp.island.world import World
@@ -18,15 +18,20 @@ from islandgp.scoring.classify import Classes, Tier, tiers
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.scoring.outcome import Outcome
 from islandgp.scoring.rewards import Rewards
+from islandgp.study.ancestry import most_injected
 from islandgp.study.arms import Comparison, Run
+from islandgp.study.library import library
+
+ALL_ROUNDER: Final = "all_rounder"
+"""The tree of grammar/examples that was written to be good at everything."""
 
 
 @dataclass(frozen=True, slots=True)
 class Generalisation:
     """One tree on the unseen worlds."""
 
-    arm: str
-    seed: int | None  # of the run whose champion it is; None: a tree from elsewhere
+    arm: str  # or what a yardstick is called
+    seed: int | None  # of the run whose champion it is; None: a yardstick, a tree from elsewhere
     trained: float | None  # points, the fitness that made it champion
     unseen: float  # points, mean over the worlds
     worst: float  # points, the least of the worlds
@@ -40,6 +45,20 @@ def unseen_worlds(study: Comparison, n: int) -> tuple[int, ...]:
     return tuple(islice((seed for seed in count() if seed not in used), n))
 
 
+def yardsticks(study: Comparison) -> dict[str, str]:
+    """The hand-written all_rounder, and the library tree that was injected most often, if any.
+
+    Their names hold a colon, so that no arm can have the same one.
+    """
+    by_name = {name: text for text, name in library().items()}
+    found = {f"hand-written: {ALL_ROUNDER}": by_name[ALL_ROUNDER]}
+    often = most_injected(study.arms)
+    if often is not None:
+        name, text, times = often
+        found[f"injected {times:,} times: {name}"] = text
+    return found
+
+
 def setting_of(run: Run) -> tuple[Setting, Classes]:
     """The world and the rules in which a run's trees were evaluated."""
     config: Any = run.config
@@ -50,12 +69,17 @@ def setting_of(run: Run) -> tuple[Setting, Classes]:
 
 
 def generalise(
-    study: Comparison, make: Callable[[Setting], Evaluator], *, worlds: int, yardstick: str
+    study: Comparison,
+    make: Callable[[Setting], Evaluator],
+    *,
+    worlds: int,
+    yardsticks: Mapping[str, str],
 ) -> tuple[Generalisation, ...]:
-    """Each run's champion, and one tree from elsewhere, on the same unseen worlds.
+    """Each run's champion, and trees from elsewhere, on the same unseen worlds.
 
-    `yardstick` is that tree's canonical text. Every arm's trees meet the first
-    arm's world, so that they can be compared even where the worlds of arms differ.
+    `yardsticks` are those trees' canonical texts by what they are called. Every arm's trees
+    meet the first arm's world, so that they can be compared even where the worlds of arms
+    differ.
 
     Raises:
         EvaluationError: an episode cannot be run.
@@ -67,7 +91,7 @@ def generalise(
         for arm in study.arms
         for run in arm.runs
     ]
-    trees.append(("hand-written", None, None, yardstick))
+    trees += [(name, None, None, text) for name, text in yardsticks.items()]
     evaluator = make(setting)
     try:
         jobs = list(dict.fromkeys(Job(t, stage, seed) for *_, t in trees for seed in seeds))

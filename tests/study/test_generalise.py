@@ -8,9 +8,10 @@ from dataclasses import replace
 from islandgp.evaluation.base import Job, Setting
 from islandgp.scoring.outcome import Outcome
 from islandgp.study.comparable import compare_arms
-from islandgp.study.generalise import generalise, unseen_worlds
+from islandgp.study.generalise import generalise, unseen_worlds, yardsticks
+from islandgp.study.library import library
 from tests.made import outcome
-from tests.study.made_runs import TREE, made_arm, made_run
+from tests.study.made_runs import TREE, guidance, made_arm, made_run
 
 
 class Recorder:
@@ -45,20 +46,20 @@ def _study():  # type: ignore[no-untyped-def] # a Comparison
 
 
 def test_every_champion_meets_the_same_unseen_worlds_in_the_last_stage() -> None:
-    """One summary a run and one for the yardstick; equal trees are simulated once."""
+    """One summary a run and one a yardstick; equal trees are simulated once."""
     made: list[Recorder] = []
 
     def make(setting: Setting) -> Recorder:
         made.append(Recorder(setting))
         return made[0]
 
-    found = generalise(_study(), make, worlds=3, yardstick="PatrolWaypoint\n")
+    found = generalise(_study(), make, worlds=3, yardsticks={"a tree": "PatrolWaypoint\n"})
     assert [(g.arm, g.seed) for g in found] == [
         ("expert", 0),
         ("expert", 1),
         ("baseline", 0),
         ("baseline", 1),
-        ("hand-written", None),
+        ("a tree", None),
     ]
     jobs = made[0].jobs
     assert {j.tree for j in jobs} == {TREE, "PatrolWaypoint\n"}
@@ -76,3 +77,23 @@ def test_worlds_of_runs_are_passed_over() -> None:
     record = replace(arm.runs[0].records[0], worlds=(1,))
     met = replace(arm, runs=(replace(arm.runs[0], records=(record,)), arm.runs[1]))
     assert unseen_worlds(replace(study, arms=(study.arms[0], met)), 3) == (0, 2, 3)
+
+
+def test_yardsticks_are_library_trees_by_name() -> None:
+    """The all-rounder always; beside it the library tree that was injected most often."""
+    assert list(yardsticks(_study())) == ["hand-written: all_rounder"]
+    texts = {name: text for text, name in library().items()}
+    guided = [
+        guidance(tree=texts[name], injected=injected)
+        for name, injected in (
+            ("diverse", True),
+            ("poor", True),
+            ("poor", True),
+            ("diverse", False),
+        )
+    ]
+    runs = [made_run(seed=k, generations=4, guided=g) for k, g in enumerate(guided)]
+    study = _study()
+    found = yardsticks(replace(study, arms=(replace(study.arms[0], runs=tuple(runs)),)))
+    assert found["injected 6 times: poor"] == texts["poor"]
+    assert len(found) == 2

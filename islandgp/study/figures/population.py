@@ -9,7 +9,7 @@ import numpy as np
 from islandgp.evolution.population import Origin
 from islandgp.scoring.classify import Specialist
 from islandgp.study.arms import Arm, Comparison
-from islandgp.study.figures.drawing import curves, epoch_lines, legend
+from islandgp.study.figures.drawing import curves, epoch_lines, legend, named
 from islandgp.study.figures.style import INK, LINES, Picture, look, looks, picture
 from islandgp.study.generalise import Generalisation
 from islandgp.study.lineage import alive, newcomers
@@ -145,7 +145,7 @@ def generalisation(found: tuple[Generalisation, ...], study: Comparison) -> Pict
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         for arm, how in looks(study):
-            mine = [g for g in found if g.arm == arm.name and g.trained is not None]
+            mine = [g for g in found if g.arm == arm.name and g.seed is not None]
             axes.scatter(
                 [g.trained or 0.0 for g in mine],
                 [g.unseen for g in mine],
@@ -154,11 +154,10 @@ def generalisation(found: tuple[Generalisation, ...], study: Comparison) -> Pict
                 s=26,
                 edgecolor="white",
                 linewidth=0.4,
-                label=arm.name,
+                label=named(arm),
             )
-        for g in found:
-            if g.trained is None:
-                axes.axhline(g.unseen, color=INK, linestyle=":", linewidth=1.2, label=g.arm)
+        for k, g in enumerate(g for g in found if g.seed is None):
+            axes.axhline(g.unseen, color=INK, linestyle=LINES[3 - k], linewidth=1.2, label=g.arm)
         low, high = axes.get_xlim()
         axes.plot([low, high], [low, high], color="#bbbbbb", linewidth=0.9, zorder=0.5)
         axes.set_xlim(low, high)

@@ -36,16 +36,19 @@ def components_table(study: Comparison) -> Table:
 
 
 def generalisation_table(found: Sequence[Generalisation], worlds: int) -> Table:
-    """Champions on unseen worlds, with a hand-written tree as a yardstick."""
-    arms = list(dict.fromkeys(g.arm for g in found))
-    rows = [_generalisation_row(arm, [g for g in found if g.arm == arm]) for arm in arms]
+    """Champions on unseen worlds, with trees from elsewhere as yardsticks."""
+    arms = list(dict.fromkeys(g.arm for g in found if g.seed is not None))
+    champions = {a: [g for g in found if g.arm == a and g.seed is not None] for a in arms}
+    rows = [_generalisation_row(arm, mine) for arm, mine in champions.items()]
+    rows += [_generalisation_row(g.arm, [g]) for g in found if g.seed is None]
     notes = [
         f"Each run's champion in the same {worlds} worlds that no run used, in the last stage of"
         " the curriculum. 'Trained' is the fitness that made it champion, in one world and perhaps"
         " under an earlier stage's multipliers. ± is over runs.",
-        "The hand-written tree is grammar/examples/all_rounder.bt.",
+        "The yardsticks are trees of grammar/examples, by file name: all_rounder, written by hand"
+        " to be good at everything, and the one that the supervisors injected most often.",
     ]
-    samples = [(arm, [g.unseen for g in found if g.arm == arm]) for arm in arms]
+    samples = [(arm, [g.unseen for g in mine]) for arm, mine in champions.items()]
     real = [(arm, values) for arm, values in samples if len(values) > 1]
     for i, (a, x) in enumerate(real):
         for b, y in real[i + 1 :]:
