@@ -60,11 +60,11 @@ def _study(*names: str, force: bool = False) -> Comparison:
 
 UNSEEN = (
     *(
-        Generalisation(arm, seed, 20_000.0 + seed, 15_000.0 + 10 * seed, 9_000.0, 0.5, 0.1)
+        Generalisation(arm, seed, 20_000.0 + seed, 30, 15_000.0 + 10 * seed, 9_000.0, 0.5, 0.1)
         for arm in ("expert", "baseline")
         for seed in range(4)
     ),
-    Generalisation("hand-written", None, None, 20_000.0, 9_000.0, 1.0, 0.5),
+    Generalisation("hand-written: all_rounder", None, None, 100, 20_000.0, 9_000.0, 1.0, 0.5),
 )
 
 

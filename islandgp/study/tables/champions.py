@@ -46,7 +46,8 @@ def generalisation_table(found: Sequence[Generalisation], worlds: int) -> Table:
         " the curriculum. 'Trained' is the fitness that made it champion, in one world and perhaps"
         " under an earlier stage's multipliers. ± is over runs.",
         "The yardsticks are trees of grammar/examples, by file name: all_rounder, written by hand"
-        " to be good at everything, and the one that the supervisors injected most often.",
+        " to be good at everything, and the one that the supervisors injected most often. They"
+        " meet more worlds, the champions' among them: each is a single tree.",
     ]
     samples = [(arm, [g.unseen for g in mine]) for arm, mine in champions.items()]
     real = [(arm, values) for arm, values in samples if len(values) > 1]
@@ -63,6 +64,7 @@ def generalisation_table(found: Sequence[Generalisation], worlds: int) -> Table:
         (
             "Trees",
             "number",
+            "worlds",
             "trained",
             "unseen",
             "worst world",
@@ -79,6 +81,7 @@ def _generalisation_row(arm: str, mine: Sequence[Generalisation]) -> tuple[str, 
     return (
         arm,
         str(len(mine)),
+        str(mine[0].worlds),
         spread(*mean_sd(trained)) if trained else NONE,
         spread(*mean_sd([g.unseen for g in mine])) if len(mine) > 1 else number(mine[0].unseen),
         number(min(g.worst for g in mine)),
