@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import ceil, floor
 
 from islandgp.scoring.classify import Tier
 from islandgp.study.arms import Run
@@ -51,7 +52,7 @@ def summary(firsts: Sequence[float | None], generations: int) -> Summary:
         emerged=len(there),
         mean=mean,
         sd=_sd(there, mean) if mean is not None else None,
-        median=_median(there, n),
+        median=quantile(firsts, 0.5),
         watched=sum(ranks(firsts, generations)) / n,
     )
 
@@ -62,11 +63,14 @@ def _sd(values: Sequence[float], mean: float) -> float:
     return float((sum((v - mean) ** 2 for v in values) / (len(values) - 1)) ** 0.5)
 
 
-def _median(there: Sequence[float], n: int) -> float | None:
-    """Of n values of which only the smallest are known."""
-    if (n // 2) >= len(there):
+def quantile(firsts: Sequence[float | None], share: float) -> float | None:
+    """Of all runs, linear between two of them; None: it falls among those without one."""
+    there = sorted(g for g in firsts if g is not None)
+    at = share * (len(firsts) - 1)
+    low, high = floor(at), ceil(at)
+    if high >= len(there):
         return None
-    return float(there[n // 2]) if n % 2 else (there[n // 2 - 1] + there[n // 2]) / 2
+    return there[low] + (at - low) * (there[high] - there[low])
 
 
 def still_without(firsts: Sequence[int | None], generations: int) -> list[float]:
