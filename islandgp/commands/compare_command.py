@@ -158,7 +158,7 @@ def _claims(report: Report) -> list[str]:
             lines += ["", table.title]
             lines += [
                 f"  {claim:<47} {here:>34}  p BH {p:<8} {verdict}"
-                for claim, here, p, *_, verdict in table.rows
+                for claim, here, _, p, *_, verdict in table.rows
             ]
     return lines
 

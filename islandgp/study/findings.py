@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 
 from islandgp.study.arms import Comparison, paired
 from islandgp.study.emergence import ranks
 from islandgp.study.measures import Measure, values
 from islandgp.study.statistics import (
     ENUMERATED,
+    Interval,
     PairedTest,
     RankTest,
     benjamini_hochberg,
+    bootstrap,
     log_rank,
+    mean_difference,
     paired_test,
     rank_test,
 )
@@ -44,6 +48,20 @@ class Finding:
         """The samples as a rank test takes them; censored runs after the last generation."""
         a, b = (ranks(sample, self.generations) for sample in self.samples)
         return a, b
+
+    @property
+    def endless(self) -> tuple[list[float], list[float]]:
+        """The samples as medians take them; a censored run's value is infinite."""
+        a, b = ([inf if v is None else v for v in sample] for sample in self.samples)
+        return a, b
+
+    @property
+    def shift(self) -> Interval:
+        """Mean of the first arm minus mean of the second, with its bootstrap interval.
+
+        For emergence it is that of the restricted means: of the generations without one.
+        """
+        return bootstrap(self.numbers, mean_difference)
 
 
 def family(study: Comparison, measures: Sequence[Measure]) -> tuple[Finding, ...]:

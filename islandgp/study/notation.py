@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isinf, isnan
 from typing import Final
 
 from islandgp.study.statistics import (
@@ -16,14 +17,17 @@ from islandgp.study.statistics import (
 
 MINUS: Final = "\N{MINUS SIGN}"
 NONE: Final = "\N{EN DASH}"
+NEVER: Final = "\N{INFINITY}"
 DIGITS: Final = {"points": 0, "generation": 1, "Eq. (3)": 3, "rate": 3}
 """Decimals by a measure's unit."""
 
 
 def number(x: float | None, digits: int = 0) -> str:
-    """12,345 or 12,345.6; a dash for nothing."""
-    if x is None or x != x:
+    """12,345 or 12,345.6; a dash for nothing, a sign for never."""
+    if x is None or isnan(x):
         return NONE
+    if isinf(x):
+        return NEVER if x > 0 else f"{MINUS}{NEVER}"
     text = f"{x:,.{digits}f}"
     if not text.strip("-0.,"):
         text = text.lstrip("-")  # no "-0"
@@ -36,7 +40,9 @@ def spread(mean: float, sd: float, digits: int = 0) -> str:
 
 
 def interval(i: Interval, digits: int = 0) -> str:
-    """An estimate with its interval."""
+    """An estimate with its interval; a dash where there is no estimate."""
+    if isnan(i.estimate):
+        return NONE
     return f"{number(i.estimate, digits)} [{number(i.low, digits)}, {number(i.high, digits)}]"
 
 

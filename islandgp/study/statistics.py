@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import sqrt
+from math import ceil, floor, sqrt
 from typing import Any, Final
 
 import numpy as np
@@ -52,7 +52,7 @@ class PairedTest:
 class Interval:
     """An estimate with its 95 % bootstrap interval (percentiles)."""
 
-    estimate: float
+    estimate: float  # these three may be infinite; nan: not known
     low: float
     high: float
 
@@ -155,13 +155,25 @@ def bootstrap(
 ) -> Interval:
     """A statistic of one or several samples, each drawn again by itself.
 
-    `statistic` takes one array a sample and reduces the last axis.
+    `statistic` takes one array a sample and reduces the last axis. Values may be
+    infinite; a draw whose statistic is nan stands for any value, and widens the interval.
     """
     rng = np.random.default_rng(seed)
     arrays = [np.asarray(s, float) for s in samples]
     drawn = [a[rng.integers(len(a), size=(RESAMPLES, len(a)))] for a in arrays]
-    low, high = np.percentile(statistic(*drawn), [2.5, 97.5])
-    return Interval(float(statistic(*arrays)), float(low), float(high))
+    with np.errstate(invalid="ignore"):  # infinite minus infinite is nan: nothing is known
+        found, estimate = statistic(*drawn), float(statistic(*arrays))
+    unknown = np.isnan(found)
+    low = _percentile(np.where(unknown, -np.inf, found), 0.025)
+    high = _percentile(np.where(unknown, np.inf, found), 0.975)
+    return Interval(estimate, low, high)
+
+
+def _percentile(values: Any, share: float) -> float:
+    """Linear between two neighbours, which may be infinite."""
+    at = share * (len(values) - 1)
+    a, b = np.sort(values)[[floor(at), ceil(at)]]
+    return float(a if a == b or np.isinf(a) else a + (b - a) * (at - floor(at)))
 
 
 def median(x: Any) -> Any:
@@ -172,6 +184,11 @@ def median(x: Any) -> Any:
 def median_difference(x: Any, y: Any) -> Any:
     """Median of the first minus median of the second, over the last axis."""
     return np.median(x, axis=-1) - np.median(y, axis=-1)
+
+
+def mean_difference(x: Any, y: Any) -> Any:
+    """Mean of the first minus mean of the second, over the last axis."""
+    return np.mean(x, axis=-1) - np.mean(y, axis=-1)
 
 
 def mean_sd(values: Sequence[float]) -> tuple[float, float]:

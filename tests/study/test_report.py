@@ -14,6 +14,7 @@ from islandgp.study.building import build
 from islandgp.study.comparable import compare_arms
 from islandgp.study.figures.trees import late_evolved
 from islandgp.study.generalise import Generalisation
+from islandgp.study.notation import NEVER
 from islandgp.study.page import to_page
 from islandgp.study.report import Report
 from islandgp.study.writing import write
@@ -134,7 +135,38 @@ def test_exact_numbers_of_the_tests(written: tuple[Report, Path]) -> None:
     first = rows["first_complete"]
     assert (first["U"], first["kind"], first["censored_second"]) == ("0.0", "exact", "1")
     assert first["mean_second"] == ""
+    assert first["median_second"] == "16.5"  # of 15 16 17 and never
+    assert (first["without_first"], first["without_second"]) == ("6.5", "22.25")  # never: 41
+    assert first["difference"] == "-15.75"
+    assert float(first["difference_low"]) < -15.75 < float(first["difference_high"]) < 0
+    assert rows["max_ever"]["without_first"] == ""
+    assert rows["first_excellent"]["median_second"] == ""
     assert rows["max_ever"]["paired_kind"] == "exact"
+
+
+def test_medians_with_censored_runs(written: tuple[Report, Path]) -> None:
+    """Never counts as infinite: both arms have an interval, and so has their difference."""
+    table = next(t for t in written[0].tables if t.key == "medians")
+    rows = {row[0]: row[1:4] for row in table.rows}
+    first, second, apart = rows["First Complete Robot"]
+    assert first == "6.5 [5.0, 8.0]"
+    assert second == f"16.5 [15.0, {NEVER}]"
+    assert apart.startswith("\N{MINUS SIGN}10.0 [\N{MINUS SIGN}\N{INFINITY}, ")
+    never, gap = rows["First Excellent Robot"][1:]
+    assert never == f"{NEVER} [{NEVER}, {NEVER}]"
+    assert gap.startswith("\N{MINUS SIGN}\N{INFINITY}")
+
+
+def test_table_11_and_the_claims_give_the_restricted_difference(
+    written: tuple[Report, Path],
+) -> None:
+    """Generations without one: 6.5 against 22.25, with an interval, in both tables."""
+    tables = {t.key: t for t in written[0].tables}
+    row = dict(zip(tables["table-11"].columns, tables["table-11"].rows[0], strict=True))
+    cell = row["difference without one [95 %]"]
+    assert cell.startswith("\N{MINUS SIGN}15.8 [")
+    claim = dict(zip(tables["claims"].columns, tables["claims"].rows[0], strict=True))
+    assert claim["difference [95 %]"] == f"{cell} generations"
 
 
 def test_the_same_runs_give_the_same_bytes(written: tuple[Report, Path], tmp_path: Path) -> None:

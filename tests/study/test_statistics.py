@@ -195,6 +195,18 @@ def test_bootstrap_is_seeded_and_holds_its_estimate() -> None:
     assert (same.low, same.estimate, same.high) == (7, 7, 7)
 
 
+def test_bootstrap_with_runs_that_never_got_there() -> None:
+    """An infinite value makes an end infinite; where both medians are, anything is possible."""
+    inf = math.inf
+    found = bootstrap([[1.0, 2.0, 3.0, inf, inf]], median)
+    assert (found.low, found.estimate, found.high) == (1.0, 3.0, inf)
+    apart = bootstrap([[1.0, 2.0, 3.0], [inf, inf, inf]], median_difference)
+    assert (apart.low, apart.estimate, apart.high) == (-inf, -inf, -inf)
+    unknown = bootstrap([[inf, inf], [inf, inf]], median_difference)
+    assert (unknown.low, unknown.high) == (-inf, inf)
+    assert math.isnan(unknown.estimate)
+
+
 def test_bootstrap_interval_of_a_mean_is_as_wide_as_theory_says() -> None:
     """For 400 normal values the 95 % interval of the mean is about 2 x 1.96 / 20 wide."""
     x = np.random.default_rng(0).normal(size=400)

@@ -9,7 +9,7 @@ from typing import Final
 from islandgp.study import paper
 from islandgp.study.emergence import reduction, summary
 from islandgp.study.findings import Finding, finding
-from islandgp.study.notation import change, percent, probability
+from islandgp.study.notation import DIGITS, change, interval, percent, probability
 from islandgp.study.paper import MARK
 from islandgp.study.power import LEVEL
 from islandgp.study.statistics import mean_sd
@@ -52,6 +52,7 @@ def claims_table(key: str, title: str, findings: Sequence[Finding], arms: tuple[
             (
                 claim.text,
                 difference(f),
+                size(f),
                 probability(f.rank_q),
                 percent(claim.size),
                 probability(claim.p_bh),
@@ -61,9 +62,19 @@ def claims_table(key: str, title: str, findings: Sequence[Finding], arms: tuple[
     return Table(
         key,
         title,
-        ("Claim", "here", "p BH", f"{MARK} difference", f"{MARK} p BH", "verdict"),
+        (
+            "Claim",
+            "here",
+            "difference [95 %]",
+            "p BH",
+            f"{MARK} difference",
+            f"{MARK} p BH",
+            "verdict",
+        ),
         tuple(rows),
         (
+            "Difference: of the means, with its bootstrap interval; for emergence, of the mean"
+            " generations lived through without one.",
             f"{arms[0]} stands for the paper's proposed system, {arms[1]} for its baseline."
             f" 'Shown': p BH < {LEVEL:g}. 'Not shown' is no evidence that there is no difference;"
             " the power note says what could have been found.",
@@ -83,6 +94,12 @@ def difference(f: Finding) -> str:
         return "never in either arm"
     by = "" if earlier[1] == "means" else f" ({earlier[1]})"
     return f"{percent(-earlier[0])}{by}"
+
+
+def size(f: Finding) -> str:
+    """By how much the means differ, in the measure's unit."""
+    unit = {"points": " points", "generation": " generations"}.get(f.measure.unit, "")
+    return f"{interval(f.shift, DIGITS[f.measure.unit])}{unit}"
 
 
 def verdict(direction: int, f: Finding) -> str:
