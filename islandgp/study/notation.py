@@ -53,9 +53,18 @@ def percent(share: float | None, digits: int = 1) -> str:
     return f"{share:+.{digits}%}".replace("-", MINUS).replace("%", " %")
 
 
-def change(a: float, b: float) -> float | None:
-    """By which share a differs from b; None when b is nothing to compare with."""
-    return (a - b) / abs(b) if b else None
+def change(a: float, b: float, sd: float = 0.0) -> float | None:
+    """By which share a differs from b; None when b is nothing to compare with.
+
+    It is nothing where the signs differ, and where it is nearer to zero than its
+    standard deviation over runs: a share of it says nothing then.
+    """
+    return None if a * b < 0 or b == 0 or abs(b) < sd else (a - b) / abs(b)
+
+
+def signed(x: float, digits: int = 0) -> str:
+    """A number with its sign."""
+    return f"{'+' if x > 0 else ''}{number(x, digits)}"
 
 
 def probability(p: float | None) -> str:

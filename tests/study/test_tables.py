@@ -12,6 +12,7 @@ from islandgp.study.measures import TABLE_9, TABLE_11
 from islandgp.study.notation import number, percent, probability
 from islandgp.study.paper import MARK
 from islandgp.study.table import Table, to_csv, to_html, to_markdown
+from islandgp.study.tables.cells import difference
 from islandgp.study.tables.claims import verdict
 
 TABLE = Table(
@@ -53,6 +54,26 @@ def test_how_numbers_are_written() -> None:
         "0.0079",
         "< 0.0001",
     ]
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "expected"),
+    [
+        ((1500.0, 1500.0), (900.0, 1100.0), "+50.0 %"),
+        ((500.0, 500.0), (900.0, 1100.0), "\N{MINUS SIGN}50.0 %"),
+        ((-500.0, -500.0), (-900.0, -1100.0), "+50.0 %"),
+        ((12_522.0, 12_522.0), (-2_491.0, -2_691.0), "\N{EN DASH} (+15,113 points)"),
+        ((-100.0, -100.0), (900.0, 1100.0), "\N{EN DASH} (\N{MINUS SIGN}1,100 points)"),
+        ((500.0, 500.0), (-90.0, 110.0), "\N{EN DASH} (+490 points)"),
+        ((5.0, 5.0), (0.0, 0.0), "\N{EN DASH} (+5 points)"),
+    ],
+)
+def test_no_percent_of_nothing(
+    first: tuple[float, ...], second: tuple[float, ...], expected: str
+) -> None:
+    """Points stand for a share where signs differ, or the base is within its SD of zero."""
+    f = examine(TABLE_9[0], ("a", "b"), (first, second), 41, in_pairs=False)
+    assert difference(f) == expected
 
 
 @pytest.mark.parametrize(

@@ -9,11 +9,11 @@ from typing import Final
 from islandgp.study import paper
 from islandgp.study.emergence import reduction, summary
 from islandgp.study.findings import Finding, finding
-from islandgp.study.notation import DIGITS, change, interval, percent, probability
+from islandgp.study.notation import DIGITS, interval, percent, probability
 from islandgp.study.paper import MARK
 from islandgp.study.power import LEVEL
-from islandgp.study.statistics import mean_sd
 from islandgp.study.table import Table
+from islandgp.study.tables import cells
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +86,7 @@ def claims_table(key: str, title: str, findings: Sequence[Finding], arms: tuple[
 def difference(f: Finding) -> str:
     """By which share the first arm differs, and how that is measured when not by means."""
     if not f.measure.emergence:
-        (a, _), (b, _) = (mean_sd(sample) for sample in f.numbers)
-        return percent(change(a, b))
+        return cells.difference(f)
     first, second = (summary(sample, f.generations) for sample in f.samples)
     earlier = reduction(first, second)
     if earlier is None:
