@@ -95,7 +95,9 @@ def command(
     report = build(study, unseen, worlds)
     folder = out or Path("study") / "-".join(arm.name for arm in study.arms)
     files = write(report, study, folder)
-    click.echo("\n".join([*(f"note: {note}" for note in study.notes), *_claims(report)]))
+    said = [f"not comparable: {doubt}" for doubt in study.doubts]
+    said += [f"note: {note}" for note in study.notes]
+    click.echo("\n".join([*said, *_claims(report)]))
     click.echo(f"\n{folder / 'index.html'}: the page; beside it report.md, tables/, figures/")
     if mlflow:
         click.echo(_publish(report, study, place, folder, files))

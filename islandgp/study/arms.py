@@ -112,8 +112,3 @@ def cut(run: Run, generations: int) -> Run:
     for generation, record in enumerate(records):
         champion = fittest(champion, generation, record.individuals)
     return replace(run, records=records, costs=run.costs[:generations], champion=champion)
-
-
-def paired(first: Arm, second: Arm) -> bool:
-    """Whether two arms ran on the same seeds, one run each, so that runs come in pairs."""
-    return first.seeds == second.seeds and len(set(first.seeds)) == len(first.seeds)

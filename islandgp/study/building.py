@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from islandgp.study.arms import Comparison, paired
+from islandgp.study.arms import Comparison
+from islandgp.study.comparable import paired
 from islandgp.study.figures import emergence as emergence_figures
 from islandgp.study.figures import fitness as fitness_figures
 from islandgp.study.figures import population as population_figures
@@ -120,8 +121,8 @@ def _compared(study: Comparison) -> Iterator[Item]:
     )
     if all(paired(a, b) for a, b in study.pairs):
         yield (
-            "All arms ran on the same seeds: runs of one seed share their initial population and"
-            " their worlds, so paired tests stand beside the paper's."
+            "All arms ran on the same seeds and from the same start: runs of one seed share their"
+            " initial population and their worlds, so paired tests stand beside the paper's."
         )
     yield from study.notes
     if study.sources:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 from islandgp.errors import StudyError
-from islandgp.study.arms import Arm, Comparison, cut
+from islandgp.study.arms import Arm, Comparison, Run, cut
 from islandgp.study.select import Selection, parse_selection, spans
 from islandgp.tracking.parameters import MACHINERY
 
@@ -23,6 +23,12 @@ YARDSTICK: Final = frozenset({"world", "rewards", "curriculum", "classes"})
 
 BUDGET: Final = frozenset({"gp.population", "gp.generations", "gp.episodes", "gp.common_world"})
 """What a run may spend: never studied either."""
+
+START: Final = (BUDGET - {"gp.generations"}) | {"gp.new_worlds", "gp.max_depth", "gp.max_nodes"}
+"""What a run's initial population and worlds depend on, beside its seed, YARDSTICK and TREES."""
+
+TREES: Final = "gp.trees."
+"""How the keys of random trees begin."""
 
 SHORTEST: Final = 4  # generations, so that no stage of Table 10 is empty
 
@@ -65,6 +71,24 @@ def _cuts(arms: Sequence[Arm]) -> list[str]:
         for name, n in longest.items()
         if n > horizon
     ]
+
+
+def paired(first: Arm, second: Arm) -> bool:
+    """Whether the arms' runs come in pairs of one seed, one initial population and one world.
+
+    So they must agree in the seeds, one run each, and in all that shapes the start.
+    """
+    if first.seeds != second.seeds or len(set(first.seeds)) < len(first.seeds):
+        return False
+    return all(_start(a) == _start(b) for a, b in zip(first.runs, second.runs, strict=True))
+
+
+def _start(run: Run) -> dict[str, Any]:
+    return {
+        key: value
+        for key, value in run.flat.items()
+        if _group(key) in YARDSTICK or key in START or key.startswith(TREES)
+    }
 
 
 def _check_names(arms: Sequence[Arm]) -> None:

@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 
-from islandgp.study.arms import Comparison, paired
+from islandgp.study.arms import Comparison
+from islandgp.study.comparable import paired
 from islandgp.study.emergence import ranks
 from islandgp.study.measures import Measure, values
 from islandgp.study.statistics import (

@@ -9,8 +9,8 @@ import pytest
 
 from islandgp.errors import StudyError
 from islandgp.scoring.classify import Tier
-from islandgp.study.arms import Arm, paired
-from islandgp.study.comparable import compare_arms
+from islandgp.study.arms import Arm
+from islandgp.study.comparable import compare_arms, paired
 from islandgp.study.emergence import first
 from islandgp.study.findings import family
 from islandgp.study.measures import TABLE_9, TABLE_11
@@ -50,6 +50,27 @@ def test_another_world_budget_or_gp_is_refused(key: str, value: Any) -> None:
     with pytest.raises(StudyError, match=f"{dotted} differs: expert .*, baseline {value}"):
         compare_arms(arms)
     assert any(dotted in doubt for doubt in compare_arms(arms, force=True).doubts)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "expected"),
+    [
+        ("world__side", 200, False),
+        ("rewards__leftover", -1, False),
+        ("gp__population", 12, False),
+        ("gp__max_nodes", 20, False),
+        ("gp__trees__leaf", 0.9, False),
+        ("gp__tournament", 2, True),
+        ("gp__generations", 12, True),
+    ],
+)
+def test_runs_are_pairs_only_from_the_same_start(key: str, value: Any, expected: bool) -> None:
+    """The same seed in another world, population or tree language is another start: no pair."""
+    arms = [_arm("expert", range(2)), _arm("baseline", range(2), **{key: value})]
+    study = compare_arms(arms, force=True)
+    assert paired(*study.pairs[0]) is expected
+    (found,) = family(study, TABLE_9[:1])
+    assert (found.paired is not None) is expected
 
 
 def test_what_both_selections_name_is_what_is_studied() -> None:
