@@ -5,12 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import pytest
+
+from islandgp.errors import StudyError
 from islandgp.evaluation.base import Job, Setting
 from islandgp.scoring.outcome import Outcome
 from islandgp.seeding import Stream, stream
 from islandgp.study.comparable import compare_arms
-from islandgp.study.generalise import generalise, unseen_worlds, yardsticks
+from islandgp.study.generalise import Generalisation, generalise, unseen_worlds, yardsticks
 from islandgp.study.library import library
+from islandgp.study.select import parse_arm
+from islandgp.study.tables.champions import generalisation_table
 from tests.made import outcome
 from tests.study.made_runs import TREE, guidance, made_arm, made_run
 
@@ -113,3 +118,20 @@ def test_yardsticks_are_library_trees_by_name() -> None:
     found = yardsticks(replace(study, arms=(replace(study.arms[0], runs=tuple(runs)),)))
     assert found["injected 6 times: poor"] == texts["poor"]
     assert len(found) == 2
+
+
+def test_an_arm_may_have_a_yardstick_s_name() -> None:
+    """An arm called hand-written keeps its row, and the yardstick has its own."""
+    found = (
+        Generalisation("hand-written", 0, 9_000.0, 30, 5_000.0, 1.0, 0.5, 0.5),
+        Generalisation("hand-written", 1, 9_000.0, 30, 7_000.0, 1.0, 0.5, 0.5),
+        Generalisation("hand-written", None, None, 100, 1_000.0, 1.0, 0.5, 0.5),
+    )
+    rows = [row[:5] for row in generalisation_table(found, 30).rows]
+    assert [(row[0], row[1], row[2]) for row in rows] == [
+        ("hand-written", "2", "30"),
+        ("hand-written", "1", "100"),
+    ]
+    assert rows[0][4].startswith("6,000")
+    with pytest.raises(StudyError, match="Expected --arm"):
+        parse_arm("hand-written: all_rounder=supervisor=expert")
