@@ -55,6 +55,18 @@ def test_ties_are_counted_out() -> None:
     assert rank_test([1, 1, 2], [2, 3, 3]).p == pytest.approx(0.2)
 
 
+def test_floating_point_noise_breaks_no_tie() -> None:
+    """0.1 + 0.2 ties with 0.3, and so do two ways to add up 50,000 points."""
+    noisy = 0.1 + 0.2
+    assert noisy != 0.3
+    assert rank_test([noisy, noisy], [0.3, 0.3]).kind == UNTESTED
+    assert rank_test([50_000 + 7e-12], [50_000]).kind == UNTESTED
+    assert rank_test([0.3, 1.0], [noisy, 2.0]).u == 1.5
+    assert paired_test([noisy, 1.0], [0.3, 2.0]).lower == 1
+    # Both differences are 0.1, up to noise: a tie of two, counted as such.
+    assert paired_test([0.3, 0.4], [0.2, 0.3]) == paired_test([3, 4], [2, 3])
+
+
 def test_many_ties_are_approximated() -> None:
     """Beyond the number of values to enumerate the kind is named as asymptotic."""
     test = rank_test([11, 10, 5, 5, 17], [17, 27, 36, 30, 28], enumerated=9)
