@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from math import isnan
 from statistics import fmean
 
 from islandgp.study.arms import Comparison
@@ -76,7 +77,7 @@ def _row(f: Finding) -> list[object]:
     for sample in f.samples:
         known = [v for v in sample if v is not None]
         left = len(sample) - len(known)
-        mean, sd = (None, None) if left else mean_sd(known)
+        mean, sd = (None, None) if left else map(_known, mean_sd(known))
         sides.append((mean, sd, quantile(sample, 0.5), left))
     (m1, s1, d1, c1), (m2, s2, d2, c2) = sides
     t, p, shift = f.rank, f.paired, f.shift
@@ -90,8 +91,13 @@ def _row(f: Finding) -> list[object]:
         *(t.u, t.z, t.p, t.kind, f.rank_q, t.r),
         *(None if p is None else p.p, None if p is None else p.kind, f.paired_q),
         *(f.log_rank, f.log_rank_q),
-        *(*without, shift.estimate, shift.low, shift.high),
+        *(*without, *map(_known, (shift.estimate, shift.low, shift.high))),
     ]
+
+
+def _known(x: float) -> float | None:
+    """An empty cell stands for what one run cannot tell."""
+    return None if isnan(x) else x
 
 
 def metrics(findings: Sequence[Finding]) -> dict[str, float]:

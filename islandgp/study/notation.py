@@ -35,15 +35,16 @@ def number(x: float | None, digits: int = 0) -> str:
 
 
 def spread(mean: float, sd: float, digits: int = 0) -> str:
-    """Mean ± standard deviation."""
+    """Mean ± standard deviation, which is a dash for a single value."""
     return f"{number(mean, digits)} ± {number(sd, digits)}"
 
 
 def interval(i: Interval, digits: int = 0) -> str:
-    """An estimate with its interval; a dash where there is no estimate."""
+    """An estimate with its interval; a dash for what is not known."""
     if isnan(i.estimate):
         return NONE
-    return f"{number(i.estimate, digits)} [{number(i.low, digits)}, {number(i.high, digits)}]"
+    ends = NONE if isnan(i.low) else f"{number(i.low, digits)}, {number(i.high, digits)}"
+    return f"{number(i.estimate, digits)} [{ends}]"
 
 
 def percent(share: float | None, digits: int = 1) -> str:
@@ -74,6 +75,12 @@ def probability(p: float | None) -> str:
     if p < 1e-4:
         return "< 0.0001"
     return f"{p:.3f}" if p >= 0.0095 else f"{p:.4f}"
+
+
+def p_is(test: RankTest | PairedTest) -> str:
+    """A p-value with its kind in a sentence: p = 0.012 (exact), p < 0.0001 (exact)."""
+    text = tested(test)
+    return f"p {text}" if text.startswith("<") else f"p = {text}"
 
 
 _SHORT: Final = {EXACT: "exact", EXACT_TIES: EXACT_TIES, UNTESTED: "all equal", SIGN: "sign, exact"}

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import ceil, floor, sqrt
+from math import ceil, floor, nan, sqrt
 from typing import Any, Final
 
 import numpy as np
@@ -158,12 +158,15 @@ def bootstrap(
 
     `statistic` takes one array a sample and reduces the last axis. Values may be
     infinite; a draw whose statistic is nan stands for any value, and widens the interval.
+    A sample of one says nothing of its spread: then there is no interval, but nan.
     """
     rng = np.random.default_rng(seed)
     arrays = [np.asarray(s, float) for s in samples]
     drawn = [a[rng.integers(len(a), size=(RESAMPLES, len(a)))] for a in arrays]
     with np.errstate(invalid="ignore"):  # infinite minus infinite is nan: nothing is known
         found, estimate = statistic(*drawn), float(statistic(*arrays))
+    if min(map(len, arrays)) < 2:
+        return Interval(estimate, nan, nan)
     unknown = np.isnan(found)
     low = _percentile(np.where(unknown, -np.inf, found), 0.025)
     high = _percentile(np.where(unknown, np.inf, found), 0.975)
@@ -193,9 +196,9 @@ def mean_difference(x: Any, y: Any) -> Any:
 
 
 def mean_sd(values: Sequence[float]) -> tuple[float, float]:
-    """Mean and sample standard deviation (n - 1); the latter is 0 for one value."""
+    """Mean and sample standard deviation (n - 1); the latter is nan for one value."""
     a = np.asarray(values, float)
-    return float(a.mean()), float(a.std(ddof=1)) if len(a) > 1 else 0.0
+    return float(a.mean()), float(a.std(ddof=1)) if len(a) > 1 else nan
 
 
 def _stats() -> Any:

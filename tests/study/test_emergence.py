@@ -89,5 +89,6 @@ def test_curve_of_runs_without_one() -> None:
 def test_a_cell_says_how_many_runs_got_there() -> None:
     """A table's cell gives mean, SD and median, or the median and how many runs it rests on."""
     assert when(summary([6, 8, 5, 5, 15], 41)) == "7.8 ± 4.2, median 6.0"
+    assert when(summary([6], 41)) == "6.0 ± \N{EN DASH}, median 6.0"
     assert when(summary([3, None, 5], 41)) == "median 5.0, 2 of 3 runs"
     assert when(summary([None, None], 41)) == "median not reached, 0 of 2 runs"

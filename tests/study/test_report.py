@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from islandgp.study import data
 from islandgp.study.arms import Comparison
 from islandgp.study.building import build
 from islandgp.study.comparable import compare_arms
@@ -202,6 +203,13 @@ def test_one_run_an_arm_is_reported_and_shows_nothing() -> None:
     assert not any("shown" in row[-1].replace("not shown", "") for row in claims.rows[:6])
     power = next(t for t in report.tables if t.key == "power")
     assert {row[2] for row in power.rows} == {"none"}
+    over_runs = [t for t in report.tables if t.key != "table-13"]  # that one is over generations
+    cells = [cell for table in over_runs for row in table.rows for cell in row]
+    assert not any(cell.endswith(("± 0", "± 0.0", "± 0.00")) for cell in cells)
+    assert not any("nan" in cell for cell in cells)
+    (medians,) = [t for t in report.tables if t.key == "medians"]
+    assert medians.rows[0][1] == "9 [\N{EN DASH}]"
+    assert "nan" not in data.tests_csv(report.findings)
 
 
 def test_a_forced_comparison_says_so_on_top() -> None:

@@ -229,4 +229,15 @@ def test_bootstrap_interval_of_a_mean_is_as_wide_as_theory_says() -> None:
 def test_standard_deviation_is_the_sample_s() -> None:
     """± is computed with n - 1; one value has none."""
     assert mean_sd([1, 3]) == (2.0, pytest.approx(math.sqrt(2)))
-    assert mean_sd([5]) == (5.0, 0.0)
+    mean, sd = mean_sd([5])
+    assert mean == 5.0
+    assert math.isnan(sd)
+
+
+def test_one_value_has_no_interval() -> None:
+    """A sample of one is drawn again as itself: that is no interval."""
+    for samples, statistic in (([[7.0]], median), ([[7.0], [1.0, 2.0]], median_difference)):
+        found = bootstrap(samples, statistic)
+        assert found.estimate in (7.0, 5.5)
+        assert math.isnan(found.low)
+        assert math.isnan(found.high)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 
 import pytest
 
 from islandgp.study.findings import examine
 from islandgp.study.measures import TABLE_9, TABLE_11
-from islandgp.study.notation import number, percent, probability
+from islandgp.study.notation import interval, number, p_is, percent, probability, spread
 from islandgp.study.paper import MARK
+from islandgp.study.statistics import Interval, mean_sd, rank_test
 from islandgp.study.table import Table, to_csv, to_html, to_markdown
 from islandgp.study.tables.cells import difference
 from islandgp.study.tables.claims import verdict
@@ -54,6 +56,21 @@ def test_how_numbers_are_written() -> None:
         "0.0079",
         "< 0.0001",
     ]
+
+
+def test_one_run_has_no_spread() -> None:
+    """A dash stands for the deviation and for the interval of a single value."""
+    dash = "\N{EN DASH}"
+    assert spread(*mean_sd([5.0])) == f"5 ± {dash}"
+    assert interval(Interval(5.0, math.nan, math.nan)) == f"5 [{dash}]"
+    assert interval(Interval(math.nan, -math.inf, math.inf)) == dash
+    assert interval(Interval(5.0, 4.0, math.inf)) == "5 [4, \N{INFINITY}]"
+
+
+def test_a_small_p_in_a_sentence() -> None:
+    """It is 'p < 0.0001', without an equals sign."""
+    assert p_is(rank_test([1, 2, 3], [4, 5, 6])) == "p = 0.100 (exact)"
+    assert p_is(rank_test(range(20), range(20, 40))) == "p < 0.0001 (exact)"
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from statistics import fmean
 from islandgp.scoring.rewards import Component
 from islandgp.study.arms import Comparison
 from islandgp.study.generalise import Generalisation
-from islandgp.study.notation import NONE, number, spread, tested
+from islandgp.study.notation import NONE, number, p_is, spread
 from islandgp.study.statistics import mean_sd, rank_test
 from islandgp.study.table import Table
 
@@ -55,7 +55,7 @@ def generalisation_table(found: Sequence[Generalisation], worlds: int) -> Table:
         for b, y in real[i + 1 :]:
             t = rank_test(x, y)
             notes.append(
-                f"Unseen fitness, {a} against {b}: U = {number(t.u, 1)}, p = {tested(t)}, not"
+                f"Unseen fitness, {a} against {b}: U = {number(t.u, 1)}, {p_is(t)}, not"
                 " adjusted: it belongs to no family."
             )
     return Table(
