@@ -13,8 +13,9 @@ from islandgp.study import data
 from islandgp.study.arms import Comparison
 from islandgp.study.building import build
 from islandgp.study.comparable import compare_arms
-from islandgp.study.figures.trees import late_evolved
+from islandgp.study.figures.trees import early_injected, late_evolved
 from islandgp.study.generalise import Generalisation
+from islandgp.study.library import library
 from islandgp.study.notation import NEVER
 from islandgp.study.page import to_page
 from islandgp.study.report import Report
@@ -241,3 +242,43 @@ def test_the_late_tree_is_one_that_was_bred() -> None:
     rivals = [made_run("baseline", best=0.0, populations=dull)]
     study = compare_arms([made_arm("expert", runs), made_arm("baseline", rivals)])
     assert late_evolved(study).tree == bred
+
+
+def test_captions_name_a_library_tree() -> None:
+    """A tree of grammar/examples is called by its file; any other tree is not."""
+    texts = {name: text for text, name in library().items()}
+    dull = made_arm("baseline", [made_run("baseline")])
+    for name, expected in (
+        (
+            "paper_fig9",
+            "seed 0: library tree paper_fig9, modelled on the paper's Figure 9, injected",
+        ),
+        ("diverse", "seed 0: library tree diverse, injected into generation 2"),
+    ):
+        arm = made_arm("expert", [made_run(guided=guidance(tree=texts[name], injected=True))])
+        early = early_injected(compare_arms([arm, dull]))
+        assert early is not None
+        assert expected in early.caption
+    own = made_arm("expert", [made_run(guided=guidance(tree=TREE, injected=True))])
+    early = early_injected(compare_arms([own, dull]))
+    assert early is not None
+    assert "seed 0: injected into generation 2" in early.caption
+    best = [[individual("a", tree=texts["poor"], fitness=9_999.0)]] * 41
+    late = late_evolved(compare_arms([made_arm("expert", [made_run(populations=best)]), dull]))
+    assert "fitness 9,999, library tree poor, crossover" in late.caption
+
+
+def test_claims_say_their_family(written: tuple[Report, Path]) -> None:
+    """Emergence and fitness are of the paper's nine; diversity and rates are of the other."""
+    table = next(t for t in written[0].tables if t.key == "claims")
+    at = table.columns.index("family")
+    found = {row[0]: row[at] for row in table.rows}
+    assert list(found.values()).count("the paper's nine") == 7
+    assert found["Behavioural diversity is higher"] == "further"
+    assert found["with lower mutation rates"] == "further"
+
+
+def test_interventions_are_defined(written: tuple[Report, Path]) -> None:
+    """The table that counts them says what they are."""
+    table = next(t for t in written[0].tables if t.key == "decisions")
+    assert any("An intervention is" in note for note in table.notes)

@@ -138,8 +138,8 @@ def emergence_curves(study: Comparison) -> Picture:
             axes.set(title=f"{tier.value.capitalize()} Robot", xlabel="Generation")
             axes.set_ylim(-0.03, 1.03)
             axes.set_xlim(0, study.generations - 1)
+            axes.legend(loc="best")
         panels[0].set_ylabel("Share of runs that have had one")
-        panels[0].legend(loc="best")
 
     return picture(
         "emergence-curves",

@@ -9,6 +9,7 @@ from typing import Final
 from islandgp.study import paper
 from islandgp.study.emergence import reduction, summary
 from islandgp.study.findings import Finding, finding
+from islandgp.study.measures import FAMILY
 from islandgp.study.notation import DIGITS, interval, percent, probability
 from islandgp.study.paper import MARK
 from islandgp.study.power import LEVEL
@@ -39,6 +40,10 @@ CLAIMS: Final = (
     Claim("final_mean", "The final average fitness is lower", -1, -0.273, 0.036),
 )
 
+NINE: Final = "the paper's nine"
+OTHERS: Final = "further"
+"""The families of Benjamini and Hochberg's procedure."""
+
 UNDECIDED: Final = "no difference shown (no evidence either way)"
 """The verdict where a claim of no difference meets a test that finds none."""
 
@@ -54,6 +59,7 @@ def claims_table(key: str, title: str, findings: Sequence[Finding], arms: tuple[
                 difference(f),
                 size(f),
                 probability(f.rank_q),
+                NINE if f.measure in FAMILY else OTHERS,
                 percent(claim.size),
                 probability(claim.p_bh),
                 verdict(claim.direction, f),
@@ -67,6 +73,7 @@ def claims_table(key: str, title: str, findings: Sequence[Finding], arms: tuple[
             "here",
             "difference [95 %]",
             "p BH",
+            "family",
             f"{MARK} difference",
             f"{MARK} p BH",
             "verdict",
@@ -75,6 +82,9 @@ def claims_table(key: str, title: str, findings: Sequence[Finding], arms: tuple[
         (
             "Difference: of the means, with its bootstrap interval; for emergence, of the mean"
             " generations lived through without one.",
+            f"Family: what p BH is adjusted over. '{NINE}': the comparisons of Tables 9, 10 and 11;"
+            f" '{OTHERS}': those of Table 12, which the paper does not test; each times the pairs"
+            " of arms.",
             f"{arms[0]} stands for the paper's proposed system, {arms[1]} for its baseline."
             f" 'Shown': p BH < {LEVEL:g}. 'Not shown' is no evidence that there is no difference;"
             " the power note says what could have been found.",

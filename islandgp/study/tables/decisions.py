@@ -44,9 +44,12 @@ def decisions_table(study: Comparison) -> Table:
         tuple(rows),
         (
             "Shares are of all decisions of the arm. A crisis (Eq. 7) overrides the rate; one that"
-            " lasts several generations counts once. The paper counts exploration-oriented"
-            " decisions (26.3 %) and exploitation-oriented ones (16.2 %) without saying which"
-            " labels those are; they stand beside the labels of those names.",
+            " lasts several generations counts once. An intervention is a decision in which the"
+            " supervisor itself says that it has to step in (the expert in the phases crisis"
+            " intervention and aggressive exploration); it is no crisis of the run's.",
+            "The paper counts exploration-oriented decisions (26.3 %) and exploitation-oriented"
+            " ones (16.2 %) without saying which labels those are; they stand beside the labels of"
+            " those names.",
             paper.NOTE,
         ),
     )
