@@ -49,7 +49,7 @@ A bare word is a sweep's name; mlflow: takes an MLflow filter string instead.
 @click.option(
     "--worlds",
     type=click.IntRange(0, 10_000),
-    default=30,
+    default=100,
     show_default=True,
     help="Unseen worlds for the champions; 0 leaves them out.",
 )

@@ -47,7 +47,7 @@ def generalisation_table(found: Sequence[Generalisation], worlds: int) -> Table:
         " under an earlier stage's multipliers. ± is over runs.",
         "The yardsticks are trees of grammar/examples, by file name: all_rounder, written by hand"
         " to be good at everything, and the one that the supervisors injected most often. They"
-        " meet more worlds, the champions' among them: each is a single tree.",
+        " meet the champions' worlds, and more of them where those are few.",
     ]
     samples = [(arm, [g.unseen for g in mine]) for arm, mine in champions.items()]
     real = [(arm, values) for arm, values in samples if len(values) > 1]
