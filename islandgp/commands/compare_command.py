@@ -50,7 +50,7 @@ A bare word is a sweep's name; mlflow: takes an MLflow filter string instead.
 @click.option(
     "--worlds",
     type=click.IntRange(0, 10_000),
-    default=30,
+    default=100,
     show_default=True,
     help="Unseen worlds for the champions; 0 leaves them out.",
 )
@@ -102,7 +102,9 @@ def command(
         files = write(report, study, folder)
     except OSError as error:
         raise _unusable(folder, error.strerror or str(error)) from error
-    click.echo("\n".join([*(f"note: {note}" for note in study.notes), *_claims(report)]))
+    said = [f"not comparable: {doubt}" for doubt in study.doubts]
+    said += [f"note: {note}" for note in study.notes]
+    click.echo("\n".join([*said, *_claims(report)]))
     click.echo(f"\n{folder / 'index.html'}: the page; beside it report.md, tables/, figures/")
     if mlflow:
         click.echo(_publish(report, study, place, folder, files))
@@ -161,18 +163,15 @@ def _select(
 
 
 def _unseen(study: Comparison, worlds: int, workers: int) -> tuple[Generalisation, ...]:
-    """Each champion, and a hand-written tree, on worlds that no run has seen."""
-    from islandgp.bt.language import parse, to_text
+    """Each champion, and the yardsticks, on worlds that no run has seen."""
     from islandgp.evaluation.processes import Processes, cores
-    from islandgp.study.generalise import generalise
+    from islandgp.study.generalise import generalise, yardsticks
 
-    file = resource("grammar") / "examples" / "all_rounder.bt"
-    yardstick = to_text(parse(file.read_text(encoding="utf-8"), name=str(file)))
     return generalise(
         study,
         lambda setting: Processes(setting, workers or cores()),
         worlds=worlds,
-        yardstick=yardstick,
+        yardsticks=yardsticks(study),
     )
 
 
@@ -184,7 +183,7 @@ def _claims(report: Report) -> list[str]:
             lines += ["", table.title]
             lines += [
                 f"  {claim:<47} {here:>34}  p BH {p:<8} {verdict}"
-                for claim, here, p, *_, verdict in table.rows
+                for claim, here, _, p, *_, verdict in table.rows
             ]
     return lines
 

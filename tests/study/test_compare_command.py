@@ -58,7 +58,9 @@ def test_the_documented_three_arms(home: Path, monkeypatch: pytest.MonkeyPatch) 
     assert isinstance(refused.exception, StudyError)
     assert "seeds differ: expert 0-3; low 0-1; high 2-3" in str(refused.exception)
     assert not (home / "study" / "three").exists()
-    assert _compare(home, THREE[2:], monkeypatch).exit_code == 0
+    forced = _compare(home, THREE[2:], monkeypatch)
+    assert forced.exit_code == 0
+    assert "not comparable: seeds differ: expert 0-3; low 0-1; high 2-3" in forced.output
     assert "not comparable" in (home / "study" / "three" / "index.html").read_text()
 
 
