@@ -121,13 +121,7 @@ def choose_target(state: PopulationState, how: ExpertSettings) -> Target:
     return Target.RARE if state.now.diversity < how.collapse else Target.INTEGRATION
 
 
-EARLY: Final = (
-    Target.PICKUP,
-    Target.HUMANOID,
-    Target.CHARGING,
-    Target.CLEARING,
-    Target.EXPLORATION,
-)
+EARLY: Final = tuple(t for t in Target if t not in (Target.RARE, Target.INTEGRATION))
 """Targets that there are before the first Complete Robot."""
 
 

@@ -1,7 +1,8 @@
-"""The ablation "random injection": as many trees, of the same library, blind to the state.
+"""The ablation "random injection": as many trees, of the same library, blind to what lacks.
 
 If targeting is what helps (Table 7), the expert beats this; if any good tree
-helps, the two are alike.
+helps, the two are alike. Both have the same trees to choose from: compact ones
+until a Complete Robot has existed.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import numpy as np
 
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Setup, Target
-from islandgp.supervision.expert import Expert, ExpertSettings
+from islandgp.supervision.expert import EARLY, Expert, ExpertSettings
 
 
 class Untargeted:
@@ -30,10 +31,11 @@ class Untargeted:
         self.expert = expert
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
-        """Every target of Table 7 is as likely as any other."""
+        """Every target that the expert could have now is as likely as any other."""
         guidance = self.expert.advise(state, rng)
-        target = list(Target)[rng.integers(len(Target))]
-        trees = self.expert.settings.trees[target]
+        targets = list(Target) if state.ever_complete else EARLY
+        target = targets[rng.integers(len(targets))]
+        trees = self.expert.trees(target, compact=not state.ever_complete)
         name = trees[rng.integers(len(trees))]
         return replace(
             guidance,

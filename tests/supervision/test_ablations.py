@@ -16,6 +16,7 @@ from islandgp.evolution.checkpoint import dump
 from islandgp.resources import resource
 from islandgp.run import make_supervisor
 from islandgp.supervision.base import Target
+from islandgp.supervision.expert import EARLY
 from islandgp.supervision.untargeted import Untargeted
 from islandgp.supervision.yoked import Yoked, YokedSettings
 from tests.composed import composed
@@ -56,6 +57,16 @@ def test_random_injection_draws_every_target_alike() -> None:
     found = draws(untargeted(), LACKS_CHARGING)
     assert set(found) == set(Target)
     assert all(100 - 4 * 9.3 < count < 100 + 4 * 9.3 for count in found.values())
+
+
+def test_random_injection_is_as_compact_as_the_expert() -> None:
+    """Until a Complete Robot has existed it has the expert's trees to choose from, and no others."""
+    supervisor = untargeted()
+    assert set(draws(supervisor, state())) == set(EARLY)
+    for i in range(50):
+        tree = supervisor.advise(state(), np.random.default_rng(i)).tree
+        assert tree is not None
+        assert supervisor.expert.settings.compact.holds(tree)
 
 
 def test_random_injection_takes_trees_of_the_same_library() -> None:
