@@ -37,8 +37,15 @@ demo-llm: $(STAMP) ## supervision by a language model, with scripted answers: no
 	$(BIN)/python -m islandgp.testing.demo
 
 study: $(STAMP)  ## baseline against expert, 30 paired seeds, into docs/study; resumable
-	$(BIN)/python -m islandgp experiment=study 'seed=range(3000,3030)' supervisor=baseline,expert progress=plain -m
+	$(BIN)/python -m islandgp experiment=study 'seed=range(4000,4030)' supervisor=baseline,expert progress=plain -m
 	$(BIN)/islandgp compare --arm expert="supervisor=expert" --arm baseline="supervisor=baseline" --name study -o docs/study
+
+ablations: $(STAMP) ## what of the expert helps: its rate, its trees, their choice; takes the study's runs
+	for part in rate_only injection_only random_injection; do \
+	  $(BIN)/python -m islandgp experiment=ablation_$$part 'seed=range(4000,4030)' progress=plain -m || exit; done
+	$(BIN)/islandgp compare --arm expert="name=study supervisor=expert" --arm blind="name=ablation_random_injection" \
+	  --arm trees="name=ablation_injection_only" --arm rate="name=ablation_rate_only" \
+	  --arm baseline="name=study supervisor=baseline" -o docs/study/ablations
 
 ui: $(STAMP)     ## start the MLflow UI on this folder's runs
 	$(BIN)/islandgp ui
@@ -46,4 +53,4 @@ ui: $(STAMP)     ## start the MLflow UI on this folder's runs
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
 
-.PHONY: help setup run lint test test-slow bench demo-llm study ui clean
+.PHONY: help setup run lint test test-slow bench demo-llm study ablations ui clean

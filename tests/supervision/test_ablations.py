@@ -60,7 +60,7 @@ def test_random_injection_draws_every_target_alike() -> None:
 
 
 def test_random_injection_is_as_compact_as_the_expert() -> None:
-    """Until a Complete Robot has existed it has the expert's trees to choose from, and no others."""
+    """Until a Complete Robot has existed it has the trees that the expert has, and no others."""
     supervisor = untargeted()
     assert set(draws(supervisor, state())) == set(EARLY)
     for i in range(50):
