@@ -78,6 +78,18 @@ ONE_LINE = [
      "supervisor.factory: expected a class with Settings and make, found <function run"),
     (["seed=range(5)"],
      "seed=range(5): expected one value, found a sweep; add -m to run all of them."),
+    (["--config-dir", "nope"], "--config-dir: expected a folder of configuration, found none at /"),
+    (["--config-path", "nope"],
+     "--config-path: expected a folder of configuration, found none at /"),
+    (["name=${nope}"],
+     "name: expected a value, found none (Interpolation key 'nope' not found); give name=VALUE"),
+    (["gp=4"], "gp=4: expected the name of an option, found 4; there are paper"),
+    (["world=null"], "world=null: expected the name of an option, found null; there are island"),
+    (["hydra.launcher=4"], "hydra.launcher: expected keys with values, found 4; choose one by"),
+    (["seed=range(0)", "-m"],
+     "seed=range(0): expected a sweep over at least one value, found none; give it some, or"),
+    (["supervisor=glob(x*)", "-m"],
+     "supervisor=glob(x*): expected a sweep over at least one value, found none;"),
     (["seed=1,2"], "seed=1,2: expected one value, found a sweep; add -m to run all of them."),
 ]  # fmt: skip
 
@@ -91,6 +103,45 @@ def test_one_error_one_line(
     """The line names the key and what was found, and what would be right."""
     (found,) = errors(capsys, *words)
     assert found.startswith(line)
+
+
+FILES = [
+    # text of a world's file, overrides besides it, the line
+    (b"side: [1\nx: {", [],
+     "Expected YAML in {file}, found a mistake in line 2, column 2: expected ',' or ']', but got"
+     " ':'; mend it there."),
+    (b"side: \x07", [],
+     "Expected YAML, found: unacceptable character #x0007: special characters are not allowed in"
+     ' "{file}", position 6; mend it there.'),
+    (b"side: 3\xff", [],
+     "Expected UTF-8 text in {file}, found the byte 0xff at position 7; save it as UTF-8."),
+    (b"defaults: [island]\nside: ${foo}", [],
+     "world.side: expected a value, found none (Interpolation key 'foo' not found);"
+     " give world.side=VALUE"),
+    (b"defaults: [island]\nside: ${oc.env:NOPE}", [],
+     "world.side: expected a value, found none (Environment variable 'NOPE' not found);"
+     " give world.side=VALUE"),
+    (b"- 1\n- 2\n", ["experiment=smoke"],
+     "Expected keys with values in {file}, found a list; write KEY: VALUE lines."),
+    (b"defaults: [nothing]", [], "In 'world/mine': Could not load 'world/nothing'."),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "words", "line"), FILES, ids=[str(text) for text, *_ in FILES])
+def test_a_file_of_the_users_that_is_wrong_is_named(
+    text: bytes,
+    words: list[str],
+    line: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    """One line tells the file, or the key in it, and what is wrong there."""
+    folder = tmp_path_factory.mktemp("conf")
+    file = folder / "world" / "mine.yaml"
+    file.parent.mkdir()
+    file.write_bytes(text)
+    found = errors(capsys, *words, "--config-dir", str(folder), "world=mine")
+    assert found == [line.replace("{file}", str(file))]
 
 
 @pytest.mark.parametrize(
@@ -144,6 +195,17 @@ def test_a_sweep_is_checked_before_it_starts(capsys: pytest.CaptureFixture[str])
     """One wrong job of a sweep, even the last, and none starts."""
     found = errors(capsys, "experiment=smoke", "gp.population=12,8,3", "-m")
     assert found == ["gp.population=3: input should be greater than or equal to 4"]
+
+
+def test_a_sweep_over_the_options_of_a_group(tmp_path: Path) -> None:
+    """`glob` takes the options whose names fit, also those in the user's own folder."""
+    (tmp_path / "conf/supervisor").mkdir(parents=True)
+    (tmp_path / "conf/supervisor/basic.yaml").write_text("defaults: [baseline]\nname: basic\n")
+    words = [*OFF, "experiment=smoke", "gp.population=4", "gp.generations=2", "gp.tournament=2"]
+    words += ["world.episode.length=5", "supervisor=glob(bas*)", "-m"]
+    assert main([*words, "--config-dir", "conf"]) == 0
+    found = {path.name.partition("-")[0] for path in tmp_path.glob("runs/smoke/*/")}
+    assert found == {"baseline", "basic"}
 
 
 def test_the_right_ones_run(capsys: pytest.CaptureFixture[str]) -> None:

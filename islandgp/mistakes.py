@@ -1,0 +1,139 @@
+"""What Hydra, OmegaConf and YAML find wrong with a command, in our form.
+
+Expected, found, remedy: Hydra tells them in many lines, or in none.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+from hydra import compose, initialize_config_dir
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException
+from omegaconf import DictConfig
+from omegaconf.errors import OmegaConfBaseException
+
+from islandgp.config_source import Source
+from islandgp.resources import resource
+from islandgp.settings import unknown_key
+
+MISTAKES: Final = (HydraException, OmegaConfBaseException, yaml.YAMLError, ValueError, OSError)
+"""What composing raises for a user's error."""
+
+EXTRAS: Final = {"joblib": "joblib", "ray": "ray", "submitit": "submitit"}
+"""What to install for a launcher of Hydra's that is not there."""
+
+
+def explain(error: Exception, overrides: Sequence[str], source: Source) -> str:
+    """The message for an error that composing these overrides has raised."""
+    text = str(error)
+    if isinstance(error, yaml.YAMLError):
+        return _yaml(error)
+    if isinstance(error, UnicodeDecodeError):
+        return _no_text(source) or _short(error)
+    if "with ListConfig" in text:
+        return _no_mapping(source) or _short(error)
+    if "Config group override must be" in text:
+        return _no_option(overrides, source) or _short(error)
+    if match := re.search(r"Could not override '([^']+)'", text):
+        return unknown_key(match[1], _known_beside(match[1]))
+    if match := re.search(r"(?:load|find) 'hydra/launcher/(joblib|ray|submitit)\w*'", text):
+        return (
+            f"hydra/launcher: expected Hydra's {match[1]} launcher, found it not installed;"
+            f" pip install 'islandgp[{EXTRAS[match[1]]}]'"
+        )
+    if match := re.search(
+        r"Could not find '([^']+)'[\s\S]*?Available options in '[^']*':\n([\s\S]*)", text
+    ):
+        group, _, option = match[1].rpartition("/")
+        known = re.findall(r"^\t(\S+)$", match[2], re.MULTILINE)
+        near = get_close_matches(option, known, 1, 0.5)
+        hint = f"did you mean {near[0]}? " if near else ""
+        return f"{group}={option}: unknown option; {hint}there are {', '.join(known)}"
+    return _short(error)
+
+
+def unresolved(error: OmegaConfBaseException) -> str:
+    """The message for a value that stands for another one, which is not there."""
+    key, why = error.full_key or "", _short(error)
+    if match := re.search(r'"(.+)"$', why):  # what a resolver said
+        why = match[1]
+    return f"{key}: expected a value, found none ({why}); give {key}=VALUE"
+
+
+def _yaml(error: yaml.YAMLError) -> str:
+    if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
+        mark = error.problem_mark
+        return (
+            f"Expected YAML in {mark.name}, found a mistake in line {mark.line + 1}, column"
+            f" {mark.column + 1}: {error.problem}; mend it there."
+        )
+    return f"Expected YAML, found: {' '.join(str(error).split())}; mend it there."
+
+
+def _no_text(source: Source) -> str:
+    """The message for the first file of the user's that is not UTF-8; "" if all are."""
+    for file in _files(source):
+        data = file.read_bytes()
+        try:
+            data.decode()
+        except UnicodeDecodeError as error:
+            return (
+                f"Expected UTF-8 text in {file}, found the byte 0x{data[error.start]:02x} at"
+                f" position {error.start}; save it as UTF-8."
+            )
+    return ""
+
+
+def _no_mapping(source: Source) -> str:
+    """The message for the first file of the user's that holds a list or the like; "" if none."""
+    for file in _files(source):
+        try:
+            found = yaml.safe_load(file.read_bytes())
+        except yaml.YAMLError:  # the command has not chosen it: else this would be its error
+            continue
+        if found is not None and not isinstance(found, dict):
+            return (
+                f"Expected keys with values in {file}, found a {type(found).__name__}; write"
+                " KEY: VALUE lines."
+            )
+    return ""
+
+
+def _files(source: Source) -> list[Path]:
+    return sorted((source.own or source.folder).rglob("*.yaml"))
+
+
+def _no_option(overrides: Sequence[str], source: Source) -> str:
+    """The message for a group that is given a number or null; "" if none is."""
+    for override in OverridesParser.create().parse_overrides(list(overrides)):
+        known = source.options(override.key_or_group)
+        if known and not isinstance(override.value(), str | list):
+            found = (override.input_line or "").partition("=")[2]
+            return (
+                f"{override.key_or_group}={found}: expected the name of an option, found {found};"
+                f" there are {', '.join(known)}"
+            )
+    return ""
+
+
+def _known_beside(path: str) -> list[str]:
+    """The keys of the default configuration at the same place as `path`."""
+    with initialize_config_dir(str(resource("conf")), version_base="1.3"):
+        at: Any = compose("config")
+    for part in path.split(".")[:-1]:
+        at = at.get(part, {}) if isinstance(at, DictConfig) else {}
+    return [str(key) for key in at]
+
+
+def _short(error: Exception) -> str:
+    """The first line that says something; the next one as well where the first only leads to it."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    if len(lines) > 1 and lines[0].endswith(":"):
+        return f"{lines[0]} {lines[1]}"
+    return lines[0] if lines else type(error).__name__
