@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
 import re
 import shlex
 from collections.abc import Iterator, Sequence
@@ -32,6 +33,9 @@ NOT_IN_FOLDER: Final = MACHINERY | {
     "supervisor.policy.base_url",
 }
 """Overrides that a run's folder name leaves out, or says otherwise."""
+
+
+LONGEST: Final = 180  # characters of a folder's name; file systems take 255 bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +87,15 @@ def run_folder(settings: Settings, overrides: Sequence[str], home: Path) -> Path
         and not is_secret(key)
     ]
     leaf = "-".join([f"{settings.supervisor.name}-seed{settings.seed}", *sorted(words)])
-    return (home / settings.runs / settings.name / leaf[:180]).resolve()
+    return (home / settings.runs / settings.name / _cut(leaf)).resolve()
+
+
+def _cut(name: str) -> str:
+    """The name, or its beginning and a digest of the whole where it is too long for a folder."""
+    if len(name) <= LONGEST:
+        return name
+    digest = hashlib.sha256(name.encode()).hexdigest()[:8]
+    return f"{name[: LONGEST - 9]}-{digest}"
 
 
 def is_choice(override: str) -> bool:
