@@ -12,14 +12,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import yaml
-from hydra import compose, initialize_config_dir
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
-from omegaconf import DictConfig
+from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from islandgp.config_source import Source
-from islandgp.resources import resource
 from islandgp.settings import unknown_key
 
 MISTAKES: Final = (HydraException, OmegaConfBaseException, yaml.YAMLError, ValueError, OSError)
@@ -41,7 +39,7 @@ def explain(error: Exception, overrides: Sequence[str], source: Source) -> str:
     if "Config group override must be" in text:
         return _no_option(overrides, source) or _short(error)
     if match := re.search(r"Could not override '([^']+)'", text):
-        return unknown_key(match[1], _known_beside(match[1]))
+        return _unknown(match[1], _chosen(overrides, source))
     if match := re.search(r"(?:load|find) 'hydra/launcher/(joblib|ray|submitit)\w*'", text):
         return (
             f"hydra/launcher: expected Hydra's {match[1]} launcher, found it not installed;"
@@ -122,13 +120,33 @@ def _no_option(overrides: Sequence[str], source: Source) -> str:
     return ""
 
 
-def _known_beside(path: str) -> list[str]:
-    """The keys of the default configuration at the same place as `path`."""
-    with initialize_config_dir(str(resource("conf")), version_base="1.3"):
-        at: Any = compose("config")
-    for part in path.split(".")[:-1]:
-        at = at.get(part, {}) if isinstance(at, DictConfig) else {}
-    return [str(key) for key in at]
+def _unknown(path: str, config: Any) -> str:
+    """The message for a key that is not in the configuration: at the part that is wrong."""
+    parts = path.split(".")
+    for i, part in enumerate(parts[:-1]):
+        if part not in config:
+            near = get_close_matches(part, _keys(config), 1, 0.5)
+            above = ".".join(parts[:i]) or "the configuration"
+            hint = (
+                f"did you mean {'.'.join([*parts[:i], near[0], *parts[i + 1 :]])}?"
+                if near
+                else f"{above} has {', '.join(_keys(config))}"
+            )
+            return f"{path}: unknown key; {hint}"
+        config = config[part] if isinstance(config[part], dict) else {}
+    return unknown_key(path, _keys(config))
+
+
+def _keys(config: dict[str, Any]) -> list[str]:
+    return [key for key in config if not key.startswith("_")]
+
+
+def _chosen(overrides: Sequence[str], source: Source) -> Any:
+    """The configuration of the chosen options, before any value is changed; not resolved."""
+    loader, parsed = source.loader(), OverridesParser.create().parse_overrides(list(overrides))
+    groups = [o for o in parsed if loader.get_group_options(o.key_or_group)]
+    chosen = source.compose([o.input_line for o in groups if o.input_line is not None])
+    return OmegaConf.to_container(chosen, resolve=False)
 
 
 def _short(error: Exception) -> str:

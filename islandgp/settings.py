@@ -131,5 +131,6 @@ def unknown_key(path: str, known: list[str]) -> str:
     parent, _, key = path.rpartition(".")
     near = get_close_matches(key, known, 1, 0.5)
     dot = f"{parent}." if parent else ""
-    hint = f"did you mean {dot}{near[0]}?" if near else f"there are {', '.join(sorted(known))}"
+    there = f"there are {', '.join(sorted(known))}" if known else f"{parent} has no keys"
+    hint = f"did you mean {dot}{near[0]}?" if near else there
     return f"{path}: unknown key; {hint}"

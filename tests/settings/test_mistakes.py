@@ -32,7 +32,18 @@ def errors(capsys: pytest.CaptureFixture[str], *words: str) -> list[str]:
 ONE_LINE = [
     # words, the line
     (["gp.populaton=3"], "gp.populaton: unknown key; did you mean gp.population?"),
-    (["wrld.side=3"], "wrld.side: unknown key"),
+    (["wrld.side=3"], "wrld.side: unknown key; did you mean world.side?"),
+    (["evaluator.policy.workers=-1"],
+     "evaluator.policy.workers: unknown key; evaluator.policy has no keys"),
+    (["supervisor=fixed", "supervisor.policy.rat=2"],
+     "supervisor.policy.rat: unknown key; did you mean supervisor.policy.rate?"),
+    (["supervisor=llm", "supervisor.policy.apikey=x"],
+     "supervisor.policy.apikey: unknown key; did you mean supervisor.policy.api_key?"),
+    (["supervisor=baseline", "supervisor.polcy.up=0.5"],
+     "supervisor.polcy.up: unknown key; did you mean supervisor.policy.up?"),
+    (["gp.population.most=3"], "gp.population.most: unknown key; gp.population has no keys"),
+    (["zzz.y=3"], "zzz.y: unknown key; the configuration has hydra, seed, name, runs, "),
+    (["hydra.launcher.n_jbs=2"], "hydra.launcher.n_jbs: unknown key; hydra.launcher has no keys"),
     (["gp.mutation.operators.swapp=3"],
      "gp.mutation.operators.swapp: unknown key; did you mean gp.mutation.operators.swap?"),
     (["+gp.elites=3"], "gp.elites: unknown key;"),
@@ -142,6 +153,13 @@ def test_a_file_of_the_users_that_is_wrong_is_named(
     file.write_bytes(text)
     found = errors(capsys, *words, "--config-dir", str(folder), "world=mine")
     assert found == [line.replace("{file}", str(file))]
+
+
+def test_unknown_keys_of_a_launcher(capsys: pytest.CaptureFixture[str]) -> None:
+    """A launcher that is chosen has keys of its own."""
+    pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
+    found = errors(capsys, "hydra/launcher=local", "hydra.launcher.n_jbs=2", "-m")
+    assert found == ["hydra.launcher.n_jbs: unknown key; did you mean hydra.launcher.n_jobs?"]
 
 
 @pytest.mark.parametrize(
