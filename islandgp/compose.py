@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, Final
 
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
-from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf, open_dict
@@ -20,7 +19,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from islandgp.config_source import Source
 from islandgp.errors import ConfigError
-from islandgp.mistakes import MISTAKES, explain, unresolved
+from islandgp.mistakes import MISTAKES, explain, parsed, unresolved
 from islandgp.settings import Settings, read_settings
 from islandgp.tracking.parameters import HIDDEN, MACHINERY, is_secret
 
@@ -126,16 +125,15 @@ def _flags(words: Sequence[str], args: argparse.Namespace) -> list[str]:
 
 def _jobs(args: argparse.Namespace, source: Source) -> Iterator[list[str]]:
     """The overrides of each job of the command."""
-    parser = OverridesParser.create(config_loader=source.loader())
+    words = parsed(args.overrides, source.loader())
+    sweeps = [word for word in words if word.is_sweep_override()]
+    if not args.multirun:
+        _must_be_no_sweep(sweeps)
+        yield list(args.overrides)
+        return
     try:
-        parsed = parser.parse_overrides(args.overrides)
-        sweeps = [o for o in parsed if o.is_sweep_override()]
-        if not args.multirun:
-            _must_be_no_sweep(sweeps)
-            yield list(args.overrides)
-            return
         _must_have_values(sweeps)
-        batches = BasicSweeper.split_arguments(parsed, None)
+        batches = BasicSweeper.split_arguments(words, None)
     except HydraException as error:
         raise ConfigError(explain(error, args.overrides, source)) from None
     for batch in batches:

@@ -6,25 +6,62 @@ Expected, found, remedy: Hydra tells them in many lines, or in none.
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Final
 
 import yaml
+from hydra.core.config_loader import ConfigLoader
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from islandgp.config_source import Source
+from islandgp.errors import ConfigError
 from islandgp.settings import unknown_key
+from islandgp.tracking.parameters import HIDDEN, is_secret
 
 MISTAKES: Final = (HydraException, OmegaConfBaseException, yaml.YAMLError, ValueError, OSError)
 """What composing raises for a user's error."""
 
 EXTRAS: Final = {"joblib": "joblib", "ray": "ray", "submitit": "submitit"}
 """What to install for a launcher of Hydra's that is not there."""
+
+
+def parsed(overrides: Sequence[str], loader: ConfigLoader) -> list[Override]:
+    """The overrides as Hydra understands them. Raises ConfigError at the first that it cannot."""
+    parser = OverridesParser.create(config_loader=loader)
+    found: list[Override] = []
+    for override in overrides:
+        if not override.lstrip("+~").partition("=")[0]:
+            raise ConfigError(f"{override}: expected KEY=VALUE, found no key; write KEY=VALUE")
+        try:
+            found += parser.parse_overrides([override])
+        except HydraException:
+            raise ConfigError(_unreadable(override, parser)) from None
+    return found
+
+
+def _unreadable(override: str, parser: OverridesParser) -> str:
+    key, equals, value = override.partition("=")
+    if not equals:
+        return f"{override}: expected KEY=VALUE, found no =; write {override}=VALUE"
+    if is_secret(key):
+        return f"{key}={HIDDEN}: expected a value, found one that cannot be read; quote it"
+    escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+    quoted = f'{key}="{escaped}"'
+    try:
+        parser.parse_override(quoted)
+    except HydraException:
+        return f"{override}: expected KEY=VALUE, found a key that cannot be read; mend the key"
+    return (
+        f"{override}: expected a value, found one that cannot be read; mend it, or quote it"
+        f" inside and out where it is a text: {shlex.quote(quoted)}"
+    )
 
 
 def explain(error: Exception, overrides: Sequence[str], source: Source) -> str:
@@ -109,7 +146,7 @@ def _files(source: Source) -> list[Path]:
 
 def _no_option(overrides: Sequence[str], source: Source) -> str:
     """The message for a group that is given a number or null; "" if none is."""
-    for override in OverridesParser.create().parse_overrides(list(overrides)):
+    for override in parsed(overrides, source.loader()):
         known = source.options(override.key_or_group)
         if known and not isinstance(override.value(), str | list):
             found = (override.input_line or "").partition("=")[2]
@@ -143,8 +180,8 @@ def _keys(config: dict[str, Any]) -> list[str]:
 
 def _chosen(overrides: Sequence[str], source: Source) -> Any:
     """The configuration of the chosen options, before any value is changed; not resolved."""
-    loader, parsed = source.loader(), OverridesParser.create().parse_overrides(list(overrides))
-    groups = [o for o in parsed if loader.get_group_options(o.key_or_group)]
+    loader = source.loader()
+    groups = [o for o in parsed(overrides, loader) if loader.get_group_options(o.key_or_group)]
     chosen = source.compose([o.input_line for o in groups if o.input_line is not None])
     return OmegaConf.to_container(chosen, resolve=False)
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import pytest
+from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from islandgp.app import main
 from tests.settings.test_composing import options
@@ -101,6 +103,7 @@ ONE_LINE = [
      "seed=range(0): expected a sweep over at least one value, found none; give it some, or"),
     (["supervisor=glob(x*)", "-m"],
      "supervisor=glob(x*): expected a sweep over at least one value, found none;"),
+    (["=3"], "=3: expected KEY=VALUE, found no key; write KEY=VALUE"),
     (["seed=1,2"], "seed=1,2: expected one value, found a sweep; add -m to run all of them."),
 ]  # fmt: skip
 
@@ -206,7 +209,34 @@ def test_several_errors_several_lines(capsys: pytest.CaptureFixture[str]) -> Non
 def test_an_override_that_is_none(capsys: pytest.CaptureFixture[str]) -> None:
     """A word that is no override is told as what it is."""
     (found,) = errors(capsys, "gp.population")
-    assert "gp.population" in found
+    assert found == "gp.population: expected KEY=VALUE, found no =; write gp.population=VALUE"
+
+
+@pytest.mark.parametrize("value", ["runs/default/expert=seed0", "it's", "[1,", 'a"=b', "{a: (}"])
+def test_a_value_that_cannot_be_read_is_quoted(
+    value: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The line names the override, and ends in words for a shell that mean the value as a text."""
+    (found,) = errors(capsys, "supervisor=replay", f"supervisor.policy.transcript={value}")
+    told = f"supervisor.policy.transcript={value}: expected a value, found one that cannot be read;"
+    assert found.startswith(told)
+    (word,) = shlex.split(found.partition("where it is a text: ")[2])
+    (override,) = OverridesParser.create().parse_overrides([word])
+    assert override.value() == value
+
+
+def test_a_key_that_cannot_be_read(capsys: pytest.CaptureFixture[str]) -> None:
+    """Quotes would not help there."""
+    (found,) = errors(capsys, "gp:population=3")
+    assert found == (
+        "gp:population=3: expected KEY=VALUE, found a key that cannot be read; mend the key"
+    )
+
+
+def test_a_secret_that_cannot_be_read_is_not_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    """Its name is."""
+    (found,) = errors(capsys, "supervisor.policy.my_token=a=b")
+    assert found.startswith("supervisor.policy.my_token=***: expected a value")
 
 
 def test_a_sweep_is_checked_before_it_starts(capsys: pytest.CaptureFixture[str]) -> None:
