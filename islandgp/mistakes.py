@@ -90,6 +90,8 @@ def explain(error: Exception, overrides: Sequence[str], source: Source) -> str:
         near = get_close_matches(option, known, 1, 0.5)
         hint = f"did you mean {near[0]}? " if near else ""
         return f"{group}={option}: unknown option; {hint}there are {', '.join(known)}"
+    if text.startswith("Error merging override ") and isinstance(error.__cause__, Exception):
+        return f"{text.removeprefix('Error merging override ')}: {_short(error.__cause__)}"
     return _short(error)
 
 

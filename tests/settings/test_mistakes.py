@@ -163,6 +163,8 @@ def test_unknown_keys_of_a_launcher(capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
     found = errors(capsys, "hydra/launcher=local", "hydra.launcher.n_jbs=2", "-m")
     assert found == ["hydra.launcher.n_jbs: unknown key; did you mean hydra.launcher.n_jobs?"]
+    (line,) = errors(capsys, "hydra/launcher=local", "hydra.launcher.n_jobs=two", "-m")
+    assert line.startswith("hydra.launcher.n_jobs=two: Value 'two' ")
 
 
 @pytest.mark.parametrize(
