@@ -76,6 +76,23 @@ def test_a_uri_of_another_kind_is_refused(uri: str) -> None:
         place_from(uri, "islandgp")
 
 
+@pytest.mark.parametrize(
+    "words", [["sync"], ["ui"], ["compare", "--arm", "a=supervisor=expert"]], ids=lambda w: w[0]
+)
+def test_commands_refuse_a_uri_of_another_kind(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each with the same message, before it looks at any run."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "runs").mkdir()
+    found = CliRunner().invoke(islandgp, [*words, "--uri", "foo"])
+    assert isinstance(found.exception, TrackingError)
+    assert "sqlite:///FILE or http://" in str(found.exception)
+    nameless = CliRunner().invoke(islandgp, [*words, "--uri", "sqlite:///a.db", "--experiment", ""])
+    assert isinstance(nameless.exception, TrackingError)
+    assert "name of an experiment" in str(nameless.exception)
+
+
 def test_the_sync_command_counts_what_it_did(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Sent once, then known; a folder that is not there is an error of use."""
     monkeypatch.chdir(home)
