@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import socket
+import subprocess
+import sys
 from pathlib import Path
 from time import monotonic, sleep
 from urllib.request import urlopen
@@ -18,6 +22,7 @@ from islandgp.tracking.place import place_from, place_of_latest
 from islandgp.tracking.store import Place, Store
 from islandgp.tracking.ui import served
 from islandgp.tracking.view import runs_page, share_view
+from tests.running.commands import ROOT
 from tests.tracking.folders import place, written
 from tests.viewer.browser import Browser, chromium
 
@@ -76,6 +81,55 @@ def test_a_uri_of_another_kind_is_refused(uri: str) -> None:
         place_from(uri, "islandgp")
 
 
+UI = """
+import sys
+from islandgp.cli import main
+from islandgp.tracking import ui
+
+def stand_in(place, port):
+    return [sys.executable, "-m", "http.server", str(port), "--bind", "127.0.0.1"]
+
+ui._command = stand_in
+main()
+"""
+
+
+def free_port() -> int:
+    """A port of loopback where nobody listens."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_the_server_ends_with_the_command(number: str, home: Path) -> None:
+    """However the command is ended: by Ctrl-C, by `kill`, by closing the terminal."""
+    (home / "health").touch()  # what the stand-in answers with
+    port = free_port()
+    process = subprocess.Popen(
+        [sys.executable, "-c", UI, "ui", "--uri", "sqlite:///mlflow.db", "--port", str(port)],
+        cwd=home,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stderr is not None
+        told = next(line for line in process.stderr if "Starting" not in line)
+        assert told == "Ctrl-C stops the server.\n"
+        urlopen(f"http://127.0.0.1:{port}/health", timeout=10).close()
+        process.send_signal(getattr(signal, number))
+        _, said = process.communicate(timeout=30)
+    finally:
+        process.kill()
+        process.communicate()
+    with socket.socket() as probe:
+        there = probe.connect_ex(("127.0.0.1", port)) == 0
+    assert not there
+    assert (process.returncode, said) == (0, "stopped\n")
+
+
 @pytest.mark.parametrize(
     "words", [["sync"], ["ui"], ["compare", "--arm", "a=supervisor=expert"]], ids=lambda w: w[0]
 )
@@ -117,9 +171,7 @@ def test_the_server_shows_two_arms(home: Path, store: Store) -> None:
     program = chromium()
     if program is None:
         pytest.skip("no Chromium")
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     with served(store.place, port) as pages, Browser(program, home / "profile") as browser:
         browser.open(pages.arms)
         end = monotonic() + 60
