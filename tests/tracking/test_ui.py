@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -20,10 +21,11 @@ from islandgp.errors import TrackingError
 from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.place import place_from, place_of_latest
 from islandgp.tracking.store import Place, Store
+from islandgp.tracking.sync import sync
 from islandgp.tracking.ui import served
 from islandgp.tracking.view import runs_page, share_view
 from tests.running.commands import ROOT
-from tests.tracking.folders import place, written
+from tests.tracking.folders import history, place, written
 from tests.viewer.browser import Browser, chromium
 
 
@@ -159,6 +161,55 @@ def test_the_sync_command_counts_what_it_did(home: Path, monkeypatch: pytest.Mon
     assert isinstance(third.exception, TrackingError)
     elsewhere = CliRunner().invoke(islandgp, ["sync", "--uri", "sqlite:///mlflow.db"])
     assert "0 sent, 1 were there already" in elsewhere.output
+
+
+def test_sync_sends_again_what_a_store_has_lost(home: Path, template: Path) -> None:
+    """A store that was deleted, and one that was replaced by an empty one, get every record."""
+    folder = written(home / "runs/a/one", home)
+    words = [sys.executable, "-c", "from islandgp.cli import main; main()", "sync"]
+    # In a process of its own: MLflow holds a file open, and would not see that it is gone.
+    subprocess.run(words, cwd=home, env={**os.environ, "PYTHONPATH": str(ROOT)}, check=True)
+    for empty in (Path.unlink, lambda file: shutil.copy(template, file)):
+        empty(home / "mlflow.db")
+        assert sync(home).sent == [folder.path]
+        store = Store(place(home))
+        (run,) = store.client.search_runs([store.experiment])
+        assert run.info.status == "FINISHED"
+        assert [step for step, _ in history(store, run.info.run_id)] == [0, 1, 2, 3, 4]
+        assert len(sync(home).known) == 1
+
+
+def test_sync_completes_an_older_copy_of_a_store(home: Path) -> None:
+    """Points, description and artifacts that were sent after the copy was made are sent again."""
+    written(home / "runs/a/one", home, 2)
+    sync(home)
+    shutil.copy(home / "mlflow.db", home / "copy.db")
+    written(home / "runs/a/one", home)
+    sync(home)
+    shutil.copy(home / "copy.db", home / "mlflow.db")
+    shutil.rmtree(home / "mlartifacts")
+    assert len(sync(home).sent) == 1
+    store = Store(place(home))
+    (run,) = store.client.search_runs([store.experiment])
+    assert run.info.status == "FINISHED"
+    assert [step for step, _ in history(store, run.info.run_id)] == [0, 1, 2, 3, 4]
+    assert "summary.json" in {f.path for f in store.client.list_artifacts(run.info.run_id)}
+    assert len(sync(home).known) == 1
+
+
+def test_sync_does_not_say_that_a_store_that_is_away_has_anything(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What was sent to it once is `not sent`, since nobody can tell."""
+    folder = written(home / "runs/a/one", home)
+    sync(home)
+
+    def away(place: Place) -> Store:
+        raise ConnectionError(f"{place.uri} is gone")
+
+    monkeypatch.setattr("islandgp.tracking.sync.Store", away)
+    done = sync(home)
+    assert (done.known, list(done.failed)) == ([], [folder.path])
 
 
 @pytest.mark.slow
