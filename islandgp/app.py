@@ -23,6 +23,7 @@ from omegaconf import DictConfig
 from islandgp.api_key import NONE, key_in, without_key
 from islandgp.compose import command_line, planned, read, run_folder
 from islandgp.errors import ConfigError, IslandError
+from islandgp.printing import printed
 from islandgp.resources import resource
 from islandgp.resume import choose
 from islandgp.run import check_ready, run
@@ -42,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         words = without_key(sys.argv[1:] if arguments is None else arguments)
         args, words = _parsed(words)
-        with as_ctrl_c("SIGTERM"):  # by which clusters end a job
+        with printed(), as_ctrl_c("SIGTERM"):  # by which clusters end a job
             if args.help or args.hydra_help or args.info or args.cfg or args.shell_completion:
                 _show(words)
                 return 0

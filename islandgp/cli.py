@@ -9,6 +9,7 @@ from typing import Final
 import click
 
 from islandgp.errors import IslandError
+from islandgp.printing import printed
 
 COMMANDS: Final[dict[str, str]] = {
     "run": "evolve trees: the same as python -m islandgp",
@@ -59,7 +60,8 @@ def islandgp() -> None:
 def main() -> None:
     """The console script: a user's error is one message and exit code 2."""
     try:
-        islandgp()
+        with printed():
+            islandgp()
     except IslandError as error:
         print(f"islandgp: {error}", file=sys.stderr)
         sys.exit(2)

@@ -50,7 +50,7 @@ def read_tree(file: str) -> Node:
 def write_text(file: str, text: str) -> None:
     """Writes a file in one piece, or prints the text where `file` is `-`. Raises IslandError."""
     if file == STDIN:
-        click.echo(text, nl=False)
+        click.echo(text.encode(), nl=False)  # like a file, whatever the terminal's encoding
         return
     try:
         _write(Path(file), text.encode())
