@@ -58,10 +58,16 @@ def islandgp() -> None:
 
 
 def main() -> None:
-    """The console script: a user's error is one message and exit code 2."""
+    """The console script: a user's error is one message and exit code 2, Ctrl-C 130."""
     try:
         with printed():
-            islandgp()
+            sys.exit(islandgp.main(standalone_mode=False) or 0)
     except IslandError as error:
         print(f"islandgp: {error}", file=sys.stderr)
         sys.exit(2)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except click.Abort:
+        print("islandgp: stopped", file=sys.stderr)
+        sys.exit(130)

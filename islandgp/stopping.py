@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 from collections.abc import Iterator
@@ -32,3 +33,22 @@ def as_ctrl_c(*names: str) -> Iterator[None]:
     finally:
         for number, handler in old.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def nothing_begun() -> Iterator[None]:
+    """Ctrl-C ends the process at once: for imports, in which an exception may be lost."""
+    old = signal.getsignal(signal.SIGINT)
+    if old is not signal.default_int_handler:  # ignored, or somebody's own
+        yield
+        return
+
+    def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 -- a handler's
+        os.write(2, b"islandgp: stopped\n")
+        os._exit(130)
+
+    signal.signal(signal.SIGINT, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, old)
