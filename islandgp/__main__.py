@@ -2,7 +2,9 @@
 
 import sys
 
-from islandgp.app import main
+from islandgp.stopping import nothing_begun
 
 if __name__ == "__main__":
+    with nothing_begun():
+        from islandgp.app import main
     sys.exit(main())

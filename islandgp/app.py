@@ -10,14 +10,10 @@ import argparse
 import atexit
 import gc
 import os
-import signal
 import sys
-import threading
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import FrameType
 
 import hydra
 from hydra._internal.utils import get_args_parser
@@ -27,9 +23,11 @@ from omegaconf import DictConfig
 from islandgp.api_key import NONE, key_in, without_key
 from islandgp.compose import command_line, planned, read, run_folder
 from islandgp.errors import ConfigError, IslandError
+from islandgp.printing import printed
 from islandgp.resources import resource
 from islandgp.resume import choose
 from islandgp.run import check_ready, run
+from islandgp.stopping import as_ctrl_c
 from islandgp.sweep import run_sweep
 from islandgp.tracking.folder import RunFolder
 from islandgp.tracking.parameters import redacted
@@ -45,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         words = without_key(sys.argv[1:] if arguments is None else arguments)
         args, words = _parsed(words)
-        with _terminate_as_ctrl_c():
+        with printed(), as_ctrl_c("SIGTERM"):  # by which clusters end a job
             if args.help or args.hydra_help or args.info or args.cfg or args.shell_completion:
                 _show(words)
                 return 0
@@ -123,20 +121,3 @@ def _run_single(words: Sequence[str]) -> None:
     _start(words, job)
     if errors:
         raise errors[0]
-
-
-@contextmanager
-def _terminate_as_ctrl_c() -> Iterator[None]:
-    """SIGTERM, by which clusters end a job, stops a run as cleanly as Ctrl-C does."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 -- a handler's
-        raise KeyboardInterrupt
-
-    old = signal.signal(signal.SIGTERM, stop)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, old)

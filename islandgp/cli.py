@@ -9,6 +9,7 @@ from typing import Final
 import click
 
 from islandgp.errors import IslandError
+from islandgp.printing import printed
 
 COMMANDS: Final[dict[str, str]] = {
     "run": "evolve trees: the same as python -m islandgp",
@@ -57,9 +58,16 @@ def islandgp() -> None:
 
 
 def main() -> None:
-    """The console script: a user's error is one message and exit code 2."""
+    """The console script: a user's error is one message and exit code 2, Ctrl-C 130."""
     try:
-        islandgp()
+        with printed():
+            sys.exit(islandgp.main(standalone_mode=False) or 0)
     except IslandError as error:
         print(f"islandgp: {error}", file=sys.stderr)
         sys.exit(2)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except click.Abort:
+        print("islandgp: stopped", file=sys.stderr)
+        sys.exit(130)

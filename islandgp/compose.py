@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
 import re
 import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Final
 
-from hydra import compose, initialize_config_dir
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
-from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
+from islandgp.config_source import Source
 from islandgp.errors import ConfigError
-from islandgp.resources import resource
-from islandgp.settings import Settings, read_settings, unknown_key
+from islandgp.mistakes import MISTAKES, explain, parsed, unresolved
+from islandgp.settings import Settings, read_settings
 from islandgp.tracking.parameters import HIDDEN, MACHINERY, is_secret
 
 NOT_IN_FOLDER: Final = MACHINERY | {
@@ -33,8 +33,8 @@ NOT_IN_FOLDER: Final = MACHINERY | {
 }
 """Overrides that a run's folder name leaves out, or says otherwise."""
 
-EXTRAS: Final = {"joblib": "joblib", "ray": "ray", "submitit": "submitit"}
-"""What to install for a launcher of Hydra's that is not there."""
+
+LONGEST: Final = 180  # characters of a folder's name; file systems take 255 bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,10 +51,10 @@ class Planned:
 
 def planned(args: argparse.Namespace, words: Sequence[str], home: Path) -> Iterator[Planned]:
     """The jobs of a command. Raises ConfigError at the first that is wrong."""
-    flags = _flags(words, args)
-    for overrides in _jobs(args):
-        composed = _composed(overrides, args)
-        launcher = str(composed.hydra.launcher["_target_"]).rpartition(".")[2]
+    flags, source = _flags(words, args), Source.of(args)
+    for overrides in _jobs(args, source):
+        composed = _composed(overrides, source)
+        launcher = _launcher(composed.hydra)
         with open_dict(composed):
             del composed["hydra"]  # what it holds is known only when Hydra runs
         config, settings = read(composed)
@@ -71,9 +71,7 @@ def planned(args: argparse.Namespace, words: Sequence[str], home: Path) -> Itera
 
 def read(config: DictConfig) -> tuple[dict[str, Any], Settings]:
     """A composed configuration as plain values and as settings. Raises ConfigError."""
-    plain = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
-    assert isinstance(plain, dict)
-    ours = {str(k): v for k, v in plain.items() if k != "hydra"}
+    ours = {key: value for key, value in _resolved(config).items() if key != "hydra"}
     return ours, read_settings(ours)
 
 
@@ -88,7 +86,15 @@ def run_folder(settings: Settings, overrides: Sequence[str], home: Path) -> Path
         and not is_secret(key)
     ]
     leaf = "-".join([f"{settings.supervisor.name}-seed{settings.seed}", *sorted(words)])
-    return (home / settings.runs / settings.name / leaf[:180]).resolve()
+    return (home / settings.runs / settings.name / _cut(leaf)).resolve()
+
+
+def _cut(name: str) -> str:
+    """The name, or its beginning and a digest of the whole where it is too long for a folder."""
+    if len(name) <= LONGEST:
+        return name
+    digest = hashlib.sha256(name.encode()).hexdigest()[:8]
+    return f"{name[: LONGEST - 9]}-{digest}"
 
 
 def is_choice(override: str) -> bool:
@@ -117,69 +123,61 @@ def _flags(words: Sequence[str], args: argparse.Namespace) -> list[str]:
     return [w for w in words if w not in overrides and w not in ("-m", "--multirun")]
 
 
-def _jobs(args: argparse.Namespace) -> Iterator[list[str]]:
+def _jobs(args: argparse.Namespace, source: Source) -> Iterator[list[str]]:
     """The overrides of each job of the command."""
-    try:
-        parsed = OverridesParser.create().parse_overrides(args.overrides)
-    except HydraException as error:
-        raise ConfigError(_short(error)) from None
+    words = parsed(args.overrides, source.loader())
+    sweeps = [word for word in words if word.is_sweep_override()]
     if not args.multirun:
-        sweeps = [o.input_line for o in parsed if o.is_sweep_override()]
-        if sweeps:
-            raise ConfigError(
-                f"{sweeps[0]}: expected one value, found a sweep; add -m to run all of them."
-            )
+        _must_be_no_sweep(sweeps)
         yield list(args.overrides)
         return
-    for batch in BasicSweeper.split_arguments(parsed, None):
+    try:
+        _must_have_values(sweeps)
+        batches = BasicSweeper.split_arguments(words, None)
+    except HydraException as error:
+        raise ConfigError(explain(error, args.overrides, source)) from None
+    for batch in batches:
         yield from (list(job) for job in batch)
 
 
-def _composed(overrides: list[str], args: argparse.Namespace) -> DictConfig:
-    folder = Path(args.config_path or resource("conf")).resolve()
-    search = (
-        [f"hydra.searchpath=[file://{Path(args.config_dir).resolve()}]"] if args.config_dir else []
-    )
-    try:
-        with initialize_config_dir(str(folder), version_base="1.3"):
-            return compose(
-                args.config_name or "config", [*overrides, *search], return_hydra_config=True
-            )
-    except (HydraException, OmegaConfBaseException) as error:
-        raise ConfigError(_explain(error)) from None
-
-
-def _explain(error: Exception) -> str:
-    """Hydra's complaint in our form: what was expected, what was found, the nearest right one."""
-    text = str(error)
-    if match := re.search(r"Could not override '([^']+)'", text):
-        return unknown_key(match[1], _known_beside(match[1]))
-    if match := re.search(r"(?:load|find) 'hydra/launcher/(joblib|ray|submitit)\w*'", text):
-        return (
-            f"hydra/launcher: expected Hydra's {match[1]} launcher, found it not installed;"
-            f" pip install 'islandgp[{EXTRAS[match[1]]}]'"
+def _must_be_no_sweep(sweeps: Sequence[Override]) -> None:
+    if sweeps:
+        raise ConfigError(
+            f"{sweeps[0].input_line}: expected one value, found a sweep; add -m to run all of them."
         )
-    if match := re.search(
-        r"Could not find '([^']+)'[\s\S]*?Available options in '[^']*':\n([\s\S]*)", text
-    ):
-        group, _, option = match[1].rpartition("/")
-        known = re.findall(r"^\t(\S+)$", match[2], re.MULTILINE)
-        near = get_close_matches(option, known, 1, 0.5)
-        hint = f"did you mean {near[0]}? " if near else ""
-        return f"{group}={option}: unknown option; {hint}there are {', '.join(known)}"
-    return _short(error)
 
 
-def _known_beside(path: str) -> list[str]:
-    """The keys of the default configuration at the same place as `path`."""
-    with initialize_config_dir(str(resource("conf")), version_base="1.3"):
-        at: Any = compose("config")
-    for part in path.split(".")[:-1]:
-        at = at.get(part, {}) if isinstance(at, DictConfig) else {}
-    return [str(key) for key in at]
+def _must_have_values(sweeps: Sequence[Override]) -> None:
+    for sweep in sweeps:
+        if sweep.is_discrete_sweep() and not any(True for _ in sweep.sweep_string_iterator()):
+            raise ConfigError(
+                f"{sweep.input_line}: expected a sweep over at least one value, found none;"
+                " give it some, or leave it out."
+            )
 
 
-def _short(error: Exception) -> str:
-    """The first line that says something."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return lines[0] if lines else type(error).__name__
+def _composed(overrides: list[str], source: Source) -> DictConfig:
+    try:
+        return source.compose(overrides)
+    except MISTAKES as error:
+        raise ConfigError(explain(error, overrides, source)) from None
+
+
+def _launcher(hydra: DictConfig) -> str:
+    """The class name of Hydra's launcher."""
+    if not isinstance(hydra.launcher, DictConfig):
+        raise ConfigError(
+            f"hydra.launcher: expected keys with values, found {hydra.launcher}; choose one by"
+            " hydra/launcher=NAME."
+        )
+    return str(_resolved(hydra.launcher)["_target_"]).rpartition(".")[2]
+
+
+def _resolved(config: DictConfig) -> dict[str, Any]:
+    """As plain values. Raises ConfigError where one stands for another that is not there."""
+    try:
+        plain = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
+    except OmegaConfBaseException as error:
+        raise ConfigError(unresolved(error)) from None
+    assert isinstance(plain, dict)
+    return {str(key): value for key, value in plain.items()}

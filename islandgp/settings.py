@@ -100,9 +100,33 @@ def read_settings(config: Mapping[str, Any]) -> Settings:
         ConfigError: with one line for each wrong key or value.
     """
     try:
-        return Settings(**config)
+        settings = Settings(**config)
     except ValidationError as error:
         raise ConfigError("\n".join(sorted(set(_lines(error, config))))) from None
+    if wrong := list(_counted(config, settings)):
+        raise ConfigError("\n".join(wrong))
+    return settings
+
+
+def _counted(config: Any, settings: Any, path: str = "") -> Iterator[str]:
+    """A line for each `true` or `false` that was taken for the number 1 or 0."""
+    if isinstance(config, bool):
+        if isinstance(settings, int | float) and not isinstance(settings, bool):
+            word = str(config).lower()
+            yield f"{path}={word}: input should be a number, found {word}"
+    elif isinstance(config, Mapping):
+        for key, value in config.items():
+            yield from _counted(value, _inner(settings, key), f"{path}.{key}" if path else str(key))
+    elif isinstance(config, list) and isinstance(settings, tuple | list):
+        for i, (value, inner) in enumerate(zip(config, settings, strict=False)):
+            yield from _counted(value, inner, f"{path}.{i}")
+
+
+def _inner(settings: Any, key: Any) -> Any:
+    """What a key of the configuration became; None where it became something else."""
+    if isinstance(settings, Part) and key == "policy":
+        return settings.settings()
+    return settings.get(key) if isinstance(settings, Mapping) else getattr(settings, str(key), None)
 
 
 def _lines(error: ValidationError, config: Mapping[str, Any]) -> Iterator[str]:
@@ -131,5 +155,6 @@ def unknown_key(path: str, known: list[str]) -> str:
     parent, _, key = path.rpartition(".")
     near = get_close_matches(key, known, 1, 0.5)
     dot = f"{parent}." if parent else ""
-    hint = f"did you mean {dot}{near[0]}?" if near else f"there are {', '.join(sorted(known))}"
+    there = f"there are {', '.join(sorted(known))}" if known else f"{parent} has no keys"
+    hint = f"did you mean {dot}{near[0]}?" if near else there
     return f"{path}: unknown key; {hint}"

@@ -17,7 +17,7 @@ from typing import Final
 from omegaconf import DictConfig
 
 from islandgp.compose import Planned, is_choice
-from islandgp.errors import ConfigError
+from islandgp.errors import ConfigError, RunError
 from islandgp.resume import choose
 from islandgp.sweep_job import sweep_job
 from islandgp.sweep_progress import Start, Watch, written_since
@@ -39,7 +39,7 @@ def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
 
     Raises:
         ConfigError: two jobs are the same run.
-        RunError: another sweep is at work in the same folder.
+        RunError: another sweep is at work in the same folder, or the launcher starts no job.
     """
     entries = _entries(jobs)
     interrupted = False
@@ -98,21 +98,37 @@ def _entry(job: Planned) -> SweepJob:
 
 
 def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> None:
-    """Launches what is not finished, again if the launcher itself breaks down under way."""
+    """Launches what is not finished, again if the launcher itself breaks down under way.
+
+    Raises:
+        RunError: the launcher has not started any job.
+    """
     first = next(iter(entries))
     start = Start.now({named: job for own in entries.values() for named, job in own.items()})
+    begun = _begun(start)
     how = "off" if jobs[0].launcher == "BasicLauncher" else jobs[0].settings.progress
     for _ in range(LAUNCHES):
         try:
             with Watch(start, how):
                 launch(sweep_job(start), [f"hydra.sweep.dir={first.path}"])
         except Exception as error:
+            if _begun(start) == begun:
+                raise RunError(
+                    "Expected the launcher to start the jobs, found that it cannot:"
+                    f" {brief(error)}; change hydra.launcher, or choose another hydra/launcher."
+                ) from None
             print(f"islandgp: the launcher broke down ({brief(error)})", file=sys.stderr)
         finally:
             # Hydra writes the whole command into it, with any secret that it holds.
             (first.path / "multirun.yaml").unlink(missing_ok=True)
         if all(run.finished() or written_since(run, start.at) for run in start.runs()):
             break
+
+
+def _begun(start: Start) -> list[int]:
+    """When each job was last begun, ns since 1970; 0 if never."""
+    files = (run.path / "about.json" for run in start.runs())
+    return [file.stat().st_mtime_ns if file.exists() else 0 for file in files]
 
 
 def _end_ray(runs: Sequence[RunFolder]) -> None:

@@ -127,14 +127,15 @@ def _unusable(folder: Path, found: str) -> StudyError:
 
 
 def _place(uri: str | None, experiment: str | None) -> Place:
-    """Where MLflow is, as a run started here would have it."""
-    from islandgp.tracking.store import MLflowSettings, Place
+    """Where MLflow is, as a run started here would have it. Raises TrackingError."""
+    from islandgp.tracking.place import place_from
 
     file = resource("conf") / "tracking" / "mlflow.yaml"
     policy = yaml.safe_load(file.read_text(encoding="utf-8"))["policy"]
-    given = {"uri": uri, "experiment": experiment}
-    policy |= {key: value for key, value in given.items() if value is not None}
-    return Place.of(MLflowSettings(**policy), Path.cwd())
+    return place_from(
+        policy["uri"] if uri is None else uri,
+        policy["experiment"] if experiment is None else experiment,
+    )
 
 
 def _select(

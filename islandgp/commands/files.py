@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import sys
+from errno import EACCES
 from pathlib import Path
 from typing import Final
 
@@ -46,11 +48,22 @@ def read_tree(file: str) -> Node:
 
 
 def write_text(file: str, text: str) -> None:
-    """Writes a file, or prints the text where `file` is `-`. Raises IslandError."""
+    """Writes a file in one piece, or prints the text where `file` is `-`. Raises IslandError."""
     if file == STDIN:
-        click.echo(text, nl=False)
+        click.echo(text.encode(), nl=False)  # like a file, whatever the terminal's encoding
         return
     try:
-        Path(file).write_text(text, encoding="utf-8")
+        _write(Path(file), text.encode())
     except OSError as error:
         raise IslandError(f"Expected to write {file}: {error.strerror}.") from None
+
+
+def _write(path: Path, data: bytes) -> None:
+    from islandgp.evolution.checkpoint import write_atomic
+
+    if path.exists() and not path.is_file():  # a device or a pipe
+        path.write_bytes(data)
+        return
+    if path.exists() and not os.access(path, os.W_OK):  # a new file would take its place
+        raise PermissionError(EACCES, os.strerror(EACCES))
+    write_atomic(path.resolve(), data)  # where a link leads: the link stays

@@ -32,7 +32,7 @@ def command(files: tuple[str, ...], check: bool, diff: bool) -> None:
             for line in lines:
                 click.echo(line)
         elif file == STDIN and not check:
-            click.echo(after, nl=False)
+            write_text(file, after)
         elif before != after:
             if not check:
                 write_text(file, after)

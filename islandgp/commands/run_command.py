@@ -7,6 +7,7 @@ import sys
 import click
 
 from islandgp.app import main
+from islandgp.commands.here import import_from_here
 
 
 @click.command(
@@ -16,4 +17,5 @@ from islandgp.app import main
 @click.argument("overrides", nargs=-1, type=click.UNPROCESSED)
 def command(overrides: tuple[str, ...]) -> None:
     """The same as `python -m islandgp OVERRIDES...`."""
+    import_from_here()
     sys.exit(main(overrides))

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import click
 
+from islandgp.commands.here import import_from_here
 from islandgp.errors import ConfigError
 from islandgp.settings import Settings
 
@@ -46,6 +47,7 @@ def configured(overrides: Sequence[str], config_dir: str | None = None) -> Setti
 
     from islandgp.compose import planned
 
+    import_from_here()
     given = {override.lstrip("+").partition("=")[0] for override in overrides}
     wrong = [override for override in overrides if "=" not in override]
     if wrong:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from islandgp.stopping import as_ctrl_c
 from islandgp.tracking.place import place_from, place_of_latest
 from islandgp.tracking.ui import served
 
@@ -26,11 +27,12 @@ def command(uri: str | None, experiment: str, runs: Path, port: int) -> None:
     """Serve the MLflow pages and print the address of the runs page."""
     place = place_from(uri, experiment) if uri else place_of_latest(runs)
     click.echo(f"Starting the MLflow server for {place.uri} ...", err=True)
-    with served(place, port) as pages:
-        click.echo(f"arms, grouped by supervisor:  {pages.arms}")
-        click.echo(f"all runs:                     {pages.runs}")
-        click.echo("Ctrl-C stops the server.", err=True)
-        try:
+    try:
+        # A server has a session of its own: it does not hear of what ends this command.
+        with as_ctrl_c("SIGTERM", "SIGHUP"), served(place, port) as pages:
+            click.echo(f"arms, grouped by supervisor:  {pages.arms}")
+            click.echo(f"all runs:                     {pages.runs}")
+            click.echo("Ctrl-C stops the server.", err=True)
             threading.Event().wait()
-        except KeyboardInterrupt:
-            click.echo("stopped", err=True)
+    except KeyboardInterrupt:
+        click.echo("stopped", err=True)

@@ -79,6 +79,11 @@ class EpisodeSettings(BaseModel, frozen=True, extra="forbid"):
 
     @model_validator(mode="after")
     def _comes_to_an_end(self) -> Self:
+        if self.step > self.length:
+            raise ValueError(
+                f"expected a step of at most the length, {self.length:g} s, found {self.step:g} s;"
+                " shorten step or lengthen length"
+            )
         if self.length / self.step >= FAR:
             raise ValueError(
                 f"expected fewer than {FAR:,} steps, found {self.length:g} s in steps of"

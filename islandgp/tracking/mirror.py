@@ -69,7 +69,10 @@ class Mirror:
         place, identity = self.store.place, self.about.identity
         if sent is None or not sent.is_in(place, identity) or not self.store.exists(sent.run):
             sent = Sent(place.uri, place.experiment, identity, self._find_or_create())
-        sent = replace(sent, generations=self.store.last_step(sent.run, MARK) + 1)
+        there = self.store.last_step(sent.run, MARK) + 1
+        if there < sent.generations:  # an older copy of the store: what else it lacks is not known
+            sent = replace(sent, begun=False, done="")
+        sent = replace(sent, generations=there)
         if not sent.begun:
             self._begin(sent.run)
             sent = replace(sent, begun=True)
@@ -156,6 +159,14 @@ def up_to_date(folder: RunFolder, place: Place) -> bool:
     if about is None or sent is None or not sent.is_in(place, about.identity):
         return False
     return sent.done == end_of(folder.status(), folder.settled())
+
+
+def kept(folder: RunFolder, store: Store) -> bool:
+    """Whether the store still has what the folder remembers to have sent. It may be another one."""
+    sent = read_sent(folder.path)
+    if sent is None or not store.exists(sent.run):
+        return False
+    return store.last_step(sent.run, MARK) + 1 >= sent.generations
 
 
 def end_of(status: Status, generations: int) -> str:

@@ -21,6 +21,8 @@ def place_from(uri: str, experiment: str) -> Place:
             uri=uri, artifacts="mlartifacts", experiment=experiment, patience=0
         )
     except ValidationError:
+        if not experiment:
+            raise TrackingError("Expected the name of an experiment, found none.") from None
         raise TrackingError(
             f"Expected a store as sqlite:///FILE or http://..., found {uri!r}."
         ) from None

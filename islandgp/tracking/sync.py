@@ -9,7 +9,7 @@ from typing import Any
 
 from islandgp.errors import IslandError
 from islandgp.tracking.folder import RunFolder, Status
-from islandgp.tracking.mirror import Mirror, up_to_date
+from islandgp.tracking.mirror import Mirror, kept, up_to_date
 from islandgp.tracking.parent import send_sweep
 from islandgp.tracking.place import place_of
 from islandgp.tracking.store import Place, Store
@@ -50,7 +50,8 @@ def sync(
                 done.untracked.append(folder.path)
                 continue
             sweeps[folder.path.parent] = where
-            if up_to_date(folder, where):
+            if up_to_date(folder, where) and _kept(folder, stores, where):
+                alive()
                 done.known.append(folder.path)
                 continue
             Mirror(folder, _store(stores, where)).send(folder.status())
@@ -69,6 +70,14 @@ def sync(
             done.failed[path] = error
         alive()
     return done
+
+
+def _kept(folder: RunFolder, stores: dict[Place, Any], place: Place) -> bool:
+    """Whether the store still has the run; not so where it is away."""
+    try:
+        return kept(folder, _store(stores, place))
+    except Exception:  # a store may fail in any way; sending then tells which
+        return False
 
 
 def _store(stores: dict[Place, Any], place: Place) -> Store:

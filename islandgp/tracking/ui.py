@@ -112,14 +112,19 @@ def _wait(process: subprocess.Popen[bytes], address: str) -> None:
 
 
 def _stop(process: subprocess.Popen[bytes]) -> None:
-    """Ends the server with the processes that it started."""
-    if process.poll() is None:
-        if os.name == "posix":
-            os.killpg(process.pid, signal.SIGTERM)
-        else:
-            process.terminate()
-        try:
-            process.wait(10)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+    """Ends the server with the processes that it started: at once where Ctrl-C comes again."""
+    if process.poll() is not None:
+        return
+    try:
+        _end(process, kill=False)
+        process.wait(10)
+    except (subprocess.TimeoutExpired, KeyboardInterrupt):
+        _end(process, kill=True)
+        process.wait()
+
+
+def _end(process: subprocess.Popen[bytes], *, kill: bool) -> None:
+    if os.name == "posix":
+        os.killpg(process.pid, signal.SIGKILL if kill else signal.SIGTERM)
+    else:
+        process.kill()

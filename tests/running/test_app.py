@@ -67,6 +67,19 @@ def test_what_a_runs_folder_is_called() -> None:
     )
 
 
+def test_a_long_name_ends_in_a_digest_of_the_whole() -> None:
+    """Runs that differ where the name is cut have folders of their own, always the same ones."""
+    settings, many = composed(), [f"gp.state.x{i:02}=0.123456" for i in range(12)]
+    folders = [
+        run_folder(settings, [*many, f"world.robot.speed={speed}"], Path("/home")).name
+        for speed in (6, 7, 6)
+    ]
+    assert len(set(folders)) == 2
+    assert folders[0] == folders[2]
+    assert {len(name) for name in folders} == {180}
+    assert len({name[:-8] for name in folders}) == 1
+
+
 def test_the_same_command_again_does_nothing(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

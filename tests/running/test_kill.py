@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import random
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.running.commands import (
+    ROOT,
     TINY,
     fake,
     finish,
@@ -121,6 +123,32 @@ def test_ctrl_c_stops_a_run_and_the_same_command_finishes_it(tmp_path: Path) -> 
     assert (finished.id, finished.status) == (stopped.id, "FINISHED")
     assert finished.points["fitness/max"][0][0] == 0
     assert [step for step, _ in finished.points["fitness/max"]] == list(range(12))
+
+
+def test_ctrl_c_while_modules_are_imported(tmp_path: Path) -> None:
+    """Exit code 130 and a line, also from a library that would swallow an exception."""
+    (tmp_path / "hydra.py").write_text(
+        "import os, signal\ntry:\n    os.kill(os.getpid(), signal.SIGINT)\n    open(os.devnull)\n"
+        "except BaseException:\n    raise ImportError('cannot be imported') from None\n"
+    )
+    assert finish(start(tmp_path, *SLOW)) == (130, "islandgp: stopped\n")
+
+
+def test_ctrl_c_in_another_command(tmp_path: Path) -> None:
+    """Exit code 130 and a line."""
+    (tmp_path / "hydra.py").write_text(
+        "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\nopen(os.devnull)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", "from islandgp.cli import main; main()", "run", *SLOW],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (130, "")
+    assert done.stderr.strip() == "islandgp: stopped"
 
 
 def test_sigterm_stops_a_run_as_ctrl_c_does(tmp_path: Path) -> None:

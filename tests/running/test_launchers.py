@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from hydra._internal.utils import get_args_parser
 
+from islandgp.app import main
 from islandgp.compose import command_line, planned
 from islandgp.evaluation.processes import cores
 from islandgp.sweep_job import workers_of
@@ -89,6 +90,33 @@ def test_a_job_whose_process_dies_does_not_take_the_others_with_it(tmp_path: Pat
     assert code == 0, said
     assert "the launcher broke down" in said
     assert len(records(tmp_path)) == 3
+
+
+@pytest.mark.parametrize(
+    ("plugin", "words", "why"),
+    [
+        ("joblib", ["hydra/launcher=local", "hydra.launcher.n_jobs=0"], "n_jobs == 0"),
+        ("submitit", ["hydra/launcher=slurm"], 'Could not detect "srun"'),
+    ],
+)
+def test_a_launcher_that_cannot_start_is_told_once(
+    plugin: str,
+    words: list[str],
+    why: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """One line with its reason, exit code 2; no job is blamed."""
+    pytest.importorskip(f"hydra_plugins.hydra_{plugin}_launcher")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PATH", "")
+    assert main([*WORDS, "progress=off", *words]) == 2
+    found = capsys.readouterr()
+    assert found.out == ""
+    (line,) = found.err.splitlines()
+    assert line.startswith("islandgp: Expected the launcher to start the jobs, found that it")
+    assert why in line
 
 
 def launcher(kind: str, **settings: object) -> dict[str, object]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import pytest
+from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from islandgp.app import main
 from tests.settings.test_composing import options
@@ -32,7 +34,18 @@ def errors(capsys: pytest.CaptureFixture[str], *words: str) -> list[str]:
 ONE_LINE = [
     # words, the line
     (["gp.populaton=3"], "gp.populaton: unknown key; did you mean gp.population?"),
-    (["wrld.side=3"], "wrld.side: unknown key"),
+    (["wrld.side=3"], "wrld.side: unknown key; did you mean world.side?"),
+    (["evaluator.policy.workers=-1"],
+     "evaluator.policy.workers: unknown key; evaluator.policy has no keys"),
+    (["supervisor=fixed", "supervisor.policy.rat=2"],
+     "supervisor.policy.rat: unknown key; did you mean supervisor.policy.rate?"),
+    (["supervisor=llm", "supervisor.policy.apikey=x"],
+     "supervisor.policy.apikey: unknown key; did you mean supervisor.policy.api_key?"),
+    (["supervisor=baseline", "supervisor.polcy.up=0.5"],
+     "supervisor.polcy.up: unknown key; did you mean supervisor.policy.up?"),
+    (["gp.population.most=3"], "gp.population.most: unknown key; gp.population has no keys"),
+    (["zzz.y=3"], "zzz.y: unknown key; the configuration has hydra, seed, name, runs, "),
+    (["hydra.launcher.n_jbs=2"], "hydra.launcher.n_jbs: unknown key; hydra.launcher has no keys"),
     (["gp.mutation.operators.swapp=3"],
      "gp.mutation.operators.swapp: unknown key; did you mean gp.mutation.operators.swap?"),
     (["+gp.elites=3"], "gp.elites: unknown key;"),
@@ -60,6 +73,16 @@ ONE_LINE = [
     (["world.side=6000"], "world.side: expected at most 100,000 cells of 16 m"),
     (["world.robot.perception=0.1", "world.robot.speed=1.2", "world.humanoids.speed=1"],
      "world.side: expected at most 100,000 cells of 0.34 m"),
+    (["world.episode.step=1000"],
+     "world.episode: expected a step of at most the length, 420 s, found 1000 s; shorten step"),
+    (["seed=true"], "seed=true: input should be a number, found true"),
+    (["world.robot.radius=true"], "world.robot.radius=true: input should be a number, found true"),
+    (["supervisor=baseline", "supervisor.policy.rates=[0.1,true]"],
+     "supervisor.policy.rates.1=true: input should be a number, found true"),
+    (["classes.tiers.complete.pickups=true"],
+     "classes.tiers.complete.pickups=true: input should be a number, found true"),
+    (["supervisor=fixed", "supervisor.policy.rate=false"],
+     "supervisor.policy.rate=false: input should be a number, found false"),
     (["world.episode.step=1e-9"],
      "world.episode: expected fewer than 536,870,912 steps, found 420 s in steps of 1e-09 s"),
     (["world.garbage.initial=300"],
@@ -84,6 +107,19 @@ ONE_LINE = [
      "supervisor.factory: expected a class with Settings and make, found <function run"),
     (["seed=range(5)"],
      "seed=range(5): expected one value, found a sweep; add -m to run all of them."),
+    (["--config-dir", "nope"], "--config-dir: expected a folder of configuration, found none at /"),
+    (["--config-path", "nope"],
+     "--config-path: expected a folder of configuration, found none at /"),
+    (["name=${nope}"],
+     "name: expected a value, found none (Interpolation key 'nope' not found); give name=VALUE"),
+    (["gp=4"], "gp=4: expected the name of an option, found 4; there are paper"),
+    (["world=null"], "world=null: expected the name of an option, found null; there are island"),
+    (["hydra.launcher=4"], "hydra.launcher: expected keys with values, found 4; choose one by"),
+    (["seed=range(0)", "-m"],
+     "seed=range(0): expected a sweep over at least one value, found none; give it some, or"),
+    (["supervisor=glob(x*)", "-m"],
+     "supervisor=glob(x*): expected a sweep over at least one value, found none;"),
+    (["=3"], "=3: expected KEY=VALUE, found no key; write KEY=VALUE"),
     (["seed=1,2"], "seed=1,2: expected one value, found a sweep; add -m to run all of them."),
 ]  # fmt: skip
 
@@ -97,6 +133,54 @@ def test_one_error_one_line(
     """The line names the key and what was found, and what would be right."""
     (found,) = errors(capsys, *words)
     assert found.startswith(line)
+
+
+FILES = [
+    # text of a world's file, overrides besides it, the line
+    (b"side: [1\nx: {", [],
+     "Expected YAML in {file}, found a mistake in line 2, column 2: expected ',' or ']', but got"
+     " ':'; mend it there."),
+    (b"side: \x07", [],
+     "Expected YAML, found: unacceptable character #x0007: special characters are not allowed in"
+     ' "{file}", position 6; mend it there.'),
+    (b"side: 3\xff", [],
+     "Expected UTF-8 text in {file}, found the byte 0xff at position 7; save it as UTF-8."),
+    (b"defaults: [island]\nside: ${foo}", [],
+     "world.side: expected a value, found none (Interpolation key 'foo' not found);"
+     " give world.side=VALUE"),
+    (b"defaults: [island]\nside: ${oc.env:NOPE}", [],
+     "world.side: expected a value, found none (Environment variable 'NOPE' not found);"
+     " give world.side=VALUE"),
+    (b"- 1\n- 2\n", ["experiment=smoke"],
+     "Expected keys with values in {file}, found a list; write KEY: VALUE lines."),
+    (b"defaults: [nothing]", [], "In 'world/mine': Could not load 'world/nothing'."),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "words", "line"), FILES, ids=[str(text) for text, *_ in FILES])
+def test_a_file_of_the_users_that_is_wrong_is_named(
+    text: bytes,
+    words: list[str],
+    line: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    """One line tells the file, or the key in it, and what is wrong there."""
+    folder = tmp_path_factory.mktemp("conf")
+    file = folder / "world" / "mine.yaml"
+    file.parent.mkdir()
+    file.write_bytes(text)
+    found = errors(capsys, *words, "--config-dir", str(folder), "world=mine")
+    assert found == [line.replace("{file}", str(file))]
+
+
+def test_unknown_keys_of_a_launcher(capsys: pytest.CaptureFixture[str]) -> None:
+    """A launcher that is chosen has keys of its own."""
+    pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
+    found = errors(capsys, "hydra/launcher=local", "hydra.launcher.n_jbs=2", "-m")
+    assert found == ["hydra.launcher.n_jbs: unknown key; did you mean hydra.launcher.n_jobs?"]
+    (line,) = errors(capsys, "hydra/launcher=local", "hydra.launcher.n_jobs=two", "-m")
+    assert line.startswith("hydra.launcher.n_jobs=two: Value 'two' ")
 
 
 @pytest.mark.parametrize(
@@ -143,13 +227,51 @@ def test_several_errors_several_lines(capsys: pytest.CaptureFixture[str]) -> Non
 def test_an_override_that_is_none(capsys: pytest.CaptureFixture[str]) -> None:
     """A word that is no override is told as what it is."""
     (found,) = errors(capsys, "gp.population")
-    assert "gp.population" in found
+    assert found == "gp.population: expected KEY=VALUE, found no =; write gp.population=VALUE"
+
+
+@pytest.mark.parametrize("value", ["runs/default/expert=seed0", "it's", "[1,", 'a"=b', "{a: (}"])
+def test_a_value_that_cannot_be_read_is_quoted(
+    value: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The line names the override, and ends in words for a shell that mean the value as a text."""
+    (found,) = errors(capsys, "supervisor=replay", f"supervisor.policy.transcript={value}")
+    told = f"supervisor.policy.transcript={value}: expected a value, found one that cannot be read;"
+    assert found.startswith(told)
+    (word,) = shlex.split(found.partition("where it is a text: ")[2])
+    (override,) = OverridesParser.create().parse_overrides([word])
+    assert override.value() == value
+
+
+def test_a_key_that_cannot_be_read(capsys: pytest.CaptureFixture[str]) -> None:
+    """Quotes would not help there."""
+    (found,) = errors(capsys, "gp:population=3")
+    assert found == (
+        "gp:population=3: expected KEY=VALUE, found a key that cannot be read; mend the key"
+    )
+
+
+def test_a_secret_that_cannot_be_read_is_not_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    """Its name is."""
+    (found,) = errors(capsys, "supervisor.policy.my_token=a=b")
+    assert found.startswith("supervisor.policy.my_token=***: expected a value")
 
 
 def test_a_sweep_is_checked_before_it_starts(capsys: pytest.CaptureFixture[str]) -> None:
     """One wrong job of a sweep, even the last, and none starts."""
     found = errors(capsys, "experiment=smoke", "gp.population=12,8,3", "-m")
     assert found == ["gp.population=3: input should be greater than or equal to 4"]
+
+
+def test_a_sweep_over_the_options_of_a_group(tmp_path: Path) -> None:
+    """`glob` takes the options whose names fit, also those in the user's own folder."""
+    (tmp_path / "conf/supervisor").mkdir(parents=True)
+    (tmp_path / "conf/supervisor/basic.yaml").write_text("defaults: [baseline]\nname: basic\n")
+    words = [*OFF, "experiment=smoke", "gp.population=4", "gp.generations=2", "gp.tournament=2"]
+    words += ["world.episode.length=5", "supervisor=glob(bas*)", "-m"]
+    assert main([*words, "--config-dir", "conf"]) == 0
+    found = {path.name.partition("-")[0] for path in tmp_path.glob("runs/smoke/*/")}
+    assert found == {"baseline", "basic"}
 
 
 def test_the_right_ones_run(capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
+import signal
 import socket
+import subprocess
+import sys
 from pathlib import Path
 from time import monotonic, sleep
 from urllib.request import urlopen
@@ -16,9 +21,11 @@ from islandgp.errors import TrackingError
 from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.place import place_from, place_of_latest
 from islandgp.tracking.store import Place, Store
+from islandgp.tracking.sync import sync
 from islandgp.tracking.ui import served
 from islandgp.tracking.view import runs_page, share_view
-from tests.tracking.folders import place, written
+from tests.running.commands import ROOT
+from tests.tracking.folders import history, place, written
 from tests.viewer.browser import Browser, chromium
 
 
@@ -76,6 +83,72 @@ def test_a_uri_of_another_kind_is_refused(uri: str) -> None:
         place_from(uri, "islandgp")
 
 
+UI = """
+import sys
+from islandgp.cli import main
+from islandgp.tracking import ui
+
+def stand_in(place, port):
+    return [sys.executable, "-m", "http.server", str(port), "--bind", "127.0.0.1"]
+
+ui._command = stand_in
+main()
+"""
+
+
+def free_port() -> int:
+    """A port of loopback where nobody listens."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_the_server_ends_with_the_command(number: str, home: Path) -> None:
+    """However the command is ended: by Ctrl-C, by `kill`, by closing the terminal."""
+    (home / "health").touch()  # what the stand-in answers with
+    port = free_port()
+    process = subprocess.Popen(
+        [sys.executable, "-c", UI, "ui", "--uri", "sqlite:///mlflow.db", "--port", str(port)],
+        cwd=home,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stderr is not None
+        told = next(line for line in process.stderr if "Starting" not in line)
+        assert told == "Ctrl-C stops the server.\n"
+        urlopen(f"http://127.0.0.1:{port}/health", timeout=10).close()
+        process.send_signal(getattr(signal, number))
+        _, said = process.communicate(timeout=30)
+    finally:
+        process.kill()
+        process.communicate()
+    with socket.socket() as probe:
+        there = probe.connect_ex(("127.0.0.1", port)) == 0
+    assert not there
+    assert (process.returncode, said) == (0, "stopped\n")
+
+
+@pytest.mark.parametrize(
+    "words", [["sync"], ["ui"], ["compare", "--arm", "a=supervisor=expert"]], ids=lambda w: w[0]
+)
+def test_commands_refuse_a_uri_of_another_kind(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each with the same message, before it looks at any run."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "runs").mkdir()
+    found = CliRunner().invoke(islandgp, [*words, "--uri", "foo"])
+    assert isinstance(found.exception, TrackingError)
+    assert "sqlite:///FILE or http://" in str(found.exception)
+    nameless = CliRunner().invoke(islandgp, [*words, "--uri", "sqlite:///a.db", "--experiment", ""])
+    assert isinstance(nameless.exception, TrackingError)
+    assert "name of an experiment" in str(nameless.exception)
+
+
 def test_the_sync_command_counts_what_it_did(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Sent once, then known; a folder that is not there is an error of use."""
     monkeypatch.chdir(home)
@@ -90,6 +163,55 @@ def test_the_sync_command_counts_what_it_did(home: Path, monkeypatch: pytest.Mon
     assert "0 sent, 1 were there already" in elsewhere.output
 
 
+def test_sync_sends_again_what_a_store_has_lost(home: Path, template: Path) -> None:
+    """A store that was deleted, and one that was replaced by an empty one, get every record."""
+    folder = written(home / "runs/a/one", home)
+    words = [sys.executable, "-c", "from islandgp.cli import main; main()", "sync"]
+    # In a process of its own: MLflow holds a file open, and would not see that it is gone.
+    subprocess.run(words, cwd=home, env={**os.environ, "PYTHONPATH": str(ROOT)}, check=True)
+    for empty in (Path.unlink, lambda file: shutil.copy(template, file)):
+        empty(home / "mlflow.db")
+        assert sync(home).sent == [folder.path]
+        store = Store(place(home))
+        (run,) = store.client.search_runs([store.experiment])
+        assert run.info.status == "FINISHED"
+        assert [step for step, _ in history(store, run.info.run_id)] == [0, 1, 2, 3, 4]
+        assert len(sync(home).known) == 1
+
+
+def test_sync_completes_an_older_copy_of_a_store(home: Path) -> None:
+    """Points, description and artifacts that were sent after the copy was made are sent again."""
+    written(home / "runs/a/one", home, 2)
+    sync(home)
+    shutil.copy(home / "mlflow.db", home / "copy.db")
+    written(home / "runs/a/one", home)
+    sync(home)
+    shutil.copy(home / "copy.db", home / "mlflow.db")
+    shutil.rmtree(home / "mlartifacts")
+    assert len(sync(home).sent) == 1
+    store = Store(place(home))
+    (run,) = store.client.search_runs([store.experiment])
+    assert run.info.status == "FINISHED"
+    assert [step for step, _ in history(store, run.info.run_id)] == [0, 1, 2, 3, 4]
+    assert "summary.json" in {f.path for f in store.client.list_artifacts(run.info.run_id)}
+    assert len(sync(home).known) == 1
+
+
+def test_sync_does_not_say_that_a_store_that_is_away_has_anything(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What was sent to it once is `not sent`, since nobody can tell."""
+    folder = written(home / "runs/a/one", home)
+    sync(home)
+
+    def away(place: Place) -> Store:
+        raise ConnectionError(f"{place.uri} is gone")
+
+    monkeypatch.setattr("islandgp.tracking.sync.Store", away)
+    done = sync(home)
+    assert (done.known, list(done.failed)) == ([], [folder.path])
+
+
 @pytest.mark.slow
 def test_the_server_shows_two_arms(home: Path, store: Store) -> None:
     """In headless Chromium: two groups of runs, each with its curve; afterwards no server."""
@@ -100,9 +222,7 @@ def test_the_server_shows_two_arms(home: Path, store: Store) -> None:
     program = chromium()
     if program is None:
         pytest.skip("no Chromium")
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     with served(store.place, port) as pages, Browser(program, home / "profile") as browser:
         browser.open(pages.arms)
         end = monotonic() + 60

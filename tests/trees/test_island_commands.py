@@ -34,6 +34,13 @@ def test_play(islandgp: Cli) -> None:
     assert "of 3 worlds: excellent" in said.out
 
 
+def test_a_number_for_a_group_is_refused(islandgp: Cli) -> None:
+    """`--set` has the messages of a run."""
+    said = islandgp("play", GOOD, "--set", "gp=4")
+    assert said.code == 2
+    assert said.err.startswith("islandgp: gp=4: expected the name of an option, found 4;")
+
+
 def test_play_is_the_same_on_processes(islandgp: Cli) -> None:
     """Four worlds or more go to worker processes; the first three come out as before."""
     few = json.loads(islandgp("play", GOOD, "--seeds", 3, "--json", *SHORT).out)

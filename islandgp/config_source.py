@@ -1,0 +1,58 @@
+"""Where configuration is read from: the project's folder, and one of the user's beside it."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+from hydra import compose, initialize_config_dir
+from hydra._internal.config_loader_impl import ConfigLoaderImpl
+from hydra._internal.utils import create_config_search_path
+from hydra.core.config_loader import ConfigLoader
+from hydra.core.object_type import ObjectType
+from omegaconf import DictConfig
+
+from islandgp.errors import ConfigError
+from islandgp.resources import resource
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """The folders of a command, and its first file."""
+
+    folder: Path  # absolute; the groups of the project, unless --config-path says otherwise
+    name: str  # of the first file
+    own: Path | None  # absolute; the user's groups, by --config-dir
+
+    @classmethod
+    def of(cls, args: argparse.Namespace) -> Self:
+        """What the command's options name. Raises ConfigError where there is no such folder."""
+        folder = Path(args.config_path or resource("conf")).resolve()
+        own = Path(args.config_dir).resolve() if args.config_dir else None
+        for option, path in (("--config-path", folder), ("--config-dir", own)):
+            if path is not None and not path.is_dir():
+                raise ConfigError(
+                    f"{option}: expected a folder of configuration, found none at {path};"
+                    " give the path of one that is there."
+                )
+        return cls(folder, args.config_name or "config", own)
+
+    def compose(self, overrides: Sequence[str]) -> DictConfig:
+        """The configuration, with Hydra's own part. Raises what Hydra raises."""
+        search = [f"hydra.searchpath=[file://{self.own}]"] if self.own else []
+        with initialize_config_dir(str(self.folder), version_base="1.3"):
+            return compose(self.name, [*overrides, *search], return_hydra_config=True)
+
+    def loader(self) -> ConfigLoader:
+        """What Hydra looks up the options of a group with."""
+        path = create_config_search_path(str(self.folder))
+        if self.own is not None:
+            path.append("command-line", f"file://{self.own}")
+        return ConfigLoaderImpl(path)
+
+    def options(self, group: str) -> list[str]:
+        """The names of a group's files; none where there is no such group."""
+        return sorted(self.loader().get_group_options(group, ObjectType.CONFIG))

@@ -1,0 +1,196 @@
+"""What Hydra, OmegaConf and YAML find wrong with a command, in our form.
+
+Expected, found, remedy: Hydra tells them in many lines, or in none.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+from hydra.core.config_loader import ConfigLoader
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
+from hydra.errors import HydraException
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from islandgp.config_source import Source
+from islandgp.errors import ConfigError
+from islandgp.settings import unknown_key
+from islandgp.tracking.parameters import HIDDEN, is_secret
+
+MISTAKES: Final = (HydraException, OmegaConfBaseException, yaml.YAMLError, ValueError, OSError)
+"""What composing raises for a user's error."""
+
+EXTRAS: Final = {"joblib": "joblib", "ray": "ray", "submitit": "submitit"}
+"""What to install for a launcher of Hydra's that is not there."""
+
+
+def parsed(overrides: Sequence[str], loader: ConfigLoader) -> list[Override]:
+    """The overrides as Hydra understands them. Raises ConfigError at the first that it cannot."""
+    parser = OverridesParser.create(config_loader=loader)
+    found: list[Override] = []
+    for override in overrides:
+        if not override.lstrip("+~").partition("=")[0]:
+            raise ConfigError(f"{override}: expected KEY=VALUE, found no key; write KEY=VALUE")
+        try:
+            found += parser.parse_overrides([override])
+        except HydraException:
+            raise ConfigError(_unreadable(override, parser)) from None
+    return found
+
+
+def _unreadable(override: str, parser: OverridesParser) -> str:
+    key, equals, value = override.partition("=")
+    if not equals:
+        return f"{override}: expected KEY=VALUE, found no =; write {override}=VALUE"
+    if is_secret(key):
+        return f"{key}={HIDDEN}: expected a value, found one that cannot be read; quote it"
+    escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+    quoted = f'{key}="{escaped}"'
+    try:
+        parser.parse_override(quoted)
+    except HydraException:
+        return f"{override}: expected KEY=VALUE, found a key that cannot be read; mend the key"
+    return (
+        f"{override}: expected a value, found one that cannot be read; mend it, or quote it"
+        f" inside and out where it is a text: {shlex.quote(quoted)}"
+    )
+
+
+def explain(error: Exception, overrides: Sequence[str], source: Source) -> str:
+    """The message for an error that composing these overrides has raised."""
+    text = str(error)
+    if isinstance(error, yaml.YAMLError):
+        return _yaml(error)
+    if isinstance(error, UnicodeDecodeError):
+        return _no_text(source) or _short(error)
+    if "with ListConfig" in text:
+        return _no_mapping(source) or _short(error)
+    if "Config group override must be" in text:
+        return _no_option(overrides, source) or _short(error)
+    if match := re.search(r"Could not override '([^']+)'", text):
+        return _unknown(match[1], _chosen(overrides, source))
+    if match := re.search(r"(?:load|find) 'hydra/launcher/(joblib|ray|submitit)\w*'", text):
+        return (
+            f"hydra/launcher: expected Hydra's {match[1]} launcher, found it not installed;"
+            f" pip install 'islandgp[{EXTRAS[match[1]]}]'"
+        )
+    if match := re.search(
+        r"Could not find '([^']+)'[\s\S]*?Available options in '[^']*':\n([\s\S]*)", text
+    ):
+        group, _, option = match[1].rpartition("/")
+        known = re.findall(r"^\t(\S+)$", match[2], re.MULTILINE)
+        near = get_close_matches(option, known, 1, 0.5)
+        hint = f"did you mean {near[0]}? " if near else ""
+        return f"{group}={option}: unknown option; {hint}there are {', '.join(known)}"
+    if text.startswith("Error merging override ") and isinstance(error.__cause__, Exception):
+        return f"{text.removeprefix('Error merging override ')}: {_short(error.__cause__)}"
+    return _short(error)
+
+
+def unresolved(error: OmegaConfBaseException) -> str:
+    """The message for a value that stands for another one, which is not there."""
+    key, why = error.full_key or "", _short(error)
+    if match := re.search(r'"(.+)"$', why):  # what a resolver said
+        why = match[1]
+    return f"{key}: expected a value, found none ({why}); give {key}=VALUE"
+
+
+def _yaml(error: yaml.YAMLError) -> str:
+    if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
+        mark = error.problem_mark
+        return (
+            f"Expected YAML in {mark.name}, found a mistake in line {mark.line + 1}, column"
+            f" {mark.column + 1}: {error.problem}; mend it there."
+        )
+    return f"Expected YAML, found: {' '.join(str(error).split())}; mend it there."
+
+
+def _no_text(source: Source) -> str:
+    """The message for the first file of the user's that is not UTF-8; "" if all are."""
+    for file in _files(source):
+        data = file.read_bytes()
+        try:
+            data.decode()
+        except UnicodeDecodeError as error:
+            return (
+                f"Expected UTF-8 text in {file}, found the byte 0x{data[error.start]:02x} at"
+                f" position {error.start}; save it as UTF-8."
+            )
+    return ""
+
+
+def _no_mapping(source: Source) -> str:
+    """The message for the first file of the user's that holds a list or the like; "" if none."""
+    for file in _files(source):
+        try:
+            found = yaml.safe_load(file.read_bytes())
+        except yaml.YAMLError:  # the command has not chosen it: else this would be its error
+            continue
+        if found is not None and not isinstance(found, dict):
+            return (
+                f"Expected keys with values in {file}, found a {type(found).__name__}; write"
+                " KEY: VALUE lines."
+            )
+    return ""
+
+
+def _files(source: Source) -> list[Path]:
+    return sorted((source.own or source.folder).rglob("*.yaml"))
+
+
+def _no_option(overrides: Sequence[str], source: Source) -> str:
+    """The message for a group that is given a number or null; "" if none is."""
+    for override in parsed(overrides, source.loader()):
+        known = source.options(override.key_or_group)
+        if known and not isinstance(override.value(), str | list):
+            found = (override.input_line or "").partition("=")[2]
+            return (
+                f"{override.key_or_group}={found}: expected the name of an option, found {found};"
+                f" there are {', '.join(known)}"
+            )
+    return ""
+
+
+def _unknown(path: str, config: Any) -> str:
+    """The message for a key that is not in the configuration: at the part that is wrong."""
+    parts = path.split(".")
+    for i, part in enumerate(parts[:-1]):
+        if part not in config:
+            near = get_close_matches(part, _keys(config), 1, 0.5)
+            above = ".".join(parts[:i]) or "the configuration"
+            hint = (
+                f"did you mean {'.'.join([*parts[:i], near[0], *parts[i + 1 :]])}?"
+                if near
+                else f"{above} has {', '.join(_keys(config))}"
+            )
+            return f"{path}: unknown key; {hint}"
+        config = config[part] if isinstance(config[part], dict) else {}
+    return unknown_key(path, _keys(config))
+
+
+def _keys(config: dict[str, Any]) -> list[str]:
+    return [key for key in config if not key.startswith("_")]
+
+
+def _chosen(overrides: Sequence[str], source: Source) -> Any:
+    """The configuration of the chosen options, before any value is changed; not resolved."""
+    loader = source.loader()
+    groups = [o for o in parsed(overrides, loader) if loader.get_group_options(o.key_or_group)]
+    chosen = source.compose([o.input_line for o in groups if o.input_line is not None])
+    return OmegaConf.to_container(chosen, resolve=False)
+
+
+def _short(error: Exception) -> str:
+    """The first line that says something; the next one as well where the first only leads to it."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    if len(lines) > 1 and lines[0].endswith(":"):
+        return f"{lines[0]} {lines[1]}"
+    return lines[0] if lines else type(error).__name__

@@ -1,0 +1,54 @@
+"""Signals that end a command as cleanly as Ctrl-C does."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+
+@contextmanager
+def as_ctrl_c(*names: str) -> Iterator[None]:
+    """These signals, by name, raise KeyboardInterrupt while the context lasts.
+
+    One that is ignored stays ignored, as under `nohup`; one that the system does not have
+    is left out.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 -- a handler's
+        raise KeyboardInterrupt
+
+    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    old = {n: signal.getsignal(n) for n in numbers if signal.getsignal(n) is not signal.SIG_IGN}
+    for number in old:
+        signal.signal(number, stop)
+    try:
+        yield
+    finally:
+        for number, handler in old.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def nothing_begun() -> Iterator[None]:
+    """Ctrl-C ends the process at once: for imports, in which an exception may be lost."""
+    old = signal.getsignal(signal.SIGINT)
+    if old is not signal.default_int_handler:  # ignored, or somebody's own
+        yield
+        return
+
+    def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 -- a handler's
+        os.write(2, b"islandgp: stopped\n")
+        os._exit(130)
+
+    signal.signal(signal.SIGINT, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, old)

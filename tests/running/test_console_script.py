@@ -1,0 +1,95 @@
+"""`islandgp run` is `python -m islandgp`: the user's own parts stand in the current folder."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.running.commands import ROOT
+
+SUPERVISOR = """
+from islandgp.supervision.fixed import Fixed
+
+class Mine(Fixed):
+    pass
+"""
+
+EVALUATOR = """
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+from islandgp.evaluation.base import simulate
+from islandgp.evaluation.serial import Serial
+
+class Mine(Serial):
+    def evaluate(self, jobs):
+        with ProcessPoolExecutor(1, get_context("forkserver")) as pool:
+            return list(pool.map(work, [self.setting] * len(jobs), jobs))
+
+def work(setting, job):
+    return simulate(setting, job)
+"""
+
+WORDS = (
+    "supervisor=fixed",
+    "supervisor.factory=mysup:Mine",
+    "evaluator=serial",
+    "evaluator.factory=myeval:Mine",
+    "experiment=smoke",
+    "gp.population=4",
+    "gp.tournament=2",
+    "gp.generations=2",
+    "world.episode.length=5",
+    "tracking=off",
+    "progress=off",
+)
+
+
+def script(here: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """Runs `islandgp WORDS` in `here`, by a script elsewhere as an installer writes it."""
+    file = here / "bin" / "islandgp"
+    file.parent.mkdir()
+    file.write_text(
+        "import sys\nfrom islandgp.cli import main\n"
+        "if __name__ == '__main__':\n    sys.exit(main())\n"
+    )
+    (here / "mysup.py").write_text(SUPERVISOR)
+    (here / "myeval.py").write_text(EVALUATOR)
+    return subprocess.run(
+        [sys.executable, str(file), *words],
+        cwd=here,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_a_run_finds_parts_in_the_current_folder(tmp_path: Path) -> None:
+    """Also in the processes that it starts."""
+    done = script(tmp_path, "run", *WORDS)
+    assert done.returncode == 0, done.stderr
+    assert "Best fitness" in done.stdout
+
+
+def test_jobs_of_a_launcher_find_parts_in_the_current_folder(tmp_path: Path) -> None:
+    """In joblib's workers, and in the processes that those start."""
+    pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
+    launcher = ("hydra/launcher=local", "hydra.launcher.n_jobs=2", "seed=0,1", "-m")
+    done = script(tmp_path, "run", *WORDS, *launcher)
+    assert done.returncode == 0, done.stderr
+    assert len(list(tmp_path.rglob("summary.json"))) == 2
+
+
+def test_commands_with_settings_find_parts_in_the_current_folder(tmp_path: Path) -> None:
+    """`--set` takes what a run takes."""
+    tree = ROOT / "grammar/examples/poor.bt"
+    words = ("world.episode.length=5", *WORDS[2:4])
+    done = script(
+        tmp_path, "play", str(tree), "--seeds", "1", *(w for o in words for w in ("--set", o))
+    )
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,82 @@
+"""Where a command prints to: a full disk, a pipe that is closed, an encoding without characters."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.running.commands import ROOT
+
+TREE = ROOT / "grammar/examples/all_rounder.bt"
+RUN = ("run", "experiment=smoke", "tracking=off", "--cfg", "job")
+
+
+def command(*words: object, stdout: Any, **environment: str) -> subprocess.CompletedProcess[bytes]:
+    """Runs `islandgp WORDS` with that standard output."""
+    return subprocess.run(
+        [sys.executable, "-c", "from islandgp.cli import main; main()", *map(str, words)],
+        env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
+        stdout=stdout,
+        stderr=subprocess.PIPE,
+        check=False,
+    )
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize(
+    "words", [("show", TREE), ("simplify", TREE), ("check", TREE), RUN], ids=lambda w: w[0]
+)
+def test_a_full_output_is_one_message(words: tuple[object, ...]) -> None:
+    """Exit code 2, no traceback, also where the text fits into the interpreter's buffer."""
+    with Path("/dev/full").open("wb") as full:
+        done = command(*words, stdout=full)
+    assert done.returncode == 2
+    assert done.stderr.decode() == (
+        "islandgp: Expected to write to the standard output, found: No space left on device;"
+        " make room, or send it elsewhere.\n"
+    )
+
+
+@pytest.mark.parametrize("words", [("show", TREE), ("simplify", TREE)], ids=lambda w: w[0])
+def test_an_output_that_nobody_reads_ends_the_command(words: tuple[object, ...]) -> None:
+    """As behind `| head`: silently."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        done = command(*words, stdout=writer)
+    finally:
+        os.close(writer)
+    assert (done.returncode, done.stderr) == (1, b"")
+
+
+def test_pictures_lose_characters_that_the_output_lacks(tmp_path: Path) -> None:
+    """In a terminal of ASCII a tree is drawn all the same."""
+    done = command("show", TREE, stdout=subprocess.PIPE, PYTHONIOENCODING="ascii")
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert b"PatrolWaypoint" in done.stdout
+    diff = tmp_path / "x.bt"
+    diff.write_text("PatrolWaypoint   # \N{GREEK SMALL LETTER ALPHA}\n", encoding="utf-8")
+    done = command("fmt", "--diff", diff, stdout=subprocess.PIPE, PYTHONIOENCODING="ascii")
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
+def test_trees_are_utf8_whatever_the_output(tmp_path: Path) -> None:
+    """What goes to the standard output is what would go into a file."""
+    text = "PatrolWaypoint  # \N{GREEK SMALL LETTER ALPHA}\n"
+    with (tmp_path / "tree").open("w+", encoding="utf-8") as file:
+        file.write(text)
+        file.seek(0)
+        done = subprocess.run(
+            [sys.executable, "-c", "from islandgp.cli import main; main()", "fmt", "-"],
+            env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "ascii"},
+            stdin=file,
+            capture_output=True,
+            check=False,
+        )
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.stdout.decode("utf-8").split() == text.split()

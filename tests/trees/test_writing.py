@@ -1,0 +1,102 @@
+"""Files that commands write: the whole new one or the old one, and nothing beside it."""
+
+from __future__ import annotations
+
+import os
+import resource
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from islandgp.evolution.checkpoint import write_atomic
+from tests.trees.shell import Cli
+
+TREE = "selector { PatrolWaypoint   PickupGarbage }  # mine\n"
+
+
+@contextmanager
+def full_disk() -> Iterator[None]:
+    """No file can grow beyond ten bytes."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    """A file that `fmt` would change, alone in its folder."""
+    file = tmp_path / "mine.bt"
+    file.write_text(TREE)
+    return file
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["fmt", "mine.bt"],
+        ["simplify", "mine.bt", "-o", "mine.bt"],
+        ["show", "mine.bt", "--format", "dot", "-o", "mine.bt"],
+        ["export", "mine.bt", "--to", "json", "-o", "mine.bt"],
+        ["replay", "mine.bt", "-o", "mine.bt", "--set", "world.episode.length=5"],
+    ],
+    ids=lambda words: words[0],
+)
+def test_a_full_disk_leaves_the_file_as_it_was(
+    words: list[str], tree: Path, islandgp: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One message, exit code 2, the old text, and no temporary file."""
+    monkeypatch.chdir(tree.parent)
+    with full_disk():
+        said = islandgp(*words)
+    assert said.code == 2
+    assert said.err == "islandgp: Expected to write mine.bt: File too large.\n"
+    assert tree.read_text() == TREE
+    assert list(tree.parent.iterdir()) == [tree]
+
+
+def test_a_failed_write_leaves_no_temporary_file(tmp_path: Path) -> None:
+    """The old file is all that is there."""
+    file = tmp_path / "state"
+    write_atomic(file, b"old")
+    with full_disk(), pytest.raises(OSError, match="File too large"):
+        write_atomic(file, b"longer than ten bytes")
+    assert file.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_links_and_permissions_stay(tree: Path, islandgp: Cli) -> None:
+    """A link still leads to the file, and who may read it stays the same."""
+    tree.chmod(0o640)
+    link = tree.with_name("link.bt")
+    link.symlink_to(tree)
+    assert islandgp("fmt", link).code == 0
+    assert link.is_symlink()
+    assert tree.read_text() != TREE
+    assert tree.stat().st_mode & 0o777 == 0o640
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everything")
+def test_a_file_that_may_not_be_written_is_refused(tree: Path, islandgp: Cli) -> None:
+    """A new file does not take its place."""
+    tree.chmod(0o440)
+    said = islandgp("fmt", tree)
+    assert (said.code, tree.read_text()) == (2, TREE)
+    assert "Permission denied" in said.err
+
+
+def test_a_pipe_is_written_as_it_is(tree: Path, islandgp: Cli) -> None:
+    """`-o >(...)` gets the text, and no file takes the pipe's place."""
+    pipe = tree.with_name("pipe")
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        assert islandgp("simplify", tree, "-o", pipe).code == 0
+        assert os.read(reader, 1000).startswith(b"PatrolWaypoint")
+    finally:
+        os.close(reader)
+    assert pipe.is_fifo()
