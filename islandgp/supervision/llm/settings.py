@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Literal
 from urllib.parse import urlsplit
 
@@ -82,6 +83,11 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
                 " prices.models, or set caps.usd=null"
             )
         return self
+
+    @property
+    def address(self) -> str | None:
+        """Where requests go, None for the Anthropic API."""
+        return self.base_url or os.environ.get("ANTHROPIC_BASE_URL") or None
 
     @property
     def price(self) -> Price | None:
