@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 from pydantic import BaseModel, Field, ImportString, ValidationInfo, field_validator
 
@@ -13,14 +13,20 @@ class Part(BaseModel, frozen=True, extra="forbid"):
     The class carries a pydantic model `Settings` and is made by `make(settings, ...)`.
     """
 
+    needs: ClassVar[tuple[str, ...]] = ("make",)  # methods of the class
+
     factory: ImportString[Any]  # "package.module:Class"
     policy: dict[str, Any] = Field(default_factory=dict, validate_default=True)
 
     @field_validator("factory")
     @classmethod
     def _can_make(cls, factory: Any) -> Any:
-        if not (hasattr(factory, "Settings") and hasattr(factory, "make")):
-            raise ValueError(f"expected a class with Settings and make, found {factory!r}")
+        has = [callable(getattr(factory, method, None)) for method in cls.needs]
+        if not (hasattr(factory, "Settings") and all(has)):
+            *first, last = ("Settings", *cls.needs)
+            raise ValueError(
+                f"expected a class with {', '.join(first)} and {last}, found {factory!r}"
+            )
         return factory
 
     @field_validator("policy")
@@ -33,3 +39,8 @@ class Part(BaseModel, frozen=True, extra="forbid"):
     def settings(self) -> Any:
         """`policy` as the class's own Settings."""
         return self.factory.Settings.model_validate(self.policy)
+
+
+def path_of(kind: type) -> str:
+    """A class as configuration names it: "package.module:Class"."""
+    return f"{kind.__module__}:{kind.__qualname__}"

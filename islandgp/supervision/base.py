@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -82,6 +82,10 @@ class Setup:
     crisis: Crisis = _NEVER  # when the run overrides the rate
     adapt_mutation: bool = True  # False: rates are not used, and need not be worked out
     inject: bool = True  # False: trees are not used, and need not be worked out
+
+
+SUPERVISES: Final = ("make", "advise")
+"""Methods of a class that configuration can choose as a supervisor, besides `Settings`."""
 
 
 class Supervisor(Protocol):

@@ -13,6 +13,7 @@ from threading import Thread
 
 from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, stream
+from islandgp.supervision.asking import ask
 from islandgp.supervision.base import Guidance, Service, Supervisor
 
 
@@ -57,7 +58,7 @@ class Desk:
 
     def _advise(self, state: PopulationState) -> Guidance:
         rng = stream(self.seed, Stream.SUPERVISION, generation=state.now.generation)
-        return self.supervisor.advise(state, rng)
+        return ask(self.supervisor, state, rng)
 
     def _work(self) -> None:
         while (next_one := self._waiting.get()) is not None:
