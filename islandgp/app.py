@@ -26,7 +26,7 @@ from omegaconf import DictConfig
 
 from islandgp.api_key import NONE, key_in, without_key
 from islandgp.compose import command_line, planned, read, run_folder
-from islandgp.errors import ConfigError, IslandError
+from islandgp.errors import ConfigError, IslandError, PartError
 from islandgp.resources import resource
 from islandgp.resume import choose
 from islandgp.run import check_ready, run
@@ -64,6 +64,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
                     lambda job, extra: _start([*extra, *words], job),
                 )
             _run_single(words)
+    except PartError as error:
+        traceback.print_exception(error.__cause__)
+        print(f"islandgp: {error}", file=sys.stderr)
+        return 2
     except IslandError as error:
         print(f"islandgp: {error}", file=sys.stderr)
         return 2

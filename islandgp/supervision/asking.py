@@ -11,7 +11,7 @@ import numpy as np
 from islandgp.bt.language import parse, to_text
 from islandgp.bt.node import Node
 from islandgp.errors import SupervisionError, TreeError
-from islandgp.part import path_of
+from islandgp.part import blaming, path_of
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Pattern, Phase, Supervisor, Target
 
@@ -21,8 +21,10 @@ def ask(supervisor: Supervisor, state: PopulationState, rng: np.random.Generator
 
     Raises:
         SupervisionError: it is no guidance that a population could be given.
+        PartError: a supervisor of the user's own failed.
     """
-    found = supervisor.advise(state, rng)
+    with blaming(path_of(type(supervisor))):
+        found = supervisor.advise(state, rng)
     if not isinstance(found, Guidance):
         raise _wrong(supervisor, "a Guidance", found)
     for field in fields(Guidance):

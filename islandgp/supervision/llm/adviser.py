@@ -17,6 +17,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from islandgp.bt.limits import Limits
+from islandgp.part import blaming, path_of
 from islandgp.resources import resource
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.asking import ask
@@ -50,7 +51,8 @@ class Adviser:
             size = _size(settings.explore)
             render(prompt, {**self.values, **size, **dict.fromkeys(_LATER, "")})
         part = settings.fallback
-        self.fallback: Supervisor = part.factory.make(part.settings(), setup)
+        with blaming(path_of(part.factory)):
+            self.fallback: Supervisor = part.factory.make(part.settings(), setup)
 
     def advise(
         self, state: PopulationState, rng: np.random.Generator, calls: Calls, dialect: Dialect
