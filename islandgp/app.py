@@ -53,10 +53,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if key_in(job.config for job in jobs):
                 args, words = _parsed([NONE, *words])
                 jobs = list(planned(args, words, Path.cwd()))
-            for job in jobs:
+            for n, job in enumerate(jobs):
                 folder = RunFolder(job.folder)
                 if not choose(folder, job.settings.resume, redacted(job.config)).finished():
-                    check_ready(job.settings)
+                    check_ready(job.settings, frozenset(before.folder for before in jobs[:n]))
             if args.multirun:
                 return run_sweep(
                     jobs,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -61,12 +62,16 @@ def make_supervisor(settings: Settings, folder: Path | None) -> Supervisor:
     return supervisor
 
 
-def check_ready(settings: Settings) -> None:
-    """Raises SupervisionError where the supervisor could not work, e.g. without a key."""
+def check_ready(settings: Settings, coming: frozenset[Path] = frozenset()) -> None:
+    """Raises SupervisionError where the supervisor could not work, e.g. without a key.
+
+    `coming` are the folders of the runs that the same command makes before this one.
+    """
     part = settings.supervisor
     if hasattr(part.factory, "ready"):
         with blaming(path_of(part.factory)):
-            part.factory.ready(part.settings())
+            setup = replace(setup_of(settings, None), coming=coming)
+            part.factory.ready(part.settings(), setup)
 
 
 def make_evaluator(settings: Settings) -> Evaluator:

@@ -313,13 +313,13 @@ def test_without_key_and_address_three_ways_are_named() -> None:
 
 def test_a_key_or_an_address_is_enough(monkeypatch: pytest.MonkeyPatch) -> None:
     """From configuration or from the environment."""
-    LLM.ready(settings("api_key=abc"))
-    LLM.ready(settings("base_url=http://localhost:1"))
+    LLM.ready(settings("api_key=abc"), setup())
+    LLM.ready(settings("base_url=http://localhost:1"), setup())
     monkeypatch.setenv("ANTHROPIC_API_KEY", "abc")
-    LLM.ready(settings())
+    LLM.ready(settings(), setup())
     monkeypatch.delenv("ANTHROPIC_API_KEY")
     monkeypatch.setenv("ANTHROPIC_BASE_URL", "http://localhost:1")
-    LLM.ready(settings())
+    LLM.ready(settings(), setup())
 
 
 def test_closing_leaves_no_trace_of_a_call_under_way() -> None:

@@ -36,7 +36,7 @@ class LLM:
     Settings = LLMSettings
 
     @classmethod
-    def ready(cls, settings: LLMSettings) -> None:
+    def ready(cls, settings: LLMSettings, setup: Setup) -> None:  # noqa: ARG003 -- the protocol's
         """Raises SupervisionError where there is neither a key nor an address."""
         if _key(settings) is None and settings.address is None:
             raise SupervisionError(_WAYS)
@@ -44,7 +44,7 @@ class LLM:
     @classmethod
     def make(cls, settings: LLMSettings, setup: Setup) -> LLM:
         """See `Supervisor`."""
-        cls.ready(settings)
+        cls.ready(settings, setup)
         return cls(settings, setup, AnthropicClient(key=_key(settings), base_url=settings.address))
 
     def __init__(self, settings: LLMSettings, setup: Setup, client: Client) -> None:
