@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import yaml
-
 from islandgp.errors import RunError
 from islandgp.tracking.folder import RunFolder
 from islandgp.tracking.parameters import MACHINERY
@@ -17,17 +15,16 @@ def choose(folder: RunFolder, resume: str, config: Mapping[str, Any]) -> RunFold
 
     Raises:
         RunError: the folder holds a run of another configuration, and `resume` is `auto`,
-            or `force` while that run is finished.
+            or `force` while that run is finished; or its files are damaged.
     """
-    before = folder.config()
-    if before is None:
+    if not folder.begun():
         return folder
     if resume == "never":
         n = 2
         while (path := folder.path.with_name(f"{folder.path.name}.{n}")).exists():
             n += 1
         return RunFolder(path)
-    changed = differences(yaml.safe_load(before), config)
+    changed = differences(folder.configuration(), config)
     if changed and (resume != "force" or folder.finished()):
         state = "the finished run" if folder.finished() else "the run"
         raise RunError(
@@ -35,6 +32,8 @@ def choose(folder: RunFolder, resume: str, config: Mapping[str, Any]) -> RunFold
             + "\n  ".join(changed)
             + "\nGive this run another name=..., or resume=never for a new folder beside it."
         )
+    if folder.finished():
+        folder.check_summary()
     return folder
 
 

@@ -105,19 +105,25 @@ def run(
     target = choose(RunFolder(folder), settings.resume, config)
     tracker: Tracker = settings.tracking.factory.make(settings.tracking.settings(), home)
     if target.finished():
-        tracker.start(target)
-        where = tracker.finish(Status.FINISHED)
-        again = "This run was complete already; resume=never runs it again."
-        return f"{report(target)}\n{again}\n{where}".rstrip()
+        return _complete(target, tracker)
     supervisor = make_supervisor(settings, target.path)
-    target.open(
-        yaml.safe_dump(config, sort_keys=False), about_run(settings, config, target, home, command)
-    )
+    about = about_run(settings, config, target, home, command)
     try:
+        target.open(yaml.safe_dump(config, sort_keys=False), about)
+        if target.finished():  # by the process that had the folder until now
+            return _complete(target, tracker)
         where = _tracked(settings, target, supervisor, tracker, keep_display)
     finally:
         target.close()
     return f"{report(target)}\n{where}".rstrip()
+
+
+def _complete(target: RunFolder, tracker: Tracker) -> str:
+    """A finished run as it is; the tracker sends what is missing of it."""
+    tracker.start(target)
+    where = tracker.finish(Status.FINISHED)
+    again = "This run was complete already; resume=never runs it again."
+    return f"{report(target)}\n{again}\n{where}".rstrip()
 
 
 def _tracked(

@@ -23,6 +23,7 @@ class Stream(IntEnum):
     MUTATION = 6  # whether and how an individual mutates, by generation and slot
     SUPERVISION = 7  # a supervisor's own draws, by generation
     NETWORK = 8  # jitter between attempts of a call, by generation
+    UNSEEN = 9  # a comparison's worlds for champions, by slot; the run seed is 0
 
 
 def stream(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 import yaml
 
+from islandgp.errors import StudyError
 from islandgp.resources import resource
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ A bare word is a sweep's name; mlflow: takes an MLflow filter string instead.
 @click.option(
     "--worlds",
     type=click.IntRange(0, 10_000),
-    default=30,
+    default=100,
     show_default=True,
     help="Unseen worlds for the champions; 0 leaves them out.",
 )
@@ -85,6 +86,8 @@ def command(
     from islandgp.study.writing import write
 
     place = _place(uri, experiment)
+    if out is not None:
+        _check_folder(out)
     wanted = [parse_arm(arm) for arm in arms]
     with TemporaryDirectory(prefix="islandgp-compare-") as scratch:
         chosen, notes = _select(wanted, runs, name, place, Path(scratch))
@@ -94,11 +97,33 @@ def command(
     unseen = _unseen(study, worlds, workers) if worlds else ()
     report = build(study, unseen, worlds)
     folder = out or Path("study") / "-".join(arm.name for arm in study.arms)
-    files = write(report, study, folder)
-    click.echo("\n".join([*(f"note: {note}" for note in study.notes), *_claims(report)]))
+    _check_folder(folder)
+    try:
+        files = write(report, study, folder)
+    except OSError as error:
+        raise _unusable(folder, error.strerror or str(error)) from error
+    said = [f"not comparable: {doubt}" for doubt in study.doubts]
+    said += [f"note: {note}" for note in study.notes]
+    click.echo("\n".join([*said, *_claims(report)]))
     click.echo(f"\n{folder / 'index.html'}: the page; beside it report.md, tables/, figures/")
     if mlflow:
         click.echo(_publish(report, study, place, folder, files))
+
+
+def _check_folder(folder: Path) -> None:
+    """Raises StudyError where a file is in the folder's way: it must not cost the comparison."""
+    try:
+        found = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    except OSError as error:
+        raise _unusable(folder, error.strerror or str(error)) from error
+    if not found.is_dir():
+        raise _unusable(folder, f"the file {found}")
+
+
+def _unusable(folder: Path, found: str) -> StudyError:
+    return StudyError(
+        f"Expected a folder for the report in {folder}, found: {found}; give another with -o."
+    )
 
 
 def _place(uri: str | None, experiment: str | None) -> Place:
@@ -138,18 +163,15 @@ def _select(
 
 
 def _unseen(study: Comparison, worlds: int, workers: int) -> tuple[Generalisation, ...]:
-    """Each champion, and a hand-written tree, on worlds that no run has seen."""
-    from islandgp.bt.language import parse, to_text
+    """Each champion, and the yardsticks, on worlds that no run has seen."""
     from islandgp.evaluation.processes import Processes, cores
-    from islandgp.study.generalise import generalise
+    from islandgp.study.generalise import generalise, yardsticks
 
-    file = resource("grammar") / "examples" / "all_rounder.bt"
-    yardstick = to_text(parse(file.read_text(encoding="utf-8"), name=str(file)))
     return generalise(
         study,
         lambda setting: Processes(setting, workers or cores()),
         worlds=worlds,
-        yardstick=yardstick,
+        yardsticks=yardsticks(study),
     )
 
 
@@ -161,7 +183,7 @@ def _claims(report: Report) -> list[str]:
             lines += ["", table.title]
             lines += [
                 f"  {claim:<47} {here:>34}  p BH {p:<8} {verdict}"
-                for claim, here, p, *_, verdict in table.rows
+                for claim, here, _, p, *_, verdict in table.rows
             ]
     return lines
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Final
 
 import click
@@ -22,6 +23,18 @@ FORMATS: Final[dict[str, Callable[[Node], str]]] = {
 }
 
 
+ENDINGS: Final = {
+    "": "text",
+    ".txt": "text",
+    ".svg": "svg",
+    ".mmd": "mermaid",
+    ".mermaid": "mermaid",
+    ".dot": "dot",
+    ".gv": "dot",
+}
+"""The format that the ending of a file's name stands for."""
+
+
 @click.command()
 @click.argument("file", type=FILE)
 @click.option("--format", "form", type=click.Choice([*FORMATS]), help="Default: by -o, else text.")
@@ -31,12 +44,23 @@ def command(file: str, form: str | None, output: str) -> None:
 
     Named subtrees are drawn where they are used.
     """
+    form = form or _form(output)
     tree = read_tree(file)
-    endings = {".svg": "svg", ".mmd": "mermaid", ".mermaid": "mermaid", ".dot": "dot", ".gv": "dot"}
-    form = form or endings.get(f".{output.rpartition('.')[2]}", "text")
     if form == "text" and output == STDIN:
         from rich.console import Console
 
         Console(soft_wrap=True, highlight=False).print(to_rich(tree))
         return
     write_text(output, FORMATS[form](tree))
+
+
+def _form(output: str) -> str:
+    """The format that a file's name asks for. Raises UsageError."""
+    ending = Path(output).suffix.lower()
+    if ending not in ENDINGS:
+        known = ", ".join(filter(None, ENDINGS))
+        raise click.UsageError(
+            f"-o {output}: expected a name that ends in one of {known}, found {ending};"
+            " rename it or give --format."
+        )
+    return ENDINGS[ending]

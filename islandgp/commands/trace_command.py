@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import inf
+
 import click
 
 from islandgp.commands.files import FILE, read_tree
@@ -11,14 +13,16 @@ from islandgp.commands.setting import configured, stage_index, with_island_optio
 @click.command()
 @click.argument("file", type=FILE)
 @click.option("--seed", type=click.IntRange(0), default=0, help="Of the world; default: 0.")
-@click.option("--from", "begin", type=float, default=0.0, help="Start of the timeline, in s.")
-@click.option("--to", "end", type=float, help="End of the timeline, in s.")
+@click.option(
+    "--from", "begin", type=click.FloatRange(0), default=0.0, help="Start of the timeline, in s."
+)
+@click.option("--to", "end", type=click.FloatRange(0), default=inf, help="End of it, in s.")
 @with_island_options
 def command(
     file: str,
     seed: int,
     begin: float,
-    end: float | None,
+    end: float,
     overrides: tuple[str, ...],
     config_dir: str | None,
     stage: int | None,
@@ -29,6 +33,8 @@ def command(
     it succeeded, failed and was aborted. Then what the actions did, in order,
     with the points they won and the guards above them; then the blackboard.
     """
+    if not begin <= end:
+        raise click.UsageError(f"expected --from before --to, found {begin:g} and {end:g}")
     from rich.console import Console
 
     from islandgp.scoring.rewards import Component
@@ -48,7 +54,7 @@ def command(
     console.print("\n  start     lasted    action                 result               points")
     for line in timeline(recording):
         at = float(line.plain.split()[0])
-        if begin <= at and (end is None or at <= end):
+        if begin <= at <= end:
             console.print(line)
     console.print()
     for course in courses(recording):

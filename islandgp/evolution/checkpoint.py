@@ -8,7 +8,8 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, fields
 from itertools import islice
 from pathlib import Path
@@ -20,6 +21,18 @@ from islandgp.evolution.archive import Ancestor
 from islandgp.evolution.population import Individual, Origin
 from islandgp.evolution.record import Champion, IndividualRecord, RunState
 from islandgp.scoring.state import Snapshot
+
+
+@contextmanager
+def usable(folder: Path) -> Iterator[None]:
+    """Raises RunError where a folder cannot be made, read or written, or its disk is full."""
+    try:
+        yield
+    except OSError as error:
+        raise RunError(
+            f"Expected a folder to read and write in {folder}, found: {error.strerror or error};"
+            " mend that and give the command again, or choose another place with runs=... ."
+        ) from error
 
 
 def write_atomic(path: Path, data: bytes) -> None:

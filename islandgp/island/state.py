@@ -93,14 +93,13 @@ def build_island(world: World, seed: int, award: Award, thresholds: tuple[float,
     script = write_script(world, seed)
     physics = build_space(world, script)
     robot = Robot(world, physics.robot, script.obstacles, thresholds)
-    cell = world.robot.perception + 2 * robot.stride  # may be left by a step
     return Island(
         world=world,
         limits=Limits.of(world.episode),
         script=script,
         physics=physics,
         robot=robot,
-        ground=Ground(script.garbage, most=world.garbage.most, side=world.side, cell=cell),
+        ground=Ground(script.garbage, most=world.garbage.most, side=world.side, cell=world.cell),
         humanoids=Humanoids(world.humanoids, physics.humanoids),
         journal=Journal(award),
         board=[0.0] * len(KEYS),

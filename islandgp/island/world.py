@@ -6,6 +6,7 @@ allowed. Lengths are metres, times simulated seconds, charge percent.
 
 from __future__ import annotations
 
+from math import ceil
 from typing import Annotated, Self
 
 from pydantic import BaseModel, Field, model_validator
@@ -14,6 +15,7 @@ Positive = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
 Percent = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
 ROCK_MARGIN = 0.3  # m between the robot's hull and an obstacle it drives around
+MOST_CELLS = 100_000  # of ground: as many are 15 ms and 10 MB for each world
 FAR = 1 << 29  # a step that no episode comes to
 Point = tuple[NotNegative, NotNegative]  # metres from the south-west corner
 
@@ -99,6 +101,19 @@ class World(BaseModel, frozen=True, extra="forbid"):
     obstacles: ObstacleSettings
     episode: EpisodeSettings
 
+    @property
+    def cell(self) -> float:
+        """Metres that a cell of ground is wide: the robot's sight, and two steps besides.
+
+        A look from anywhere in a cell and its surroundings may be left by a step.
+        """
+        return self.robot.perception + 2 * self.robot.speed * self.episode.step
+
+    @property
+    def cells(self) -> int:
+        """How many cells the ground has."""
+        return ceil(self.side / self.cell) ** 2
+
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
         for name, points in (
@@ -113,6 +128,12 @@ class World(BaseModel, frozen=True, extra="forbid"):
                         f"{name}: expected points at least 2 m inside the {self.side:g} m island,"
                         f" found ({x:g}, {y:g})"
                     )
+        if self.cells > MOST_CELLS:
+            raise ValueError(
+                f"side: expected at most {MOST_CELLS:,} cells of {self.cell:g} m, in which garbage"
+                f" is looked for, found {self.cells:,} on an island of {self.side:g} m; take"
+                " a smaller side or a larger robot.perception"
+            )
         if self.garbage.initial > self.garbage.most:
             raise ValueError(
                 f"garbage.initial: expected at most garbage.most={self.garbage.most},"

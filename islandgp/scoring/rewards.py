@@ -132,11 +132,6 @@ def award(rewards: Rewards, stage: Multipliers) -> Callable[[Event, float], floa
     return worth
 
 
-def points(rewards: Rewards, stage: Multipliers, event: Event, amount: float) -> float:
-    """The same for a single event."""
-    return award(rewards, stage)(event, amount)
-
-
 def components(
     rewards: Rewards, stage: Multipliers, events: Sequence[tuple[int, Event, float]]
 ) -> tuple[float, ...]:

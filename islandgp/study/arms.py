@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from islandgp.evolution.record import (
     GenerationRecord,
     GuidanceRecord,
     IndividualRecord,
+    fittest,
 )
 from islandgp.scoring.state import Snapshot
 
@@ -101,6 +102,13 @@ class Comparison:
         return min(a.generations for a in self.arms)
 
 
-def paired(first: Arm, second: Arm) -> bool:
-    """Whether two arms ran on the same seeds, one run each, so that runs come in pairs."""
-    return first.seeds == second.seeds and len(set(first.seeds)) == len(first.seeds)
+def cut(run: Run, generations: int) -> Run:
+    """The run as if it had ended after so many generations, its champion included."""
+    if len(run.records) <= generations:
+        return run
+    *before, last = run.records[:generations]
+    records = (*before, replace(last, guidance=None))  # nobody is asked after the last one
+    champion = fittest(None, 0, records[0].individuals)
+    for generation, record in enumerate(records):
+        champion = fittest(champion, generation, record.individuals)
+    return replace(run, records=records, costs=run.costs[:generations], champion=champion)

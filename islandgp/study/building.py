@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from islandgp.study.arms import Comparison, paired
+from islandgp.study.arms import Comparison
+from islandgp.study.comparable import paired
 from islandgp.study.figures import emergence as emergence_figures
 from islandgp.study.figures import fitness as fitness_figures
 from islandgp.study.figures import population as population_figures
@@ -22,13 +23,15 @@ from islandgp.study.tables.champions import components_table, generalisation_tab
 from islandgp.study.tables.decisions import decisions_table
 from islandgp.study.tables.emergence import runs_table
 from islandgp.study.tables.lineage import lineage_table, sources_table
+from islandgp.study.tables.origins import champion_sources_table
 from islandgp.study.tables.overhead import overhead_table
 from islandgp.study.tables.power import power_table
 from islandgp.study.tables.specialists import specialists_table
 
 METHODS: Final = (
-    "Two arms are compared by the Mann-Whitney U test, two-sided: exact where no values are tied,"
-    " else the normal approximation corrected for ties and continuity, as section 3.1 has it. The"
+    "Two arms are compared by the Mann-Whitney U test, two-sided: exact, with ties by counting"
+    " every split of the ranks; only beyond 100 values with ties it is the normal approximation"
+    " corrected for ties and continuity, which the paper takes for all of them (section 3.1). The"
     " nine comparisons of Tables 9, 10 and 11, times the pairs of arms, are one family for"
     " Benjamini and Hochberg; what the paper does not test (diversity, mutation rate) is a second"
     " one. Tests of another kind of the same comparisons (paired, log-rank) are adjusted among"
@@ -118,8 +121,8 @@ def _compared(study: Comparison) -> Iterator[Item]:
     )
     if all(paired(a, b) for a, b in study.pairs):
         yield (
-            "All arms ran on the same seeds: runs of one seed share their initial population and"
-            " their worlds, so paired tests stand beside the paper's."
+            "All arms ran on the same seeds and from the same start: runs of one seed share their"
+            " initial population and their worlds, so paired tests stand beside the paper's."
         )
     yield from study.notes
     if study.sources:
@@ -139,6 +142,7 @@ def _trees(study: Comparison) -> Iterator[Item]:
 def _beyond(study: Comparison, unseen: tuple[Generalisation, ...], worlds: int) -> Iterator[Item]:
     yield fitness_figures.components(study)
     yield components_table(study)
+    yield champion_sources_table(study)
     survival = population_figures.lineage(study)
     if survival is not None:
         yield survival

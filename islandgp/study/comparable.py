@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 from islandgp.errors import StudyError
-from islandgp.study.arms import Arm, Comparison
+from islandgp.study.arms import Arm, Comparison, Run, cut
 from islandgp.study.select import Selection, parse_selection, spans
 from islandgp.tracking.parameters import MACHINERY
 
@@ -23,6 +24,12 @@ YARDSTICK: Final = frozenset({"world", "rewards", "curriculum", "classes"})
 BUDGET: Final = frozenset({"gp.population", "gp.generations", "gp.episodes", "gp.common_world"})
 """What a run may spend: never studied either."""
 
+START: Final = (BUDGET - {"gp.generations"}) | {"gp.new_worlds", "gp.max_depth", "gp.max_nodes"}
+"""What a run's initial population and worlds depend on, beside its seed, YARDSTICK and TREES."""
+
+TREES: Final = "gp.trees."
+"""How the keys of random trees begin."""
+
 SHORTEST: Final = 4  # generations, so that no stage of Table 10 is empty
 
 
@@ -33,7 +40,7 @@ def compare_arms(
     notes: Sequence[str] = (),
     sources: Sequence[str] = (),
 ) -> Comparison:
-    """The arms as one comparison.
+    """The arms as one comparison, every run cut where the shortest one ends.
 
     Raises:
         StudyError: fewer than two arms, two of one name, a run in two arms, runs too
@@ -48,9 +55,40 @@ def compare_arms(
             + "\n  ".join(doubts)
             + "\nSelect other runs, or say --force: the report then lists these differences."
         )
-    return Comparison(
-        tuple(arms), tuple(doubts), (*_declared(arms, selections), *notes), tuple(sources)
-    )
+    notes = (*_declared(arms, selections), *_cuts(arms), *notes)
+    horizon = min(arm.generations for arm in arms)
+    whole = (replace(a, runs=tuple(cut(run, horizon) for run in a.runs)) for a in arms)
+    return Comparison(tuple(whole), tuple(doubts), notes, tuple(sources))
+
+
+def _cuts(arms: Sequence[Arm]) -> list[str]:
+    """Which arms lose generations, since no measure may look further than the shortest run."""
+    horizon = min(arm.generations for arm in arms)
+    longest = {arm.name: max(len(run.records) for run in arm.runs) for arm in arms}
+    return [
+        f"{name} has runs of {n} generations; all that is measured of them ends with generation"
+        f" {horizon - 1}, as in the shortest run."
+        for name, n in longest.items()
+        if n > horizon
+    ]
+
+
+def paired(first: Arm, second: Arm) -> bool:
+    """Whether the arms' runs come in pairs of one seed, one initial population and one world.
+
+    So they must agree in the seeds, one run each, and in all that shapes the start.
+    """
+    if first.seeds != second.seeds or len(set(first.seeds)) < len(first.seeds):
+        return False
+    return all(_start(a) == _start(b) for a, b in zip(first.runs, second.runs, strict=True))
+
+
+def _start(run: Run) -> dict[str, Any]:
+    return {
+        key: value
+        for key, value in run.flat.items()
+        if _group(key) in YARDSTICK or key in START or key.startswith(TREES)
+    }
 
 
 def _check_names(arms: Sequence[Arm]) -> None:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from math import isnan
+from statistics import fmean
 
 from islandgp.study.arms import Comparison
+from islandgp.study.emergence import quantile
 from islandgp.study.findings import Finding
 from islandgp.study.measures import FAMILY, FURTHER
 from islandgp.study.overhead import supervision
-from islandgp.study.statistics import mean_sd, median
+from islandgp.study.statistics import mean_sd
 from islandgp.study.table import to_csv
 
 TEST_COLUMNS = (
@@ -38,6 +41,11 @@ TEST_COLUMNS = (
     "paired_p_bh",
     "log_rank_p",
     "log_rank_p_bh",
+    "without_first",  # these two, for emergence: mean generations lived through without one
+    "without_second",
+    "difference",  # of the means, or of the two before; with its 95 % interval
+    "difference_low",
+    "difference_high",
 )
 
 
@@ -57,7 +65,10 @@ def runs_csv(study: Comparison) -> str:
 
 
 def tests_csv(findings: Sequence[Finding]) -> str:
-    """Every comparison; the mean and median of a sample with censored runs are left empty."""
+    """Every comparison; the mean of a sample with censored runs is left empty.
+
+    Its median is left empty when half of the runs or more are censored.
+    """
     return to_csv(TEST_COLUMNS, [_row(f) for f in findings])
 
 
@@ -66,11 +77,11 @@ def _row(f: Finding) -> list[object]:
     for sample in f.samples:
         known = [v for v in sample if v is not None]
         left = len(sample) - len(known)
-        sides.append(
-            (None, None, None, left) if left else (*mean_sd(known), float(median(known)), 0)
-        )
+        mean, sd = (None, None) if left else map(_known, mean_sd(known))
+        sides.append((mean, sd, quantile(sample, 0.5), left))
     (m1, s1, d1, c1), (m2, s2, d2, c2) = sides
-    t, p = f.rank, f.paired
+    t, p, shift = f.rank, f.paired, f.shift
+    without = map(fmean, f.numbers) if f.measure.emergence else (None, None)
     return [
         *f.arms,
         f.measure.key,
@@ -80,7 +91,13 @@ def _row(f: Finding) -> list[object]:
         *(t.u, t.z, t.p, t.kind, f.rank_q, t.r),
         *(None if p is None else p.p, None if p is None else p.kind, f.paired_q),
         *(f.log_rank, f.log_rank_q),
+        *(*without, *map(_known, (shift.estimate, shift.low, shift.high))),
     ]
+
+
+def _known(x: float) -> float | None:
+    """An empty cell stands for what one run cannot tell."""
+    return None if isnan(x) else x
 
 
 def metrics(findings: Sequence[Finding]) -> dict[str, float]:

@@ -10,9 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import ceil, floor
 
 from islandgp.scoring.classify import Tier
 from islandgp.study.arms import Run
+from islandgp.study.statistics import mean_sd
 
 
 def first(run: Run, tier: Tier) -> int | None:
@@ -32,7 +34,7 @@ class Summary:
     runs: int
     emerged: int  # runs in which it happened
     mean: float | None  # generation; None when a run is censored
-    sd: float | None  # sample standard deviation; None when a run is censored
+    sd: float | None  # sample standard deviation; None when a run is censored, nan for one run
     median: float | None  # generation; None when half the runs or more never got there
     watched: float  # generations lived through without one, mean over all runs
 
@@ -45,28 +47,25 @@ def summary(firsts: Sequence[float | None], generations: int) -> Summary:
     """
     there = sorted(g for g in firsts if g is not None)
     n, whole = len(firsts), len(there) == len(firsts)
-    mean = sum(there) / n if whole else None
+    mean, sd = mean_sd(there) if whole else (None, None)
     return Summary(
         runs=n,
         emerged=len(there),
         mean=mean,
-        sd=_sd(there, mean) if mean is not None else None,
-        median=_median(there, n),
+        sd=sd,
+        median=quantile(firsts, 0.5),
         watched=sum(ranks(firsts, generations)) / n,
     )
 
 
-def _sd(values: Sequence[float], mean: float) -> float:
-    if len(values) < 2:
-        return 0.0
-    return float((sum((v - mean) ** 2 for v in values) / (len(values) - 1)) ** 0.5)
-
-
-def _median(there: Sequence[float], n: int) -> float | None:
-    """Of n values of which only the smallest are known."""
-    if (n // 2) >= len(there):
+def quantile(firsts: Sequence[float | None], share: float) -> float | None:
+    """Of all runs, linear between two of them; None: it falls among those without one."""
+    there = sorted(g for g in firsts if g is not None)
+    at = share * (len(firsts) - 1)
+    low, high = floor(at), ceil(at)
+    if high >= len(there):
         return None
-    return float(there[n // 2]) if n % 2 else (there[n // 2 - 1] + there[n // 2]) / 2
+    return there[low] + (at - low) * (there[high] - there[low])
 
 
 def still_without(firsts: Sequence[int | None], generations: int) -> list[float]:

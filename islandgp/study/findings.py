@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 
-from islandgp.study.arms import Comparison, paired
+from islandgp.study.arms import Comparison
+from islandgp.study.comparable import paired
 from islandgp.study.emergence import ranks
 from islandgp.study.measures import Measure, values
 from islandgp.study.statistics import (
+    ENUMERATED,
+    Interval,
     PairedTest,
     RankTest,
     benjamini_hochberg,
+    bootstrap,
     log_rank,
+    mean_difference,
     paired_test,
     rank_test,
 )
@@ -44,6 +50,20 @@ class Finding:
         a, b = (ranks(sample, self.generations) for sample in self.samples)
         return a, b
 
+    @property
+    def endless(self) -> tuple[list[float], list[float]]:
+        """The samples as medians take them; a censored run's value is infinite."""
+        a, b = ([inf if v is None else v for v in sample] for sample in self.samples)
+        return a, b
+
+    @property
+    def shift(self) -> Interval:
+        """Mean of the first arm minus mean of the second, with its bootstrap interval.
+
+        For emergence it is that of the restricted means: of the generations without one.
+        """
+        return bootstrap(self.numbers, mean_difference)
+
 
 def family(study: Comparison, measures: Sequence[Measure]) -> tuple[Finding, ...]:
     """All pairs of arms by all measures; each kind of test is adjusted over all of its p-values."""
@@ -68,14 +88,15 @@ def examine(
     generations: int,
     *,
     in_pairs: bool,
+    enumerated: int = ENUMERATED,
 ) -> Finding:
     """The tests of two samples, before they are adjusted for others.
 
-    `in_pairs` when their values belong together one by one.
+    `in_pairs` when their values belong together one by one; `enumerated` as in `rank_test`.
     """
     a, b = (ranks(sample, generations) for sample in samples)
     censored = any(v is None for sample in samples for v in sample)
-    rank = rank_test(a, b)
+    rank = rank_test(a, b, enumerated=enumerated)
     return Finding(
         measure=measure,
         arms=arms,

@@ -6,11 +6,11 @@ world. Here each run's champion meets the same unseen worlds, in the last stage.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count, islice
 from statistics import fmean
-from typing import Any
+from typing import Any, Final
 
 from islandgp.evaluation.base import Evaluator, Job, Setting
 from islandgp.island.world import World
@@ -18,16 +18,26 @@ from islandgp.scoring.classify import Classes, Tier, tiers
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.scoring.outcome import Outcome
 from islandgp.scoring.rewards import Rewards
+from islandgp.seeding import Stream, stream
+from islandgp.study.ancestry import most_injected
 from islandgp.study.arms import Comparison, Run
+from islandgp.study.library import library
+
+ALL_ROUNDER: Final = "all_rounder"
+"""The tree of grammar/examples that was written to be good at everything."""
+
+YARDSTICK_WORLDS: Final = 100
+"""How many worlds a yardstick meets at least: it is one tree, so more of them cost little."""
 
 
 @dataclass(frozen=True, slots=True)
 class Generalisation:
     """One tree on the unseen worlds."""
 
-    arm: str
-    seed: int | None  # of the run whose champion it is; None: a tree from elsewhere
+    arm: str  # or what a yardstick is called
+    seed: int | None  # of the run whose champion it is; None: a yardstick, a tree from elsewhere
     trained: float | None  # points, the fitness that made it champion
+    worlds: int  # unseen ones that it met, >= 1
     unseen: float  # points, mean over the worlds
     worst: float  # points, the least of the worlds
     complete: float  # share of the worlds in which it is a Complete Robot
@@ -35,9 +45,27 @@ class Generalisation:
 
 
 def unseen_worlds(study: Comparison, n: int) -> tuple[int, ...]:
-    """The first n world seeds from 0 that no run of the study used."""
+    """The first n world seeds of a stream of their own that no run of the study used.
+
+    Nobody tunes a tree on them: `islandgp play` counts its worlds from 0.
+    """
     used = {w for arm in study.arms for run in arm.runs for r in run.records for w in r.worlds}
-    return tuple(islice((seed for seed in count() if seed not in used), n))
+    drawn = (int(stream(0, Stream.UNSEEN, slot=k).integers(2**32)) for k in count())
+    return tuple(islice((seed for seed in drawn if seed not in used), n))
+
+
+def yardsticks(study: Comparison) -> dict[str, str]:
+    """The hand-written all_rounder, and the library tree that was injected most often, if any.
+
+    Their names hold a colon, so that no arm can have the same one.
+    """
+    by_name = {name: text for text, name in library().items()}
+    found = {f"hand-written: {ALL_ROUNDER}": by_name[ALL_ROUNDER]}
+    often = most_injected(study.arms)
+    if often is not None:
+        name, text, times = often
+        found[f"injected {times:,} times: {name}"] = text
+    return found
 
 
 def setting_of(run: Run) -> tuple[Setting, Classes]:
@@ -50,33 +78,48 @@ def setting_of(run: Run) -> tuple[Setting, Classes]:
 
 
 def generalise(
-    study: Comparison, make: Callable[[Setting], Evaluator], *, worlds: int, yardstick: str
+    study: Comparison,
+    make: Callable[[Setting], Evaluator],
+    *,
+    worlds: int,
+    yardsticks: Mapping[str, str],
+    yardstick_worlds: int = YARDSTICK_WORLDS,
 ) -> tuple[Generalisation, ...]:
-    """Each run's champion, and one tree from elsewhere, on the same unseen worlds.
+    """Each run's champion, and trees from elsewhere, on the same unseen worlds.
 
-    `yardstick` is that tree's canonical text. Every arm's trees meet the first
-    arm's world, so that they can be compared even where the worlds of arms differ.
+    `yardsticks` are those trees' canonical texts by what they are called. Every arm's trees
+    meet the first arm's world, so that they can be compared even where the worlds of arms
+    differ. A yardstick meets `yardstick_worlds` of them, the champions' `worlds` among them.
 
     Raises:
         EvaluationError: an episode cannot be run.
     """
     setting, classes = setting_of(study.arms[0].runs[0])
-    seeds, stage = unseen_worlds(study, worlds), len(setting.curriculum.stages) - 1
-    trees: list[tuple[str, int | None, float | None, str]] = [
-        (arm.name, run.seed, run.champion.record.fitness, run.champion.record.tree)
+    seeds = unseen_worlds(study, max(worlds, yardstick_worlds))
+    stage = len(setting.curriculum.stages) - 1
+    trees: list[tuple[str, int | None, float | None, list[Job]]] = [
+        (
+            arm.name,
+            run.seed,
+            run.champion.record.fitness,
+            [Job(run.champion.record.tree, stage, seed) for seed in seeds[:worlds]],
+        )
         for arm in study.arms
         for run in arm.runs
     ]
-    trees.append(("hand-written", None, None, yardstick))
+    trees += [
+        (name, None, None, [Job(text, stage, seed) for seed in seeds])
+        for name, text in yardsticks.items()
+    ]
     evaluator = make(setting)
     try:
-        jobs = list(dict.fromkeys(Job(t, stage, seed) for *_, t in trees for seed in seeds))
+        jobs = list(dict.fromkeys(job for *_, mine in trees for job in mine))
         outcomes = dict(zip(jobs, evaluator.evaluate(jobs), strict=True))
     finally:
         evaluator.close()
     return tuple(
-        _summary(arm, seed, trained, [outcomes[Job(t, stage, w)] for w in seeds], classes)
-        for arm, seed, trained, t in trees
+        _summary(arm, seed, trained, [outcomes[job] for job in mine], classes)
+        for arm, seed, trained, mine in trees
     )
 
 
@@ -91,6 +134,7 @@ def _summary(
     return Generalisation(
         arm=arm,
         seed=seed,
+        worlds=len(outcomes),
         trained=trained,
         unseen=fmean(o.fitness for o in outcomes),
         worst=min(o.fitness for o in outcomes),

@@ -61,10 +61,27 @@ def newcomers(run: Run) -> tuple[Newcomer, ...]:
 def elite_share(run: Run, origin: Origin) -> float:
     """Share of the final elite that descends from a newcomer of an origin, in [0, 1]."""
     ids = [i.id for _, i in _came(run.records) if i.origin == origin]
-    final = {i.id: bool(a) for g, i, a in _walk(run.records, ids) if g == len(run.records) - 1}
+    descends = {i.id for _, i, _ in _walk(run.records, ids)}
+    elite = final_elite(run)
+    return sum(i.id in descends for i in elite) / len(elite)
+
+
+def final_elite(run: Run) -> list[IndividualRecord]:
+    """The best tenth of the last generation, best first."""
     ranked = sorted(run.records[-1].individuals, key=lambda i: -i.fitness)
-    elite = ranked[: max(1, round(ELITE * len(ranked)))]
-    return sum(final.get(i.id, False) for i in elite) / len(elite)
+    return ranked[: max(1, round(ELITE * len(ranked)))]
+
+
+def with_injected_ancestor(run: Run) -> frozenset[str]:
+    """The ids of all individuals that descend from an injected tree, or are one."""
+    ids = [i.id for _, i in _came(run.records) if i.origin == Origin.INJECTED]
+    return frozenset(i.id for _, i, _ in _walk(run.records, ids))
+
+
+def injected_shares(run: Run) -> list[float]:
+    """Which share of each generation descends from an injected tree, or is one."""
+    heirs = with_injected_ancestor(run)
+    return [sum(i.id in heirs for i in r.individuals) / len(r.individuals) for r in run.records]
 
 
 def alive(found: Sequence[Newcomer], generations: int) -> list[float]:
@@ -75,7 +92,7 @@ def alive(found: Sequence[Newcomer], generations: int) -> list[float]:
     shares, share = [], 1.0
     for k in range(generations):
         shares.append(share)
-        at_risk = sum(n.lived >= k for n in found)
+        at_risk = sum(n.lived >= k and n.watched > k for n in found)  # seen in k and after it
         died = sum(n.lived == k < n.watched for n in found)
         share *= 1 - died / at_risk if at_risk else 1
     return shares
@@ -98,15 +115,14 @@ class Source(StrEnum):
 
 def source_of_first(run: Run, tier: Tier) -> Source:
     """Where the first individual of a tier came from; the fittest, if there are several."""
-    ids = [i.id for _, i in _came(run.records) if i.origin == Origin.INJECTED]
-    descends = {i.id for _, i, _ in _walk(run.records, ids)}
+    heirs = with_injected_ancestor(run)
     for record in run.records:
         reached = [i for i in record.individuals if tier in i.tiers]
         if reached:
             best = max(reached, key=lambda i: i.fitness)
             if best.origin == Origin.INJECTED:
                 return Source.MUTATED if best.mutation else Source.INJECTED
-            return Source.DESCENDANT if best.id in descends else Source.OWN
+            return Source.DESCENDANT if best.id in heirs else Source.OWN
     return Source.NEVER
 
 

@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
+from math import isinf, isnan
 from typing import Final
 
-from islandgp.study.statistics import EXACT, SIGN, UNTESTED, Interval, PairedTest, RankTest
+from islandgp.study.statistics import (
+    EXACT,
+    EXACT_TIES,
+    SIGN,
+    UNTESTED,
+    Interval,
+    PairedTest,
+    RankTest,
+)
 
 MINUS: Final = "\N{MINUS SIGN}"
 NONE: Final = "\N{EN DASH}"
+NEVER: Final = "\N{INFINITY}"
 DIGITS: Final = {"points": 0, "generation": 1, "Eq. (3)": 3, "rate": 3}
 """Decimals by a measure's unit."""
 
 
 def number(x: float | None, digits: int = 0) -> str:
-    """12,345 or 12,345.6; a dash for nothing."""
-    if x is None or x != x:
+    """12,345 or 12,345.6; a dash for nothing, a sign for never."""
+    if x is None or isnan(x):
         return NONE
+    if isinf(x):
+        return NEVER if x > 0 else f"{MINUS}{NEVER}"
     text = f"{x:,.{digits}f}"
     if not text.strip("-0.,"):
         text = text.lstrip("-")  # no "-0"
@@ -23,13 +35,16 @@ def number(x: float | None, digits: int = 0) -> str:
 
 
 def spread(mean: float, sd: float, digits: int = 0) -> str:
-    """Mean ± standard deviation."""
+    """Mean ± standard deviation, which is a dash for a single value."""
     return f"{number(mean, digits)} ± {number(sd, digits)}"
 
 
 def interval(i: Interval, digits: int = 0) -> str:
-    """An estimate with its interval."""
-    return f"{number(i.estimate, digits)} [{number(i.low, digits)}, {number(i.high, digits)}]"
+    """An estimate with its interval; a dash for what is not known."""
+    if isnan(i.estimate):
+        return NONE
+    ends = NONE if isnan(i.low) else f"{number(i.low, digits)}, {number(i.high, digits)}"
+    return f"{number(i.estimate, digits)} [{ends}]"
 
 
 def percent(share: float | None, digits: int = 1) -> str:
@@ -39,9 +54,18 @@ def percent(share: float | None, digits: int = 1) -> str:
     return f"{share:+.{digits}%}".replace("-", MINUS).replace("%", " %")
 
 
-def change(a: float, b: float) -> float | None:
-    """By which share a differs from b; None when b is nothing to compare with."""
-    return (a - b) / abs(b) if b else None
+def change(a: float, b: float, sd: float = 0.0) -> float | None:
+    """By which share a differs from b; None when b is nothing to compare with.
+
+    It is nothing where the signs differ, and where it is nearer to zero than its
+    standard deviation over runs: a share of it says nothing then.
+    """
+    return None if a * b < 0 or b == 0 or abs(b) < sd else (a - b) / abs(b)
+
+
+def signed(x: float, digits: int = 0) -> str:
+    """A number with its sign."""
+    return f"{'+' if x > 0 else ''}{number(x, digits)}"
 
 
 def probability(p: float | None) -> str:
@@ -53,7 +77,13 @@ def probability(p: float | None) -> str:
     return f"{p:.3f}" if p >= 0.0095 else f"{p:.4f}"
 
 
-_SHORT: Final = {EXACT: "exact", UNTESTED: "all equal", SIGN: "sign, exact"}
+def p_is(test: RankTest | PairedTest) -> str:
+    """A p-value with its kind in a sentence: p = 0.012 (exact), p < 0.0001 (exact)."""
+    text = tested(test)
+    return f"p {text}" if text.startswith("<") else f"p = {text}"
+
+
+_SHORT: Final = {EXACT: "exact", EXACT_TIES: EXACT_TIES, UNTESTED: "all equal", SIGN: "sign, exact"}
 
 
 def kind(test: RankTest | PairedTest) -> str:

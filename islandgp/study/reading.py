@@ -15,6 +15,7 @@ from islandgp.evolution.checkpoint import individual_record, snapshot
 from islandgp.evolution.record import Champion, Cost, GenerationRecord, GuidanceRecord
 from islandgp.study.arms import Run
 from islandgp.tracking.folder import RunFolder
+from islandgp.tracking.parameters import flatten
 
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast, if it is there
 
@@ -27,17 +28,6 @@ class Found:
     config: Mapping[str, Any]
     flat: Mapping[str, Any]
     finished: bool
-
-
-def flatten(config: Mapping[str, Any], path: str = "") -> dict[str, Any]:
-    """A nested mapping by dotted keys; lists stay whole."""
-    flat: dict[str, Any] = {}
-    for key, value in config.items():
-        if isinstance(value, Mapping) and value:
-            flat |= flatten(value, f"{path}{key}.")
-        else:
-            flat[f"{path}{key}"] = value
-    return flat
 
 
 def find(folder: Path) -> list[Found]:

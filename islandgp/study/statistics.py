@@ -8,15 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import sqrt
+from math import ceil, floor, nan, sqrt
 from typing import Any, Final
 
 import numpy as np
 
+from islandgp.study.enumeration import tied_rank_p, tied_signed_rank_p
+
 EXACT: Final = "exact"
+EXACT_TIES: Final = "exact, ties enumerated"
 ASYMPTOTIC: Final = "asymptotic, corrected for ties and continuity"
 UNTESTED: Final = "no test: all values are equal"
 SIGN: Final = "sign test, exact"
+ENUMERATED: Final = 100  # values, tied ones among them, up to which a p-value is counted out
+DECIMALS: Final = 9  # of what is ranked: points of 50,000 carry noise in the eleventh one
 RESAMPLES: Final = 10_000  # of a bootstrap
 BOOTSTRAP_SEED: Final = 20_240_901  # so that a report has the same bytes each time
 
@@ -28,7 +33,7 @@ class RankTest:
     u: float  # Eq. (9) for the first sample, in [0, n1 n2]; half a point for a tie
     z: float  # Eq. (10) with the variance corrected for ties, without continuity correction
     p: float
-    kind: str  # EXACT, ASYMPTOTIC or UNTESTED
+    kind: str  # EXACT, EXACT_TIES, ASYMPTOTIC or UNTESTED
     r: float  # 1 - 2U/(n1 n2), in [-1, 1]; above 0: the first sample has the lower values
     n: tuple[int, int]  # sizes of the samples
 
@@ -48,14 +53,20 @@ class PairedTest:
 class Interval:
     """An estimate with its 95 % bootstrap interval (percentiles)."""
 
-    estimate: float
+    estimate: float  # these three may be infinite; nan: not known
     low: float
     high: float
 
 
-def rank_test(first: Sequence[float], second: Sequence[float]) -> RankTest:
-    """Mann-Whitney U: exact without ties, else asymptotic; the kind is named."""
-    x, y = np.asarray(first, float), np.asarray(second, float)
+def rank_test(
+    first: Sequence[float], second: Sequence[float], *, enumerated: int = ENUMERATED
+) -> RankTest:
+    """Mann-Whitney U: exact, or asymptotic for more than `enumerated` values with ties.
+
+    The kind is named. With `enumerated=0` tied samples of any size get the normal
+    approximation, as the paper's do (section 3.1).
+    """
+    x, y = np.round(first, DECIMALS), np.round(second, DECIMALS)
     n1, n2 = len(x), len(y)
     u = float(np.sum(x[:, None] > y) + np.sum(x[:, None] == y) / 2)
     _, counts = np.unique(np.concatenate([x, y]), return_counts=True)
@@ -64,38 +75,50 @@ def rank_test(first: Sequence[float], second: Sequence[float]) -> RankTest:
     variance = n1 * n2 / 12 * (n + 1 - ties)
     if variance <= 0:
         return RankTest(u, 0.0, 1.0, UNTESTED, 0.0, (n1, n2))
-    tied = bool(np.any(counts > 1))
-    p = _stats().mannwhitneyu(x, y, method="asymptotic" if tied else "exact").pvalue
+    if not np.any(counts > 1):
+        p, kind = float(_stats().mannwhitneyu(x, y, method="exact").pvalue), EXACT
+    elif n <= enumerated:
+        p, kind = tied_rank_p(x, y), EXACT_TIES
+    else:
+        p, kind = float(_stats().mannwhitneyu(x, y, method="asymptotic").pvalue), ASYMPTOTIC
     return RankTest(
         u=u,
         z=(u - n1 * n2 / 2) / sqrt(variance),
-        p=float(p),
-        kind=ASYMPTOTIC if tied else EXACT,
+        p=p,
+        kind=kind,
         r=1 - 2 * u / (n1 * n2),
         n=(n1, n2),
     )
 
 
 def paired_test(
-    first: Sequence[float], second: Sequence[float], *, ordinal: bool = False
+    first: Sequence[float],
+    second: Sequence[float],
+    *,
+    ordinal: bool = False,
+    enumerated: int = ENUMERATED,
 ) -> PairedTest:
-    """Wilcoxon's signed-rank test of pairs in the same order.
+    """Wilcoxon's signed-rank test of pairs in the same order; pairs without a difference drop out.
 
-    With `ordinal` only the sign of a difference means something, as when a run
-    never got there and is merely later than any other; then it is a sign test.
+    Exact, or asymptotic for more than `enumerated` differences with ties. With
+    `ordinal` only the sign of a difference means something, as when a run never
+    got there and is merely later than any other; then it is a sign test.
     """
-    difference = np.asarray(first, float) - np.asarray(second, float)
+    difference = np.round(np.asarray(first, float) - np.asarray(second, float), DECIMALS)
     lower, higher = int(np.sum(difference < 0)), int(np.sum(difference > 0))
     moved = difference[difference != 0]
     if not len(moved):
         return PairedTest(1.0, UNTESTED, len(difference), 0, 0)
+    tied = len(np.unique(np.abs(moved))) < len(moved) or len(moved) < len(difference)
     if ordinal:
         p, kind = float(_stats().binomtest(lower, len(moved)).pvalue), SIGN
+    elif not tied:
+        p, kind = float(_stats().wilcoxon(moved, method="exact").pvalue), EXACT
+    elif len(moved) <= enumerated:
+        p, kind = tied_signed_rank_p(moved), EXACT_TIES
     else:
-        tied = len(np.unique(np.abs(moved))) < len(moved) or len(moved) < len(difference)
-        method = "approx" if tied else "exact"
-        result = _stats().wilcoxon(moved, method=method, correction=tied)
-        p, kind = float(result.pvalue), ASYMPTOTIC if tied else EXACT
+        p = float(_stats().wilcoxon(moved, method="approx", correction=True).pvalue)
+        kind = ASYMPTOTIC
     return PairedTest(p, kind, len(difference), lower, higher)
 
 
@@ -133,13 +156,28 @@ def bootstrap(
 ) -> Interval:
     """A statistic of one or several samples, each drawn again by itself.
 
-    `statistic` takes one array a sample and reduces the last axis.
+    `statistic` takes one array a sample and reduces the last axis. Values may be
+    infinite; a draw whose statistic is nan stands for any value, and widens the interval.
+    A sample of one says nothing of its spread: then there is no interval, but nan.
     """
     rng = np.random.default_rng(seed)
     arrays = [np.asarray(s, float) for s in samples]
     drawn = [a[rng.integers(len(a), size=(RESAMPLES, len(a)))] for a in arrays]
-    low, high = np.percentile(statistic(*drawn), [2.5, 97.5])
-    return Interval(float(statistic(*arrays)), float(low), float(high))
+    with np.errstate(invalid="ignore"):  # infinite minus infinite is nan: nothing is known
+        found, estimate = statistic(*drawn), float(statistic(*arrays))
+    if min(map(len, arrays)) < 2:
+        return Interval(estimate, nan, nan)
+    unknown = np.isnan(found)
+    low = _percentile(np.where(unknown, -np.inf, found), 0.025)
+    high = _percentile(np.where(unknown, np.inf, found), 0.975)
+    return Interval(estimate, low, high)
+
+
+def _percentile(values: Any, share: float) -> float:
+    """Linear between two neighbours, which may be infinite."""
+    at = share * (len(values) - 1)
+    a, b = np.sort(values)[[floor(at), ceil(at)]]
+    return float(a if a == b or np.isinf(a) else a + (b - a) * (at - floor(at)))
 
 
 def median(x: Any) -> Any:
@@ -152,10 +190,15 @@ def median_difference(x: Any, y: Any) -> Any:
     return np.median(x, axis=-1) - np.median(y, axis=-1)
 
 
+def mean_difference(x: Any, y: Any) -> Any:
+    """Mean of the first minus mean of the second, over the last axis."""
+    return np.mean(x, axis=-1) - np.mean(y, axis=-1)
+
+
 def mean_sd(values: Sequence[float]) -> tuple[float, float]:
-    """Mean and sample standard deviation (n - 1); the latter is 0 for one value."""
+    """Mean and sample standard deviation (n - 1); the latter is nan for one value."""
     a = np.asarray(values, float)
-    return float(a.mean()), float(a.std(ddof=1)) if len(a) > 1 else 0.0
+    return float(a.mean()), float(a.std(ddof=1)) if len(a) > 1 else nan
 
 
 def _stats() -> Any:

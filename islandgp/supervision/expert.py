@@ -104,15 +104,18 @@ def classify_pattern(state: PopulationState, how: ExpertSettings) -> Pattern:
 
 
 def choose_target(state: PopulationState, how: ExpertSettings) -> Target:
-    """Table 7: what the next tree is for; a crisis comes first, then what is missing.
+    """Table 7: what the next tree is for.
 
-    Until a Complete Robot has existed the rarest behaviour always is: putting
-    behaviours together is left to evolution.
+    What nobody does comes first, then a crisis, then what few do. Until a Complete
+    Robot has existed the rarest behaviour always is too rare: putting behaviours
+    together is left to evolution.
     """
-    if state.crisis:
-        return Target.EXPLORATION
     order = ("charging", "clearing", "humanoid", "pickup")  # hardest to find first
     rarest = min(order, key=lambda name: state.now.doing[name])
+    if not state.now.doing[rarest]:
+        return Target(rarest)
+    if state.crisis:
+        return Target.EXPLORATION
     if not state.ever_complete or state.now.doing[rarest] < how.rare * state.population:
         return Target(rarest)
     return Target.RARE if state.now.diversity < how.collapse else Target.INTEGRATION

@@ -24,11 +24,25 @@ class YokedSettings(BaseModel, frozen=True, extra="forbid"):
     """Whose record it is."""
 
     record: str = Field(min_length=1)  # a run's folder; {seed} stands for the other seed
-    seeds: int = Field(ge=2)  # the other seed is the next of so many, the first after the last
+    first: int = Field(ge=0)  # the sweep's least seed
+    seeds: int = Field(ge=2)  # how many there are from it on
+
+    def leader(self, seed: int) -> int:
+        """The other seed: the next of the sweep's, the first after the last.
+
+        Raises:
+            SupervisionError: the seed is none of the sweep's.
+        """
+        if not self.first <= seed < self.first + self.seeds:
+            raise SupervisionError(
+                f"Expected a seed of {self.first} to {self.first + self.seeds - 1}, found {seed};"
+                " set supervisor.policy.first and supervisor.policy.seeds to those of the sweep."
+            )
+        return self.first + (seed - self.first + 1) % self.seeds
 
     def folder(self, seed: int) -> Path:
-        """The run that leads the run of a seed."""
-        return Path(self.record.replace("{seed}", str((seed + 1) % self.seeds)))
+        """The run that leads the run of a seed. Raises SupervisionError."""
+        return Path(self.record.replace("{seed}", str(self.leader(seed))))
 
 
 class Yoked:
@@ -55,7 +69,7 @@ class Yoked:
         if not file.is_file():
             raise SupervisionError(
                 f"Expected the record of another run in {folder}, found none; run it first, with"
-                f" seed={(setup.seed + 1) % settings.seeds}, or set supervisor.policy.record."
+                f" seed={settings.leader(setup.seed)}, or set supervisor.policy.record."
             )
         lines = file.read_text(encoding="utf-8").splitlines()
         if len(lines) < setup.generations:

@@ -18,19 +18,25 @@ import json
 import re
 import traceback
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from pathlib import Path
 from time import time
-from typing import Any
+from typing import Any, Final
 
+import yaml
 from filelock import FileLock, Timeout
 
 from islandgp.errors import IslandError, RunError
-from islandgp.evolution.checkpoint import load_state, save_state, snapshot, write_atomic
+from islandgp.evolution.checkpoint import load_state, save_state, snapshot, usable, write_atomic
 from islandgp.evolution.record import RunState, Step
+from islandgp.tracking.brief import brief
 from islandgp.tracking.lineage import write_lineage
 from islandgp.tracking.lines import Lines
+
+SUMMARY: Final = frozenset({"champion", "first", "mean_diversity", "generations", "seconds"})
+"""What summary.json holds for those who read it."""
 
 
 class Status(StrEnum):
@@ -67,9 +73,20 @@ class RunFolder:
     def open(self, config: str, about: About) -> None:
         """Takes the folder for this process and writes down whose it is.
 
+        A run that is finished keeps what is written there.
+
         Raises:
-            RunError: another process is writing here.
+            RunError: another process is writing here, or nobody can.
         """
+        with usable(self.path):
+            self._take()
+            if self.finished():
+                return
+            write_atomic(self.path / "about.json", _pretty(asdict(about)))
+            write_atomic(self.path / "config.yaml", config.encode())
+            (self.path / "error.txt").unlink(missing_ok=True)
+
+    def _take(self) -> None:
         self.path.mkdir(parents=True, exist_ok=True)
         try:
             self._lock.acquire(timeout=1, poll_interval=0.05)  # a look at it may hold it
@@ -78,20 +95,21 @@ class RunFolder:
                 f"Expected to be the only one who writes to {self.path}, found another run at work"
                 " there; wait for it, or give this one another name=..."
             ) from None
-        write_atomic(self.path / "about.json", _pretty(asdict(about)))
-        write_atomic(self.path / "config.yaml", config.encode())
-        (self.path / "error.txt").unlink(missing_ok=True)
 
     def close(self) -> None:
         """Gives the folder back."""
         self._lock.release()
 
     def fail(self, error: Exception) -> None:
-        """Writes down why the run failed: the message, and where it came from."""
-        self.path.mkdir(parents=True, exist_ok=True)
+        """Writes down why the run failed, the message and where it came from, if that is possible.
+
+        A full disk may be the reason itself.
+        """
         trace = "".join(traceback.format_exception(error))
         text = f"{error}\n\n{trace}" if isinstance(error, IslandError) else trace
-        write_atomic(self.path / "error.txt", text.encode())
+        with suppress(OSError):
+            self.path.mkdir(parents=True, exist_ok=True)
+            write_atomic(self.path / "error.txt", text.encode())
 
     def error(self) -> str:
         """Why the run failed, or ""."""
@@ -112,14 +130,39 @@ class RunFolder:
         return Status.FAILED if self.error() else Status.KILLED
 
     def about(self) -> About | None:
-        """What was written down at the start; None if there was no start."""
+        """What was written down at the start; None if there was no start.
+
+        Raises:
+            RunError: the file is damaged, or of another version.
+        """
         file = self.path / "about.json"
-        return About(**json.loads(file.read_text(encoding="utf-8"))) if file.exists() else None
+        try:
+            return About(**json.loads(file.read_text(encoding="utf-8"))) if file.exists() else None
+        except (ValueError, TypeError) as error:
+            raise _damaged("what a run says of itself", file, brief(error)) from error
+
+    def begun(self) -> bool:
+        """Whether there was a run here before. Raises RunError where nobody may look."""
+        with usable(self.path):
+            return (self.path / "config.yaml").exists()
 
     def config(self) -> str | None:
         """The configuration of the run that was here before, as YAML; None if there was none."""
         file = self.path / "config.yaml"
         return file.read_text(encoding="utf-8") if file.exists() else None
+
+    def configuration(self) -> dict[str, Any]:
+        """The same as plain values; {} if there was none. Raises RunError where it is damaged."""
+        what, file = "a run's configuration", self.path / "config.yaml"
+        try:
+            with usable(self.path):
+                text = self.config()
+            found = {} if text is None else yaml.safe_load(text)
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            raise _damaged(what, file, brief(error)) from error
+        if not isinstance(found, dict):
+            raise _damaged(what, file, "there are no keys in it")
+        return found
 
     def finished(self) -> bool:
         """Whether the run came to its end."""
@@ -129,11 +172,18 @@ class RunFolder:
         """The state to go on from; cuts off what was written after it. None: from the start.
 
         Raises:
-            RunError: the checkpoint is damaged, or records before it are damaged or missing.
+            RunError: the run is finished, the checkpoint is damaged, records before it are
+                damaged or missing, or the folder cannot be used.
         """
-        state = self._state()
-        for lines in (self._generations, self._costs):
-            lines.cut(state.generation if state else 0)
+        if self.finished():
+            raise RunError(
+                f"Expected a run to go on with in {self.path}, found it finished; use resume=never"
+                " for a new folder beside it."
+            )
+        with usable(self.path):
+            state = self._state()
+            for lines in (self._generations, self._costs):
+                lines.cut(state.generation if state else 0)
         return state
 
     def _state(self) -> RunState | None:
@@ -143,19 +193,21 @@ class RunFolder:
         try:
             return load_state(checkpoint, (snapshot(r["snapshot"]) for r in self.records()))
         except (ValueError, KeyError, TypeError) as error:
-            raise RunError(
-                f"Expected generation records in {self._generations.path}, found a damaged"
-                f" file ({error}); delete the run's folder or use resume=never."
-            ) from error
+            raise _damaged("generation records", self._generations.path, brief(error)) from error
 
     def append(self, step: Step) -> None:
-        """Writes a generation down, then the state to go on from."""
-        self._generations.append(asdict(step.record))
-        self._costs.append({**asdict(step.cost), "at": int(1000 * time())})
-        if step.champion.generation == step.record.snapshot.generation:
-            write_atomic(self.path / "best.bt", step.champion.record.tree.encode())
-        if step.state is not None:
-            save_state(self.path / "checkpoint.json", step.state)
+        """Writes a generation down, then the state to go on from.
+
+        Raises:
+            RunError: the disk is full, or the folder cannot be written any more.
+        """
+        with usable(self.path):
+            self._generations.append(asdict(step.record))
+            self._costs.append({**asdict(step.cost), "at": int(1000 * time())})
+            if step.champion.generation == step.record.snapshot.generation:
+                write_atomic(self.path / "best.bt", step.champion.record.tree.encode())
+            if step.state is not None:
+                save_state(self.path / "checkpoint.json", step.state)
 
     def settled(self) -> int:
         """How many generations no resumption will take back, >= 0."""
@@ -169,10 +221,15 @@ class RunFolder:
         return int(head[1]) if head else 0
 
     def finish(self, summary: dict[str, Any]) -> None:
-        """Writes the lineage and the summary, and throws the checkpoint away."""
-        write_lineage(self.path / "lineage.csv", self.records())
-        write_atomic(self.path / "summary.json", _pretty(summary))
-        (self.path / "checkpoint.json").unlink(missing_ok=True)
+        """Writes the lineage and the summary, and throws the checkpoint away.
+
+        Raises:
+            RunError: as `append`.
+        """
+        with usable(self.path):
+            write_lineage(self.path / "lineage.csv", self.records())
+            write_atomic(self.path / "summary.json", _pretty(summary))
+            (self.path / "checkpoint.json").unlink(missing_ok=True)
 
     def records(self, first: int = 0) -> Iterator[dict[str, Any]]:
         """The generation records from the `first` on, as plain JSON values."""
@@ -187,6 +244,16 @@ class RunFolder:
         found: dict[str, Any] = json.loads((self.path / "summary.json").read_text(encoding="utf-8"))
         return found
 
+    def check_summary(self) -> None:
+        """Raises RunError where the end of a finished run cannot be told."""
+        what, file = "a finished run's summary", self.path / "summary.json"
+        try:
+            missing = SUMMARY - set(self.summary())
+        except (ValueError, TypeError) as error:
+            raise _damaged(what, file, brief(error)) from error
+        if missing:
+            raise _damaged(what, file, f"it lacks {', '.join(sorted(missing))}")
+
 
 def locked(path: Path) -> bool:
     """Whether a process holds the lock file now."""
@@ -197,6 +264,13 @@ def locked(path: Path) -> bool:
             return False
     except Timeout:
         return True
+
+
+def _damaged(what: str, file: Path, why: str) -> RunError:
+    return RunError(
+        f"Expected {what} in {file}, found a damaged file ({why});"
+        " delete the run's folder or use resume=never."
+    )
 
 
 def _pretty(value: dict[str, Any]) -> bytes:

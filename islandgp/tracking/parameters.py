@@ -31,12 +31,18 @@ def is_secret(key: str) -> bool:
     return SECRET.search(key.rpartition(".")[2]) is not None
 
 
-def flat(config: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, str]]:
-    """Dotted keys and their values as text."""
+def flatten(config: Mapping[str, Any], path: str = "") -> dict[str, Any]:
+    """A nested configuration by dotted keys; lists and mappings by operators stay whole."""
+    found: dict[str, Any] = {}
     for key, value in config.items():
         if isinstance(value, Mapping) and value and all(ALLOWED.fullmatch(str(k)) for k in value):
-            yield from flat(value, f"{path}{key}.")
-        elif isinstance(value, str):
-            yield f"{path}{key}", value
+            found |= flatten(value, f"{path}{key}.")
         else:
-            yield f"{path}{key}", json.dumps(value)
+            found[f"{path}{key}"] = value
+    return found
+
+
+def flat(config: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Dotted keys and their values as text."""
+    for key, value in flatten(config).items():
+        yield key, value if isinstance(value, str) else json.dumps(value)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-import yaml
 from pydantic import ValidationError
 
 from islandgp.errors import TrackingError
@@ -29,12 +28,22 @@ def place_from(uri: str, experiment: str) -> Place:
 
 
 def place_of(folder: RunFolder) -> Place | None:
-    """Where a run's own configuration sends it; None with `tracking=off`."""
-    config: dict[str, Any] = yaml.safe_load(folder.config() or "{}") or {}
-    tracking, about = config.get("tracking", {}), folder.about()
-    if tracking.get("factory") != FACTORY or about is None:
+    """Where a run's own configuration sends it; None with `tracking=off`.
+
+    Raises:
+        RunError, TrackingError: the folder is damaged.
+    """
+    tracking, about = folder.configuration().get("tracking"), folder.about()
+    if not isinstance(tracking, dict) or tracking.get("factory") != FACTORY or about is None:
         return None
-    return Place.of(MLflowSettings(**tracking["policy"]), Path(about.home))
+    try:
+        return Place.of(MLflowSettings.model_validate(tracking.get("policy")), Path(about.home))
+    except ValidationError as error:
+        wrong = ".".join(map(str, ("policy", *error.errors()[0]["loc"])))
+        raise TrackingError(
+            f"Expected a store in {folder.path / 'config.yaml'}, found tracking.{wrong} damaged;"
+            " delete the run's folder, or give --uri."
+        ) from None
 
 
 def place_of_latest(runs: Path) -> Place:

@@ -10,6 +10,7 @@ import csv
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from io import StringIO
+from math import inf
 from statistics import fmean, median, stdev
 from typing import Any, Final
 
@@ -50,7 +51,7 @@ class Arm:
 
 
 def arms(sweep: SweepFolder, file: SweepFile) -> list[Arm]:
-    """The arms with what their finished runs came to."""
+    """The arms with what their finished runs came to. Raises RunError where that is damaged."""
     return [_arm(sweep, name, jobs) for name, jobs in file.arms().items()]
 
 
@@ -63,6 +64,8 @@ def _arm(sweep: SweepFolder, name: str, jobs: list[SweepJob]) -> Arm:
         for measure, of in MEASURES.items()
         if length
     ]
+    for job in finished:
+        sweep.run(job).check_summary()
     summaries = tuple(sweep.run(job).summary() for job in finished)
     return Arm(name, tuple(jobs), tuple(finished), summaries, tuple(curves))
 
@@ -113,8 +116,8 @@ FALLBACK: Final = "fallback's answers"  # one column more where any were
 
 def arm_rows(found: Sequence[Arm]) -> list[tuple[str, ...]]:
     """HEAD, and a row for each arm: the mean best fitness with its standard deviation, the
-    median generation of the first robot of a tier, and the mean diversity; and how many answers
-    were the fallback's, where any were."""
+    median generation of the first robot of a tier over all runs, and the mean diversity; and how
+    many answers were the fallback's, where any were."""
     rows = [HEAD, *(_row(arm) for arm in found)]
     fallback = [fallback_words(arm.summaries) for arm in found]
     if not any(fallback):
@@ -155,10 +158,12 @@ def _row(arm: Arm) -> tuple[str, ...]:
 
 
 def _emergence(arm: Arm, tier: str) -> str:
-    """The median over the runs that got there, and how many did."""
-    came = [g for s in arm.summaries if (g := s["first"][tier]) is not None]
-    n = len(arm.summaries)
-    return f"{median(came):g} ({len(came)} of {n})" if came else f"never (0 of {n})"
+    """The median over all finished runs, and how many got there; the others count as never."""
+    firsts = [s["first"][tier] for s in arm.summaries]
+    came, n = sum(g is not None for g in firsts), len(firsts)
+    middle = median(inf if g is None else g for g in firsts)
+    text = f"{middle:g}" if middle < inf else "not reached" if came else "never"
+    return f"{text} ({came} of {n})"
 
 
 def sweep_note(sweep: SweepFolder, file: SweepFile, found: Sequence[Arm], status: Status) -> str:
@@ -168,8 +173,8 @@ def sweep_note(sweep: SweepFolder, file: SweepFile, found: Sequence[Arm], status
         arm_table(found),
         f"{len(file.jobs)} runs, {status.value.lower()}: {len(found)} arm{'s' * (len(found) != 1)},"
         f" seeds {', '.join(map(str, seeds))}. Best fitness: mean ± standard deviation over runs."
-        " Complete, Excellent: median generation of the first such robot, and how many runs had"
-        " one. Diversity: mean.",
+        " Complete, Excellent: median generation of the first such robot over all runs, one"
+        " without it counted as later than any, and how many runs had one. Diversity: mean.",
         "",
         *(f"    {command}" for command in file.commands),
         "",

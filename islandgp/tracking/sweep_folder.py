@@ -18,7 +18,8 @@ from uuid import uuid4
 from filelock import FileLock, Timeout
 
 from islandgp.errors import RunError
-from islandgp.evolution.checkpoint import write_atomic
+from islandgp.evolution.checkpoint import usable, write_atomic
+from islandgp.tracking.brief import brief
 from islandgp.tracking.folder import RunFolder, Status, locked
 
 
@@ -72,8 +73,13 @@ class SweepFolder:
         """Takes the folder for this process, and adds the jobs to what was asked for.
 
         Raises:
-            RunError: another sweep is at work here.
+            RunError: another sweep is at work here, or the folder cannot be used.
         """
+        with usable(self.path):
+            self._take()
+            self._add(command, jobs)
+
+    def _take(self) -> None:
         self.path.mkdir(parents=True, exist_ok=True)
         try:
             self._lock.acquire(timeout=1, poll_interval=0.05)
@@ -82,6 +88,8 @@ class SweepFolder:
                 f"Expected to be the only sweep in {self.path}, found another one at work there;"
                 " wait for it, or give this one another name=..."
             ) from None
+
+    def _add(self, command: str, jobs: Sequence[SweepJob]) -> None:
         old = self.read() or SweepFile(uuid4().hex, int(1000 * time()), (), ())
         new = {_slot(job): job for job in (*old.jobs, *jobs)}
         commands = (*(c for c in old.commands if c != command), command)
@@ -93,13 +101,23 @@ class SweepFolder:
         self._lock.release()
 
     def read(self) -> SweepFile | None:
-        """What was asked for; None if no sweep was ever started here."""
+        """What was asked for; None if no sweep was ever started here.
+
+        Raises:
+            RunError: the file is damaged.
+        """
         path = self.path / "sweep.json"
         if not path.exists():
             return None
-        plain = json.loads(path.read_text(encoding="utf-8"))
-        jobs = tuple(SweepJob(**{**j, "choices": tuple(j["choices"])}) for j in plain["jobs"])
-        return SweepFile(**{**plain, "commands": tuple(plain["commands"]), "jobs": jobs})
+        try:
+            plain = json.loads(path.read_text(encoding="utf-8"))
+            jobs = tuple(SweepJob(**{**j, "choices": tuple(j["choices"])}) for j in plain["jobs"])
+            return SweepFile(**{**plain, "commands": tuple(plain["commands"]), "jobs": jobs})
+        except (ValueError, KeyError, TypeError) as error:
+            raise RunError(
+                f"Expected the jobs of a sweep in {path}, found a damaged file ({brief(error)});"
+                " delete it: the runs beside it stay as they are."
+            ) from error
 
     def run(self, job: SweepJob) -> RunFolder:
         """A job's own folder."""

@@ -44,26 +44,26 @@ def sync(
     stores: dict[Place, Store | IslandError | Exception] = {}
     sweeps: dict[Path, Place] = {}
     for folder in run_folders(root.resolve()):
-        where = place or place_of(folder)
-        if where is None:
-            done.untracked.append(folder.path)
-            continue
-        sweeps[folder.path.parent] = where
-        if up_to_date(folder, where):
-            done.known.append(folder.path)
-            continue
         try:
+            where = place or place_of(folder)
+            if where is None:
+                done.untracked.append(folder.path)
+                continue
+            sweeps[folder.path.parent] = where
+            if up_to_date(folder, where):
+                done.known.append(folder.path)
+                continue
             Mirror(folder, _store(stores, where)).send(folder.status())
             done.sent.append(folder.path)
-        except Exception as error:  # a store may fail in any way
+        except Exception as error:  # a store may fail in any way, and a folder be damaged
             done.failed[folder.path] = error
         alive()
     for path, where in sweeps.items():
         sweep = SweepFolder(path)
-        if (file := sweep.read()) is None:
-            continue
-        status = Status.RUNNING if sweep.at_work() else sweep.status(file)
         try:
+            if (file := sweep.read()) is None:
+                continue
+            status = Status.RUNNING if sweep.at_work() else sweep.status(file)
             send_sweep(sweep, _store(stores, where), status)
         except Exception as error:  # as above
             done.failed[path] = error

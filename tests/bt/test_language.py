@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from islandgp.bt.language import MAX_CHARACTERS, MAX_LEVELS, MAX_NODES, parse, to_text
-from islandgp.bt.node import Node, depth, size
+from islandgp.bt.node import ACTIONS, Node, depth, size
 from islandgp.bt.printer import WIDTH, number_text
 from islandgp.errors import LimitError, TreeError
 from tests.strategies import nodes
@@ -237,11 +237,53 @@ def test_any_text(text: str) -> None:
 WORDS = "selector sequence parallel inverter repeater when use subtree not abort self { } = < 3 x"
 
 
+any_word = st.sampled_from([*WORDS.split(), *ACTIONS, "lap", "foundGarbage"])
+
+
+@st.composite
+def nearly_trees(draw: st.DrawFn) -> list[str]:
+    """The words of a tree, of which one has been taken away, doubled or replaced."""
+    found = to_text(draw(nodes())).split()
+    at = draw(st.integers(0, len(found) - 1))
+    found[at : at + 1] = draw(st.sampled_from(([], [found[at]] * 2, [draw(any_word)])))
+    return found
+
+
+def tree_or_error(text: str) -> Node | TreeError:
+    """What a text is."""
+    try:
+        return parse(text)
+    except TreeError as error:
+        return error
+
+
+def actions(node: Node) -> list[str]:
+    """The names of the actions, from left to right."""
+    own = [str(node.args[0])] if node.kind == "action" else []
+    return [*own, *(name for child in node.children for name in actions(child))]
+
+
 @settings(max_examples=300, deadline=None)
-@given(st.lists(st.sampled_from([*WORDS.split(), "PatrolWaypoint", "lap", "foundGarbage"])))
+@given(st.lists(any_word) | nearly_trees())
 def test_any_words(words: list[str]) -> None:
-    """No order of the language's own words makes it raise anything but a TreeError."""
-    test_any_text.hypothesis.inner_test(" ".join(words))  # type: ignore[attr-defined]
+    """The language's own words are a tree of their actions, in order, or an error at a place."""
+    text = " ".join(words)
+    found = tree_or_error(text)
+    if isinstance(found, TreeError):
+        assert found.line == 1
+        assert 1 <= found.column <= len(text) + 1
+        return
+    assert parse(to_text(found)) == found
+    if not {"use", "subtree"} & set(words):
+        assert actions(found) == [word for word in words if word in ACTIONS]
+
+
+@settings(max_examples=100, deadline=None)
+@given(nodes())
+def test_the_words_of_a_tree_are_the_tree(node: Node) -> None:
+    """One to a line or all in one."""
+    words = to_text(node).split()
+    assert parse("\n".join(words)) == parse(" ".join(words)) == node
 
 
 def test_lark_is_imported_when_a_text_is_parsed() -> None:

@@ -60,7 +60,8 @@ def home(tmp_path: Path, prepared: Path) -> Path:
 def content(folder: RunFolder) -> dict[str, bytes]:
     """The records of a folder."""
     names = ("config.yaml", "about.json", "generations.jsonl", "costs.jsonl", "best.bt")
-    return {name: (folder.path / name).read_bytes() for name in names}
+    files = (folder.path / name for name in names)
+    return {file.name: file.read_bytes() for file in files if file.exists()}
 
 
 @ALL
@@ -95,13 +96,23 @@ def test_a_tracker_never_makes_a_generation_wait(make: Make, home: Path) -> None
 @ALL
 @pytest.mark.parametrize("status", [Status.FINISHED, Status.FAILED, Status.KILLED])
 def test_a_tracker_takes_any_end(make: Make, status: Status, home: Path) -> None:
-    """Also of a run that has no generation, and also of one that was tracked before."""
+    """Also of a run that has no generation, and also of one that was tracked before.
+
+    What a store knows of it is one run that has come to this end.
+    """
     folder = begun(home / "runs/a/one", home)
     folder.close()
+    before, ends = content(folder), []
     for _ in range(2):
         tracker = make(home)
         tracker.start(folder)
-        tracker.finish(status)
+        said = tracker.finish(status)
+        assert ("islandgp sync" in said) == (make is mlflow_away)
+        store = Store(place(home))
+        runs = store.client.search_runs([store.experiment])
+        ends.append([run.info.status for run in runs])
+    assert ends == [[status]] * 2 if make is mlflow else ends == [[]] * 2
+    assert content(folder) == before
 
 
 @ALL

@@ -12,6 +12,7 @@ from islandgp.bt.language import to_text
 from islandgp.errors import SupervisionError
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.base import Guidance, Pattern, Phase, Target
+from islandgp.supervision.llm.client import AnthropicClient
 from islandgp.supervision.llm.message import FailureKind, Reply, Request
 from islandgp.supervision.llm.supervisor import LLM
 from tests.llm.made import (
@@ -311,15 +312,43 @@ def test_without_key_and_address_three_ways_are_named() -> None:
         assert way in text
 
 
-def test_a_key_or_an_address_is_enough(monkeypatch: pytest.MonkeyPatch) -> None:
-    """From configuration or from the environment."""
-    LLM.ready(settings("api_key=abc"), setup())
-    LLM.ready(settings("base_url=http://localhost:1"), setup())
-    monkeypatch.setenv("ANTHROPIC_API_KEY", "abc")
-    LLM.ready(settings(), setup())
-    monkeypatch.delenv("ANTHROPIC_API_KEY")
-    monkeypatch.setenv("ANTHROPIC_BASE_URL", "http://localhost:1")
-    LLM.ready(settings(), setup())
+@pytest.mark.parametrize(
+    ("overrides", "environment", "key", "address"),
+    [
+        (("api_key=abc",), {}, "abc", None),
+        (("base_url=http://here:1",), {}, None, "http://here:1"),
+        ((), {"ANTHROPIC_API_KEY": "def"}, "def", None),
+        ((), {"ANTHROPIC_BASE_URL": "http://there:2"}, None, "http://there:2"),
+        (("api_key=abc",), {"ANTHROPIC_API_KEY": "def"}, "abc", None),
+        (
+            ("base_url=http://here:1",),
+            {"ANTHROPIC_API_KEY": "def", "ANTHROPIC_BASE_URL": "http://there:2"},
+            "def",
+            "http://here:1",
+        ),
+    ],
+)
+def test_a_key_or_an_address_is_enough(
+    overrides: tuple[str, ...],
+    environment: dict[str, str],
+    key: str | None,
+    address: str | None,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """From configuration or, where it says nothing, from the environment: the client gets it."""
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    client = LLM.make(settings(*overrides), setup()).client
+    assert isinstance(client, AnthropicClient)
+    assert (client._key, client._base_url) == (key, address)
+
+
+@pytest.mark.parametrize("name", ["ANTHROPIC_API_KEY", "ANTHROPIC_BASE_URL"])
+def test_an_empty_variable_is_none(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is how a shell script says that there is no key."""
+    monkeypatch.setenv(name, "")
+    with pytest.raises(SupervisionError):
+        LLM.make(settings(), setup())
 
 
 def test_closing_leaves_no_trace_of_a_call_under_way() -> None:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import re
 import shlex
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from islandgp.app import main
 from islandgp.compose import run_folder
-from islandgp.evolution.record import Step
-from islandgp.tracking.folder import RunFolder
+from islandgp.tracking.folder import About, RunFolder
+from islandgp.tracking.lines import Lines
 from tests.composed import composed
 from tests.running.commands import TINY, fake
 from tests.running.histories import store, tracked
@@ -75,6 +78,28 @@ def test_the_same_command_again_does_nothing(
     assert main(INSTANT) == 0
     assert "This run was complete already; resume=never runs it again." in capsys.readouterr().out
     assert file.stat().st_mtime_ns == before
+
+
+def test_a_run_that_another_process_finishes_meanwhile_stays_complete(
+    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Between the look at a folder and its lock the run may come to its end elsewhere."""
+
+    def late(folder: RunFolder, config: str, about: About) -> None:
+        (here / "elsewhere").rename(here / "runs")
+        before(folder, config, about)
+
+    before = RunFolder.open
+    main(INSTANT)
+    (name,) = leaf(here)
+    folder = here / "runs/default" / name
+    made = {path.name: path.read_bytes() for path in folder.iterdir()}
+    (here / "runs").rename(here / "elsewhere")
+    monkeypatch.setattr(RunFolder, "open", late)
+    capsys.readouterr()
+    assert main(INSTANT) == 0
+    assert "This run was complete already" in capsys.readouterr().out
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == made
 
 
 def test_resume_never_takes_a_new_folder(here: Path) -> None:
@@ -146,28 +171,105 @@ def test_a_fault_of_the_program_gives_its_traceback_once(
     assert "ZeroDivisionError" in (here / "runs/default" / folder / "error.txt").read_text()
 
 
+def in_a_line(capsys: pytest.CaptureFixture[str], *words: str) -> str:
+    """The one line of a command that must end with exit code 2."""
+    capsys.readouterr()
+    assert main([*words, "progress=off"]) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    return said
+
+
+@pytest.mark.parametrize("reason", [errno.ENOSPC, errno.EROFS, errno.EACCES])
 @pytest.mark.parametrize("generation", [0, 3, 5])  # of 6
 def test_a_generation_that_cannot_be_written_down_ends_the_run(
-    generation: int, here: Path, monkeypatch: pytest.MonkeyPatch
+    generation: int,
+    reason: int,
+    here: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """Exit code 1; what was written before is kept, and the same command goes on from there."""
+    """Told in a line; what was written before is kept, and the same command goes on from there."""
 
-    def append(folder: RunFolder, step: Step) -> None:
-        if step.record.snapshot.generation == generation:
-            raise OSError("no space left")
-        before(folder, step)
+    def append(lines: Lines, value: dict[str, Any]) -> None:
+        if "snapshot" in value and value["snapshot"]["generation"] == generation:
+            raise OSError(reason, os.strerror(reason))
+        before(lines, value)
 
-    before = RunFolder.append
-    words = [*TINY, "tracking=off", *fake("Instant")]
+    before = Lines.append
     with monkeypatch.context() as full:
-        full.setattr(RunFolder, "append", append)
-        assert main(words) == 1
+        full.setattr(Lines, "append", append)
+        assert f"found: {os.strerror(reason)}; mend that" in in_a_line(capsys, *INSTANT)
     (name,) = leaf(here)
     folder = RunFolder(here / "runs/default" / name)
     assert folder.settled() == generation
-    assert "no space left" in folder.reason()
-    assert main(words) == 0
+    assert os.strerror(reason) in folder.reason()
+    assert main(INSTANT) == 0
     assert len(list(folder.records())) == 6
+
+
+@pytest.mark.usefixtures("here")
+def test_a_disk_that_takes_nothing_more_is_told_all_the_same(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Not even the file that says why: the line on the terminal still does."""
+
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as disk:
+        disk.setattr("os.fsync", full)
+        assert os.strerror(errno.ENOSPC) in in_a_line(capsys, *INSTANT)
+    assert main(INSTANT) == 0
+
+
+@pytest.mark.parametrize("sweep", [(), ("-m",)], ids=["run", "sweep"])
+@pytest.mark.parametrize("place", ["a_file", "a_file/in_it", "/proc/nowhere"])
+def test_runs_that_cannot_be_kept_anywhere_are_told_in_a_line(
+    place: str, sweep: tuple[str, ...], here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A file where a folder is needed, or a place where none can be made."""
+    (here / "a_file").touch()
+    said = in_a_line(capsys, *INSTANT, f"runs={place}", *sweep)
+    assert f"{here / place}/default" in said
+    assert "choose another place with runs=" in said
+
+
+@pytest.mark.parametrize("sweep", [(), ("-m",)], ids=["run", "sweep"])
+@pytest.mark.parametrize(
+    ("file", "data"),
+    [
+        ("summary.json", b'{"champion": '),
+        ("summary.json", b"{}"),
+        ("summary.json", b"3"),
+        ("config.yaml", b"seed: [0"),
+        ("config.yaml", b""),
+        ("config.yaml", b"\xff\xfe"),
+    ],
+)
+def test_a_damaged_folder_is_told_in_a_line(
+    file: str, data: bytes, sweep: tuple[str, ...], here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The file, what is wrong with it, and a remedy that works."""
+    main(INSTANT)
+    (name,) = leaf(here)
+    folder = here / "runs/default" / name
+    (folder / file).write_bytes(data)
+    said = in_a_line(capsys, *INSTANT, *sweep)
+    assert f" in {folder / file}, found a damaged file (" in said
+    assert said.endswith("delete the run's folder or use resume=never.")
+    assert main([*INSTANT, "resume=never", *sweep]) == 0
+
+
+def test_a_damaged_sweep_is_told_in_a_line(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its list of jobs can be made again; no run is lost with it."""
+    main([*INSTANT, "-m"])
+    file = here / "runs/default/sweep.json"
+    file.write_text('{"id": "1"}')
+    assert f" in {file}, found a damaged file ('jobs'); delete it" in in_a_line(
+        capsys, *INSTANT, "-m"
+    )
+    file.unlink()
+    assert main([*INSTANT, "-m"]) == 0
 
 
 def test_options_may_stand_anywhere(here: Path) -> None:

@@ -25,7 +25,7 @@ from tests.running.histories import store, tracked
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
 
-SLOW = (*TINY, "gp.generations=12", *fake("Slow", seconds=0.05))
+SLOW = (*TINY, "gp.generations=12", *fake("Slow", seconds=0.2))
 
 
 def same_run(one: Path, other: Path, name: str) -> None:

@@ -15,7 +15,6 @@ from islandgp.scoring.rewards import (
     charge_points,
     components,
     multiplier,
-    points,
 )
 from tests.composed import composed
 
@@ -60,7 +59,7 @@ def test_each_row_of_table_3(
     settings = composed()
     assert TABLE_3[event][0] is component
     found = [
-        points(settings.rewards, stage.multipliers, event, amount)
+        award(settings.rewards, stage.multipliers)(event, amount)
         for stage in settings.curriculum.stages
     ]
     assert found == pytest.approx(stages)
@@ -136,7 +135,8 @@ def test_normalisation() -> None:
 def test_award_is_points() -> None:
     """What the island counts while an episode runs is what is scored in the end."""
     give = award(composed().rewards, PLAIN)
-    assert give(Event.DELIVERY, 4) == points(composed().rewards, PLAIN, Event.DELIVERY, 4) == 220
+    scored = components(composed().rewards, PLAIN, [(0, Event.DELIVERY, 4)])
+    assert give(Event.DELIVERY, 4) == scored[Component.DELIVERY] == sum(scored) == 220
 
 
 @pytest.mark.parametrize(

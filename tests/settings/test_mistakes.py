@@ -54,6 +54,12 @@ ONE_LINE = [
     (["supervisor.lag=41"], "supervisor.lag: expected less than gp.generations=41, found 41"),
     (["world.start=[500,400]"],
      "world.start: expected points at least 2 m inside the 300 m island, found (500, 400)"),
+    (["world.side=1e6"],
+     "world.side: expected at most 100,000 cells of 16 m, in which garbage is looked for, found"
+     " 3,906,250,000 on an island of 1e+06 m; take a smaller side or a larger robot.perception"),
+    (["world.side=6000"], "world.side: expected at most 100,000 cells of 16 m"),
+    (["world.robot.perception=0.1", "world.robot.speed=1.2", "world.humanoids.speed=1"],
+     "world.side: expected at most 100,000 cells of 0.34 m"),
     (["world.episode.step=1e-9"],
      "world.episode: expected fewer than 536,870,912 steps, found 420 s in steps of 1e-09 s"),
     (["world.garbage.initial=300"],

@@ -19,7 +19,7 @@ from islandgp.evolution.record import (
     IndividualRecord,
 )
 from islandgp.study.arms import Arm, Run
-from islandgp.study.reading import flatten
+from islandgp.tracking.parameters import flatten
 from tests.composed import plain
 from tests.made import snapshot
 

@@ -8,8 +8,13 @@ from typing import Any
 import pytest
 
 from islandgp.errors import StudyError
-from islandgp.study.arms import Arm, paired
-from islandgp.study.comparable import compare_arms
+from islandgp.scoring.classify import Tier
+from islandgp.study.arms import Arm
+from islandgp.study.comparable import compare_arms, paired
+from islandgp.study.emergence import first
+from islandgp.study.findings import family
+from islandgp.study.measures import TABLE_9, TABLE_11
+from islandgp.study.statistics import UNTESTED
 from tests.study.made_runs import made_arm, made_run
 
 
@@ -45,6 +50,27 @@ def test_another_world_budget_or_gp_is_refused(key: str, value: Any) -> None:
     with pytest.raises(StudyError, match=f"{dotted} differs: expert .*, baseline {value}"):
         compare_arms(arms)
     assert any(dotted in doubt for doubt in compare_arms(arms, force=True).doubts)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "expected"),
+    [
+        ("world__side", 200, False),
+        ("rewards__leftover", -1, False),
+        ("gp__population", 12, False),
+        ("gp__max_nodes", 20, False),
+        ("gp__trees__leaf", 0.9, False),
+        ("gp__tournament", 2, True),
+        ("gp__generations", 12, True),
+    ],
+)
+def test_runs_are_pairs_only_from_the_same_start(key: str, value: Any, expected: bool) -> None:
+    """The same seed in another world, population or tree language is another start: no pair."""
+    arms = [_arm("expert", range(2)), _arm("baseline", range(2), **{key: value})]
+    study = compare_arms(arms, force=True)
+    assert paired(*study.pairs[0]) is expected
+    (found,) = family(study, TABLE_9[:1])
+    assert (found.paired is not None) is expected
 
 
 def test_what_both_selections_name_is_what_is_studied() -> None:
@@ -113,3 +139,20 @@ def test_three_arms_make_three_pairs() -> None:
         ("expert", "fixed"),
         ("baseline", "fixed"),
     ]
+
+
+def test_longer_runs_are_cut_where_the_shortest_ends() -> None:
+    """What a longer arm did later counts for no measure: 'never' is the same for both."""
+    long = made_run(generations=8, best=[1.0, 2, 3, 4, 5, 6, 9, 7], complete=3, excellent=6)
+    short = made_run("baseline", generations=6, best=[1.0] * 6)
+    study = compare_arms([made_arm("expert", [long]), made_arm("baseline", [short])], force=True)
+    run = study.arms[0].runs[0]
+    assert study.generations == len(run.records) == len(run.costs) == 6
+    assert [first(run, tier) for tier in (Tier.COMPLETE, Tier.EXCELLENT)] == [3, None]
+    assert (run.champion.generation, run.champion.record.fitness) == (5, 6.0)
+    assert run.records[-1].guidance is None
+    assert TABLE_9[0].of(run) == 6.0
+    assert "expert has runs of 8 generations" in study.notes[-1]
+    found = family(study, TABLE_11)
+    assert [f.samples[0] for f in found] == [(3,), (None,)]
+    assert found[1].rank.kind == UNTESTED

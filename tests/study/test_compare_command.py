@@ -58,7 +58,9 @@ def test_the_documented_three_arms(home: Path, monkeypatch: pytest.MonkeyPatch) 
     assert isinstance(refused.exception, StudyError)
     assert "seeds differ: expert 0-3; low 0-1; high 2-3" in str(refused.exception)
     assert not (home / "study" / "three").exists()
-    assert _compare(home, THREE[2:], monkeypatch).exit_code == 0
+    forced = _compare(home, THREE[2:], monkeypatch)
+    assert forced.exit_code == 0
+    assert "not comparable: seeds differ: expert 0-3; low 0-1; high 2-3" in forced.output
     assert "not comparable" in (home / "study" / "three" / "index.html").read_text()
 
 
@@ -68,6 +70,19 @@ def test_an_empty_selection_lists_the_runs(home: Path, monkeypatch: pytest.Monke
     error = _compare(home, words, monkeypatch).exception
     assert isinstance(error, StudyError)
     assert "name=smoke supervisor=expert: 4 runs, seeds 0-3" in str(error)
+
+
+@pytest.mark.parametrize("out", ["file", "file/in_it", "/proc/nowhere"])
+def test_a_report_that_cannot_be_written_is_told(
+    home: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, out: str
+) -> None:
+    """A file in the way of the folder, or a place where none can be made."""
+    (tmp_path / "file").touch()
+    words = [*SMALL[2:], "--worlds", "0", "--no-mlflow", "-o", str(tmp_path / out)]
+    error = _compare(home, words, monkeypatch).exception
+    assert isinstance(error, StudyError)
+    assert f"Expected a folder for the report in {tmp_path / out}, found: " in str(error)
+    assert str(error).endswith("give another with -o.")
 
 
 def test_an_unreachable_store_costs_no_report(

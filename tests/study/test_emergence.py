@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from islandgp.scoring.classify import Tier
-from islandgp.study.emergence import first, ranks, reduction, still_without, summary
+from islandgp.study.emergence import first, quantile, ranks, reduction, still_without, summary
+from islandgp.study.figures.emergence import box
 from islandgp.study.findings import examine
 from islandgp.study.measures import TABLE_11
 from islandgp.study.statistics import SIGN
@@ -26,6 +27,27 @@ def test_a_censored_arm_gets_no_mean() -> None:
     assert found.median == 5
     assert summary([3, None, None], 41).median is None
     assert summary([3, 5, None, None], 41).median is None
+
+
+def test_quantiles_are_of_all_runs() -> None:
+    """Of 2 4 6 and two without one: the lower quartile is 4, the median 6, no upper quartile."""
+    firsts = [6, None, 2, None, 4]
+    assert [quantile(firsts, q) for q in (0, 0.25, 0.5, 0.75, 1)] == [2, 4, 6, None, None]
+    assert quantile([1, 2, None, None], 0.5) is None  # between the second and a run without one
+    assert quantile([1, 2, 4, None], 0.5) == 3
+
+
+def test_a_box_shows_table_11_s_median() -> None:
+    """What falls among the runs without one is drawn in their strip, the median included."""
+    assert box([6, None, 2, None, 4], 41.7) == {
+        "whislo": 2,
+        "q1": 4,
+        "med": 6,
+        "q3": 41.7,
+        "whishi": 41.7,
+    }
+    assert box([None, None, 5], 41.7)["med"] == 41.7
+    assert summary([None, None, 5], 41).median is None
 
 
 def test_a_censored_run_counts_with_the_generations_it_was_watched() -> None:
@@ -67,5 +89,6 @@ def test_curve_of_runs_without_one() -> None:
 def test_a_cell_says_how_many_runs_got_there() -> None:
     """A table's cell gives mean, SD and median, or the median and how many runs it rests on."""
     assert when(summary([6, 8, 5, 5, 15], 41)) == "7.8 ± 4.2, median 6.0"
+    assert when(summary([6], 41)) == "6.0 ± \N{EN DASH}, median 6.0"
     assert when(summary([3, None, 5], 41)) == "median 5.0, 2 of 3 runs"
     assert when(summary([None, None], 41)) == "median not reached, 0 of 2 runs"

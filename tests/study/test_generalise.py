@@ -5,16 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import pytest
+
+from islandgp.errors import StudyError
 from islandgp.evaluation.base import Job, Setting
 from islandgp.scoring.outcome import Outcome
+from islandgp.seeding import Stream, stream
 from islandgp.study.comparable import compare_arms
-from islandgp.study.generalise import generalise, unseen_worlds
+from islandgp.study.generalise import Generalisation, generalise, unseen_worlds, yardsticks
+from islandgp.study.library import library
+from islandgp.study.select import parse_arm
+from islandgp.study.tables.champions import generalisation_table
 from tests.made import outcome
-from tests.study.made_runs import TREE, made_arm, made_run
+from tests.study.made_runs import TREE, guidance, made_arm, made_run
 
 
 class Recorder:
-    """An evaluator that gives the world's number as fitness and keeps what it was asked."""
+    """An evaluator that gives a world's place as fitness, from 0, and keeps what it was asked."""
 
     simulated = 0
 
@@ -26,9 +33,10 @@ class Recorder:
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
         """See `Evaluator`."""
         self.jobs += jobs
+        place = {seed: k for k, seed in enumerate(dict.fromkeys(j.seed for j in jobs))}
         return [
-            outcome(fitness=float(j.seed), pickups=2, interactions=1, deliveries=1, charges=j.seed)
-            for j in jobs
+            outcome(fitness=float(k), pickups=2, interactions=1, deliveries=1, charges=k)
+            for k in (place[j.seed] for j in jobs)
         ]
 
     def close(self) -> None:
@@ -45,34 +53,85 @@ def _study():  # type: ignore[no-untyped-def] # a Comparison
 
 
 def test_every_champion_meets_the_same_unseen_worlds_in_the_last_stage() -> None:
-    """One summary a run and one for the yardstick; equal trees are simulated once."""
+    """One summary a run and one a yardstick; equal trees are simulated once."""
     made: list[Recorder] = []
 
     def make(setting: Setting) -> Recorder:
         made.append(Recorder(setting))
         return made[0]
 
-    found = generalise(_study(), make, worlds=3, yardstick="PatrolWaypoint\n")
+    found = generalise(
+        _study(), make, worlds=3, yardsticks={"a tree": "PatrolWaypoint\n"}, yardstick_worlds=5
+    )
     assert [(g.arm, g.seed) for g in found] == [
         ("expert", 0),
         ("expert", 1),
         ("baseline", 0),
         ("baseline", 1),
-        ("hand-written", None),
+        ("a tree", None),
     ]
     jobs = made[0].jobs
     assert {j.tree for j in jobs} == {TREE, "PatrolWaypoint\n"}
-    assert len(jobs) == 2 * 3
+    assert len(jobs) == 3 + 5
+    assert [g.worlds for g in found] == [3, 3, 3, 3, 5]
+    assert found[-1].unseen == (0 + 1 + 2 + 3 + 4) / 5
     assert {j.stage for j in jobs} == {3}
     assert made[0].closed
     assert (found[0].unseen, found[0].worst, found[0].complete) == (1.0, 0.0, 2 / 3)
 
 
+def test_unseen_worlds_are_those_of_nobody() -> None:
+    """They come from a stream of their own, the same for all, and not from 0 as in `play`."""
+    study = _study()
+    found = unseen_worlds(study, 100)
+    assert found[:3] == unseen_worlds(study, 3)
+    assert len(set(found)) == 100
+    assert min(found) > 100_000
+    assert found[0] == int(stream(0, Stream.UNSEEN).integers(2**32))
+
+
 def test_worlds_of_runs_are_passed_over() -> None:
     """A world that any run of the study used is not unseen."""
     study = _study()
-    assert unseen_worlds(study, 3) == (0, 1, 2)
+    first, second, third = unseen_worlds(study, 3)
     arm = study.arms[1]
-    record = replace(arm.runs[0].records[0], worlds=(1,))
+    record = replace(arm.runs[0].records[0], worlds=(second,))
     met = replace(arm, runs=(replace(arm.runs[0], records=(record,)), arm.runs[1]))
-    assert unseen_worlds(replace(study, arms=(study.arms[0], met)), 3) == (0, 2, 3)
+    assert unseen_worlds(replace(study, arms=(study.arms[0], met)), 2) == (first, third)
+
+
+def test_yardsticks_are_library_trees_by_name() -> None:
+    """The all-rounder always; beside it the library tree that was injected most often."""
+    assert list(yardsticks(_study())) == ["hand-written: all_rounder"]
+    texts = {name: text for text, name in library().items()}
+    guided = [
+        guidance(tree=texts[name], injected=injected)
+        for name, injected in (
+            ("diverse", True),
+            ("poor", True),
+            ("poor", True),
+            ("diverse", False),
+        )
+    ]
+    runs = [made_run(seed=k, generations=4, guided=g) for k, g in enumerate(guided)]
+    study = _study()
+    found = yardsticks(replace(study, arms=(replace(study.arms[0], runs=tuple(runs)),)))
+    assert found["injected 6 times: poor"] == texts["poor"]
+    assert len(found) == 2
+
+
+def test_an_arm_may_have_a_yardstick_s_name() -> None:
+    """An arm called hand-written keeps its row, and the yardstick has its own."""
+    found = (
+        Generalisation("hand-written", 0, 9_000.0, 30, 5_000.0, 1.0, 0.5, 0.5),
+        Generalisation("hand-written", 1, 9_000.0, 30, 7_000.0, 1.0, 0.5, 0.5),
+        Generalisation("hand-written", None, None, 100, 1_000.0, 1.0, 0.5, 0.5),
+    )
+    rows = [row[:5] for row in generalisation_table(found, 30).rows]
+    assert [(row[0], row[1], row[2]) for row in rows] == [
+        ("hand-written", "2", "30"),
+        ("hand-written", "1", "100"),
+    ]
+    assert rows[0][4].startswith("6,000")
+    with pytest.raises(StudyError, match="Expected --arm"):
+        parse_arm("hand-written: all_rounder=supervisor=expert")

@@ -74,6 +74,9 @@ def test_kaplan_meier_by_hand() -> None:
     found = [_newcomer(0, 9), _newcomer(2, 9), _newcomer(1, 1)]
     assert alive(found, 4) == pytest.approx([1, 2 / 3, 2 / 3, 0])
     assert median_life(found, 4) == 3
+    # One that came in the last generation was never at risk: of one line at risk one ended.
+    assert alive([_newcomer(0, 0), _newcomer(0, 9)], 2) == [1, 0]
+    assert alive([_newcomer(2, 2), _newcomer(2, 9), _newcomer(5, 9)], 4) == [1, 1, 1, 0.5]
     assert median_life([_newcomer(1, 1)], 4) is None
 
 

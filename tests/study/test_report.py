@@ -9,11 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from islandgp.study import data
 from islandgp.study.arms import Comparison
 from islandgp.study.building import build
 from islandgp.study.comparable import compare_arms
-from islandgp.study.figures.trees import late_evolved
+from islandgp.study.figures.trees import early_injected, late_evolved
 from islandgp.study.generalise import Generalisation
+from islandgp.study.library import library
+from islandgp.study.notation import NEVER
 from islandgp.study.page import to_page
 from islandgp.study.report import Report
 from islandgp.study.writing import write
@@ -60,11 +63,11 @@ def _study(*names: str, force: bool = False) -> Comparison:
 
 UNSEEN = (
     *(
-        Generalisation(arm, seed, 20_000.0 + seed, 15_000.0 + 10 * seed, 9_000.0, 0.5, 0.1)
+        Generalisation(arm, seed, 20_000.0 + seed, 30, 15_000.0 + 10 * seed, 9_000.0, 0.5, 0.1)
         for arm in ("expert", "baseline")
         for seed in range(4)
     ),
-    Generalisation("hand-written", None, None, 20_000.0, 9_000.0, 1.0, 0.5),
+    Generalisation("hand-written: all_rounder", None, None, 100, 20_000.0, 9_000.0, 1.0, 0.5),
 )
 
 
@@ -134,7 +137,38 @@ def test_exact_numbers_of_the_tests(written: tuple[Report, Path]) -> None:
     first = rows["first_complete"]
     assert (first["U"], first["kind"], first["censored_second"]) == ("0.0", "exact", "1")
     assert first["mean_second"] == ""
+    assert first["median_second"] == "16.5"  # of 15 16 17 and never
+    assert (first["without_first"], first["without_second"]) == ("6.5", "22.25")  # never: 41
+    assert first["difference"] == "-15.75"
+    assert float(first["difference_low"]) < -15.75 < float(first["difference_high"]) < 0
+    assert rows["max_ever"]["without_first"] == ""
+    assert rows["first_excellent"]["median_second"] == ""
     assert rows["max_ever"]["paired_kind"] == "exact"
+
+
+def test_medians_with_censored_runs(written: tuple[Report, Path]) -> None:
+    """Never counts as infinite: both arms have an interval, and so has their difference."""
+    table = next(t for t in written[0].tables if t.key == "medians")
+    rows = {row[0]: row[1:4] for row in table.rows}
+    first, second, apart = rows["First Complete Robot"]
+    assert first == "6.5 [5.0, 8.0]"
+    assert second == f"16.5 [15.0, {NEVER}]"
+    assert apart.startswith("\N{MINUS SIGN}10.0 [\N{MINUS SIGN}\N{INFINITY}, ")
+    never, gap = rows["First Excellent Robot"][1:]
+    assert never == f"{NEVER} [{NEVER}, {NEVER}]"
+    assert gap.startswith("\N{MINUS SIGN}\N{INFINITY}")
+
+
+def test_table_11_and_the_claims_give_the_restricted_difference(
+    written: tuple[Report, Path],
+) -> None:
+    """Generations without one: 6.5 against 22.25, with an interval, in both tables."""
+    tables = {t.key: t for t in written[0].tables}
+    row = dict(zip(tables["table-11"].columns, tables["table-11"].rows[0], strict=True))
+    cell = row["difference without one [95 %]"]
+    assert cell.startswith("\N{MINUS SIGN}15.8 [")
+    claim = dict(zip(tables["claims"].columns, tables["claims"].rows[0], strict=True))
+    assert claim["difference [95 %]"] == f"{cell} generations"
 
 
 def test_the_same_runs_give_the_same_bytes(written: tuple[Report, Path], tmp_path: Path) -> None:
@@ -170,6 +204,13 @@ def test_one_run_an_arm_is_reported_and_shows_nothing() -> None:
     assert not any("shown" in row[-1].replace("not shown", "") for row in claims.rows[:6])
     power = next(t for t in report.tables if t.key == "power")
     assert {row[2] for row in power.rows} == {"none"}
+    over_runs = [t for t in report.tables if t.key != "table-13"]  # that one is over generations
+    cells = [cell for table in over_runs for row in table.rows for cell in row]
+    assert not any(cell.endswith(("± 0", "± 0.0", "± 0.00")) for cell in cells)
+    assert not any("nan" in cell for cell in cells)
+    (medians,) = [t for t in report.tables if t.key == "medians"]
+    assert medians.rows[0][1] == "9 [\N{EN DASH}]"
+    assert "nan" not in data.tests_csv(report.findings)
 
 
 def test_a_forced_comparison_says_so_on_top() -> None:
@@ -201,3 +242,43 @@ def test_the_late_tree_is_one_that_was_bred() -> None:
     rivals = [made_run("baseline", best=0.0, populations=dull)]
     study = compare_arms([made_arm("expert", runs), made_arm("baseline", rivals)])
     assert late_evolved(study).tree == bred
+
+
+def test_captions_name_a_library_tree() -> None:
+    """A tree of grammar/examples is called by its file; any other tree is not."""
+    texts = {name: text for text, name in library().items()}
+    dull = made_arm("baseline", [made_run("baseline")])
+    for name, expected in (
+        (
+            "paper_fig9",
+            "seed 0: library tree paper_fig9, modelled on the paper's Figure 9, injected",
+        ),
+        ("diverse", "seed 0: library tree diverse, injected into generation 2"),
+    ):
+        arm = made_arm("expert", [made_run(guided=guidance(tree=texts[name], injected=True))])
+        early = early_injected(compare_arms([arm, dull]))
+        assert early is not None
+        assert expected in early.caption
+    own = made_arm("expert", [made_run(guided=guidance(tree=TREE, injected=True))])
+    early = early_injected(compare_arms([own, dull]))
+    assert early is not None
+    assert "seed 0: injected into generation 2" in early.caption
+    best = [[individual("a", tree=texts["poor"], fitness=9_999.0)]] * 41
+    late = late_evolved(compare_arms([made_arm("expert", [made_run(populations=best)]), dull]))
+    assert "fitness 9,999, library tree poor, crossover" in late.caption
+
+
+def test_claims_say_their_family(written: tuple[Report, Path]) -> None:
+    """Emergence and fitness are of the paper's nine; diversity and rates are of the other."""
+    table = next(t for t in written[0].tables if t.key == "claims")
+    at = table.columns.index("family")
+    found = {row[0]: row[at] for row in table.rows}
+    assert list(found.values()).count("the paper's nine") == 7
+    assert found["Behavioural diversity is higher"] == "further"
+    assert found["with lower mutation rates"] == "further"
+
+
+def test_interventions_are_defined(written: tuple[Report, Path]) -> None:
+    """The table that counts them says what they are."""
+    table = next(t for t in written[0].tables if t.key == "decisions")
+    assert any("An intervention is" in note for note in table.notes)

@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from islandgp.errors import StudyError
-from islandgp.study.reading import Found, find, flatten, read
+from islandgp.study.reading import Found, find, read
 from islandgp.study.select import matches, overview, parse_arm, parse_selection, select, spans
+from islandgp.tracking.parameters import flatten
 from tests.study.made_runs import config, individual, made_run, write_run
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from islandgp.study.statistics import (
     ASYMPTOTIC,
     EXACT,
+    EXACT_TIES,
     SIGN,
     UNTESTED,
     benjamini_hochberg,
@@ -45,11 +46,64 @@ def test_table_9_follows_from_its_u(u: int, p: float, r: float) -> None:
     assert round(test.r, 2) == r
 
 
-def test_ties_make_the_test_asymptotic() -> None:
-    """With a tie the kind is named as asymptotic, and the tie counts half a point of U."""
-    test = rank_test([11, 10, 5, 5, 17], [17, 27, 36, 30, 28])
+def test_ties_are_counted_out() -> None:
+    """Three equal values below three equal ones: 2 of the 20 splits are as far apart."""
+    test = rank_test([2, 2, 2], [3, 3, 3])
+    assert (test.kind, test.p, test.u) == (EXACT_TIES, pytest.approx(0.1), 0)
+    # 1 1 2 | 2 3 3: ranks 1.5 1.5 3.5 | 3.5 5.5 5.5, sum 6.5. Of the 20 splits two have
+    # 1.5 + 1.5 + 3.5, the least sum there is: p = 2 x 2 / 20.
+    assert rank_test([1, 1, 2], [2, 3, 3]).p == pytest.approx(0.2)
+
+
+def test_floating_point_noise_breaks_no_tie() -> None:
+    """0.1 + 0.2 ties with 0.3, and so do two ways to add up 50,000 points."""
+    noisy = 0.1 + 0.2
+    assert noisy != 0.3
+    assert rank_test([noisy, noisy], [0.3, 0.3]).kind == UNTESTED
+    assert rank_test([50_000 + 7e-12], [50_000]).kind == UNTESTED
+    assert rank_test([0.3, 1.0], [noisy, 2.0]).u == 1.5
+    assert paired_test([noisy, 1.0], [0.3, 2.0]).lower == 1
+    # Both differences are 0.1, up to noise: a tie of two, counted as such.
+    assert paired_test([0.3, 0.4], [0.2, 0.3]) == paired_test([3, 4], [2, 3])
+
+
+def test_many_ties_are_approximated() -> None:
+    """Beyond the number of values to enumerate the kind is named as asymptotic."""
+    test = rank_test([11, 10, 5, 5, 17], [17, 27, 36, 30, 28], enumerated=9)
     assert test.kind == ASYMPTOTIC
     assert test.u == 0.5
+    assert rank_test([0.0, 1.0] * 30, [1.0] * 41).kind == ASYMPTOTIC
+
+
+@given(
+    st.lists(st.integers(0, 4).map(float), min_size=2, max_size=5),
+    st.lists(st.integers(0, 4).map(float), min_size=2, max_size=5),
+)
+def test_the_count_is_that_of_all_splits(x: list[float], y: list[float]) -> None:
+    """The same p as from listing every split of the values and its U."""
+
+    def u(a: list[float], b: list[float]) -> float:
+        return sum((v > w) + (v == w) / 2 for v in a for w in b)
+
+    test = rank_test(x, y)
+    if test.kind != EXACT_TIES:
+        return
+    every = x + y
+    found = []
+    for chosen in combinations(range(len(every)), len(x)):
+        rest = [every[i] for i in range(len(every)) if i not in chosen]
+        found.append(u([every[i] for i in chosen], rest))
+    tail = min(sum(v <= test.u for v in found), sum(v >= test.u for v in found))
+    assert test.p == pytest.approx(min(1, 2 * tail / len(found)))
+
+
+def test_thirty_tied_runs_an_arm_are_counted_too() -> None:
+    """A study's size is enumerated in no time, near the approximation."""
+    x = [float(i % 20) for i in range(30)]
+    y = [float(i % 20 + 4) for i in range(30)]
+    exact, about = rank_test(x, y), rank_test(x, y, enumerated=0)
+    assert exact.kind == EXACT_TIES
+    assert exact.p == pytest.approx(about.p, rel=0.1)
 
 
 def test_z_without_ties_is_equation_10() -> None:
@@ -106,7 +160,17 @@ def test_wilcoxon_is_exact_without_ties() -> None:
 def test_pairs_that_do_not_differ() -> None:
     """Equal pairs say nothing; when all are equal there is no test."""
     assert paired_test([1, 2], [1, 2]).kind == UNTESTED
-    assert paired_test([1, 2, 3, 4], [1, 3, 5, 7]).kind == ASYMPTOTIC
+
+
+def test_wilcoxon_with_ties_is_counted_out() -> None:
+    """Differences -1 -1 -1 2 have ranks 2 2 2 4: the sum 4 of the positive ones is reached or
+    undercut by 1 + 3 + 4 of 16 signs, so p is 1. Three that fall alike: 2 of 8."""
+    mixed = paired_test([0, 0, 0, 4], [1, 1, 1, 2])
+    assert (mixed.kind, mixed.p) == (EXACT_TIES, 1.0)
+    assert paired_test([0, 0, 0], [1, 1, 1]).p == 0.25
+    dropped = paired_test([1, 2, 3, 4], [1, 3, 5, 7])
+    assert (dropped.kind, dropped.p, dropped.pairs) == (EXACT_TIES, 0.25, 4)
+    assert paired_test([0, 0, 0], [1, 1, 1], enumerated=2).kind == ASYMPTOTIC
 
 
 def test_ordinal_pairs_get_a_sign_test() -> None:
@@ -143,6 +207,18 @@ def test_bootstrap_is_seeded_and_holds_its_estimate() -> None:
     assert (same.low, same.estimate, same.high) == (7, 7, 7)
 
 
+def test_bootstrap_with_runs_that_never_got_there() -> None:
+    """An infinite value makes an end infinite; where both medians are, anything is possible."""
+    inf = math.inf
+    found = bootstrap([[1.0, 2.0, 3.0, inf, inf]], median)
+    assert (found.low, found.estimate, found.high) == (1.0, 3.0, inf)
+    apart = bootstrap([[1.0, 2.0, 3.0], [inf, inf, inf]], median_difference)
+    assert (apart.low, apart.estimate, apart.high) == (-inf, -inf, -inf)
+    unknown = bootstrap([[inf, inf], [inf, inf]], median_difference)
+    assert (unknown.low, unknown.high) == (-inf, inf)
+    assert math.isnan(unknown.estimate)
+
+
 def test_bootstrap_interval_of_a_mean_is_as_wide_as_theory_says() -> None:
     """For 400 normal values the 95 % interval of the mean is about 2 x 1.96 / 20 wide."""
     x = np.random.default_rng(0).normal(size=400)
@@ -153,4 +229,15 @@ def test_bootstrap_interval_of_a_mean_is_as_wide_as_theory_says() -> None:
 def test_standard_deviation_is_the_sample_s() -> None:
     """± is computed with n - 1; one value has none."""
     assert mean_sd([1, 3]) == (2.0, pytest.approx(math.sqrt(2)))
-    assert mean_sd([5]) == (5.0, 0.0)
+    mean, sd = mean_sd([5])
+    assert mean == 5.0
+    assert math.isnan(sd)
+
+
+def test_one_value_has_no_interval() -> None:
+    """A sample of one is drawn again as itself: that is no interval."""
+    for samples, statistic in (([[7.0]], median), ([[7.0], [1.0, 2.0]], median_difference)):
+        found = bootstrap(samples, statistic)
+        assert found.estimate in (7.0, 5.5)
+        assert math.isnan(found.low)
+        assert math.isnan(found.high)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 
 import pytest
 
 from islandgp.study.findings import examine
 from islandgp.study.measures import TABLE_9, TABLE_11
-from islandgp.study.notation import number, percent, probability
+from islandgp.study.notation import interval, number, p_is, percent, probability, spread
 from islandgp.study.paper import MARK
+from islandgp.study.statistics import Interval, mean_sd, rank_test
 from islandgp.study.table import Table, to_csv, to_html, to_markdown
+from islandgp.study.tables.cells import difference
 from islandgp.study.tables.claims import verdict
 
 TABLE = Table(
@@ -55,6 +58,41 @@ def test_how_numbers_are_written() -> None:
     ]
 
 
+def test_one_run_has_no_spread() -> None:
+    """A dash stands for the deviation and for the interval of a single value."""
+    dash = "\N{EN DASH}"
+    assert spread(*mean_sd([5.0])) == f"5 ± {dash}"
+    assert interval(Interval(5.0, math.nan, math.nan)) == f"5 [{dash}]"
+    assert interval(Interval(math.nan, -math.inf, math.inf)) == dash
+    assert interval(Interval(5.0, 4.0, math.inf)) == "5 [4, \N{INFINITY}]"
+
+
+def test_a_small_p_in_a_sentence() -> None:
+    """It is 'p < 0.0001', without an equals sign."""
+    assert p_is(rank_test([1, 2, 3], [4, 5, 6])) == "p = 0.100 (exact)"
+    assert p_is(rank_test(range(20), range(20, 40))) == "p < 0.0001 (exact)"
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "expected"),
+    [
+        ((1500.0, 1500.0), (900.0, 1100.0), "+50.0 %"),
+        ((500.0, 500.0), (900.0, 1100.0), "\N{MINUS SIGN}50.0 %"),
+        ((-500.0, -500.0), (-900.0, -1100.0), "+50.0 %"),
+        ((12_522.0, 12_522.0), (-2_491.0, -2_691.0), "\N{EN DASH} (+15,113 points)"),
+        ((-100.0, -100.0), (900.0, 1100.0), "\N{EN DASH} (\N{MINUS SIGN}1,100 points)"),
+        ((500.0, 500.0), (-90.0, 110.0), "\N{EN DASH} (+490 points)"),
+        ((5.0, 5.0), (0.0, 0.0), "\N{EN DASH} (+5 points)"),
+    ],
+)
+def test_no_percent_of_nothing(
+    first: tuple[float, ...], second: tuple[float, ...], expected: str
+) -> None:
+    """Points stand for a share where signs differ, or the base is within its SD of zero."""
+    f = examine(TABLE_9[0], ("a", "b"), (first, second), 41, in_pairs=False)
+    assert difference(f) == expected
+
+
 @pytest.mark.parametrize(
     ("direction", "low_first", "n", "expected"),
     [
@@ -62,13 +100,13 @@ def test_how_numbers_are_written() -> None:
         (-1, True, 2, "same direction, not shown"),
         (1, True, 6, "opposite, shown"),
         (1, True, 2, "opposite direction, not shown"),
-        (0, True, 2, "agrees: no difference shown"),
+        (0, True, 2, "no difference shown (no evidence either way)"),
         (0, True, 6, "differs: lower, shown"),
         (0, False, 6, "differs: higher, shown"),
     ],
 )
 def test_verdicts(direction: int, low_first: bool, n: int, expected: str) -> None:
-    """A claim is shown only by a significant test in its own direction."""
+    """A claim is shown by a significant test in its own direction; equality by none at all."""
     low, high = tuple(range(n)), tuple(range(100, 100 + n))
     samples = (low, high) if low_first else (high, low)
     assert verdict(direction, examine(TABLE_9[0], ("a", "b"), samples, 41, in_pairs=False)) == (

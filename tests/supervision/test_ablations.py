@@ -101,7 +101,7 @@ def led(folder: Path) -> list[dict[str, object]]:
 def test_another_seed_s_record_is_repeated(tmp_path: Path) -> None:
     """Rate and tree of each generation are the leader's, whatever the population is like here."""
     leader = led(tmp_path / "expert-seed1")
-    how = YokedSettings(record=str(tmp_path / "expert-seed{seed}"), seeds=5)
+    how = YokedSettings(record=str(tmp_path / "expert-seed{seed}"), first=0, seeds=5)
     given = replace(setup(None), generations=8)
     steps = run(plan("supervisor.inject=true"), Yoked.make(how, given), seed=0)
     found = [record.guidance for record in records(steps)]
@@ -119,13 +119,25 @@ def test_another_seed_s_record_is_repeated(tmp_path: Path) -> None:
 
 def test_each_seed_is_led_by_the_next() -> None:
     """And the last by the first, so that each record leads once."""
-    how = YokedSettings(record="runs/x/expert-seed{seed}", seeds=5)
+    how = YokedSettings(record="runs/x/expert-seed{seed}", first=0, seeds=5)
     assert [how.folder(seed).name[-1] for seed in range(5)] == ["1", "2", "3", "4", "0"]
+
+
+def test_a_sweep_may_start_at_any_seed() -> None:
+    """The seeds lead each other in a ring; one from outside is told what to set."""
+    how = YokedSettings(record="runs/x/expert-seed{seed}", first=3000, seeds=30)
+    leaders = {seed: how.leader(seed) for seed in range(3000, 3030)}
+    assert (leaders[3000], leaders[3028], leaders[3029]) == (3001, 3029, 3000)
+    assert set(leaders.values()) == set(leaders)
+    assert how.folder(3029) == Path("runs/x/expert-seed3000")
+    for seed in (0, 2999, 3030):
+        with pytest.raises(SupervisionError, match=rf"seed of 3000 to 3029, found {seed}; set "):
+            how.folder(seed)
 
 
 def test_a_leader_that_lacks_or_is_unfinished_is_told(tmp_path: Path) -> None:
     """Before the run starts, with what to do."""
-    how = YokedSettings(record=str(tmp_path / "expert-seed{seed}"), seeds=5)
+    how = YokedSettings(record=str(tmp_path / "expert-seed{seed}"), first=0, seeds=5)
     with pytest.raises(SupervisionError, match="run it first, with seed=1"):
         Yoked.make(how, setup(None))
     led(tmp_path / "expert-seed1")

@@ -140,12 +140,14 @@ TARGETS = [
     (past(1, complete=1), Target.INTEGRATION),
     (past(8, complete=1), Target.INTEGRATION),
     (past(1, complete=1, diversity=0.2), Target.RARE),
-    # a crisis comes first, of either kind
+    # a crisis, of either kind, goes before what few do, and after what nobody does
     (past(9, complete=1), Target.EXPLORATION),
     (past(9, complete=1, diversity=0.2), Target.EXPLORATION),
-    (past(9, complete=1, doing={"clearing": 0}), Target.EXPLORATION),
+    (past(9, complete=1, doing={"clearing": 1}), Target.EXPLORATION),
+    (past(9, complete=1, doing={"clearing": 0}), Target.CLEARING),
     (past(1, complete=1, diversity=0.04), Target.EXPLORATION),
     (past(9), Target.EXPLORATION),
+    (past(1, diversity=0.0, doing=dict.fromkeys(WORKERS, 0)), Target.CHARGING),
     # before the first Complete Robot: always the rarest behaviour
     (past(1, doing={"humanoid": 3}), Target.HUMANOID),
     (past(8, doing={"charging": 9}), Target.CHARGING),

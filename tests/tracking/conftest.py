@@ -9,6 +9,9 @@ import pytest
 
 from islandgp.tracking.store import Store
 from tests.tracking.folders import place
+from tests.trees.conftest import islandgp
+
+__all__ = ["home", "islandgp", "store", "template"]
 
 
 @pytest.fixture(scope="session")

@@ -23,6 +23,7 @@ from islandgp.tracking.sync import sync
 from tests.running.commands import finish, start
 from tests.tracking import servers
 from tests.tracking.folders import begun, history, place, steps, written
+from tests.trees.shell import Cli
 
 
 def tracker(home: Path, uri: str, patience: float) -> MLflow:
@@ -91,6 +92,53 @@ def test_sync_sends_what_runs_and_sweeps_miss(home: Path, store: Store) -> None:
     assert [path.name for path in again.known] == ["one", "two"]
     found = {run.info.run_name: run for run in store.client.search_runs([store.experiment])}
     assert (found["one"].info.status, found["two"].info.status) == ("FINISHED", "KILLED")
+
+
+@pytest.mark.parametrize(
+    ("file", "text"),
+    [
+        ("about.json", "{}"),
+        ("about.json", '{"id": "1", "of": "a later version"}'),
+        ("about.json", "\0\0"),
+        ("config.yaml", "tracking: {factory: islandgp.tracking.mlflow:MLflow}"),
+        ("config.yaml", "tracking: ["),
+        ("tracking.json", "[]"),
+        ("summary.json", "{"),
+    ],
+)
+def test_a_damaged_folder_is_told_and_stops_no_other(
+    file: str, text: str, home: Path, store: Store
+) -> None:
+    """Its neighbours are sent, whichever of its files cannot be read."""
+    bad = written(home / "runs/a/bad", home)
+    sync(home / "runs")
+    (bad.path / file).write_text(text)
+    written(home / "runs/a/one", home)
+    done = sync(home / "runs")
+    assert home / "runs/a/one" in done.sent
+    assert [*done.failed] == ([] if file == "tracking.json" else [bad.path])
+    assert len(store.client.search_runs([store.experiment])) == 2
+
+
+def test_a_damaged_sweep_is_told_and_stops_no_other(home: Path) -> None:
+    """The runs in it, which cannot find their parent, wait as well; those of another are sent."""
+    written(home / "runs/a/one", home)
+    (home / "runs/a/sweep.json").write_text("{}")
+    done = sync(home / "runs")
+    assert set(done.failed) == {home / "runs/a", home / "runs/a/one"}
+    written(home / "runs/b/two", home)
+    assert [path.name for path in sync(home / "runs").sent] == ["two"]
+
+
+def test_the_command_tells_a_damaged_folder_in_a_line(home: Path, islandgp: Cli) -> None:
+    """With its file and the remedy, and exit code 2."""
+    bad = written(home / "runs/a/bad", home)
+    (bad.path / "about.json").write_text("{}")
+    said = islandgp("sync", home / "runs")
+    assert said.code == 2
+    assert "0 sent, 0 were there already, 0 without tracking, 1 not sent" in said.out
+    assert f"Expected what a run says of itself in {bad.path / 'about.json'}" in said.err
+    assert "Traceback" not in said.err
 
 
 def test_a_run_whose_process_was_killed_does_not_stay_running(home: Path, store: Store) -> None:

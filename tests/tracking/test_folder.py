@@ -70,6 +70,15 @@ def test_what_was_written_after_the_checkpoint_is_cut_off(tmp_path: Path, torn: 
     assert file.read_bytes() == whole
 
 
+def test_a_finished_run_is_not_cut(tmp_path: Path) -> None:
+    """It has no checkpoint, so that a resumption would keep none of its records."""
+    folder = written(tmp_path / "one", tmp_path)
+    before = (folder.path / "generations.jsonl").read_bytes()
+    with pytest.raises(RunError, match=r"found it finished; use resume=never"):
+        folder.resume()
+    assert (folder.path / "generations.jsonl").read_bytes() == before
+
+
 def test_a_record_that_is_missing_before_the_checkpoint_is_an_error(tmp_path: Path) -> None:
     """Going on would leave a gap in the records, so it is refused."""
     folder = written(tmp_path / "one", tmp_path, 3)

@@ -4,13 +4,26 @@ from __future__ import annotations
 
 import pytest
 
-from islandgp.tracking.parameters import flat, is_secret, redacted
+from islandgp.tracking.parameters import flat, flatten, is_secret, redacted
 
 
 def test_nested_values_become_dotted_keys() -> None:
     """Text stays text, anything else is JSON."""
     config = {"a": {"b": 1, "c": [1, 2]}, "d": "x", "e": None, "f": {}}
     assert dict(flat(config)) == {"a.b": "1", "a.c": "[1, 2]", "d": "x", "e": "null", "f": "{}"}
+
+
+def test_values_by_dotted_key() -> None:
+    """Values keep their type; a mapping by operators, whose names no store takes, stays whole."""
+    config = {"a": {"b": 1, "c": [1, 2]}, "operators": {"<": 3, "==": 1}, "e": None, "f": {}}
+    assert flatten(config) == {
+        "a.b": 1,
+        "a.c": [1, 2],
+        "operators": {"<": 3, "==": 1},
+        "e": None,
+        "f": {},
+    }
+    assert [key for key, _ in flat(config)] == list(flatten(config))
 
 
 def test_secrets_are_hidden_wherever_they_stand() -> None:

@@ -183,14 +183,26 @@ def test_the_table_says_how_many_answers_were_the_fallbacks(tmp_path: Path) -> N
     assert row.endswith("| 3 of 8, 1 of them in part |")
 
 
-def test_the_table_says_how_many_runs_got_somewhere(tmp_path: Path) -> None:
-    """A tier that some runs never reached is not averaged over silently."""
-    sweep = opened(tmp_path / "s", job("one"), job("two", seed=1), job("three", seed=2))
-    for name, first in (("one", 3), ("two", None)):
-        folder = written(tmp_path / "s" / name, tmp_path)
+@pytest.mark.parametrize(
+    ("firsts", "expected"),
+    [
+        ((3, None), "not reached (1 of 2)"),
+        ((3, 9, None), "9 (2 of 3)"),
+        ((3, 4), "3.5 (2 of 2)"),
+        ((None, None), "never (0 of 2)"),
+    ],
+)
+def test_the_table_s_median_is_over_all_runs(
+    tmp_path: Path, firsts: tuple[int | None, ...], expected: str
+) -> None:
+    """A run that never had such a robot is later than any: it is not left out of the median."""
+    jobs = [job(f"run{k}", seed=k) for k in range(len(firsts))]
+    sweep = opened(tmp_path / "s", *jobs, job("open", seed=9))
+    for k, first in enumerate(firsts):
+        folder = written(tmp_path / "s" / f"run{k}", tmp_path)
         summary = folder.summary()
         summary["first"]["complete"] = first
         folder.finish(summary)
     (row,) = arm_table(arms(sweep, file_of(sweep))).splitlines()[2:]
-    assert row.startswith("| baseline | 2 of 3 |")
-    assert "| 3 (1 of 2) |" in row
+    assert row.startswith(f"| baseline | {len(firsts)} of {len(firsts) + 1} |")
+    assert f"| {expected} |" in row

@@ -147,6 +147,24 @@ def test_trace_between(islandgp: Cli) -> None:
     assert all(15 <= start <= 20 for start in starts)
 
 
+@pytest.mark.parametrize(
+    ("times", "message"),
+    [
+        (("--from", 300, "--to", 200), "expected --from before --to, found 300 and 200"),
+        (("--from", "nan"), "expected --from before --to, found nan and inf"),
+        (("--from", -5, "--to", -1), "-5.0 is not in the range x>=0"),
+        (("--to", -1), "-1.0 is not in the range x>=0"),
+    ],
+)
+def test_trace_between_times_that_make_no_sense(
+    islandgp: Cli, times: tuple[object, ...], message: str
+) -> None:
+    """A usage error, not an empty timeline."""
+    said = islandgp("trace", GOOD, *times, *SHORT)
+    assert (said.code, said.out) == (2, "")
+    assert message in said.err
+
+
 def test_replay(islandgp: Cli, tmp_path: Path) -> None:
     """The page of one world, under the name of the file; the same again, to the byte."""
     a, b = tmp_path / "a.html", tmp_path / "b.html"

@@ -72,7 +72,15 @@ def test_text() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "start"), [("t.svg", "<svg "), ("t.mmd", "flowchart TD"), ("t.dot", "digraph")]
+    ("name", "start"),
+    [
+        ("t.svg", "<svg "),
+        ("T.SVG", "<svg "),
+        ("t.mmd", "flowchart TD"),
+        ("t.dot", "digraph"),
+        ("t.txt", "? selector"),
+        ("svg", "? selector"),
+    ],
 )
 def test_command_knows_the_form_by_its_ending(
     islandgp: Cli, tmp_path: Path, name: str, start: str
@@ -80,6 +88,15 @@ def test_command_knows_the_form_by_its_ending(
     """-o t.svg writes SVG, and so on."""
     assert islandgp("show", POOR, "-o", tmp_path / name).code == 0
     assert (tmp_path / name).read_text().startswith(start)
+
+
+def test_command_refuses_an_ending_that_it_does_not_know(islandgp: Cli, tmp_path: Path) -> None:
+    """Text in a .png helps nobody, but it can be had."""
+    said = islandgp("show", POOR, "-o", tmp_path / "a.png")
+    assert said.code == 2
+    assert "one of .txt, .svg, .mmd, .mermaid, .dot, .gv, found .png" in said.err
+    assert not (tmp_path / "a.png").exists()
+    assert islandgp("show", POOR, "-o", tmp_path / "a.png", "--format", "text").code == 0
 
 
 def test_command_draws_in_the_terminal(islandgp: Cli) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 from islandgp.scoring.classify import Tier
 from islandgp.study.arms import Arm, Comparison
-from islandgp.study.emergence import Summary, first, ranks, still_without, summary
+from islandgp.study.emergence import Summary, first, quantile, ranks, still_without, summary
 from islandgp.study.figures.drawing import bar, groups, legend, named, sideways
 from islandgp.study.figures.style import INK, Look, Picture, looks, picture
 from islandgp.study.statistics import bootstrap
@@ -30,9 +31,10 @@ def figure_6(study: Comparison) -> Picture:
     return picture(
         "figure-6",
         "Figure 6. First emergence of Complete and Excellent Robots",
-        "(a) Generation of the first one, run by run; boxes: quartiles and median of the runs in"
-        " which there was one, whiskers to the extremes; runs without one are drawn in the strip"
-        " 'never' and are in no box. (b) Mean number of generations lived through without one;"
+        "(a) Generation of the first one, run by run; boxes: quartiles and median of all runs,"
+        " whiskers to the extremes; runs without one are drawn in the strip 'never' and counted"
+        " there, and what falls among them of a box is drawn there too, so the median is that of"
+        " Table 11. (b) Mean number of generations lived through without one;"
         " a run without one counts with the generations it lived (restricted mean); whiskers:"
         " 95 % bootstrap interval.",
         draw,
@@ -41,17 +43,18 @@ def figure_6(study: Comparison) -> Picture:
 
 
 def _boxes(axes: Axes, study: Comparison) -> None:
-    top = study.generations + 2.5
-    never = False
+    from matplotlib.ticker import MaxNLocator
+
+    n = study.generations
+    strip = max(1.0, 0.1 * n)  # how high the strip 'never' is, in generations
+    never, top = n - 0.5 + 0.3 * strip, n - 0.5 + strip
+    missing = False
     for arm, how, k, at, width in groups(study, len(TIERS)):
         firsts = [first(run, TIERS[k]) for run in arm.runs]
-        there = [g for g in firsts if g is not None]
-        if there:
-            _box(axes, at, there, width, how)
-        never = never or len(there) < len(firsts)
+        _box(axes, at, box(firsts, never), width, how)
         axes.scatter(
             sideways(at, len(firsts), width),
-            [top if g is None else g for g in firsts],
+            [never if g is None else g for g in firsts],
             s=16,
             marker=how.marker,
             color=how.colour,
@@ -60,22 +63,37 @@ def _boxes(axes: Axes, study: Comparison) -> None:
             zorder=3,
             label=named(arm) if k == 0 else None,
         )
-    if never:
-        axes.axhspan(study.generations + 0.5, study.generations + 4.5, color="#f1f1f1", zorder=0)
-        axes.text(-0.48, top, "never", va="center", ha="left", fontsize=8, color="#555555")
+        if without := firsts.count(None):
+            missing = True
+            count = f"{without} of {len(firsts)}"
+            height = n - 0.5 + 0.75 * strip
+            axes.text(at, height, count, va="center", ha="center", fontsize=7.5, color=INK)
+    if missing:
+        axes.axhspan(n - 0.5, top, color="#f1f1f1", zorder=0)
+        beside = axes.get_yaxis_transform()
+        axes.text(-0.02, never, "never", transform=beside, va="center", ha="right", fontsize=8)
+    ticks = MaxNLocator(nbins=8, integer=True).tick_values(0, n - 1)
     axes.set_xlim(-0.5, len(TIERS) - 0.5)
-    axes.set_ylim(-1, study.generations + (4.5 if never else 1))
+    axes.set_ylim(-0.5, top if missing else n)
+    axes.set_yticks([t for t in ticks if 0 <= t <= n - 1])
     axes.set_xticks(range(len(TIERS)), [f"{t.value.capitalize()} Robot" for t in TIERS])
     axes.set(title="(a) First emergence", ylabel="Generation")
     axes.grid(visible=False, axis="x")
 
 
-def _box(axes: Axes, at: float, there: list[int], width: float, how: Look) -> None:
-    axes.boxplot(
-        [there],
+def box(firsts: Sequence[int | None], never: float) -> dict[str, float]:
+    """Median, quartiles and extremes over all runs; one among the runs without is at `never`."""
+    shares = {"whislo": 0.0, "q1": 0.25, "med": 0.5, "q3": 0.75, "whishi": 1.0}
+    found = {name: quantile(firsts, share) for name, share in shares.items()}
+    return {name: never if g is None else g for name, g in found.items()}
+
+
+def _box(axes: Axes, at: float, numbers: dict[str, float], width: float, how: Look) -> None:
+    axes.bxp(
+        [numbers],
         positions=[at],
         widths=width * 0.75,
-        whis=(0, 100),
+        showfliers=False,
         patch_artist=True,
         manage_ticks=False,
         boxprops={"facecolor": how.colour, "alpha": 0.3, "edgecolor": how.colour},
@@ -105,7 +123,7 @@ def _bars(axes: Axes, study: Comparison) -> None:
         )
     axes.set_xticks(range(len(TIERS)), [t.value.capitalize() for t in TIERS])
     axes.set_ylim(0, study.generations + 1)
-    axes.set(title="(b) Generations without one")
+    axes.set(title="(b) Without one", ylabel="Generations without one")
     axes.grid(visible=False, axis="x")
 
 
@@ -120,8 +138,8 @@ def emergence_curves(study: Comparison) -> Picture:
             axes.set(title=f"{tier.value.capitalize()} Robot", xlabel="Generation")
             axes.set_ylim(-0.03, 1.03)
             axes.set_xlim(0, study.generations - 1)
+            axes.legend(loc="best")
         panels[0].set_ylabel("Share of runs that have had one")
-        panels[0].legend(loc="best")
 
     return picture(
         "emergence-curves",

@@ -9,8 +9,8 @@ import numpy as np
 from islandgp.evolution.population import Origin
 from islandgp.scoring.classify import Specialist
 from islandgp.study.arms import Arm, Comparison
-from islandgp.study.figures.drawing import curves, epoch_lines, legend
-from islandgp.study.figures.style import INK, LINES, Picture, look, looks, picture
+from islandgp.study.figures.drawing import curves, epoch_lines, legend, named
+from islandgp.study.figures.style import FAINT, INK, LINES, Picture, look, looks, picture
 from islandgp.study.generalise import Generalisation
 from islandgp.study.lineage import alive, newcomers
 from islandgp.study.notation import number
@@ -145,7 +145,7 @@ def generalisation(found: tuple[Generalisation, ...], study: Comparison) -> Pict
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         for arm, how in looks(study):
-            mine = [g for g in found if g.arm == arm.name and g.trained is not None]
+            mine = [g for g in found if g.arm == arm.name and g.seed is not None]
             axes.scatter(
                 [g.trained or 0.0 for g in mine],
                 [g.unseen for g in mine],
@@ -154,24 +154,24 @@ def generalisation(found: tuple[Generalisation, ...], study: Comparison) -> Pict
                 s=26,
                 edgecolor="white",
                 linewidth=0.4,
-                label=arm.name,
+                label=named(arm),
             )
-        for g in found:
-            if g.trained is None:
-                axes.axhline(g.unseen, color=INK, linestyle=":", linewidth=1.2, label=g.arm)
+        for k, g in enumerate(g for g in found if g.seed is None):
+            colour, line = (INK, FAINT)[k % 2], LINES[3 - k % 2]
+            axes.axhline(g.unseen, color=colour, linestyle=line, linewidth=1.2, label=g.arm)
         low, high = axes.get_xlim()
         axes.plot([low, high], [low, high], color="#bbbbbb", linewidth=0.9, zorder=0.5)
         axes.set_xlim(low, high)
         axes.set(xlabel="Fitness that made it champion", ylabel="Mean fitness, unseen worlds")
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_formatter(lambda v, _: number(v))
-        legend(figure, axes)
+        legend(figure, axes, 2)
 
     return picture(
         "generalisation",
         "Champions on unseen worlds",
         "Each point is a run's champion; on the grey line it would do as well in unseen worlds as"
-        " in the one that made it champion.",
+        " in the one that made it champion. Lines across: trees of grammar/examples.",
         draw,
-        height=3.8,
+        height=4.0,
     )

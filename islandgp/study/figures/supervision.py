@@ -76,6 +76,7 @@ def _totals(axes: Axes, arm: Arm) -> None:
     most = max(counts.patterns.values()) / counts.total
     axes.set_xlim(0, most * 1.35)
     axes.xaxis.set_major_formatter(lambda v, _: f"{v:.0%}")
+    axes.set_xlabel("Share of all decisions")
     axes.grid(visible=False, axis="y")
 
 

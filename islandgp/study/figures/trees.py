@@ -13,6 +13,7 @@ from islandgp.bt.render.svg import COLOURS, to_svg
 from islandgp.scoring.classify import Tier
 from islandgp.study.arms import Comparison, Run
 from islandgp.study.figures.style import Picture, picture
+from islandgp.study.library import library
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,10 +40,10 @@ def early_injected(study: Comparison) -> Specimen | None:
                 if g is not None and g.injected and g.tree and generation >= EARLY:
                     return Specimen(
                         g.tree,
-                        f"{arm.name}, seed {run.seed}: injected into generation {generation}"
-                        f" for {g.target or 'no stated target'}; {_size(g.tree)}. The paper's: 22"
-                        " nodes, depth 5, injected in generation 2. It is shown as the supervisor"
-                        " gave it, before mutation.",
+                        f"{arm.name}, seed {run.seed}: {_named(g.tree)}injected into generation"
+                        f" {generation} for {g.target or 'no stated target'}; {_size(g.tree)}."
+                        " The paper's: 22 nodes, depth 5, injected in generation 2. It is shown as"
+                        " the supervisor gave it, before mutation.",
                     )
     return None
 
@@ -75,7 +76,7 @@ def late_evolved(study: Comparison) -> Specimen:
     return Specimen(
         best.tree,
         f"{arm.name}, seed {run.seed}: {what} of generation {generation}, fitness"
-        f" {best.fitness:,.0f}, {best.origin}; {_size(best.tree)}."
+        f" {best.fitness:,.0f}, {_named(best.tree)}{best.origin}; {_size(best.tree)}."
         " The paper's: 70 nodes, depth 11.",
     )
 
@@ -85,6 +86,15 @@ def _last_stage(run: Run) -> range:
     last = run.snapshots[-1].stage
     start = next(s.generation for s in run.snapshots if s.stage == last)
     return range(start, len(run.records))
+
+
+def _named(tree: str) -> str:
+    """Which example tree it is, by its file's name; nothing for any other tree."""
+    name = library().get(tree)
+    if name is None:
+        return ""
+    after = ", modelled on the paper's Figure 9" if name == "paper_fig9" else ""
+    return f"library tree {name}{after}, "
 
 
 def _size(tree: str) -> str:

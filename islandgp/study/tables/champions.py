@@ -8,7 +8,7 @@ from statistics import fmean
 from islandgp.scoring.rewards import Component
 from islandgp.study.arms import Comparison
 from islandgp.study.generalise import Generalisation
-from islandgp.study.notation import NONE, number, spread, tested
+from islandgp.study.notation import NONE, number, p_is, spread
 from islandgp.study.statistics import mean_sd, rank_test
 from islandgp.study.table import Table
 
@@ -36,22 +36,26 @@ def components_table(study: Comparison) -> Table:
 
 
 def generalisation_table(found: Sequence[Generalisation], worlds: int) -> Table:
-    """Champions on unseen worlds, with a hand-written tree as a yardstick."""
-    arms = list(dict.fromkeys(g.arm for g in found))
-    rows = [_generalisation_row(arm, [g for g in found if g.arm == arm]) for arm in arms]
+    """Champions on unseen worlds, with trees from elsewhere as yardsticks."""
+    arms = list(dict.fromkeys(g.arm for g in found if g.seed is not None))
+    champions = {a: [g for g in found if g.arm == a and g.seed is not None] for a in arms}
+    rows = [_generalisation_row(arm, mine) for arm, mine in champions.items()]
+    rows += [_generalisation_row(g.arm, [g]) for g in found if g.seed is None]
     notes = [
         f"Each run's champion in the same {worlds} worlds that no run used, in the last stage of"
         " the curriculum. 'Trained' is the fitness that made it champion, in one world and perhaps"
         " under an earlier stage's multipliers. ± is over runs.",
-        "The hand-written tree is grammar/examples/all_rounder.bt.",
+        "The yardsticks are trees of grammar/examples, by file name: all_rounder, written by hand"
+        " to be good at everything, and the one that the supervisors injected most often. They"
+        " meet the champions' worlds, and more of them where those are few.",
     ]
-    samples = [(arm, [g.unseen for g in found if g.arm == arm]) for arm in arms]
+    samples = [(arm, [g.unseen for g in mine]) for arm, mine in champions.items()]
     real = [(arm, values) for arm, values in samples if len(values) > 1]
     for i, (a, x) in enumerate(real):
         for b, y in real[i + 1 :]:
             t = rank_test(x, y)
             notes.append(
-                f"Unseen fitness, {a} against {b}: U = {number(t.u, 1)}, p = {tested(t)}, not"
+                f"Unseen fitness, {a} against {b}: U = {number(t.u, 1)}, {p_is(t)}, not"
                 " adjusted: it belongs to no family."
             )
     return Table(
@@ -60,6 +64,7 @@ def generalisation_table(found: Sequence[Generalisation], worlds: int) -> Table:
         (
             "Trees",
             "number",
+            "worlds",
             "trained",
             "unseen",
             "worst world",
@@ -76,6 +81,7 @@ def _generalisation_row(arm: str, mine: Sequence[Generalisation]) -> tuple[str, 
     return (
         arm,
         str(len(mine)),
+        str(mine[0].worlds),
         spread(*mean_sd(trained)) if trained else NONE,
         spread(*mean_sd([g.unseen for g in mine])) if len(mine) > 1 else number(mine[0].unseen),
         number(min(g.worst for g in mine)),

@@ -9,11 +9,12 @@ from typing import Final
 from islandgp.study import paper
 from islandgp.study.emergence import reduction, summary
 from islandgp.study.findings import Finding, finding
-from islandgp.study.notation import change, percent, probability
+from islandgp.study.measures import FAMILY
+from islandgp.study.notation import DIGITS, interval, percent, probability
 from islandgp.study.paper import MARK
 from islandgp.study.power import LEVEL
-from islandgp.study.statistics import mean_sd
 from islandgp.study.table import Table
+from islandgp.study.tables import cells
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +40,13 @@ CLAIMS: Final = (
     Claim("final_mean", "The final average fitness is lower", -1, -0.273, 0.036),
 )
 
+NINE: Final = "the paper's nine"
+OTHERS: Final = "further"
+"""The families of Benjamini and Hochberg's procedure."""
+
+UNDECIDED: Final = "no difference shown (no evidence either way)"
+"""The verdict where a claim of no difference meets a test that finds none."""
+
 
 def claims_table(key: str, title: str, findings: Sequence[Finding], arms: tuple[str, str]) -> Table:
     """One row a claim, the first arm standing for the paper's proposed system."""
@@ -49,7 +57,9 @@ def claims_table(key: str, title: str, findings: Sequence[Finding], arms: tuple[
             (
                 claim.text,
                 difference(f),
+                size(f),
                 probability(f.rank_q),
+                NINE if f.measure in FAMILY else OTHERS,
                 percent(claim.size),
                 probability(claim.p_bh),
                 verdict(claim.direction, f),
@@ -58,9 +68,23 @@ def claims_table(key: str, title: str, findings: Sequence[Finding], arms: tuple[
     return Table(
         key,
         title,
-        ("Claim", "here", "p BH", f"{MARK} difference", f"{MARK} p BH", "verdict"),
+        (
+            "Claim",
+            "here",
+            "difference [95 %]",
+            "p BH",
+            "family",
+            f"{MARK} difference",
+            f"{MARK} p BH",
+            "verdict",
+        ),
         tuple(rows),
         (
+            "Difference: of the means, with its bootstrap interval; for emergence, of the mean"
+            " generations lived through without one.",
+            f"Family: what p BH is adjusted over. '{NINE}': the comparisons of Tables 9, 10 and 11;"
+            f" '{OTHERS}': those of Table 12, which the paper does not test; each times the pairs"
+            " of arms.",
             f"{arms[0]} stands for the paper's proposed system, {arms[1]} for its baseline."
             f" 'Shown': p BH < {LEVEL:g}. 'Not shown' is no evidence that there is no difference;"
             " the power note says what could have been found.",
@@ -72,8 +96,7 @@ def claims_table(key: str, title: str, findings: Sequence[Finding], arms: tuple[
 def difference(f: Finding) -> str:
     """By which share the first arm differs, and how that is measured when not by means."""
     if not f.measure.emergence:
-        (a, _), (b, _) = (mean_sd(sample) for sample in f.numbers)
-        return percent(change(a, b))
+        return cells.difference(f)
     first, second = (summary(sample, f.generations) for sample in f.samples)
     earlier = reduction(first, second)
     if earlier is None:
@@ -82,11 +105,17 @@ def difference(f: Finding) -> str:
     return f"{percent(-earlier[0])}{by}"
 
 
+def size(f: Finding) -> str:
+    """By how much the means differ, in the measure's unit."""
+    unit = {"points": " points", "generation": " generations"}.get(f.measure.unit, "")
+    return f"{interval(f.shift, DIGITS[f.measure.unit])}{unit}"
+
+
 def verdict(direction: int, f: Finding) -> str:
     """What the tests say of a claim; `direction` as in `Claim`."""
     shown = f.rank_q < LEVEL
     if direction == 0:
-        return "agrees: no difference shown" if not shown else f"differs: {_side(f)}, shown"
+        return f"differs: {_side(f)}, shown" if shown else UNDECIDED
     if f.rank.r == 0:
         return "no difference"
     same = (f.rank.r < 0) == (direction > 0)

@@ -16,7 +16,8 @@ from islandgp.supervision.decisions import decisions
 def decisions_table(study: Comparison) -> Table:
     """Section 3.7: how often each pattern, phase, target and crisis came."""
     each = [decisions(run.guidance for run in arm.runs) for arm in study.arms]
-    rows: list[tuple[str, ...]] = [("Decisions", *(number(d.total) for d in each), NONE)]
+    totals = [d.total for d in each]
+    rows: list[tuple[str, ...]] = [("Decisions", *map(number, totals), NONE)]
     for title, kinds in (
         ("Pattern", [d.patterns for d in each]),
         ("Phase", [d.phases for d in each]),
@@ -24,7 +25,8 @@ def decisions_table(study: Comparison) -> Table:
     ):
         names = sorted({name for kind in kinds for name in kind})
         rows += [
-            (f"{title}: {_words(name)}", *_shares(name, kinds), _theirs(name)) for name in names
+            (f"{title}: {_words(name)}", *_shares(name, kinds, totals), _theirs(name))
+            for name in names
         ]
     rows += [
         (
@@ -42,9 +44,12 @@ def decisions_table(study: Comparison) -> Table:
         tuple(rows),
         (
             "Shares are of all decisions of the arm. A crisis (Eq. 7) overrides the rate; one that"
-            " lasts several generations counts once. The paper counts exploration-oriented"
-            " decisions (26.3 %) and exploitation-oriented ones (16.2 %) without saying which"
-            " labels those are; they stand beside the labels of those names.",
+            " lasts several generations counts once. An intervention is a decision in which the"
+            " supervisor itself says that it has to step in (the expert in the phases crisis"
+            " intervention and aggressive exploration); it is no crisis of the run's.",
+            "The paper counts exploration-oriented decisions (26.3 %) and exploitation-oriented"
+            " ones (16.2 %) without saying which labels those are; they stand beside the labels of"
+            " those names.",
             paper.NOTE,
         ),
     )
@@ -59,7 +64,9 @@ def _theirs(name: str) -> str:
     return percent(paper.DECISIONS[known[name]]).lstrip("+") if name in known else NONE
 
 
-def _shares(name: str, kinds: Sequence[Counter[str]]) -> list[str]:
+def _shares(name: str, kinds: Sequence[Counter[str]], totals: Sequence[int]) -> list[str]:
+    """Of all decisions, those without a label included; a dash where an arm names none at all."""
     return [
-        percent(kind[name] / kind.total()).lstrip("+") if kind.total() else NONE for kind in kinds
+        percent(kind[name] / total).lstrip("+") if kind else NONE
+        for kind, total in zip(kinds, totals, strict=True)
     ]

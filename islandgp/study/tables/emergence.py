@@ -9,7 +9,7 @@ from islandgp.study import paper
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.emergence import Summary, first, reduction, summary
 from islandgp.study.findings import Finding
-from islandgp.study.notation import NONE, number, percent, probability, spread
+from islandgp.study.notation import NONE, interval, number, percent, probability, spread
 from islandgp.study.paper import MARK
 from islandgp.study.table import Table
 from islandgp.study.tables.cells import SIGNS, TESTS, rank_cells
@@ -19,13 +19,16 @@ def emergence_table(key: str, title: str, findings: Sequence[Finding], *, family
     """Section 3.4 for one pair of arms: when Complete and Excellent Robots came first."""
     a, b = findings[0].arms
     rows = [_emergence_row(f) for f in findings]
-    notes = [SIGNS.format(n=family)]
+    notes = [
+        SIGNS.format(n=family),
+        "'Without one' is the mean number of generations lived through without one, over all runs"
+        " (restricted mean); its difference has a bootstrap interval.",
+    ]
     if any(f.censored for f in findings):
         notes.append(
             "Runs without one are censored: the rank test ranks them after the last generation,"
             " the log-rank test counts them as watched to the end, and no mean is given for"
-            " their arm. 'Without one' is the mean number of generations lived through without"
-            " one, over all runs."
+            " their arm."
         )
     return Table(
         key,
@@ -36,6 +39,7 @@ def emergence_table(key: str, title: str, findings: Sequence[Finding], *, family
             b,
             f"without one, {a}",
             f"without one, {b}",
+            "difference without one [95 %]",
             "earlier by",
             *TESTS[1:],
             "log-rank p",
@@ -61,6 +65,7 @@ def _emergence_row(f: Finding) -> tuple[str, ...]:
         when(second),
         number(first.watched, 1),
         number(second.watched, 1),
+        interval(f.shift, 1),
         NONE if earlier is None else f"{percent(earlier[0]).lstrip('+')} ({earlier[1]})",
         *rank_cells(f),
         probability(f.log_rank),

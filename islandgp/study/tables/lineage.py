@@ -9,17 +9,19 @@ from typing import Final
 
 from islandgp.evolution.population import Origin
 from islandgp.scoring.classify import Tier
-from islandgp.study.arms import Comparison
+from islandgp.study.arms import Arm, Comparison
+from islandgp.study.emergence import first
 from islandgp.study.lineage import (
     Newcomer,
     Source,
     alive,
     elite_share,
+    injected_shares,
     median_life,
     newcomers,
     source_of_first,
 )
-from islandgp.study.notation import number
+from islandgp.study.notation import NONE, number
 from islandgp.study.table import Table
 
 LATER: Final = 5  # generations after which the lineage table asks who is alive
@@ -85,9 +87,24 @@ def sources_table(study: Comparison) -> Table:
         "sources",
         "Where the first Complete and the first Excellent Robot came from (runs)",
         ("Source", *(f"{arm.name}: {tier.value}" for arm in study.arms for tier in tiers)),
-        tuple((source.value, *(str(c[source]) for c in counts)) for source in Source),
+        (
+            *((source.value, *(str(c[source]) for c in counts)) for source in Source),
+            (
+                "for comparison: that generation with an injected ancestor",
+                *(_base_rate(arm, tier) for arm in study.arms for tier in tiers),
+            ),
+        ),
         (
             "An injected tree that is a Complete Robot as it was given shows what the supervisor"
-            " knows, not what evolution found; a descendant may hold any part of it.",
+            " knows, not what evolution found; a descendant may hold any part of it, all of it"
+            " included. The last row is the base rate: the share of the individuals of the first"
+            " one's generation that descend from an injected tree or are one, mean over the runs"
+            " that had one. Where nearly everybody descends from one, that the first one does says"
+            " little.",
         ),
     )
+
+
+def _base_rate(arm: Arm, tier: Tier) -> str:
+    came = [(run, g) for run in arm.runs if (g := first(run, tier)) is not None]
+    return f"{fmean(injected_shares(run)[g] for run, g in came):.0%}" if came else NONE

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from islandgp.study.emergence import summary
 from islandgp.study.findings import Finding
-from islandgp.study.measures import TABLE_11, Measure
 from islandgp.study.notation import DIGITS, NONE, interval, probability, tested
 from islandgp.study.statistics import bootstrap, median, median_difference
 from islandgp.study.table import Table
-from islandgp.study.tables.emergence import when
 
 
 def median_table(key: str, title: str, findings: Sequence[Finding]) -> Table:
@@ -32,7 +29,8 @@ def median_table(key: str, title: str, findings: Sequence[Finding]) -> Table:
         tuple(_median_row(f) for f in findings),
         (
             "Intervals: percentiles of 10,000 bootstrap samples of the runs of each arm, seeded."
-            " Where a tier never emerged in some run, the interval is left out.",
+            " A run in which a tier never emerged counts as infinite in a median: \N{INFINITY} says"
+            " that it was not reached by the last generation, and a dash that neither arm's was.",
             "Paired tests compare runs of the same seed: Wilcoxon's signed-rank test, or the sign"
             " test where runs are censored; p BH over the same comparisons.",
         ),
@@ -41,7 +39,7 @@ def median_table(key: str, title: str, findings: Sequence[Finding]) -> Table:
 
 def _median_row(f: Finding) -> tuple[str, ...]:
     digits = DIGITS[f.measure.unit]
-    medians = _medians(f, f.measure, digits)
+    medians = _medians(f, digits)
     t = f.paired
     if t is None:
         return (f.measure.label, *medians, *[NONE] * 4)
@@ -55,10 +53,8 @@ def _median_row(f: Finding) -> tuple[str, ...]:
     )
 
 
-def _medians(f: Finding, measure: Measure, digits: int) -> tuple[str, ...]:
-    if f.censored and measure in TABLE_11:
-        return (*(when(summary(sample, f.generations)) for sample in f.samples), NONE)
-    first, second = f.numbers
+def _medians(f: Finding, digits: int) -> tuple[str, ...]:
+    first, second = f.endless
     return (
         interval(bootstrap([first], median), digits),
         interval(bootstrap([second], median), digits),

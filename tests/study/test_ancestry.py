@@ -1,0 +1,83 @@
+"""Where the best individuals come from, on a family laid out by hand."""
+
+from __future__ import annotations
+
+from islandgp.study.ancestry import BRED, HEIR, RANDOM, most_injected, provenance
+from islandgp.study.arms import Run
+from islandgp.study.comparable import compare_arms
+from islandgp.study.library import library
+from islandgp.study.lineage import final_elite, injected_shares
+from islandgp.study.tables.lineage import sources_table
+from islandgp.study.tables.origins import champion_sources_table
+from tests.study.made_runs import TREE, guidance, individual, made_arm, made_run
+
+OTHER = "PatrolWaypoint\n"
+(POOR,) = [text for text, name in library().items() if name == "poor"]
+
+# 1.1 is injected and kept as an elite; 2.1 is its child; 2.2 is a copy of a random tree.
+POPULATIONS = [
+    [individual("0.0", "random"), individual("0.1", "random", tree=OTHER)],
+    [individual("1.0", "crossover", ["0.0", "0.1"]), individual("1.1", "injected", tree=POOR)],
+    [
+        individual("2.0", "elite", ["1.1"], tree=POOR, fitness=9.0),
+        individual("2.1", "crossover", ["1.0", "1.1"], tiers=("complete",)),
+    ],
+    [
+        individual("3.0", "resurrected", ["2.0"], tree=POOR, fitness=5000.0),
+        individual("3.1", "copy", ["0.1"], tree=OTHER),
+        individual("3.2", "elite", ["1.0"]),
+        individual("3.3", "elite", ["1.0"], mutation="swap"),
+        individual("3.4", "elite", ["1.1"], mutation="swap", tree=OTHER),
+        individual("3.5", "injected", mutation="swap"),
+        individual("3.6", "injected"),
+    ],
+]
+
+
+def _run(source: str = "expert") -> Run:
+    guided = guidance(tree=POOR, injected=True, source=source)
+    return made_run(best=[1.0, 1, 1, 2], populations=POPULATIONS, guided=guided, complete=2)
+
+
+def test_copies_are_followed_back_to_where_the_tree_arose() -> None:
+    """Drawn, bred, or given as it is, by the name of the library's file."""
+    run = _run()
+    assert provenance(run, run.records[3].individuals) == [
+        "injected, as it is: poor",
+        RANDOM,
+        BRED,
+        BRED,
+        HEIR,
+        HEIR,
+        "injected, as it is: poor",
+    ]
+
+
+def test_a_tree_from_outside_the_library_has_its_writer_s_name() -> None:
+    """A language model's tree is called by its supervisor."""
+    guided = guidance(tree=OTHER, injected=True, source="llm")
+    run = made_run(best=[1.0] * 4, populations=POPULATIONS, guided=guided)
+    assert provenance(run, run.records[3].individuals[-1:]) == ["injected, as it is: llm"]
+    assert most_injected([made_arm("llm", [run])]) is None
+
+
+def test_base_rate_by_hand() -> None:
+    """None, 1 of 2, both, 4 of 7 individuals descend from an injected tree or are one."""
+    assert injected_shares(_run()) == [0, 1 / 2, 1, 4 / 7]
+
+
+def test_the_tables_say_how_common_descent_is() -> None:
+    """The champion's source stands beside its generation's share of descendants."""
+    plain = [[individual(f"{g}.0", "random", tree=TREE)] for g in range(4)]
+    rival = made_run("baseline", best=[1.0] * 4, populations=plain)
+    study = compare_arms([made_arm("expert", [_run()]), made_arm("baseline", [rival])])
+    assert [i.id for i in final_elite(study.arms[0].runs[0])] == ["3.0"]
+    rows = {row[0]: row[1:] for row in champion_sources_table(study).rows}
+    assert rows["injected, as it is: poor"] == ("1", "100%", "0", "0%")
+    assert rows[RANDOM] == ("0", "0%", "1", "100%")
+    assert rows[HEIR] == ("0", "0%", "0", "0%")
+    base = rows["for comparison: population with an injected ancestor"]
+    assert base == ("57%", "57%", "0%", "0%")
+    first = {row[0]: row[1:] for row in sources_table(study).rows}
+    complete, *others = first["for comparison: that generation with an injected ancestor"]
+    assert (complete, set(others)) == ("100%", {"\N{EN DASH}"})
