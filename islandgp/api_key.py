@@ -8,6 +8,7 @@ the whole configuration of a sweep into a file.
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
@@ -16,15 +17,24 @@ from islandgp.errors import ConfigError
 VARIABLE: Final = "ANTHROPIC_API_KEY"
 KEY: Final = "supervisor.policy.api_key"
 NONE: Final = f"{KEY}=null"
+INSIDE: Final = re.compile(
+    r"""[{,:'"]\s*(?:[^\s:{},'"]*[_.])?(api_?key|token|secret|password)['"]?\s*:""", re.IGNORECASE
+)
+"""A secret's name inside an override's value, as in `{api_key: ...}`, quoted or not."""
 
 
 def without_key(words: Sequence[str]) -> list[str]:
-    """The words of a command, with a key that is among them moved to the environment."""
+    """The words of a command, with a key that is among them moved to the environment.
+
+    Raises:
+        ConfigError: a word has a secret inside its value, where nothing would hide it.
+    """
     kept = []
     for word in words:
+        _check_inside(word)
         name, equals, value = word.partition("=")
-        if equals and name.lstrip("+") == KEY:
-            _move(value.strip("'\""))
+        if equals and name.strip(" +~") == KEY:
+            _move(value.strip(" '\""))
             kept.append(NONE)
         else:
             kept.append(word)
@@ -50,6 +60,15 @@ def key_in(configs: Iterable[Mapping[str, Any]]) -> bool:
 
 
 _REMEDY: Final = f"set {VARIABLE} in the environment instead"
+
+
+def _check_inside(word: str) -> None:
+    name, _, value = word.partition("=")
+    if found := INSIDE.search(value):
+        raise ConfigError(
+            f"{name.lstrip('+~')}: expected no secret inside a value, found {found[1]};"
+            f" {_REMEDY}, or give it an override of its own, as {KEY}=..."
+        )
 
 
 def _move(key: str) -> None:

@@ -22,7 +22,7 @@ from omegaconf import DictConfig
 
 from islandgp.api_key import NONE, key_in, without_key
 from islandgp.compose import command_line, planned, read, run_folder
-from islandgp.errors import ConfigError, IslandError
+from islandgp.errors import ConfigError, IslandError, PartError
 from islandgp.printing import printed
 from islandgp.resources import resource
 from islandgp.resume import choose
@@ -51,10 +51,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if key_in(job.config for job in jobs):
                 args, words = _parsed([NONE, *words])
                 jobs = list(planned(args, words, Path.cwd()))
-            for job in jobs:
+            for n, job in enumerate(jobs):
                 folder = RunFolder(job.folder)
                 if not choose(folder, job.settings.resume, redacted(job.config)).finished():
-                    check_ready(job.settings)
+                    check_ready(job.settings, frozenset(before.folder for before in jobs[:n]))
             if args.multirun:
                 return run_sweep(
                     jobs,
@@ -62,6 +62,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
                     lambda job, extra: _start([*extra, *words], job),
                 )
             _run_single(words)
+    except PartError as error:
+        traceback.print_exception(error.__cause__)
+        print(f"islandgp: {error}", file=sys.stderr)
+        return 2
     except IslandError as error:
         print(f"islandgp: {error}", file=sys.stderr)
         return 2

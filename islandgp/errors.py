@@ -5,6 +5,7 @@ IslandError            one clear message: expected, found, remedy; exit code 2 a
 |   |-- UnknownNameError  an action, a key or a subtree does not exist
 |   `-- LimitError     a tree is deeper or larger than its limits
 |-- ConfigError        the configuration is wrong (one line per error)
+|-- PartError          the user's own class, which configuration names, failed (with traceback)
 |-- EvaluationError    an episode could not be run (names the tree and the world seed)
 |-- SupervisionError   a supervisor cannot do its work
 |-- RunError           a run's folder, checkpoint or record cannot be used
@@ -43,6 +44,10 @@ class LimitError(TreeError):
 
 class ConfigError(IslandError):
     """The configuration is wrong; the message has one line per error."""
+
+
+class PartError(IslandError):
+    """A class of the user's own failed; its cause is what that raised, to be shown as well."""
 
 
 class EvaluationError(IslandError):

@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, ClassVar
 
-from pydantic import BaseModel, Field, ImportString, ValidationInfo, field_validator
+from pydantic import (
+    BaseModel,
+    Field,
+    ImportString,
+    ValidationError,
+    ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    field_validator,
+)
+
+from islandgp.errors import IslandError, PartError
 
 
 class Part(BaseModel, frozen=True, extra="forbid"):
@@ -13,23 +25,67 @@ class Part(BaseModel, frozen=True, extra="forbid"):
     The class carries a pydantic model `Settings` and is made by `make(settings, ...)`.
     """
 
+    needs: ClassVar[tuple[str, ...]] = ("make",)  # methods of the class
+
     factory: ImportString[Any]  # "package.module:Class"
     policy: dict[str, Any] = Field(default_factory=dict, validate_default=True)
+
+    @field_validator("factory", mode="wrap")
+    @classmethod
+    def _imported(cls, path: Any, proceed: ValidatorFunctionWrapHandler) -> Any:
+        with blaming(str(path)):
+            return proceed(path)
 
     @field_validator("factory")
     @classmethod
     def _can_make(cls, factory: Any) -> Any:
-        if not (hasattr(factory, "Settings") and hasattr(factory, "make")):
-            raise ValueError(f"expected a class with Settings and make, found {factory!r}")
+        has = [callable(getattr(factory, method, None)) for method in cls.needs]
+        if not (hasattr(factory, "Settings") and all(has)):
+            *first, last = ("Settings", *cls.needs)
+            raise ValueError(
+                f"expected a class with {', '.join(first)} and {last}, found {factory!r}"
+            )
+        settings = factory.Settings
+        if not (isinstance(settings, type) and issubclass(settings, BaseModel)):
+            what = f"expected Settings to be a pydantic model, found {settings!r}"
+            raise ValueError(what)  # noqa: TRY004 -- pydantic takes no TypeError for an answer
         return factory
 
     @field_validator("policy")
     @classmethod
     def _fits_factory(cls, policy: dict[str, Any], found: ValidationInfo) -> dict[str, Any]:
         if (factory := found.data.get("factory")) is not None:
-            factory.Settings.model_validate(policy)  # its errors become errors of this field
+            with blaming(path_of(factory)):
+                factory.Settings.model_validate(policy)  # its errors become errors of this field
         return policy
 
     def settings(self) -> Any:
         """`policy` as the class's own Settings."""
         return self.factory.Settings.model_validate(self.policy)
+
+
+def path_of(kind: Any) -> str:
+    """A class as configuration names it: "package.module:Class"; a module by its name."""
+    name = getattr(kind, "__qualname__", None)
+    return f"{kind.__module__}:{name}" if name else str(getattr(kind, "__name__", kind))
+
+
+@contextmanager
+def blaming(path: str) -> Iterator[None]:
+    """Around a call into a class that configuration names: an exception of it is its author's.
+
+    Raises:
+        PartError: whatever went wrong inside, unless the class is one of ours.
+    """
+    try:
+        yield
+    except (IslandError, ValidationError):  # these are told in words of their own
+        raise
+    except Exception as error:
+        if path.startswith("islandgp."):
+            raise
+        what = " ".join(f"{type(error).__name__}: {error}".split())
+        raise PartError(
+            f"{path} failed ({what}): this is a fault of that class, not of the program;"
+            " mend it, and the same command goes on with what the run has."
+        ) from error

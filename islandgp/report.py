@@ -7,6 +7,7 @@ from typing import Any
 
 from islandgp.evolution.record import Champion
 from islandgp.scoring.rewards import Component
+from islandgp.tracking.fallbacks import answers, fallback_words
 from islandgp.tracking.folder import RunFolder
 
 
@@ -24,6 +25,7 @@ def summary(target: RunFolder, champion: Champion) -> dict[str, Any]:
         "final_mean": snapshots[-1]["mean"],
         "mean_diversity": sum(s["diversity"] for s in snapshots) / len(snapshots),
         "generations": len(snapshots),
+        "answers": answers(target.records()),
         "seconds": round(sum(seconds), 3),
     }
 
@@ -34,6 +36,7 @@ def report(target: RunFolder) -> str:
     best = s["champion"]["record"]
     parts = sorted(zip(Component, best["components"], strict=True), key=lambda p: -abs(p[1]))
     came_from = ", ".join(f"{c.name.lower()} {p:+,.0f}" for c, p in parts if p)
+    fallback = fallback_words([s])
     first = {tier: "never" if g is None else f"generation {g}" for tier, g in s["first"].items()}
     return "\n".join(
         (
@@ -41,6 +44,7 @@ def report(target: RunFolder) -> str:
             f" {came_from}",
             f"First Complete Robot: {first['complete']};"
             f" first Excellent Robot: {first['excellent']}",
+            *([f"Supervision: {fallback} answers were the fallback's"] if fallback else []),
             f"Results: {target.path}",
             "",
             best["tree"].rstrip(),

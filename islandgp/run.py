@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from islandgp.evaluation.base import Evaluator, Setting
 from islandgp.evaluation.cache import Cached
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import Champion, Step
+from islandgp.part import blaming, path_of
 from islandgp.progress import Progress
 from islandgp.report import report, summary
 from islandgp.resources import resource
@@ -55,15 +57,21 @@ def setup_of(settings: Settings, folder: Path | None) -> Setup:
 def make_supervisor(settings: Settings, folder: Path | None) -> Supervisor:
     """The supervisor that the settings choose. Raises SupervisionError when it cannot work."""
     part = settings.supervisor
-    supervisor: Supervisor = part.factory.make(part.settings(), setup_of(settings, folder))
+    with blaming(path_of(part.factory)):
+        supervisor: Supervisor = part.factory.make(part.settings(), setup_of(settings, folder))
     return supervisor
 
 
-def check_ready(settings: Settings) -> None:
-    """Raises SupervisionError where the supervisor could not work, e.g. without a key."""
+def check_ready(settings: Settings, coming: frozenset[Path] = frozenset()) -> None:
+    """Raises SupervisionError where the supervisor could not work, e.g. without a key.
+
+    `coming` are the folders of the runs that the same command makes before this one.
+    """
     part = settings.supervisor
     if hasattr(part.factory, "ready"):
-        part.factory.ready(part.settings())
+        with blaming(path_of(part.factory)):
+            setup = replace(setup_of(settings, None), coming=coming)
+            part.factory.ready(part.settings(), setup)
 
 
 def make_evaluator(settings: Settings) -> Evaluator:
@@ -149,8 +157,11 @@ def _evolve(
     tracker: Tracker,
     keep_display: bool,
 ) -> None:
-    if isinstance(supervisor, Service) and (line := supervisor.start()):
-        print(line, file=sys.stderr)
+    if isinstance(supervisor, Service):
+        with blaming(path_of(type(supervisor))):
+            line = supervisor.start()
+        if line:
+            print(line, file=sys.stderr)
     start = target.resume()
     done = start.generation if start is not None else 0
     evaluator = make_evaluator(settings)

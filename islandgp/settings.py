@@ -23,10 +23,13 @@ from islandgp.part import Part
 from islandgp.scoring.classify import Classes
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.scoring.rewards import Rewards
+from islandgp.supervision.base import SUPERVISES
 
 
 class SupervisorSettings(Part, frozen=True, extra="forbid"):
     """The group `supervisor`."""
+
+    needs = SUPERVISES
 
     name: str = Field(pattern=r"^[a-z][a-z0-9_]*$")
     adapt_mutation: bool

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -82,6 +82,11 @@ class Setup:
     crisis: Crisis = _NEVER  # when the run overrides the rate
     adapt_mutation: bool = True  # False: rates are not used, and need not be worked out
     inject: bool = True  # False: trees are not used, and need not be worked out
+    coming: frozenset[Path] = frozenset()  # folders of runs that the same command makes before
+
+
+SUPERVISES: Final = ("make", "advise")
+"""Methods of a class that configuration can choose as a supervisor, besides `Settings`."""
 
 
 class Supervisor(Protocol):
@@ -89,8 +94,8 @@ class Supervisor(Protocol):
 
     A supervisor that configuration can choose has two class attributes more:
     `Settings`, a pydantic model, and `make(settings, setup)`. It may have
-    `ready(settings)`, which raises SupervisionError where it could not work; this is
-    asked before the first run of a command starts.
+    `ready(settings, setup)`, which raises SupervisionError where it could not work; this
+    is asked before the first run of a command starts.
     """
 
     name: str

@@ -11,8 +11,10 @@ from concurrent.futures import Future
 from queue import SimpleQueue
 from threading import Thread
 
+from islandgp.part import blaming, path_of
 from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, stream
+from islandgp.supervision.asking import ask
 from islandgp.supervision.base import Guidance, Service, Supervisor
 
 
@@ -45,7 +47,10 @@ class Desk:
 
     def spent(self) -> dict[str, float]:
         """What supervision has taken so far, by name; empty for a supervisor that takes nothing."""
-        return self.supervisor.spent() if isinstance(self.supervisor, Service) else {}
+        if not isinstance(self.supervisor, Service):
+            return {}
+        with blaming(path_of(type(self.supervisor))):
+            return self.supervisor.spent()
 
     def close(self) -> None:
         """Forgets what is still asked, and lets the supervisor go."""
@@ -53,11 +58,12 @@ class Desk:
             answer.cancel()
         self._waiting.put(None)
         if isinstance(self.supervisor, Service):
-            self.supervisor.close()
+            with blaming(path_of(type(self.supervisor))):
+                self.supervisor.close()
 
     def _advise(self, state: PopulationState) -> Guidance:
         rng = stream(self.seed, Stream.SUPERVISION, generation=state.now.generation)
-        return self.supervisor.advise(state, rng)
+        return ask(self.supervisor, state, rng)
 
     def _work(self) -> None:
         while (next_one := self._waiting.get()) is not None:

@@ -44,7 +44,7 @@ class Replay:
     Settings = ReplaySettings
 
     @classmethod
-    def ready(cls, settings: ReplaySettings) -> None:
+    def ready(cls, settings: ReplaySettings, setup: Setup) -> None:  # noqa: ARG003 -- the protocol's
         """Raises SupervisionError where there is no transcript."""
         settings.path()
 

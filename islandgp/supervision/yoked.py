@@ -52,8 +52,18 @@ class Yoked:
     Settings = YokedSettings
 
     @classmethod
+    def ready(cls, settings: YokedSettings, setup: Setup) -> None:
+        """Raises SupervisionError where the record is missing or too short, and not yet to come."""
+        if settings.folder(setup.seed).resolve() not in setup.coming:
+            cls._lines(settings, setup)
+
+    @classmethod
     def make(cls, settings: YokedSettings, setup: Setup) -> Yoked:
-        """See `Supervisor`. Raises SupervisionError where the record is missing or too short."""
+        """See `Supervisor`. Raises SupervisionError as `ready` does."""
+        return cls([json.loads(line)["guidance"] for line in cls._lines(settings, setup)])
+
+    @classmethod
+    def _lines(cls, settings: YokedSettings, setup: Setup) -> list[str]:
         folder = settings.folder(setup.seed)
         file = folder / "generations.jsonl"
         if not file.is_file():
@@ -62,13 +72,12 @@ class Yoked:
                 f" seed={settings.leader(setup.seed)}, or set supervisor.policy.record."
             )
         lines = file.read_text(encoding="utf-8").splitlines()
-        given = [json.loads(line)["guidance"] for line in lines]
-        if len(given) < setup.generations:
+        if len(lines) < setup.generations:
             raise SupervisionError(
                 f"Expected a record of {setup.generations} generations in {folder},"
-                f" found {len(given)}; let that run finish first."
+                f" found {len(lines)}; let that run finish first."
             )
-        return cls(given)
+        return lines
 
     def __init__(self, given: list[dict[str, Any] | None]) -> None:
         """`given` is the guidance of each generation's record."""

@@ -17,6 +17,7 @@ from islandgp.island.world import World
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.scoring.rewards import Rewards
 from islandgp.tracking.chart import Line, Panel, svg
+from islandgp.tracking.fallbacks import fallback_words
 from islandgp.tracking.folder import About, RunFolder, Status
 
 FILES: Final = (
@@ -139,6 +140,7 @@ def note(folder: RunFolder, about: About, status: Status) -> str:
     if folder.finished():
         s = folder.summary()
         best = s["champion"]["record"]
+        fallback = fallback_words([s])
         lines += [
             f"- best fitness **{best['fitness']:,.0f}**"
             f" in generation {s['champion']['generation']}",
@@ -147,6 +149,7 @@ def note(folder: RunFolder, about: About, status: Status) -> str:
                 for tier, g in s["first"].items()
             ),
             f"- mean diversity {s['mean_diversity']:.3f}",
+            *([f"- the fallback's answers: {fallback}"] if fallback else []),
             "",
             "```",
             best["tree"].rstrip(),

@@ -15,6 +15,7 @@ from statistics import fmean, median, stdev
 from typing import Any, Final
 
 from islandgp.tracking.chart import Line, Panel
+from islandgp.tracking.fallbacks import fallback_words
 from islandgp.tracking.folder import RunFolder, Status
 from islandgp.tracking.sweep_folder import SweepFile, SweepFolder, SweepJob
 
@@ -110,18 +111,25 @@ def curves_csv(found: Sequence[Arm]) -> str:
 
 
 HEAD: Final = ("arm", "finished", "best fitness", "Complete", "Excellent", "diversity")
+FALLBACK: Final = "fallback's answers"  # one column more where any were
 
 
 def arm_rows(found: Sequence[Arm]) -> list[tuple[str, ...]]:
     """HEAD, and a row for each arm: the mean best fitness with its standard deviation, the
-    median generation of the first robot of a tier over all runs, and the mean diversity."""
-    return [HEAD, *(_row(arm) for arm in found)]
+    median generation of the first robot of a tier over all runs, and the mean diversity; and how
+    many answers were the fallback's, where any were."""
+    rows = [HEAD, *(_row(arm) for arm in found)]
+    fallback = [fallback_words(arm.summaries) for arm in found]
+    if not any(fallback):
+        return rows
+    return [(*row, cell) for row, cell in zip(rows, [FALLBACK, *fallback], strict=True)]
 
 
 def arm_table(found: Sequence[Arm]) -> str:
     """The rows in Markdown."""
-    lines = ["| " + " | ".join(row) + " |" for row in arm_rows(found)]
-    return "\n".join([lines[0], "|---" * len(HEAD) + "|", *lines[1:]]) + "\n"
+    rows = arm_rows(found)
+    lines = ["| " + " | ".join(row) + " |" for row in rows]
+    return "\n".join([lines[0], "|---" * len(rows[0]) + "|", *lines[1:]]) + "\n"
 
 
 def arm_lines(found: Sequence[Arm]) -> str:

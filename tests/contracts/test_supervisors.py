@@ -41,7 +41,7 @@ def llm() -> LLM:
 
 
 def failing_llm() -> LLM:
-    return made.supervisor(lambda request, n: made.failed(FailureKind.UNREACHABLE))[0]  # noqa: ARG005
+    return made.supervisor(lambda request, n: made.failed(FailureKind.OVERLOADED))[0]  # noqa: ARG005
 
 
 class Recorder:

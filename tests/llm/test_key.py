@@ -129,6 +129,57 @@ def test_a_run_in_this_process_leaves_the_key_nowhere(
 
 
 @pytest.mark.parametrize(
+    "word",
+    [
+        f"supervisor.policy={{api_key: {KEY}, base_url: 'http://127.0.0.1:1'}}",
+        f"++supervisor.policy={{base_url: 'http://127.0.0.1:1', api_key : {KEY}}}",
+        f"supervisor.policy={{caps: {{seconds: 1}}, Api_Key:{KEY}}}",
+        f"supervisor.policy={{caps: {{seconds: 1}}}},{{api_key: {KEY}}}",
+        f"supervisor.policy={{api_key: {KEY}",  # no bracket: Hydra would quote it
+        f"supervisor.policy='{{api_key: {KEY}}}'",
+        f'supervisor.policy={{"api_key": {KEY}}}',
+        f"supervisor.policy.fallback.policy={{my_token: {KEY}}}",
+        f"hydra.sweeper.params={{supervisor.policy.api_key: {KEY}}}",
+    ],
+)
+@pytest.mark.parametrize("sweep", [(), ("seed=0,1", "-m")])
+def test_a_key_inside_a_value_is_refused(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    word: str,
+    sweep: tuple[str, ...],
+) -> None:
+    """A key of a dict has no name of its own that folders, records and MLflow could hide it by."""
+    monkeypatch.chdir(tmp_path)
+    quick = ("supervisor.policy.retry.attempts=1", "supervisor.policy.retry.first_wait=0")
+    code = main([*SMALL, *quick, *sweep, word])
+    said = capfd.readouterr()
+    assert PIECE.decode() not in said.out + said.err
+    assert holders(tmp_path) == []
+    assert PIECE.decode() not in " ".join(map(str, tmp_path.rglob("*")))
+    assert list(tmp_path.iterdir()) == []
+    assert code == 2
+    (line,) = said.err.splitlines()
+    name = word.partition("=")[0].lstrip("+")
+    assert line.startswith(f"islandgp: {name}: expected no secret inside a value, found ")
+    assert "set ANTHROPIC_API_KEY in the environment" in line
+
+
+@pytest.mark.parametrize(
+    "word",
+    [
+        "tracking.policy.uri=http://token:abc@localhost:5000",
+        "supervisor.policy={max_tokens: 512, model: x}",
+        "name=token",
+    ],
+)
+def test_words_without_a_secret_stay_as_they_are(word: str) -> None:
+    """A limit in tokens is no secret, and an address has its own check."""
+    assert without_key([word]) == [word]
+
+
+@pytest.mark.parametrize(
     "wrong",
     [
         "supervisor.policy.model=",
@@ -182,8 +233,9 @@ def test_a_key_on_the_command_line_is_moved_to_the_environment() -> None:
         words = ["seed=1", f"{form}supervisor.policy.api_key={KEY}", "-m"]
         assert without_key(words) == ["seed=1", NONE, "-m"]
         assert os.environ.pop("ANTHROPIC_API_KEY") == KEY
-    assert without_key([f"supervisor.policy.api_key='{KEY}'"]) == [NONE]
-    assert os.environ.pop("ANTHROPIC_API_KEY") == KEY
+    for word in (f"supervisor.policy.api_key='{KEY}'", f" supervisor.policy.api_key = {KEY}"):
+        assert without_key([word]) == [NONE]
+        assert os.environ.pop("ANTHROPIC_API_KEY") == KEY
     assert without_key(["supervisor.policy.api_key=null"]) == [NONE]
     assert "ANTHROPIC_API_KEY" not in os.environ
 

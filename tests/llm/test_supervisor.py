@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -110,11 +111,11 @@ def test_a_refusal_is_not_argued_with() -> None:
 
 def test_nothing_answers() -> None:
     """The guidance is the expert's; the record says it is a fallback and why."""
-    llm, _ = supervisor(lambda request, n: failed(FailureKind.UNREACHABLE))  # noqa: ARG005
+    llm, _ = supervisor(lambda request, n: failed(FailureKind.OVERLOADED))  # noqa: ARG005
     found = advise(llm)
     assert replace(found, source="", notes={}) == replace(expert_says(), source="", notes={})
     assert found.source == "fallback"
-    assert found.notes["rate"] == "fallback: unreachable: a made-up unreachable failure"
+    assert found.notes["rate"] == "fallback: overloaded: a made-up overloaded failure"
 
 
 def test_a_repair_turn_does_not_send_back_a_megabyte() -> None:
@@ -168,7 +169,7 @@ def test_settings_reach_the_request() -> None:
 
 def test_a_replayed_answer_needs_no_generator() -> None:
     """The fallback draws from the generation's stream and from nothing else."""
-    llm, _ = supervisor(lambda request, n: failed(FailureKind.UNREACHABLE))  # noqa: ARG005
+    llm, _ = supervisor(lambda request, n: failed(FailureKind.OVERLOADED))  # noqa: ARG005
     assert advise(llm) == advise(llm)
 
 
@@ -250,6 +251,7 @@ def test_the_dialect_shapes_the_requests() -> None:
     [
         (FailureKind.UNAUTHORISED, "set another ANTHROPIC_API_KEY"),
         (FailureKind.NOT_FOUND, "set supervisor.policy.model"),
+        (FailureKind.UNREACHABLE, "start the server, or set supervisor.policy.base_url"),
         (FailureKind.REJECTED, "supervisor=expert"),
     ],
 )
@@ -267,6 +269,26 @@ def test_a_server_that_is_only_busy_does_not_stop_the_run(kind: FailureKind) -> 
     assert "JSON found in text, no temperature (no answer yet: a made-up" in line
     assert "the fallback stands in" in line
     assert len(requests) == 3
+
+
+def test_a_server_that_goes_away_later_does_not_stop_the_run() -> None:
+    """Once it has answered, the fallback stands in for what does not come."""
+    plain = answering()
+    llm, _ = supervisor(
+        lambda request, n: plain(request, n) if n == 0 else failed(FailureKind.UNREACHABLE)
+    )
+    llm.start()
+    assert advise(llm).source == "fallback"
+
+
+def test_a_probe_that_failed_is_made_again(tmp_path: Path) -> None:
+    """The same command goes on once the server is there: an old failure is not an answer."""
+    first, _ = supervisor(lambda request, n: failed(FailureKind.UNREACHABLE), folder=tmp_path)  # noqa: ARG005
+    with pytest.raises(SupervisionError, match="found unreachable"):
+        first.start()
+    again, client = supervisor(answering(), folder=tmp_path)
+    assert "structured output" in again.start()
+    assert len(client.requests) == 1
 
 
 def test_a_resumed_run_asks_as_before(tmp_path: object) -> None:

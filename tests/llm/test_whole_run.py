@@ -19,7 +19,7 @@ from islandgp.evaluation.base import Job
 from islandgp.evolution.checkpoint import dump
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import RunState, Step
-from islandgp.run import make_supervisor
+from islandgp.run import make_supervisor, setup_of
 from islandgp.scoring.outcome import Outcome
 from islandgp.supervision.base import Service
 from islandgp.supervision.decisions import decisions
@@ -231,7 +231,7 @@ def test_a_replay_needs_a_record(tmp_path: Path) -> None:
     for given, said in (("null", "supervisor.policy.transcript=..."), (tmp_path, str(tmp_path))):
         settings = composed("supervisor=replay", f"supervisor.policy.transcript={given}")
         with pytest.raises(SupervisionError, match=said):
-            Replay.ready(settings.supervisor.settings())
+            Replay.ready(settings.supervisor.settings(), setup_of(settings, None))
 
 
 def test_text_dialect_end_to_end(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from islandgp.app import main
 from islandgp.bt.node import Node
 from islandgp.errors import SupervisionError
 from islandgp.evolution.checkpoint import dump
@@ -22,6 +23,15 @@ from islandgp.supervision.yoked import Yoked, YokedSettings
 from tests.composed import composed
 from tests.evolution.runs import plan, records, run
 from tests.llm.made import setup, state
+from tests.running.commands import fake
+
+QUICK = (
+    "gp.generations=8",
+    "gp.population=12",
+    "tracking=off",
+    "progress=off",
+    *fake("Instant"),
+)
 
 LACKS_CHARGING = state(complete=1)
 RICH = replace(
@@ -144,6 +154,47 @@ def test_a_leader_that_lacks_or_is_unfinished_is_told(tmp_path: Path) -> None:
     led(tmp_path / "expert-seed1")
     with pytest.raises(SupervisionError, match="41 generations"):
         Yoked.make(how, setup(None))
+
+
+def test_without_a_leader_nothing_starts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 2 and one line, even where only the last job of a sweep has none."""
+    monkeypatch.chdir(tmp_path)
+    words = ["experiment=ablation_another_record", *QUICK]
+    for n, lacking in enumerate((1, 2)):
+        assert main([*words, "seed=0,1", "-m"]) == 2
+        said = capsys.readouterr()
+        assert said.out == ""
+        (line,) = said.err.splitlines()
+        assert line.startswith(
+            "islandgp: Expected the record of another run in runs/default/expert-seed"
+            f"{lacking}, found none"
+        )
+        assert not (tmp_path / "runs" / "ablation_another_record").exists()
+        if n == 0:
+            led(tmp_path / "runs" / "default" / "expert-seed1")
+
+
+def test_a_leader_of_the_same_command_may_still_be_to_come(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Runs that lead stand before those that are led; the other way round nothing starts."""
+    monkeypatch.chdir(tmp_path)
+    folder = f"expert-seed{{seed}}-{'-'.join(sorted(QUICK[:2]))}"
+    # The record is a setting of one arm, so it comes from a file.
+    conf = tmp_path / "conf" / "supervisor"
+    conf.mkdir(parents=True)
+    (conf / "mine.yaml").write_text(
+        f"defaults: [yoked, _self_]\npolicy:\n  seeds: 2\n  record: runs/default/{folder}\n",
+        encoding="utf-8",
+    )
+    words = ["--config-dir", str(conf.parent), *QUICK, "seed=0,1", "-m"]
+    assert main(["supervisor=mine,expert", *words]) == 2
+    assert "found none; run it first, with seed=1" in capsys.readouterr().err
+    assert not (tmp_path / "runs").exists()
+    assert main(["supervisor=expert,mine", *words]) == 0
+    assert len(list((tmp_path / "runs").rglob("summary.json"))) == 4
 
 
 def test_rate_only() -> None:

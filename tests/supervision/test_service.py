@@ -9,6 +9,7 @@ from threading import Event
 import numpy as np
 import pytest
 
+from islandgp.errors import PartError
 from islandgp.evolution.loop import evolve
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Service
@@ -90,7 +91,7 @@ def test_a_hanging_supervisor_does_not_keep_a_run_from_ending() -> None:
 
 @pytest.mark.parametrize("lag", [0, 2])
 def test_an_error_of_a_supervisor_reaches_the_run(lag: int) -> None:
-    """A replay that finds a difference ends the run, from whatever thread it comes."""
+    """Whatever it raises ends the run, from whatever thread it comes, and names the class."""
 
     class Fails(Says):
         def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
@@ -98,5 +99,6 @@ def test_an_error_of_a_supervisor_reaches_the_run(lag: int) -> None:
                 raise LookupError("no such answer")
             return super().advise(state, rng)
 
-    with pytest.raises(LookupError, match="no such answer"):
+    with pytest.raises(PartError, match=r"Fails failed .LookupError: no such answer") as caught:
         run(plan(f"supervisor.lag={lag}"), Fails())
+    assert isinstance(caught.value.__cause__, LookupError)

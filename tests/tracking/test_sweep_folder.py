@@ -169,6 +169,20 @@ def test_more_seeds_make_a_new_parent(home: Path, store: Store) -> None:
     assert [m.step for m in points] == [0, 1, 2, 3, 4]
 
 
+def test_the_table_says_how_many_answers_were_the_fallbacks(tmp_path: Path) -> None:
+    """In a column of its own, over an arm's finished runs, and only where any were."""
+    sweep = opened(tmp_path / "s", job("one"), job("two", seed=1), job("three", seed=2))
+    for name in ("one", "two"):
+        written(tmp_path / "s" / name, tmp_path)
+    assert "fallback" not in arm_table(arms(sweep, file_of(sweep)))
+    folder = sweep.run(job("one"))
+    assert folder.summary()["answers"] == {"total": 4, "fallback": 0, "in_part": 0}
+    folder.finish({**folder.summary(), "answers": {"total": 4, "fallback": 3, "in_part": 1}})
+    head, _, row = arm_table(arms(sweep, file_of(sweep))).splitlines()
+    assert head.endswith("| diversity | fallback's answers |")
+    assert row.endswith("| 3 of 8, 1 of them in part |")
+
+
 @pytest.mark.parametrize(
     ("firsts", "expected"),
     [

@@ -17,8 +17,10 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from islandgp.bt.limits import Limits
+from islandgp.part import blaming, path_of
 from islandgp.resources import resource
 from islandgp.scoring.state import PopulationState
+from islandgp.supervision.asking import ask
 from islandgp.supervision.base import Guidance, Setup, Supervisor
 from islandgp.supervision.llm.answers import DECISION, PROPOSAL, Decision, Proposal, schema
 from islandgp.supervision.llm.calls import Calls
@@ -49,7 +51,8 @@ class Adviser:
             size = _size(settings.explore)
             render(prompt, {**self.values, **size, **dict.fromkeys(_LATER, "")})
         part = settings.fallback
-        self.fallback: Supervisor = part.factory.make(part.settings(), setup)
+        with blaming(path_of(part.factory)):
+            self.fallback: Supervisor = part.factory.make(part.settings(), setup)
 
     def advise(
         self, state: PopulationState, rng: np.random.Generator, calls: Calls, dialect: Dialect
@@ -58,7 +61,7 @@ class Adviser:
         rate, tree = self._both(state, calls, dialect)
         asked = [outcome for outcome in (rate, tree) if outcome is not None]
         missing = sum(outcome.value is None for outcome in asked)
-        backup = self.fallback.advise(state, rng) if missing else None
+        backup = ask(self.fallback, state, rng) if missing else None
         guidance = Guidance(None, None, _source(missing, len(asked)), notes=_notes(rate, tree))
         if rate is not None and (decision := rate.value or backup) is not None:
             guidance = replace(

@@ -46,7 +46,7 @@ def find_dialect(calls: Calls, settings: LLMSettings) -> Dialect:
 
     Raises:
         SupervisionError: no request of this run would ever be answered: the key, the model or
-            the address is wrong.
+            the address is wrong, or nobody listens there.
     """
     structured, temperature = settings.output != "text", settings.temperature
     for turn in range(3):
@@ -63,6 +63,8 @@ def find_dialect(calls: Calls, settings: LLMSettings) -> Dialect:
             if settings.output == "auto" and structured:
                 structured = find_object(answer.text, ["greeting"]) is not None
             return Dialect(structured, temperature, "as the probe found")
+        if answer.kind is FailureKind.UNREACHABLE:
+            raise _hopeless(answer, settings)
         if answer.kind in TRANSIENT or answer.kind is FailureKind.BUDGET:
             # The plainest dialect is understood everywhere. The run does not wait.
             plain = settings.output == "structured"
@@ -84,10 +86,11 @@ def _about_temperature(failure: Failure) -> bool:
 
 
 def _hopeless(failure: Failure, settings: LLMSettings) -> SupervisionError:
-    where = settings.base_url or "the Anthropic API"
+    where = settings.address or "the Anthropic API"
     remedy = {
         FailureKind.UNAUTHORISED: "set another ANTHROPIC_API_KEY",
         FailureKind.NOT_FOUND: "set supervisor.policy.model, or supervisor.policy.base_url",
+        FailureKind.UNREACHABLE: "start the server, or set supervisor.policy.base_url",
     }.get(failure.kind, "see what it says, or use supervisor=expert, which asks nobody")
     return SupervisionError(
         f"Expected an answer of the model {settings.model} from {where}, found"

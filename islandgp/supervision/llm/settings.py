@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from typing import Literal
 from urllib.parse import urlsplit
 
 from pydantic import BaseModel, Field, SecretStr, field_validator, model_validator
 
 from islandgp.part import Part
-from islandgp.supervision.base import Phase
+from islandgp.supervision.base import SUPERVISES, Phase
 from islandgp.supervision.llm.funnel import RateSettings
 from islandgp.supervision.llm.ledger import Caps
 from islandgp.supervision.llm.prices import Price, Prices
@@ -26,6 +27,8 @@ class TreeSize(BaseModel, frozen=True, extra="forbid"):
 
 class Fallback(Part, frozen=True, extra="ignore"):
     """The supervisor that answers where the model does not; its switches and lag do not count."""
+
+    needs = SUPERVISES
 
 
 class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=True):
@@ -82,6 +85,11 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
                 " prices.models, or set caps.usd=null"
             )
         return self
+
+    @property
+    def address(self) -> str | None:
+        """Where requests go, None for the Anthropic API."""
+        return self.base_url or os.environ.get("ANTHROPIC_BASE_URL") or None
 
     @property
     def price(self) -> Price | None:

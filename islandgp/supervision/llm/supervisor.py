@@ -36,18 +36,16 @@ class LLM:
     Settings = LLMSettings
 
     @classmethod
-    def ready(cls, settings: LLMSettings) -> None:
+    def ready(cls, settings: LLMSettings, setup: Setup) -> None:  # noqa: ARG003 -- the protocol's
         """Raises SupervisionError where there is neither a key nor an address."""
-        if _key(settings) is None and _base_url(settings) is None:
+        if _key(settings) is None and settings.address is None:
             raise SupervisionError(_WAYS)
 
     @classmethod
     def make(cls, settings: LLMSettings, setup: Setup) -> LLM:
         """See `Supervisor`."""
-        cls.ready(settings)
-        return cls(
-            settings, setup, AnthropicClient(key=_key(settings), base_url=_base_url(settings))
-        )
+        cls.ready(settings, setup)
+        return cls(settings, setup, AnthropicClient(key=_key(settings), base_url=settings.address))
 
     def __init__(self, settings: LLMSettings, setup: Setup, client: Client) -> None:
         """Nothing is sent and nothing written before `start`, or the first question."""
@@ -67,7 +65,7 @@ class LLM:
             calls.transcript.begin({"settings": told, "dialect": asdict(self._dialect)})
         else:
             self._dialect = Dialect(**start["dialect"])
-        place = _base_url(self.settings) or "the Anthropic API"
+        place = self.settings.address or "the Anthropic API"
         return f"Supervised by {self.settings.model} at {place}: {self._dialect}"
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
@@ -114,7 +112,3 @@ class LLM:
 def _key(settings: LLMSettings) -> str | None:
     given = settings.api_key.get_secret_value() if settings.api_key is not None else ""
     return given or os.environ.get("ANTHROPIC_API_KEY") or None
-
-
-def _base_url(settings: LLMSettings) -> str | None:
-    return settings.base_url or os.environ.get("ANTHROPIC_BASE_URL") or None

@@ -1,0 +1,113 @@
+"""A server that is not there stops a run; one that answers badly is told at the run's end."""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from islandgp.app import main
+from islandgp.testing.answers import scripted_answer
+from islandgp.testing.faults import Fault
+from islandgp.testing.server import MessagesServer
+
+SMALL = (
+    "gp.population=6",
+    "gp.generations=4",
+    "world.episode.length=5",
+    "evaluator=serial",
+    "tracking=off",
+    "supervisor=llm",
+    "supervisor.policy.retry.first_wait=0",
+)
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder in which the command is given."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def refused() -> str:
+    """An address of this machine at which nobody listens."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return f"http://127.0.0.1:{free.getsockname()[1]}"
+
+
+def found(here: Path, name: str) -> dict[str, Any]:
+    """The JSON file of the only run."""
+    (file,) = here.rglob(name)
+    value: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+    return value
+
+
+@pytest.mark.parametrize("given", ["configuration", "environment"])
+def test_an_address_where_nobody_listens_stops_the_run(
+    here: Path,
+    refused: str,
+    given: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Exit code 2 and one line, before generation 0: no expert plays the model."""
+    words = [f"supervisor.policy.base_url={refused}"] if given == "configuration" else []
+    if given == "environment":
+        monkeypatch.setenv("ANTHROPIC_BASE_URL", refused)
+    assert main([*SMALL, *words]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"from {refused}, found unreachable (" in line
+    assert line.endswith("start the server, or set supervisor.policy.base_url.")
+    assert not list(here.rglob("generations.jsonl"))
+    assert not list(here.rglob("summary.json"))
+
+
+def test_the_same_command_works_once_the_server_is_there(
+    here: Path, refused: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The failed probe is not taken for an answer."""
+    monkeypatch.setenv("ANTHROPIC_BASE_URL", refused)
+    assert main(SMALL) == 2
+    with MessagesServer() as server:
+        monkeypatch.setenv("ANTHROPIC_BASE_URL", server.url)
+        assert main(SMALL) == 0
+    assert found(here, "summary.json")["answers"] == {"total": 3, "fallback": 0, "in_part": 0}
+
+
+def test_a_run_of_fallbacks_says_so(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A server that is always overloaded stops nothing; the report tells whose answers they are."""
+    with MessagesServer(lambda n: Fault.OVERLOADED) as server:  # noqa: ARG005
+        assert main([*SMALL, f"supervisor.policy.base_url={server.url}"]) == 0
+    assert "Supervision: 3 of 3 answers were the fallback's\n" in capsys.readouterr().out
+    assert found(here, "summary.json")["answers"] == {"total": 3, "fallback": 3, "in_part": 0}
+
+
+def test_answers_that_are_the_fallbacks_in_part(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A model that gives rates and no trees; a sweep's table tells it, too."""
+
+    def rates_only(request: Mapping[str, Any]) -> Any:
+        answer = scripted_answer(request)
+        return "no tree today" if "tree" in answer else answer
+
+    with MessagesServer(answer=rates_only) as server:
+        words = [*SMALL, f"supervisor.policy.base_url={server.url}", "seed=1", "-m"]
+        assert main(words) == 0
+    assert "3 of 3, 3 of them in part" in capsys.readouterr().out
+    assert found(here, "summary.json")["answers"] == {"total": 3, "fallback": 3, "in_part": 3}
+
+
+def test_a_run_without_fallbacks_says_nothing(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The expert answers for itself."""
+    assert main([*SMALL[:-2], "supervisor=expert"]) == 0
+    assert "Supervision:" not in capsys.readouterr().out
+    assert found(here, "summary.json")["answers"]["fallback"] == 0

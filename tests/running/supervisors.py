@@ -1,0 +1,39 @@
+"""Supervisors that configuration can choose, as a user may write them: wrong in one way each."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from islandgp.scoring.state import PopulationState
+from islandgp.supervision.base import Guidance, Setup
+from islandgp.supervision.fixed import FixedSettings
+
+
+class Answers:
+    """Answers what it was made with."""
+
+    name = "answers"
+    Settings = FixedSettings
+
+    @classmethod
+    def make(cls, settings: FixedSettings, setup: Setup) -> Any:  # noqa: ARG003 -- the protocol's
+        """See `Supervisor`."""
+        return cls(Guidance(settings.rate, None, cls.name))
+
+    def __init__(self, answer: Any) -> None:
+        self.answer = answer
+
+    def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:  # noqa: ARG002 -- the protocol's
+        """See `Supervisor`."""
+        found: Guidance = self.answer
+        return found
+
+
+class TooMuch(Answers):
+    """Wants a rate of 5."""
+
+    def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:  # noqa: ARG002 -- the protocol's
+        """See `Supervisor`."""
+        return Guidance(5, None, self.name)

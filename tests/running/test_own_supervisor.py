@@ -1,0 +1,115 @@
+"""A supervisor in a file of the user's own, with a fault: its author is told, and what to mend."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from islandgp.app import main
+from islandgp.tracking.folder import RunFolder
+from tests.running.commands import TINY, fake
+
+WELL = """\
+from islandgp.supervision.base import Guidance
+from islandgp.supervision.fixed import Fixed
+
+class Mine(Fixed):
+    def advise(self, state, rng):
+        return Guidance(0.2, None, "mine")
+"""
+
+TOLD = [
+    # what the file says instead, and what is raised there
+    (WELL.replace("def advise(", "def advise"), "SyntaxError"),
+    ("import math\nmath.lgamma\nwrong_name\n", "NameError: name 'wrong_name'"),
+    (WELL.replace("return Guid", "1 / 0 #"), "ZeroDivisionError: division by zero"),
+    (WELL.replace("state, rng", "state"), "TypeError: Mine.advise() takes 2"),
+    (WELL + "    @classmethod\n    def make(cls, a, b): return a.nothing\n", "AttributeError"),
+    (
+        WELL + "    @classmethod\n    def ready(cls, *a): raise OSError('no disk')\n",
+        "OSError: no disk",
+    ),
+    (WELL + "    def start(self): return {}['x']\n    spent = close = dict\n", "KeyError: 'x'"),
+    (WELL + "    def spent(self): return {}['x']\n    start = close = str\n", "KeyError: 'x'"),
+]
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder in which commands are given, and whose modules can be imported."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    monkeypatch.delitem(sys.modules, "mysup", raising=False)
+    return tmp_path
+
+
+def command(here: Path, source: str, *words: str) -> int:
+    """The exit code of a run with a supervisor of that source."""
+    (here / "mysup.py").write_text(source, encoding="utf-8")
+    sys.modules.pop("mysup", None)
+    mine = ["supervisor=fixed", "supervisor.factory=mysup:Mine"]
+    return main([*TINY, "tracking=off", *fake("Instant"), *mine, *words])
+
+
+@pytest.mark.parametrize(("source", "what"), TOLD, ids=[what[:14] for _, what in TOLD])
+def test_a_fault_of_the_user_s_own_class_is_told_as_that(
+    here: Path, source: str, what: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 2, the traceback into the file, and at the end one line that names the class."""
+    assert command(here, source) == 2
+    said = capsys.readouterr().err
+    assert said.count("Traceback") == 1
+    assert "mysup.py" in said or "takes 2" in what  # who calls it wrongly is not in the file
+    last = said.splitlines()[-1]
+    assert last.startswith(f"islandgp: mysup:Mine failed ({what}")
+    assert "this is a fault of that class, not of the program" in last
+    assert "a fault of the program" not in said
+
+
+def test_settings_that_are_no_pydantic_model(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Told before anything is called, in one line."""
+    assert command(here, WELL + "    class Settings:\n        rate = 1\n") == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    start = "islandgp: supervisor.factory: expected Settings to be a pydantic model, found <class"
+    assert line.startswith(start)
+    assert "mysup.Mine.Settings" in line
+
+
+def test_a_job_of_a_sweep_names_the_class_too(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The reason is the line, the traceback is in the job's folder; a mended class goes on."""
+    wrong = WELL.replace("return", "if state.now.generation == 2: 1 / 0\n        return")
+    assert command(here, wrong, "seed=4", "-m") == 1
+    said = capsys.readouterr().err
+    assert "mysup:Mine failed (ZeroDivisionError: division by zero)" in said
+    assert "Traceback" not in said
+    (error,) = here.rglob("error.txt")
+    assert "mysup.py" in error.read_text(encoding="utf-8")
+    assert RunFolder(error.parent).settled() == 2
+    assert command(here, WELL, "seed=4", "-m") == 0
+
+
+def test_a_module_may_stand_for_a_class(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its faults are told by its name."""
+    source = (
+        WELL + "Settings = Mine.Settings\nadvise = None.__class__\ndef make(*a): raise OSError\n"
+    )
+    assert command(here, source, "supervisor.factory=mysup") == 2
+    assert "islandgp: mysup failed (OSError" in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_a_supervisor_of_ours_is_not_blamed_on_the_user(
+    here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 1 and a fault of the program, as for all that is ours."""
+    monkeypatch.setattr("islandgp.supervision.fixed.Guidance", None)
+    words = ["supervisor=fixed", "name=ours"]
+    assert main([*TINY, "tracking=off", *fake("Instant"), *words]) == 1
+    assert "this is a fault of the program" in capsys.readouterr().err.splitlines()[-1]
+    assert (here / "runs" / "ours").exists()

@@ -1,0 +1,115 @@
+"""Answers that are none: one line that names the supervisor and what was expected, exit code 2."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from islandgp.app import main
+from islandgp.bt.language import parse
+from islandgp.bt.node import Node
+from islandgp.errors import SupervisionError
+from islandgp.supervision.asking import ask
+from islandgp.supervision.base import Guidance, Phase, Target
+from tests.evolution.runs import plan, run
+from tests.llm.made import answering, supervisor
+from tests.made import snapshot, state
+from tests.running.commands import TINY, fake
+from tests.running.supervisors import Answers
+
+TREE = parse("PatrolWaypoint")
+MINE = "Expected from the supervisor tests.running.supervisors:Answers"
+
+WRONG: list[tuple[Any, str]] = [
+    # an answer, and what the line says of it
+    (None, "a Guidance, found None"),
+    (0.3, "a Guidance, found 0.3"),
+    (
+        Guidance(5, None, "x"),
+        "a Guidance whose mutation_rate is a number in [0, 1] or None, found 5",
+    ),
+    (Guidance(-0.1, None, "x"), "a Guidance whose mutation_rate is"),
+    (Guidance(float("nan"), None, "x"), "a Guidance whose mutation_rate is"),
+    (Guidance(True, None, "x"), "a Guidance whose mutation_rate is"),
+    (Guidance("0.3", None, "x"), "a Guidance whose mutation_rate is"),  # type: ignore[arg-type]
+    (Guidance(np.float32(0.3), None, "x"), "a Guidance whose mutation_rate is"),  # type: ignore[arg-type]
+    (Guidance(None, "PatrolWaypoint", "x"), "a Guidance whose tree is a tree of the language"),  # type: ignore[arg-type]
+    (Guidance(None, Node("leap"), "x"), "a Guidance whose tree is"),
+    (Guidance(None, Node("action", ("Fly",)), "x"), "a Guidance whose tree is"),
+    (Guidance(None, Node("inverter", (), (TREE, TREE)), "x"), "a Guidance whose tree is"),
+    (Guidance(None, None, ""), "a Guidance whose source is a text that is not empty, found ''"),
+    (Guidance(None, None, 7), "a Guidance whose source is"),  # type: ignore[arg-type]
+    (Guidance(None, None, "x", phase="lunch"), "a Guidance whose phase is a Phase"),  # type: ignore[arg-type]
+    (Guidance(None, None, "x", pattern=["stagnation"]), "a Guidance whose pattern is"),  # type: ignore[arg-type]
+    (Guidance(None, None, "x", target=3), "a Guidance whose target is"),  # type: ignore[arg-type]
+    (Guidance(None, None, "x", intervention=1), "a Guidance whose intervention is True or False"),  # type: ignore[arg-type]
+    (Guidance(None, None, "x", reasoning=None), "a Guidance whose reasoning is a text"),  # type: ignore[arg-type]
+    (Guidance(None, None, "x", risk="\ud800"), "a Guidance whose risk is a text"),
+    (Guidance(None, None, "x", notes={"n": 1}), "a Guidance whose notes is a dict of texts"),  # type: ignore[dict-item]
+]
+
+RIGHT = [
+    Guidance(None, None, "x"),
+    Guidance(0, TREE, "x"),
+    Guidance(1.0, None, "x", Phase.REFINEMENT, notes={"a": "b"}),
+    Guidance(np.float64(0.3), None, "x", target=Target.RARE, intervention=True),
+    Guidance(0.5, parse("sequence { " * 30 + "PatrolWaypoint" + " }" * 30), "too deep"),
+]
+
+
+def asked(answer: Any) -> Guidance:
+    """The answer of a supervisor that gives just that."""
+    return ask(Answers(answer), state([snapshot(0)]), np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(("answer", "line"), WRONG)
+def test_a_wrong_answer_is_told(answer: Any, line: str) -> None:
+    """One line: whose it is, the field, what was expected, what was found."""
+    with pytest.raises(SupervisionError) as caught:
+        asked(answer)
+    assert str(caught.value).startswith(f"{MINE} {line}")
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 250
+
+
+@pytest.mark.parametrize("answer", RIGHT)
+def test_a_right_answer_stays_as_it_is(answer: Guidance) -> None:
+    """Nothing is changed; a tree over the limits is refused later, in the record."""
+    assert asked(answer) is answer
+
+
+@pytest.mark.parametrize("lag", [0, 2])
+def test_a_wrong_answer_ends_a_run(lag: int) -> None:
+    """With a lag, None is no answer that is not due yet."""
+    with pytest.raises(SupervisionError, match="a Guidance, found None"):
+        run(plan(f"supervisor.lag={lag}"), Answers(None))
+
+
+def test_a_fallback_is_asked_alike() -> None:
+    """The expert of a language model may be another class, which is checked as any other."""
+    llm, _ = supervisor(answering(rate="", tree=""))
+    llm.adviser.fallback = Answers(None)
+    with pytest.raises(SupervisionError, match="a Guidance, found None"):
+        llm.advise(state([snapshot(0)]), np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("words", [(), ("seed=3", "-m")])
+def test_the_command_says_it_in_one_line(
+    words: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Exit code 2 for a run, 1 for a sweep, whose report names it; no traceback."""
+    monkeypatch.chdir(tmp_path)
+    mine = ["supervisor=fixed", "supervisor.factory=tests.running.supervisors:TooMuch"]
+    assert main([*TINY, "tracking=off", *fake("Instant"), *mine, *words]) == (1 if words else 2)
+    said = capsys.readouterr().err
+    assert "Traceback" not in said
+    assert (
+        "from the supervisor tests.running.supervisors:TooMuch a Guidance whose mutation_rate"
+        in said
+    )
