@@ -11,7 +11,8 @@ from typing import Any
 from uuid import uuid4
 
 from islandgp.settings import Settings
-from islandgp.tracking.folder import About, RunFolder
+from islandgp.tracking.files import About
+from islandgp.tracking.folder import RunFolder
 from islandgp.tracking.parameters import MACHINERY
 from islandgp.version import code_version
 

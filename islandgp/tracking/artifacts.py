@@ -18,7 +18,8 @@ from islandgp.scoring.curriculum import Curriculum
 from islandgp.scoring.rewards import Rewards
 from islandgp.tracking.chart import Line, Panel, svg
 from islandgp.tracking.fallbacks import fallback_words
-from islandgp.tracking.folder import About, RunFolder, Status
+from islandgp.tracking.files import About
+from islandgp.tracking.folder import RunFolder, Status
 
 FILES: Final = (
     "best.bt",

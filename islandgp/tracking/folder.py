@@ -14,29 +14,33 @@ tracking.json       what a tracking server has got of all this (tracking.mirror)
 
 from __future__ import annotations
 
-import json
 import re
 import traceback
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from time import time
-from typing import Any, Final
+from typing import Any
 
-import yaml
 from filelock import FileLock, Timeout
 
 from islandgp.errors import IslandError, RunError
 from islandgp.evolution.checkpoint import load_state, save_state, snapshot, usable, write_atomic
 from islandgp.evolution.record import RunState, Step
 from islandgp.tracking.brief import brief
+from islandgp.tracking.files import (
+    About,
+    check_summary,
+    damaged,
+    pretty,
+    read_about,
+    read_configuration,
+    read_summary,
+)
 from islandgp.tracking.lineage import write_lineage
 from islandgp.tracking.lines import Lines
-
-SUMMARY: Final = frozenset({"champion", "first", "mean_diversity", "generations", "seconds"})
-"""What summary.json holds for those who read it."""
 
 
 class Status(StrEnum):
@@ -46,19 +50,6 @@ class Status(StrEnum):
     FINISHED = "FINISHED"  # it came to its end
     FAILED = "FAILED"  # an error stopped it
     KILLED = "KILLED"  # it was stopped, or its process died
-
-
-@dataclass(frozen=True, slots=True)
-class About:
-    """What nobody can tell from a run's configuration."""
-
-    id: str  # unique; the same after each resumption
-    title: str  # what people call the run
-    home: str  # absolute path of the folder in which the command was given
-    command: str  # that does the run, or what is missing of it
-    started: int  # ms since 1970
-    identity: str  # hash of all configuration that shapes the records
-    tags: dict[str, str]
 
 
 class RunFolder:
@@ -82,7 +73,7 @@ class RunFolder:
             self._take()
             if self.finished():
                 return
-            write_atomic(self.path / "about.json", _pretty(asdict(about)))
+            write_atomic(self.path / "about.json", pretty(asdict(about)))
             write_atomic(self.path / "config.yaml", config.encode())
             (self.path / "error.txt").unlink(missing_ok=True)
 
@@ -130,16 +121,8 @@ class RunFolder:
         return Status.FAILED if self.error() else Status.KILLED
 
     def about(self) -> About | None:
-        """What was written down at the start; None if there was no start.
-
-        Raises:
-            RunError: the file is damaged, or of another version.
-        """
-        file = self.path / "about.json"
-        try:
-            return About(**json.loads(file.read_text(encoding="utf-8"))) if file.exists() else None
-        except (ValueError, TypeError) as error:
-            raise _damaged("what a run says of itself", file, brief(error)) from error
+        """As `read_about`."""
+        return read_about(self.path / "about.json")
 
     def begun(self) -> bool:
         """Whether there was a run here before. Raises RunError where nobody may look."""
@@ -152,17 +135,8 @@ class RunFolder:
         return file.read_text(encoding="utf-8") if file.exists() else None
 
     def configuration(self) -> dict[str, Any]:
-        """The same as plain values; {} if there was none. Raises RunError where it is damaged."""
-        what, file = "a run's configuration", self.path / "config.yaml"
-        try:
-            with usable(self.path):
-                text = self.config()
-            found = {} if text is None else yaml.safe_load(text)
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise _damaged(what, file, brief(error)) from error
-        if not isinstance(found, dict):
-            raise _damaged(what, file, "there are no keys in it")
-        return found
+        """The same as plain values; as `read_configuration`."""
+        return read_configuration(self.path / "config.yaml")
 
     def finished(self) -> bool:
         """Whether the run came to its end."""
@@ -193,7 +167,7 @@ class RunFolder:
         try:
             return load_state(checkpoint, (snapshot(r["snapshot"]) for r in self.records()))
         except (ValueError, KeyError, TypeError) as error:
-            raise _damaged("generation records", self._generations.path, brief(error)) from error
+            raise damaged("generation records", self._generations.path, brief(error)) from error
 
     def append(self, step: Step) -> None:
         """Writes a generation down, then the state to go on from.
@@ -228,7 +202,7 @@ class RunFolder:
         """
         with usable(self.path):
             write_lineage(self.path / "lineage.csv", self.records())
-            write_atomic(self.path / "summary.json", _pretty(summary))
+            write_atomic(self.path / "summary.json", pretty(summary))
             (self.path / "checkpoint.json").unlink(missing_ok=True)
 
     def records(self, first: int = 0) -> Iterator[dict[str, Any]]:
@@ -241,18 +215,11 @@ class RunFolder:
 
     def summary(self) -> dict[str, Any]:
         """The end of a finished run."""
-        found: dict[str, Any] = json.loads((self.path / "summary.json").read_text(encoding="utf-8"))
-        return found
+        return read_summary(self.path / "summary.json")
 
     def check_summary(self) -> None:
         """Raises RunError where the end of a finished run cannot be told."""
-        what, file = "a finished run's summary", self.path / "summary.json"
-        try:
-            missing = SUMMARY - set(self.summary())
-        except (ValueError, TypeError) as error:
-            raise _damaged(what, file, brief(error)) from error
-        if missing:
-            raise _damaged(what, file, f"it lacks {', '.join(sorted(missing))}")
+        check_summary(self.path / "summary.json")
 
 
 def locked(path: Path) -> bool:
@@ -264,14 +231,3 @@ def locked(path: Path) -> bool:
             return False
     except Timeout:
         return True
-
-
-def _damaged(what: str, file: Path, why: str) -> RunError:
-    return RunError(
-        f"Expected {what} in {file}, found a damaged file ({why});"
-        " delete the run's folder or use resume=never."
-    )
-
-
-def _pretty(value: dict[str, Any]) -> bytes:
-    return (json.dumps(value, indent=1) + "\n").encode()

@@ -20,7 +20,8 @@ from filelock import FileLock
 
 from islandgp.errors import TrackingError
 from islandgp.tracking.artifacts import TABLE, Artifact, artifacts, note
-from islandgp.tracking.folder import About, RunFolder, Status
+from islandgp.tracking.files import About
+from islandgp.tracking.folder import RunFolder, Status
 from islandgp.tracking.metrics import final_metrics, metrics
 from islandgp.tracking.parameters import flat
 from islandgp.tracking.parent import parent_run

@@ -14,7 +14,8 @@ import pytest
 
 from islandgp.app import main
 from islandgp.compose import run_folder
-from islandgp.tracking.folder import About, RunFolder
+from islandgp.tracking.files import About
+from islandgp.tracking.folder import RunFolder
 from islandgp.tracking.lines import Lines
 from tests.composed import composed
 from tests.running.commands import TINY, fake

@@ -10,7 +10,8 @@ from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import Step
 from islandgp.report import summary
 from islandgp.supervision.baseline import Baseline, BaselineSettings
-from islandgp.tracking.folder import About, RunFolder
+from islandgp.tracking.files import About
+from islandgp.tracking.folder import RunFolder
 from islandgp.tracking.store import MLflowSettings, Place, Store
 from tests.composed import composed, plain
 from tests.evolution.fake import Fake
