@@ -11,13 +11,8 @@ from islandgp.evolution.population import Evaluated, Individual, Origin
 from islandgp.scoring.classify import Classes, specialist, tiers
 from islandgp.scoring.crisis import Crisis
 from islandgp.scoring.outcome import Outcome
-from islandgp.scoring.state import (
-    PopulationState,
-    Snapshot,
-    StateSettings,
-    behaviours,
-    population_state,
-)
+from islandgp.scoring.snapshot import Snapshot, behaviours
+from islandgp.scoring.state import PopulationState, StateSettings, population_state
 
 NOTHING = Outcome(
     fitness=0.0,

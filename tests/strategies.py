@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 
 from islandgp.bt.language import MAX_NUMBER
 from islandgp.bt.node import ABORTS, ACTIONS, KEYS, OPERATORS, POLICIES, REPEATS, Node
-from islandgp.scoring.state import PopulationState, Snapshot
+from islandgp.scoring.snapshot import Snapshot
+from islandgp.scoring.state import PopulationState
 from tests.made import state
 
 _FLAGS = [name for name, key in KEYS.items() if key.flag]

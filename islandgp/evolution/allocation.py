@@ -19,7 +19,7 @@ from islandgp.evolution.crossover import crossover
 from islandgp.evolution.generation import TreeSettings, random_tree
 from islandgp.evolution.population import Evaluated, Individual, Origin, ranked
 from islandgp.evolution.selection import pick_parent
-from islandgp.scoring.state import BEHAVIOURS
+from islandgp.scoring.snapshot import BEHAVIOURS
 from islandgp.seeding import Stream, stream
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from islandgp.bt.node import Node
 from islandgp.evolution.population import Evaluated
-from islandgp.scoring.state import BEHAVIOURS
+from islandgp.scoring.snapshot import BEHAVIOURS
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ from islandgp.errors import RunError
 from islandgp.evolution.archive import Ancestor
 from islandgp.evolution.population import Individual, Origin
 from islandgp.evolution.record import Champion, IndividualRecord, RunState
-from islandgp.scoring.state import Snapshot
+from islandgp.scoring.snapshot import Snapshot
 
 
 @contextmanager

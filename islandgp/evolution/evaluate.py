@@ -9,7 +9,7 @@ from islandgp.evolution.plan import Plan
 from islandgp.evolution.population import Evaluated, Individual
 from islandgp.scoring.classify import specialist, tiers
 from islandgp.scoring.outcome import combine
-from islandgp.scoring.state import behaviours
+from islandgp.scoring.snapshot import behaviours
 from islandgp.seeding import world_seed
 
 

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from islandgp.bt.node import size
 from islandgp.evolution.plan import Plan
 from islandgp.evolution.population import Evaluated
-from islandgp.scoring.state import PopulationState, Snapshot, measure, population_state
+from islandgp.scoring.snapshot import Snapshot, measure
+from islandgp.scoring.state import PopulationState, population_state
 
 
 def snapshot(plan: Plan, generation: int, population: Sequence[Evaluated], rate: float) -> Snapshot:

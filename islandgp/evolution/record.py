@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from islandgp.bt.node import depth, size
 from islandgp.evolution.archive import Ancestor
 from islandgp.evolution.population import Evaluated, Individual
-from islandgp.scoring.state import Snapshot
+from islandgp.scoring.snapshot import Snapshot
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from islandgp.evolution.record import (
     IndividualRecord,
     fittest,
 )
-from islandgp.scoring.state import Snapshot
+from islandgp.scoring.snapshot import Snapshot
 
 
 @dataclass(frozen=True, slots=True)

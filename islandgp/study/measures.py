@@ -8,7 +8,7 @@ from statistics import fmean
 from typing import Final
 
 from islandgp.scoring.classify import Tier
-from islandgp.scoring.state import Snapshot
+from islandgp.scoring.snapshot import Snapshot
 from islandgp.study.arms import Run
 from islandgp.study.emergence import first
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from islandgp.scoring.state import Snapshot
+from islandgp.scoring.snapshot import Snapshot
 
 SPECIALISTS: Final[dict[str, Callable[[Snapshot], int]]] = {
     "pickup": lambda s: s.specialists["pickup"],

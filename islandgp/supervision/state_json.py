@@ -11,7 +11,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from islandgp.scoring.crisis import Crisis
-from islandgp.scoring.state import PopulationState, Snapshot
+from islandgp.scoring.snapshot import Snapshot
+from islandgp.scoring.state import PopulationState
 
 FIELDS: Final[dict[str, str]] = {
     "generation": "the generation just evaluated, from 0",

@@ -21,7 +21,7 @@ from islandgp.evolution.population import Evaluated, Individual, Origin, ranked
 from islandgp.evolution.selection import pick_parent
 from islandgp.scoring.diversity import diversity
 from islandgp.scoring.outcome import Outcome
-from islandgp.scoring.state import BEHAVIOURS
+from islandgp.scoring.snapshot import BEHAVIOURS
 from tests.composed import composed
 from tests.made import evaluated, outcome
 from tests.strategies import nodes

@@ -9,7 +9,8 @@ from threading import Lock
 from typing import Any
 
 from islandgp.run import setup_of
-from islandgp.scoring.state import PopulationState, Snapshot
+from islandgp.scoring.snapshot import Snapshot
+from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.base import Guidance, Setup
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage

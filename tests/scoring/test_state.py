@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from islandgp.scoring.state import BEHAVIOURS, behaviours, measure, stagnant, trend
+from islandgp.scoring.snapshot import BEHAVIOURS, behaviours, measure
+from islandgp.scoring.state import stagnant, trend
 from tests.composed import composed
 from tests.made import outcome, snapshot, state
 

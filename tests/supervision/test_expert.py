@@ -15,7 +15,8 @@ from islandgp.bt.limits import within
 from islandgp.bt.node import Node, depth, size, walk
 from islandgp.errors import ConfigError
 from islandgp.run import example
-from islandgp.scoring.state import PopulationState, Snapshot
+from islandgp.scoring.snapshot import Snapshot
+from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Pattern, Phase, Setup, Target
 from islandgp.supervision.expert import (
     Expert,

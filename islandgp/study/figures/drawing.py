@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from islandgp.scoring.curriculum import Curriculum
-from islandgp.scoring.state import Snapshot
+from islandgp.scoring.snapshot import Snapshot
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.figures.style import INK, Look, looks
 from islandgp.study.notation import number

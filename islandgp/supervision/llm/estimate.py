@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from islandgp.scoring.state import PopulationState, Snapshot
+from islandgp.scoring.snapshot import Snapshot
+from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Setup
 from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.dialect import Dialect
