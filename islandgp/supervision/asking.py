@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -53,9 +54,14 @@ def _is_tree(value: Any) -> bool:
     if not isinstance(value, Node):
         return value is None
     try:
-        return parse(to_text(value)) == value
+        return _in_language(value)
     except (TreeError, LookupError, TypeError, ValueError, AttributeError):
         return False
+
+
+@lru_cache(maxsize=64)  # supervisors give the same trees again
+def _in_language(tree: Node) -> bool:
+    return parse(to_text(tree)) == tree
 
 
 def _is_text(value: Any) -> bool:
