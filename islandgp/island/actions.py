@@ -1,15 +1,16 @@
 """The seven actions of section 2.2.3, each a function of the island.
 
 An action is called once a tick while its leaf runs; `fresh` is true on the
-first call. It returns a status, turns the wheels or not, and says with
-`wake_at` when its status may change. A new action is an entry in
-`bt.node.ACTIONS` and a function here.
+first call. It returns a status and turns the wheels or not. While it is RUNNING
+it says with `wake_at` when its status may change; where it ends, it says with
+`same_for` how far the robot may drive until a fresh call would do something else.
+A new action is an entry in `bt.node.ACTIONS` and a function here.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import hypot
+from math import hypot, inf
 from typing import Final
 
 from islandgp.bt.node import FAILURE, RUNNING, SUCCESS
@@ -22,15 +23,18 @@ AIM_EVERY = 5  # steps: how often MoveToHumanoid aims anew at a walking humanoid
 
 def move_to_garbage(island: Island, fresh: bool) -> int:
     """Drives to the nearest garbage in sight."""
-    robot, ground = island.robot, island.ground
+    robot, ground, lead = island.robot, island.ground, inf
     if fresh:
-        island.item, gap = ground.nearest(robot.x, robot.y)
-        if gap > robot.settings.perception:
+        island.item, gap, second = ground.nearest(robot.x, robot.y)
+        sight = robot.settings.perception
+        if gap > sight:
+            island.same_for(gap - sight)
             return FAILURE
+        lead = min(second, sight) - gap
     item = island.item
     if item is None or not item.there:  # another branch of the tree has taken it
         return FAILURE
-    return _drive(island, item.x, item.y, robot.settings.pickup_reach)
+    return _drive(island, item.x, item.y, robot.settings.pickup_reach, lead)
 
 
 def pickup_garbage(island: Island, _fresh: bool) -> int:
@@ -38,8 +42,9 @@ def pickup_garbage(island: Island, _fresh: bool) -> int:
     robot, ground = island.robot, island.ground
     if robot.room <= 0:
         return FAILURE
-    item, gap = ground.nearest(robot.x, robot.y)
+    item, gap, _ = ground.nearest(robot.x, robot.y)
     if item is None or gap > robot.settings.pickup_reach:
+        island.same_for(gap - robot.settings.pickup_reach)
         return FAILURE
     ground.take(item)
     robot.load += 1
@@ -49,17 +54,18 @@ def pickup_garbage(island: Island, _fresh: bool) -> int:
 
 def seek_charger(island: Island, fresh: bool) -> int:
     """Drives to the nearest charger."""
-    robot, chargers = island.robot, island.world.chargers
+    robot, chargers, lead = island.robot, island.world.chargers, inf
     if fresh:
-        robot.charger = _nearest(island, chargers)
-    return _drive(island, *chargers[robot.charger], robot.settings.station_reach)
+        robot.charger, lead = _nearest(island, chargers)
+    return _drive(island, *chargers[robot.charger], robot.settings.station_reach, lead)
 
 
 def execute_charge(island: Island, fresh: bool) -> int:
     """Charges until full; an attempt counts anew when a good part of a charge was used up."""
-    robot, chargers = island.robot, island.world.chargers
-    x, y = chargers[_nearest(island, chargers)]
-    if hypot(x - robot.x, y - robot.y) > robot.settings.station_reach:
+    robot = island.robot
+    beyond = min(_distances(island, island.world.chargers)) - robot.settings.station_reach
+    island.same_for(abs(beyond))
+    if beyond > 0:
         return FAILURE
     if fresh and robot.battery >= robot.settings.charge_below * MICRO:
         return FAILURE
@@ -97,11 +103,11 @@ def move_to_humanoid(island: Island, fresh: bool) -> int:
 
 def deliver_to_clearing_point(island: Island, fresh: bool) -> int:
     """Drives to the nearest clearing point and unloads; an empty delivery costs once a visit."""
-    robot, points = island.robot, island.world.clearing_points
+    robot, points, lead = island.robot, island.world.clearing_points, inf
     if fresh:
-        robot.clearing_point = _nearest(island, points)
+        robot.clearing_point, lead = _nearest(island, points)
     here = robot.clearing_point
-    if _drive(island, *points[here], robot.settings.station_reach) == RUNNING:
+    if _drive(island, *points[here], robot.settings.station_reach, lead) == RUNNING:
         return RUNNING
     if robot.load > 0:
         island.act(Event.DELIVERY, robot.load)
@@ -137,26 +143,37 @@ ACTIONS: Final[dict[str, Callable[[Island, bool], int]]] = {
 }
 
 
-def _drive(island: Island, x: float, y: float, reach: float) -> int:
-    """RUNNING while the wheels turn towards (x, y), SUCCESS within reach."""
+def _drive(island: Island, x: float, y: float, reach: float, lead: float = inf) -> int:
+    """RUNNING while the wheels turn towards (x, y), SUCCESS within reach; `lead` as `drive_to`."""
     robot = island.robot
     distance = hypot(x - robot.x, y - robot.y)
     if distance <= reach:
+        island.same_for(reach - distance)
         return SUCCESS
-    robot.drive_to(x, y, reach)
+    robot.drive_to(x, y, reach, lead)
     island.wake_at(island.step + steps_to(distance - reach, robot.stride))
     return RUNNING
 
 
-def _nearest(island: Island, stations: Sequence[tuple[float, float]]) -> int:
-    """The station that is nearest to the robot, the first of equals."""
+def _nearest(island: Island, stations: Sequence[tuple[float, float]]) -> tuple[int, float]:
+    """The nearest station, the first of equals, and how many metres farther the next one is."""
+    distances = _distances(island, stations)
+    least = min(distances)
+    nearest = distances.index(least)
+    distances[nearest] = inf
+    return nearest, min(distances) - least
+
+
+def _distances(island: Island, stations: Sequence[tuple[float, float]]) -> list[float]:
+    """Metres from the robot to each station."""
     rx, ry = island.robot.x, island.robot.y
-    return min(range(len(stations)), key=lambda i: hypot(stations[i][0] - rx, stations[i][1] - ry))
+    return [hypot(x - rx, y - ry) for x, y in stations]
 
 
 def _pursue(island: Island, at: complex, gap: float) -> None:
     """Drives to where the humanoid, now at `at`, was last aimed at; aims anew now and then."""
     robot, people = island.robot, island.humanoids
+    island.same_for(0)  # a fresh call would aim anew
     if island.step >= island.aim_end or abs(island.aim - complex(robot.x, robot.y)) < robot.stride:
         island.aim = at
         island.aim_end = island.step + AIM_EVERY

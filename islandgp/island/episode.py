@@ -18,7 +18,7 @@ from islandgp.bt.node import AGAIN, RUNNING, Node
 from islandgp.island.actions import ACTIONS
 from islandgp.island.journal import Award, Event
 from islandgp.island.passing import advance
-from islandgp.island.robot import MICRO
+from islandgp.island.robot import MICRO, steps_to
 from islandgp.island.sensing import look_for_garbage, refresh, sense
 from islandgp.island.state import Island, build_island
 from islandgp.island.world import FAR, World
@@ -90,17 +90,23 @@ def _tick(island: Island, tick: Callable[[], int]) -> bool:
     """One tick of the tree; true if the next one may do something else though nothing happens.
 
     A tick that left its leaves running will be repeated by the next. So will one
-    that began at the root and came to an end without moving or changing anything.
+    that began at the root and came to an end without changing anything, until the
+    robot has driven so far that one of its actions would do something else.
     """
     robot = island.robot
     refresh(island)
     island.changed = island.acted = island.stirred = island.patrolling = False
     robot.driving = robot.charging = False
-    island.wake = FAR
+    island.wake, island.free = FAR, robot.settings.perception
     resumed, island.status = island.status >= RUNNING, tick()
-    if island.status == RUNNING:  # who charges while another branch drives will lose the charger
-        return island.stirred or (robot.charging and robot.driving)
-    return island.stirred or resumed or robot.driving or island.status == AGAIN
+    if island.stirred or island.status == AGAIN or (resumed and island.status != RUNNING):
+        return True
+    if robot.driving and robot.charging:  # it will lose the charger
+        return True
+    if robot.driving and island.status != RUNNING:
+        island.same_for(robot.same_choice())
+        island.wake_at(island.step + steps_to(island.free, robot.stride))
+    return False
 
 
 def _horizon(island: Island, latest: int) -> int:

@@ -68,15 +68,17 @@ class Ground:
         """The items of the nine cells around a point: all that are within `cell` metres."""
         return self._at((int(y // self.cell) + 1) * self.columns + int(x // self.cell) + 1)
 
-    def nearest(self, x: float, y: float) -> tuple[Item | None, float]:
-        """The nearest item around and its distance in metres; (None, inf) if there is none."""
-        best, least = None, inf
+    def nearest(self, x: float, y: float) -> tuple[Item | None, float, float]:
+        """The nearest item around, and the metres to it and to the next (None, inf: no item)."""
+        best, least, second = None, inf, inf
         for item in self.around(x, y):
             dx, dy = item.x - x, item.y - y
             square = dx * dx + dy * dy
             if square < least:
-                best, least = item, square
-        return best, least**0.5
+                best, least, second = item, square, least
+            elif square < second:
+                second = square
+        return best, least**0.5, second**0.5
 
     def along(self, x: float, y: float, ux: float, uy: float) -> tuple[list[Item], float]:
         """The items around a point, and metres to another cell along a unit direction."""

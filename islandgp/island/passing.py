@@ -98,9 +98,10 @@ def _notice(island: Island, x: float, y: float) -> None:
     robot, ground = island.robot, island.ground
     at = engine.position(robot.body)
     gap = hypot(x - at.x, y - at.y) - robot.settings.perception
-    seen = island.step + (steps_to(gap, robot.stride) if gap > 0 else 0)
-    if seen >= ground.due:
-        return
-    ground.due = seen
-    if gap <= 0:
-        island.wake = island.step  # an action may find it though the blackboard stays the same
+    seen = island.step
+    if gap > 0:
+        seen += steps_to(gap, robot.stride)
+    else:
+        island.wake = seen  # an action may find it though the blackboard stays the same
+    if seen < ground.due:
+        ground.due = seen

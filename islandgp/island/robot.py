@@ -63,6 +63,7 @@ class Robot:
         self.charging = False  # in this step; standing only
         self.rolling = False  # the body may have a velocity
         self.wish = self.goal = (-1.0, -1.0, 0.0)  # x, y, reach: of this tick, of the present leg
+        self.lead = inf  # m by which the wish is nearer than others
         self.heading = 1 + 0j  # unit direction of the leg
         self.leg_end = 0  # step at which the next leg is planned
         self.odometer = 0  # steps spent driving
@@ -75,10 +76,20 @@ class Robot:
         """How many items more it can carry."""
         return self.settings.capacity - self.load
 
-    def drive_to(self, x: float, y: float, reach: float) -> None:
-        """Wants to be within `reach` metres of (x, y); the last wish in a tick counts."""
+    def drive_to(self, x: float, y: float, reach: float, lead: float = inf) -> None:
+        """Wants to be within `reach` metres of (x, y); the last wish in a tick counts.
+
+        `lead`: metres by which this goal is nearer than any other that the same action,
+        called fresh, may choose.
+        """
         self.wish = (x, y, reach)
+        self.lead = lead
         self.driving = True
+
+    def same_choice(self) -> float:
+        """Metres to drive until another goal may be nearer; on the straight leg to it, none is."""
+        straight = self.goal == self.wish and self.leg_end == FAR
+        return inf if straight and self.lead > TOLERANCE else self.lead / 2
 
     def turn_wheels(self, step: int) -> bool:
         """Drives on, begins another leg, or stands; true when the velocity is another one."""

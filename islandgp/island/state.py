@@ -58,6 +58,7 @@ class Island:
     spawn: int = 0  # index of the script's next garbage
     turn: int = 0  # index of the script's next turn of a humanoid
     wake: int = FAR  # a step at which a running action wants to be ticked
+    free: float = 0.0  # m to drive until an action of the last tick, fresh, would do something else
     shaken: bool = False  # touched a step ago: the engine still moves overlapping bodies apart
     status: int = FAILURE  # of the tree's last tick
     stirred: bool = False  # this tick changed something that the next one can depend on
@@ -86,6 +87,14 @@ class Island:
         """Asks for a tick at `step` at the latest."""
         if step < self.wake:
             self.wake = step
+
+    def same_for(self, metres: float) -> None:
+        """Called fresh, this action would do the same until the robot has driven `metres`.
+
+        What time, blackboard, load and new garbage in sight change need not be told.
+        """
+        if metres < self.free:
+            self.free = metres
 
 
 def build_island(world: World, seed: int, award: Award, thresholds: tuple[float, ...]) -> Island:

@@ -33,6 +33,8 @@ ALL_ROUNDER = {
 
 WAITING = "selector { MoveToHumanoid when batteryLevel < 5 { ExecuteCharge } }"
 
+ENDING = "parallel success one { PatrolWaypoint inverter { MoveToHumanoid } PickupGarbage }"
+
 
 def all_rounder() -> str:
     """The example of that name."""
@@ -94,6 +96,14 @@ def test_work_of_a_robot_that_waits() -> None:
     assert episode.ticks <= 2
     assert found["looks"] <= 0.33 * episode.steps
     assert found["python"] <= 4.2 * episode.steps
+
+
+def test_work_of_a_tree_that_ends_in_each_tick() -> None:
+    """A tick that ends while the robot drives is repeated by the next ones, which are left out."""
+    episode, found = counted(ENDING)
+    assert episode.steps >= 1200
+    assert episode.ticks <= 0.1 * episode.steps
+    assert found["python"] <= 7 * episode.steps
 
 
 def test_counting_sees_more_work() -> None:

@@ -96,6 +96,61 @@ def test_stepwise_is_the_same_on_the_island(tree: str) -> None:
     assert quick == slow
 
 
+ENDING_WHILE_DRIVING = (
+    "PatrolWaypoint inverter { ExecuteCharge }",
+    "PatrolWaypoint inverter { PickupGarbage }",
+    "PatrolWaypoint inverter { MoveToGarbage }",
+    "PatrolWaypoint inverter { sequence { MoveToGarbage MoveToHumanoid } }",
+    "PatrolWaypoint SeekCharger inverter { DeliverToClearingPoint }",
+    "PatrolWaypoint MoveToHumanoid inverter { PickupGarbage }",
+    "PatrolWaypoint MoveToGarbage inverter { ExecuteCharge }",
+    "PatrolWaypoint inverter { MoveToHumanoid } MoveToGarbage",
+    "PatrolWaypoint inverter { MoveToHumanoid } SeekCharger",
+    "MoveToGarbage inverter { ExecuteCharge } DeliverToClearingPoint",
+)
+
+
+def on_the_way(**places: list[list[float]]) -> World:
+    """Stations on the patrol, rocks between them, little garbage at first, and a low battery."""
+    where = {
+        "chargers": [[40, 22], [80, 20], [100, 90]],
+        "clearing_points": [[62, 19], [60, 101]],
+        "waypoints": [[20, 20], [100, 20], [100, 100], [20, 100]],
+    }
+    return world(
+        side=120,
+        start=[60, 60],
+        **(where | places),
+        robot={"battery_start": 60},
+        garbage={"initial": 5, "every": 0.3, "most": 40},
+        humanoids={"count": 12},
+        obstacles={"count": 14, "radius": [3, 6], "gap": 3.5},
+        episode={"length": 150},
+    )
+
+
+@pytest.mark.parametrize("branches", ENDING_WHILE_DRIVING)
+def test_stepwise_is_the_same_where_ticks_end_while_the_robot_drives(branches: str) -> None:
+    """A parallel that ends in each tick, and turns the wheels in each: few ticks tell it all."""
+    tree, island = parse(f"parallel success one {{ {branches} }}"), on_the_way()
+    for seed in range(6):
+        quick, slow = both_ways(tree, island, seed)
+        assert quick == slow, seed
+
+
+def test_stepwise_is_the_same_on_a_detour() -> None:
+    """On the way around a rock another item becomes the nearest."""
+    tree = parse("parallel success one { inverter { SeekCharger } MoveToGarbage PickupGarbage }")
+    island = on_the_way(
+        chargers=[[20, 20], [100, 100]],
+        clearing_points=[[20, 100], [90, 30]],
+        waypoints=[[60, 20], [100, 60], [60, 100], [20, 60]],
+    )
+    for seed in (0, 29):  # where it does: found among a hundred
+        quick, slow = both_ways(tree, island, seed)
+        assert quick == slow, seed
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(200))
 def test_stepwise_is_the_same_often(seed: int) -> None:
