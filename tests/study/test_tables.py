@@ -97,9 +97,9 @@ def test_no_percent_of_nothing(
     ("direction", "low_first", "n", "expected"),
     [
         (-1, True, 6, "agrees, shown"),
-        (-1, True, 2, "same direction, not shown"),
+        (-1, True, 2, "not shown"),
         (1, True, 6, "opposite, shown"),
-        (1, True, 2, "opposite direction, not shown"),
+        (1, True, 2, "not shown"),
         (0, True, 2, "no difference shown (no evidence either way)"),
         (0, True, 6, "differs: lower, shown"),
         (0, False, 6, "differs: higher, shown"),

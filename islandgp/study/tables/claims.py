@@ -118,10 +118,9 @@ def verdict(direction: int, f: Finding) -> str:
         return f"differs: {_side(f)}, shown" if shown else UNDECIDED
     if f.rank.r == 0:
         return "no difference"
-    same = (f.rank.r < 0) == (direction > 0)
-    if same:
-        return "agrees, shown" if shown else "same direction, not shown"
-    return "opposite, shown" if shown else "opposite direction, not shown"
+    if not shown:  # ranks and means may point to different sides
+        return "not shown"
+    return "agrees, shown" if (f.rank.r < 0) == (direction > 0) else "opposite, shown"
 
 
 def _side(f: Finding) -> str:
