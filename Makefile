@@ -41,11 +41,16 @@ study: $(STAMP)  ## baseline against expert, 30 paired seeds, into docs/study; r
 	$(BIN)/islandgp compare --arm expert="supervisor=expert" --arm baseline="supervisor=baseline" --name study -o docs/study
 
 ablations: $(STAMP) ## what of the expert helps: its rate, its trees, their choice; takes the study's runs
+	$(BIN)/python -m islandgp experiment=ablation_another_record 'seed=range(4000,4030)' progress=plain -m \
+	  supervisor.policy.first=4000 supervisor.policy.seeds=30 'supervisor.policy.record="runs/study/expert-seed{seed}"'
 	for part in rate_only injection_only random_injection; do \
 	  $(BIN)/python -m islandgp experiment=ablation_$$part 'seed=range(4000,4030)' progress=plain -m || exit; done
-	$(BIN)/islandgp compare --arm expert="name=study supervisor=expert" --arm blind="name=ablation_random_injection" \
-	  --arm trees="name=ablation_injection_only" --arm rate="name=ablation_rate_only" \
-	  --arm baseline="name=study supervisor=baseline" -o docs/study/ablations
+	$(BIN)/islandgp compare --arm expert="name=study supervisor=expert seed=range(4000,4030)" \
+	  --arm blind="name=ablation_random_injection seed=range(4000,4030)" \
+	  --arm yoked="name=ablation_another_record seed=range(4000,4030)" \
+	  --arm trees="name=ablation_injection_only seed=range(4000,4030)" \
+	  --arm rate="name=ablation_rate_only seed=range(4000,4030)" \
+	  --arm baseline="name=study supervisor=baseline seed=range(4000,4030)" -o docs/study/ablations
 
 ui: $(STAMP)     ## start the MLflow UI on this folder's runs
 	$(BIN)/islandgp ui

@@ -22,7 +22,9 @@ from omegaconf import DictConfig
 
 from islandgp.api_key import NONE, key_in, without_key
 from islandgp.compose import command_line, planned, read, run_folder
+from islandgp.config_source import Source
 from islandgp.errors import ConfigError, IslandError, PartError
+from islandgp.mistakes import MISTAKES, explain, parsed
 from islandgp.printing import printed
 from islandgp.resources import resource
 from islandgp.resume import choose
@@ -45,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         args, words = _parsed(words)
         with printed(), as_ctrl_c("SIGTERM"):  # by which clusters end a job
             if args.help or args.hydra_help or args.info or args.cfg or args.shell_completion:
-                _show(words)
+                _show(args, words)
                 return 0
             jobs = list(planned(args, words, Path.cwd()))
             if key_in(job.config for job in jobs):
@@ -93,12 +95,16 @@ def _start(words: Sequence[str], job: Callable[[DictConfig], None]) -> None:
         sys.argv = old
 
 
-def _show(words: Sequence[str]) -> None:
+def _show(args: argparse.Namespace, words: Sequence[str]) -> None:
     """Help, a composed configuration, and what else Hydra shows without running anything."""
+    source = Source.of(args)
+    parsed(args.overrides, source.loader())
+    if args.hydra_help:  # which is about Hydra alone
+        words = ["--hydra-help"]
     try:
         _start(words, lambda _: None)
-    except ValueError as error:  # options that exclude each other
-        raise ConfigError(str(error)) from None
+    except MISTAKES as error:  # or options that exclude each other
+        raise ConfigError(explain(error, args.overrides, source)) from None
 
 
 def _parsed(words: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:

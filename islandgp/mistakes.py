@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Final
@@ -20,6 +20,7 @@ from hydra.errors import HydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from islandgp.cli import COMMANDS
 from islandgp.config_source import Source
 from islandgp.errors import ConfigError
 from islandgp.settings import unknown_key
@@ -48,6 +49,8 @@ def parsed(overrides: Sequence[str], loader: ConfigLoader) -> list[Override]:
 
 def _unreadable(override: str, parser: OverridesParser) -> str:
     key, equals, value = override.partition("=")
+    if not equals and override in COMMANDS:
+        return f"{override}: expected KEY=VALUE, found a command; write islandgp {override}"
     if not equals:
         return f"{override}: expected KEY=VALUE, found no =; write {override}=VALUE"
     if is_secret(key):
@@ -162,6 +165,9 @@ def _no_option(overrides: Sequence[str], source: Source) -> str:
 def _unknown(path: str, config: Any) -> str:
     """The message for a key that is not in the configuration: at the part that is wrong."""
     parts = path.split(".")
+    same = [key for key in _dotted(config) if key.rpartition(".")[2] == parts[-1]]
+    if near := get_close_matches(path, same, 1, 0.5):
+        return f"{path}: unknown key; did you mean {near[0]}?"
     for i, part in enumerate(parts[:-1]):
         if part not in config:
             near = get_close_matches(part, _keys(config), 1, 0.5)
@@ -174,6 +180,16 @@ def _unknown(path: str, config: Any) -> str:
             return f"{path}: unknown key; {hint}"
         config = config[part] if isinstance(config[part], dict) else {}
     return unknown_key(path, _keys(config))
+
+
+def _dotted(config: dict[str, Any]) -> Iterator[str]:
+    """The path of each value."""
+    for key in _keys(config):
+        value = config[key]
+        if isinstance(value, dict):
+            yield from (f"{key}.{below}" for below in _dotted(value))
+        else:
+            yield key
 
 
 def _keys(config: dict[str, Any]) -> list[str]:

@@ -143,7 +143,7 @@ def _select(
 ) -> tuple[list[Arm], list[str]]:
     """The arms, and notes on runs that are left out."""
     from islandgp.study.reading import find
-    from islandgp.study.select import MLFLOW, select
+    from islandgp.study.select import MLFLOW, named, select
     from islandgp.tracking.comparison import fetch
 
     chosen: list[Arm] = []
@@ -155,7 +155,7 @@ def _select(
             there = [found for folder in folders for found in find(folder)]
         else:
             if on_disk is None:
-                on_disk = [f for f in find(runs) if name is None or f.flat["name"] == name]
+                on_disk = find(runs) if name is None else named(name, find(runs))
             there = on_disk
         made, remarks = select(arm, selection, there)
         chosen.append(made)

@@ -69,6 +69,8 @@ def parse_selection(text: str) -> Selection:
 
 
 def _value(text: str) -> Any:
+    if text.startswith("range(") and not _RANGE.fullmatch(text):
+        raise StudyError(f"Expected range(N) or range(M, N), found {text}.")
     if match := _RANGE.fullmatch(text):
         first, last = match.groups()
         return range(int(first)) if last is None else range(int(first), int(last))
@@ -111,6 +113,22 @@ def select(name: str, text: str, runs: Sequence[Found]) -> tuple[Arm, tuple[str,
             f"{', ...' if len(left) > 3 else ''}); the command that started them finishes them.",
         )
     return Arm(name, text, tuple(chosen)), notes
+
+
+def named(name: str, runs: Sequence[Found]) -> list[Found]:
+    """The runs of the sweep of that name.
+
+    Raises:
+        StudyError: there is none; the message says which sweeps there are.
+    """
+    found = [run for run in runs if run.flat["name"] == name]
+    if not found:
+        there = sorted({str(run.flat["name"]) for run in runs})
+        raise StudyError(
+            f"Expected runs of a sweep named {name}, found none;"
+            + (f" there are {', '.join(there)}." if there else " there are no runs at all.")
+        )
+    return found
 
 
 def _nothing(name: str, selection: Selection, runs: Sequence[Found], unfinished: int) -> str:

@@ -125,6 +125,12 @@ ONE_LINE = [
      "supervisor=glob(x*): expected a sweep over at least one value, found none;"),
     (["=3"], "=3: expected KEY=VALUE, found no key; write KEY=VALUE"),
     (["seed=1,2"], "seed=1,2: expected one value, found a sweep; add -m to run all of them."),
+    (["evolution.tournament=2"],
+     "evolution.tournament: unknown key; did you mean allocation.tournament?"),
+    (["compare"], "compare: expected KEY=VALUE, found a command; write islandgp compare"),
+    (["compare", "--help"], "compare: expected KEY=VALUE, found a command; write islandgp compare"),
+    (["gp.populaton=3", "--help"], "gp.populaton: unknown key; did you mean gp.population?"),
+    (["supervisor=expet", "--cfg", "job"], "supervisor=expet: unknown option; did you mean expert"),
 ]  # fmt: skip
 
 

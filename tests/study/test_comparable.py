@@ -108,6 +108,14 @@ def test_an_arm_is_of_one_kind() -> None:
     )
     with pytest.raises(StudyError, match=r"within expert: gp\.tournament is 2 and 3"):
         compare_arms([mixed, _arm("baseline", range(2))])
+    runs = [
+        made_run(seed=s, path=str(s), supervisor__name=f"s{s}", supervisor__lag=s) for s in (0, 1)
+    ]
+    both = made_arm("a", runs)
+    with pytest.raises(
+        StudyError, match=r"found:\n  within a: supervisor\.name is s0 and s1\nSelect"
+    ):
+        compare_arms([both, _arm("baseline", range(2))])
     twice = made_arm("expert", [made_run(seed=0, path="a"), made_run(seed=0, path="b")])
     with pytest.raises(StudyError, match="seeds 0 are there more than once"):
         compare_arms([twice, _arm("baseline", range(1))])

@@ -135,3 +135,7 @@ def test_a_comparison_lives_in_mlflow(
     wrong = _compare(home, ["--uri", uri, *words[-4:-1], "a=mlflow:nonsense !"], monkeypatch)
     assert isinstance(wrong.exception, StudyError)
     assert "Expected an MLflow filter" in str(wrong.exception)
+    nowhere = tmp_path / "nowhere.db"
+    wrong = _compare(home, ["--uri", f"sqlite:///{nowhere}", *words[-4:]], monkeypatch)
+    assert f"Expected an MLflow store in {nowhere}, found none" in str(wrong.exception)
+    assert not nowhere.exists()

@@ -8,7 +8,15 @@ import pytest
 
 from islandgp.errors import StudyError
 from islandgp.study.reading import Found, find, read
-from islandgp.study.select import matches, overview, parse_arm, parse_selection, select, spans
+from islandgp.study.select import (
+    matches,
+    named,
+    overview,
+    parse_arm,
+    parse_selection,
+    select,
+    spans,
+)
 from islandgp.tracking.parameters import flatten
 from tests.study.made_runs import config, individual, made_run, write_run
 
@@ -57,6 +65,21 @@ def test_an_empty_selection_says_which_runs_there_are() -> None:
         select("x", "supervisor=llm", runs)
     assert "name=default supervisor=expert: 2 runs, seeds 0-1" in str(error.value)
     assert "name=default supervisor=baseline: 1 runs, seeds 4" in str(error.value)
+
+
+def test_a_sweep_that_is_not_there_is_told_with_those_that_are() -> None:
+    """So is a folder without any run."""
+    assert named("default", [_found()]) == [_found()]
+    with pytest.raises(StudyError, match="a sweep named nope, found none; there are default"):
+        named("nope", [_found()])
+    with pytest.raises(StudyError, match="there are no runs at all"):
+        named("nope", [])
+
+
+def test_a_range_that_is_none() -> None:
+    """A range must hold numbers."""
+    with pytest.raises(StudyError, match=r"Expected range\(N\) or range\(M, N\), found range\(a\)"):
+        parse_selection("seed=range(a)")
 
 
 def test_an_unknown_key_is_named_with_the_nearest() -> None:

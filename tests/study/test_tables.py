@@ -115,6 +115,6 @@ def test_verdicts(direction: int, low_first: bool, n: int, expected: str) -> Non
 
 
 def test_verdict_where_nothing_happened() -> None:
-    """Two arms without any emergence do not differ."""
+    """Two arms without any emergence have nothing to compare."""
     f = examine(TABLE_11[0], ("a", "b"), ((None, None), (None, None)), 41, in_pairs=False)
-    assert verdict(-1, f) == "no difference"
+    assert verdict(-1, f) == "never in either arm"

@@ -116,8 +116,8 @@ def verdict(direction: int, f: Finding) -> str:
     shown = f.rank_q < LEVEL
     if direction == 0:
         return f"differs: {_side(f)}, shown" if shown else UNDECIDED
-    if f.rank.r == 0:
-        return "no difference"
+    if f.measure.emergence and all(value is None for sample in f.samples for value in sample):
+        return "never in either arm"
     if not shown:  # ranks and means may point to different sides
         return "not shown"
     return "agrees, shown" if (f.rank.r < 0) == (direction > 0) else "opposite, shown"
