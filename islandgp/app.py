@@ -18,6 +18,7 @@ from pathlib import Path
 import hydra
 from hydra._internal.utils import get_args_parser
 from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException
 from omegaconf import DictConfig
 
 from islandgp.api_key import NONE, key_in, without_key
@@ -104,6 +105,8 @@ def _show(args: argparse.Namespace, words: Sequence[str]) -> None:
     try:
         _start(words, lambda _: None)
     except MISTAKES as error:  # or options that exclude each other
+        if isinstance(error, OSError) and not isinstance(error, HydraException):
+            raise  # the output's: the configuration has been read
         raise ConfigError(explain(error, args.overrides, source)) from None
 
 

@@ -9,6 +9,7 @@ import re
 import shlex
 from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,7 +21,6 @@ from hydra.errors import HydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from islandgp.cli import COMMANDS
 from islandgp.config_source import Source
 from islandgp.errors import ConfigError
 from islandgp.settings import unknown_key
@@ -49,7 +49,7 @@ def parsed(overrides: Sequence[str], loader: ConfigLoader) -> list[Override]:
 
 def _unreadable(override: str, parser: OverridesParser) -> str:
     key, equals, value = override.partition("=")
-    if not equals and override in COMMANDS:
+    if override.isidentifier() and find_spec(f"islandgp.commands.{override}_command"):
         return f"{override}: expected KEY=VALUE, found a command; write islandgp {override}"
     if not equals:
         return f"{override}: expected KEY=VALUE, found no =; write {override}=VALUE"

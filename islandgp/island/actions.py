@@ -2,9 +2,9 @@
 
 An action is called once a tick while its leaf runs; `fresh` is true on the
 first call. It returns a status and turns the wheels or not. While it is RUNNING
-it says with `wake_at` when its status may change; where it ends, it says with
-`same_for` how far the robot may drive until a fresh call would do something else.
-A new action is an entry in `bt.node.ACTIONS` and a function here.
+it says with `wake_at` when its status may change, and always with `same_for` how
+far the robot may drive until a fresh call would do something else. A new action
+is an entry in `bt.node.ACTIONS` and a function here.
 """
 
 from __future__ import annotations
@@ -79,7 +79,10 @@ def execute_charge(island: Island, fresh: bool) -> int:
 
 
 def move_to_humanoid(island: Island, fresh: bool) -> int:
-    """Drives to the nearest humanoid in sight that asks, and takes over its garbage."""
+    """Drives to the nearest humanoid in sight that asks, and takes over its garbage.
+
+    It fails as long as the blackboard shows no humanoid that asks.
+    """
     robot, people = island.robot, island.humanoids
     if robot.room <= 0:
         return FAILURE
@@ -109,6 +112,7 @@ def deliver_to_clearing_point(island: Island, fresh: bool) -> int:
     here = robot.clearing_point
     if _drive(island, *points[here], robot.settings.station_reach, lead) == RUNNING:
         return RUNNING
+    island.same_for(lead / 2)  # then another clearing point may be the nearest
     if robot.load > 0:
         island.act(Event.DELIVERY, robot.load)
         robot.load = 0
@@ -172,15 +176,16 @@ def _distances(island: Island, stations: Sequence[tuple[float, float]]) -> list[
 
 def _pursue(island: Island, at: complex, gap: float) -> None:
     """Drives to where the humanoid, now at `at`, was last aimed at; aims anew now and then."""
-    robot, people = island.robot, island.humanoids
+    robot, people, here = island.robot, island.humanoids, complex(island.robot.x, island.robot.y)
     island.same_for(0)  # a fresh call would aim anew
-    if island.step >= island.aim_end or abs(island.aim - complex(robot.x, robot.y)) < robot.stride:
+    if island.step >= island.aim_end or abs(island.aim - here) < robot.stride:
         island.aim = at
         island.aim_end = island.step + AIM_EVERY
     robot.drive_to(island.aim.real, island.aim.imag, 0.0)
-    closing = robot.stride + island.walk
+    there = steps_to(abs(island.aim - here) - robot.stride, robot.stride)
     room = min(gap - people.settings.reach, robot.settings.perception - gap)
-    island.wake_at(min(island.aim_end, island.step + steps_to(room, closing)))
+    met = steps_to(room, robot.stride + island.walk)
+    island.wake_at(min(island.aim_end, island.step + min(there, met)))
 
 
 def _load(island: Island, items: int) -> int:

@@ -8,18 +8,19 @@ everything in every step instead; the outcome is the same to the last bit.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
 
 from islandgp.bt.engine import compile_tree, thresholds
-from islandgp.bt.node import AGAIN, RUNNING, Node
+from islandgp.bt.node import AGAIN, RUNNING, Node, walk
 from islandgp.island.actions import ACTIONS
 from islandgp.island.journal import Award, Event
 from islandgp.island.passing import advance
 from islandgp.island.robot import MICRO, steps_to
-from islandgp.island.sensing import look_for_garbage, refresh, sense
+from islandgp.island.sensing import look_for_garbage, refresh, sense, visit_left
 from islandgp.island.state import Island, build_island
 from islandgp.island.world import FAR, World
 
@@ -64,8 +65,7 @@ def run_episode(
     after every tick; both want `stepwise=True` to see each step.
     """
     island = build_island(world, seed, award, thresholds(tree, "batteryLevel"))
-    actions = {name: partial(action, island) for name, action in ACTIONS.items()}
-    tick = compile_tree(tree, actions, island.board, watch=watch)
+    tick = compile_tree(tree, _actions(tree, island), island.board, watch=watch)
     ticks, due, end = 0, 0, _deadline(island)
     ending: Ending | None = None
     while ending is None:
@@ -86,6 +86,23 @@ def run_episode(
     return _close(island, ending, ticks)
 
 
+def _actions(tree: Node, island: Island) -> dict[str, Callable[[bool], int]]:
+    """The actions of the island's robot.
+
+    All leaves of one action share its goal: one that starts may change it for another that runs.
+    """
+    leaves = Counter(node.args[0] for node in walk(tree) if node.kind == "action")
+    return {
+        name: partial(_shared, island, action) if leaves[name] > 1 else partial(action, island)
+        for name, action in ACTIONS.items()
+    }
+
+
+def _shared(island: Island, action: Callable[[Island, bool], int], fresh: bool) -> int:
+    island.restarted |= fresh
+    return action(island, fresh)
+
+
 def _tick(island: Island, tick: Callable[[], int]) -> bool:
     """One tick of the tree; true if the next one may do something else though nothing happens.
 
@@ -95,17 +112,23 @@ def _tick(island: Island, tick: Callable[[], int]) -> bool:
     """
     robot = island.robot
     refresh(island)
-    island.changed = island.acted = island.stirred = island.patrolling = False
+    island.changed = island.acted = island.stirred = island.patrolling = island.restarted = False
     robot.driving = robot.charging = False
-    island.wake, island.free = FAR, robot.settings.perception
+    island.wake = FAR
+    island.free = robot.settings.perception  # no farther: what lies there is not known
     resumed, island.status = island.status >= RUNNING, tick()
-    if island.stirred or island.status == AGAIN or (resumed and island.status != RUNNING):
+    ended = island.status != RUNNING
+    if island.stirred or island.status == AGAIN or (resumed and (ended or island.restarted)):
         return True
-    if robot.driving and robot.charging:  # it will lose the charger
+    if not robot.driving:
+        return False
+    if robot.charging:  # it will lose the charger
         return True
-    if robot.driving and island.status != RUNNING:
+    if ended:
         island.same_for(robot.same_choice())
         island.wake_at(island.step + steps_to(island.free, robot.stride))
+    if robot.fined_at >= 0:
+        island.wake_at(island.step + steps_to(visit_left(island), robot.stride))
     return False
 
 

@@ -87,8 +87,13 @@ class Robot:
         self.driving = True
 
     def same_choice(self) -> float:
-        """Metres to drive until another goal may be nearer; on the straight leg to it, none is."""
-        straight = self.goal == self.wish and self.leg_end == FAR
+        """Metres to drive until another goal may be nearer.
+
+        On a straight leg none can be, as long as the goal lies ahead.
+        """
+        x, y, _ = self.wish
+        ahead = (x - self.x) * self.heading.real + (y - self.y) * self.heading.imag > 0
+        straight = ahead and self.goal == self.wish and self.leg_end == FAR
         return inf if straight and self.lead > TOLERANCE else self.lead / 2
 
     def turn_wheels(self, step: int) -> bool:
@@ -114,6 +119,8 @@ class Robot:
         """The earliest step at which the battery may cross a level that matters."""
         level = self.battery
         if self.charging and not self.driving:
+            if self.charge == 0:
+                return FAR
             mark = self.marks[min(bisect_left(self.marks, level), len(self.marks) - 1)]
             return step + max(1, -((level - mark) // self.charge))
         drain = self.drain_moving if self.driving else self.drain_standing

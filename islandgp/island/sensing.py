@@ -53,10 +53,15 @@ def refresh(island: Island) -> None:
     board[BATTERY] = robot.battery / MICRO
     board[ROOM] = robot.settings.capacity - robot.load
     board[LAP] = robot.laps
-    if robot.fined_at >= 0:
-        x, y = island.world.clearing_points[robot.fined_at]
-        if hypot(x - robot.x, y - robot.y) > robot.settings.station_reach:
-            robot.fined_at = -1
+    if robot.fined_at >= 0 and visit_left(island) < 0:
+        robot.fined_at = -1
+
+
+def visit_left(island: Island) -> float:
+    """Metres that the robot may drive within reach of the clearing point where it was fined."""
+    robot = island.robot
+    x, y = island.world.clearing_points[robot.fined_at]
+    return robot.settings.station_reach - hypot(x - robot.x, y - robot.y)
 
 
 def look_for_garbage(island: Island) -> None:

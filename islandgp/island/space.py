@@ -16,9 +16,8 @@ from pymunk.batch import BodyFields, Buffer, get_space_bodies
 
 from islandgp.island import engine
 from islandgp.island.script import Script
-from islandgp.island.world import World
+from islandgp.island.world import WALL, World
 
-WALL = 1.0  # m, half the thickness of a wall, outside the island
 ROBOT_MASS, HUMANOID_MASS = 50.0, 70.0  # kg
 HUMANOID_GROUP = 1  # shapes of one group do not collide
 

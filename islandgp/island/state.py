@@ -51,17 +51,18 @@ class Island:
     journal: Journal
     board: list[float]  # the blackboard, in the order of KEYS
     dt: float  # s a step
-    walk: float  # m a step, of a humanoid
+    walk: float  # m that a humanoid moves in a step, at most
     step: int = 0
     booked: int = 0  # step until which time is in the account
     changed: bool = False  # a flag of the blackboard, since the last tick
     spawn: int = 0  # index of the script's next garbage
     turn: int = 0  # index of the script's next turn of a humanoid
-    wake: int = FAR  # a step at which a running action wants to be ticked
+    wake: int = FAR  # a step at which the tree has to be ticked
     free: float = 0.0  # m to drive until an action of the last tick, fresh, would do something else
     shaken: bool = False  # touched a step ago: the engine still moves overlapping bodies apart
     status: int = FAILURE  # of the tree's last tick
     stirred: bool = False  # this tick changed something that the next one can depend on
+    restarted: bool = False  # in this tick a leaf started whose action other leaves have as well
     acted: bool = False  # a non-movement action happened in this tick
     idle: int = 0  # steps of idleness so far
     last_action: int = 0  # step of the last non-movement action
@@ -91,7 +92,7 @@ class Island:
     def same_for(self, metres: float) -> None:
         """Called fresh, this action would do the same until the robot has driven `metres`.
 
-        What time, blackboard, load and new garbage in sight change need not be told.
+        What blackboard, load and new garbage in sight change need not be told.
         """
         if metres < self.free:
             self.free = metres
@@ -102,6 +103,9 @@ def build_island(world: World, seed: int, award: Award, thresholds: tuple[float,
     script = write_script(world, seed)
     physics = build_space(world, script)
     robot = Robot(world, physics.robot, script.obstacles, thresholds)
+    walk = world.humanoids.speed * world.episode.step
+    # Who has walked into a wall or a rock, or into both, is pushed out by less than it is too deep.
+    pushed = 2 * max(0.0, walk - physics.space.collision_slop)
     return Island(
         world=world,
         limits=Limits.of(world.episode),
@@ -113,5 +117,5 @@ def build_island(world: World, seed: int, award: Award, thresholds: tuple[float,
         journal=Journal(award),
         board=[0.0] * len(KEYS),
         dt=world.episode.step,
-        walk=world.humanoids.speed * world.episode.step,
+        walk=walk + pushed,
     )

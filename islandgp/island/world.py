@@ -14,6 +14,7 @@ from pydantic import BaseModel, Field, model_validator
 Positive = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
 Percent = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
+WALL = 1.0  # m, half the thickness of a wall, outside the island
 ROCK_MARGIN = 0.3  # m between the robot's hull and an obstacle it drives around
 MOST_CELLS = 100_000  # of ground: as many are 15 ms and 10 MB for each world
 FAR = 1 << 29  # a step that no episode comes to
@@ -161,6 +162,19 @@ class World(BaseModel, frozen=True, extra="forbid"):
                 "humanoids.ask_from: expected at most humanoids.most_items="
                 f"{self.humanoids.most_items}, found {self.humanoids.ask_from}"
             )
+        if self.robot.pickup_reach > self.robot.perception:
+            raise ValueError(
+                f"robot.pickup_reach: expected at most robot.perception={self.robot.perception:g},"
+                f" found {self.robot.pickup_reach:g}"
+            )
+        for name, who in (("robot", self.robot), ("humanoids", self.humanoids)):
+            most = WALL + who.radius
+            if who.speed * self.episode.step > most:  # it could come out on a wall's other side
+                raise ValueError(
+                    f"episode.step: expected ways of at most {most:g} m in a step for {name},"
+                    f" found {who.speed * self.episode.step:g} m; take a smaller step or"
+                    f" {name}.speed"
+                )
         if self.humanoids.speed > self.robot.speed:
             raise ValueError(
                 f"humanoids.speed: expected at most robot.speed={self.robot.speed:g},"

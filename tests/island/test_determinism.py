@@ -9,10 +9,11 @@ import sys
 from collections import Counter
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from islandgp.bt.language import parse, to_text
@@ -25,6 +26,7 @@ from islandgp.island.world import World
 from tests.composed import composed
 from tests.goldens import check_golden
 from tests.island.days import points, world
+from tests.island.odd import odd_worlds
 from tests.strategies import nodes
 
 LIMITS = Limits(max_depth=8, max_nodes=50)
@@ -149,6 +151,89 @@ def test_stepwise_is_the_same_on_a_detour() -> None:
     for seed in (0, 29):  # where it does: found among a hundred
         quick, slow = both_ways(tree, island, seed)
         assert quick == slow, seed
+
+
+def plain(**changes: Any) -> World:
+    """A small island with nobody and nothing on it but stations."""
+    return world(
+        **{
+            "side": 120,
+            "start": [60, 60],
+            "chargers": [[20, 20], [100, 100]],
+            "clearing_points": [[20, 100]],
+            "waypoints": [[60, 20], [100, 60], [60, 100], [20, 60]],
+            "garbage": {"initial": 0, "every": 1000, "most": 100},
+            "humanoids": {"count": 0},
+            "obstacles": {"count": 0},
+            "episode": {"length": 60},
+        }
+        | changes
+    )
+
+
+LITTER = {"initial": 40, "every": 1000, "most": 100}
+GRID = [[x, y] for x in range(10, 120, 10) for y in range(10, 120, 10) if (x, y) != (60, 60)]
+BENDS = [[20, 20], [100, 60], [60, 100], [22, 70], [90, 20], [25, 100]]
+
+FOUND = {
+    # what a search found once, or reasoning did: tree, world
+    "leaves share an item": (
+        "parallel { MoveToGarbage sequence { SeekCharger MoveToGarbage } }", busy()),
+    "leaves share a charger": (
+        "parallel success all failure all { SeekCharger sequence { MoveToGarbage SeekCharger } }",
+        plain(chargers=GRID, start=[55, 55], robot={"station_reach": 4},
+              garbage={"initial": 60, "every": 1000, "most": 100})),
+    "two clearing points in reach": (
+        "parallel success one { PatrolWaypoint inverter { DeliverToClearingPoint } }",
+        plain(waypoints=[[100, 60], [20, 60]], clearing_points=[[70, 60], [71, 60]])),
+    "a goal that is overshot": (
+        "parallel success one { MoveToGarbage inverter { ExecuteCharge } }",
+        plain(garbage=LITTER, robot={"pickup_reach": 0.2})),
+    "a humanoid that runs": (
+        "MoveToHumanoid",
+        plain(humanoids={"count": 6, "speed": 3, "reach": 0.3, "ask_from": 1})),
+    "out of reach and back around a rock": (
+        "selector { when lap >= 99 { SeekCharger } parallel success one failure all {"
+        " sequence { inverter { DeliverToClearingPoint } PatrolWaypoint } } }",
+        plain(start=[60, 50], clearing_points=[[60, 60]], waypoints=BENDS,
+              robot={"station_reach": 24}, episode={"length": 150},
+              obstacles={"count": 10, "radius": [4, 8], "gap": 1.9, "layout_seed": 13})),
+    "a charge too small to count": (
+        "sequence { SeekCharger ExecuteCharge }",
+        plain(start=[21, 20], robot={"charge_rate": 1e-6})),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FOUND)
+def test_stepwise_is_the_same_where_it_once_was_not(name: str) -> None:
+    """Each of these differed, or failed one way only, before the island knew of it."""
+    text, island = FOUND[name]
+    for seed in range(6):
+        quick, slow = both_ways(parse(text), island, seed)
+        assert quick == slow, seed
+
+
+@settings(
+    max_examples=25, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow]
+)
+@given(tree=nodes(max_leaves=8, max_repeats=3), island=odd_worlds(), seed=st.integers(0, 9))
+def test_stepwise_is_the_same_in_odd_worlds(tree: Node, island: World, seed: int) -> None:
+    """The same in worlds that nobody would set up."""
+    if within(tree, LIMITS):
+        quick, slow = both_ways(tree, island, seed)
+        assert quick == slow
+
+
+@pytest.mark.slow
+@settings(
+    max_examples=1500, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow]
+)
+@given(tree=nodes(max_leaves=12, max_repeats=3), island=odd_worlds(), seed=st.integers(0, 20))
+def test_stepwise_is_the_same_in_odd_worlds_often(tree: Node, island: World, seed: int) -> None:
+    """The same in hundreds of them."""
+    if within(tree, LIMITS):
+        quick, slow = both_ways(tree, island, seed)
+        assert quick == slow
 
 
 @pytest.mark.slow
