@@ -52,7 +52,11 @@ def measure(effort: Effort) -> list[Figure]:
         _seconds("rest_s", [r.rest for r in off], "checkpoints, files, end of the process"),
         _seconds("run_s_off", [r.whole for r in off], "all of these: the run, tracking=off"),
         _seconds("run_s_mlflow", [r.whole for r in mlflow], "the run, tracking=mlflow"),
-        _seconds("new_store_s", [first.rest], "the same rest where MLflow makes a new store"),
+        _seconds(
+            "new_store_s",
+            [first.rest],
+            "the rest of a run of 2 generations that makes a new MLflow store, import and all",
+        ),
         _seconds("command_s", [r.command for r in mlflow], "the command, tracking=mlflow"),
     ]
 
