@@ -142,6 +142,8 @@ def _nothing(name: str, selection: Selection, runs: Sequence[Found], unfinished:
     for key in sorted(selection.keys - set(known)):
         near = get_close_matches(key, [*known, *SHORT], 1, 0.5)
         hints.append(f" There is no key {key}{f', did you mean {near[0]}?' if near else '.'}")
+    if SHORT.get(name, name) in known:  # the arm's own name was forgotten
+        hints.append(f' Did you mean --arm NAME="{name}={selection.text}"?')
     there = overview(runs)
     return f"Expected runs for {name}={selection.text!r}, found none.{''.join(hints)}\n" + (
         "There are:\n  " + "\n  ".join(there) if there else "There are no runs at all."

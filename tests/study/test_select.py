@@ -88,6 +88,12 @@ def test_an_unknown_key_is_named_with_the_nearest() -> None:
         select("x", "supervisr=expert", [_found()])
 
 
+def test_an_arm_without_a_name_of_its_own_is_told() -> None:
+    """What stands before the first = is the name, even where it looks like a key."""
+    with pytest.raises(StudyError, match='Did you mean --arm NAME="supervisor=expert"'):
+        select(*parse_arm("supervisor=expert"), [_found()])
+
+
 def test_unfinished_runs_are_left_out_and_named(tmp_path: Path) -> None:
     """An unfinished run is no data, and the report says that it was there."""
     write_run(made_run(seed=0), tmp_path / "a")
