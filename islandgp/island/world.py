@@ -171,9 +171,8 @@ class World(BaseModel, frozen=True, extra="forbid"):
             most = WALL + who.radius
             if who.speed * self.episode.step > most:  # it could come out on a wall's other side
                 raise ValueError(
-                    f"episode.step: expected ways of at most {most:g} m in a step for {name},"
-                    f" found {who.speed * self.episode.step:g} m; take a smaller step or"
-                    f" {name}.speed"
+                    f"episode.step: expected at most {most / who.speed:g} s, in which {name}.speed"
+                    f" leads {most:g} m far, found {self.episode.step:g} s; lower one of them"
                 )
         if self.humanoids.speed > self.robot.speed:
             raise ValueError(

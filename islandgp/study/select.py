@@ -69,7 +69,7 @@ def parse_selection(text: str) -> Selection:
 
 
 def _value(text: str) -> Any:
-    if text.startswith("range(") and not _RANGE.fullmatch(text):
+    if re.match(r"range(\(|$)", text) and not _RANGE.fullmatch(text):
         raise StudyError(f"Expected range(N) or range(M, N), found {text}.")
     if match := _RANGE.fullmatch(text):
         first, last = match.groups()

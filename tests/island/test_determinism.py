@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from islandgp.bt.language import parse, to_text
 from islandgp.bt.limits import Limits, within
-from islandgp.bt.node import Node
+from islandgp.bt.node import ACTIONS, Node
 from islandgp.evolution.generation import random_tree
 from islandgp.island import engine
 from islandgp.island.episode import Episode, run_episode
@@ -109,6 +109,8 @@ ENDING_WHILE_DRIVING = (
     "PatrolWaypoint inverter { MoveToHumanoid } MoveToGarbage",
     "PatrolWaypoint inverter { MoveToHumanoid } SeekCharger",
     "MoveToGarbage inverter { ExecuteCharge } DeliverToClearingPoint",
+    *(f"PatrolWaypoint selector {{ {name} SeekCharger }}" for name in ACTIONS),
+    *(f"PatrolWaypoint inverter {{ {name} }} MoveToGarbage" for name in ACTIONS),
 )
 
 

@@ -128,7 +128,7 @@ ONE_LINE = [
     (["world.robot.pickup_reach=20"],
      "world.robot.pickup_reach: expected at most robot.perception=15, found 20"),
     (["world.episode.step=1"],
-     "world.episode.step: expected ways of at most 1.6 m in a step for robot, found 5 m; take"),
+     "world.episode.step: expected at most 0.32 s, in which robot.speed leads 1.6 m far, found 1"),
     (["evolution.tournament=2"],
      "evolution.tournament: unknown key; did you mean allocation.tournament?"),
     (["compare"], "compare: expected KEY=VALUE, found a command; write islandgp compare"),

@@ -80,6 +80,8 @@ def test_a_range_that_is_none() -> None:
     """A range must hold numbers."""
     with pytest.raises(StudyError, match=r"Expected range\(N\) or range\(M, N\), found range\(a\)"):
         parse_selection("seed=range(a)")
+    with pytest.raises(StudyError, match=r"found range\."):
+        parse_selection("seed=range")
 
 
 def test_an_unknown_key_is_named_with_the_nearest() -> None:
