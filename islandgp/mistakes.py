@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from difflib import get_close_matches
 from importlib.util import find_spec
 from pathlib import Path
@@ -24,7 +24,7 @@ from omegaconf.errors import OmegaConfBaseException
 from islandgp.config_source import Source
 from islandgp.errors import ConfigError
 from islandgp.settings import unknown_key
-from islandgp.tracking.parameters import HIDDEN, is_secret
+from islandgp.tracking.parameters import HIDDEN, flatten, is_secret
 
 MISTAKES: Final = (HydraException, OmegaConfBaseException, yaml.YAMLError, ValueError, OSError)
 """What composing raises for a user's error."""
@@ -165,7 +165,7 @@ def _no_option(overrides: Sequence[str], source: Source) -> str:
 def _unknown(path: str, config: Any) -> str:
     """The message for a key that is not in the configuration: at the part that is wrong."""
     parts = path.split(".")
-    same = [key for key in _dotted(config) if key.rpartition(".")[2] == parts[-1]]
+    same = [key for key in flatten(config) if key.rpartition(".")[2] == parts[-1]]
     if near := get_close_matches(path, same, 1, 0.5):
         return f"{path}: unknown key; did you mean {near[0]}?"
     for i, part in enumerate(parts[:-1]):
@@ -180,16 +180,6 @@ def _unknown(path: str, config: Any) -> str:
             return f"{path}: unknown key; {hint}"
         config = config[part] if isinstance(config[part], dict) else {}
     return unknown_key(path, _keys(config))
-
-
-def _dotted(config: dict[str, Any]) -> Iterator[str]:
-    """The path of each value."""
-    for key in _keys(config):
-        value = config[key]
-        if isinstance(value, dict):
-            yield from (f"{key}.{below}" for below in _dotted(value))
-        else:
-            yield key
 
 
 def _keys(config: dict[str, Any]) -> list[str]:

@@ -2,9 +2,10 @@
 
 An action is called once a tick while its leaf runs; `fresh` is true on the
 first call. It returns a status and turns the wheels or not. While it is RUNNING
-it says with `wake_at` when its status may change, and always with `same_for` how
-far the robot may drive until a fresh call would do something else. A new action
-is an entry in `bt.node.ACTIONS` and a function here.
+it says with `wake_at` when its status may change, and where its answer depends on
+the robot's place, with `same_for` how far the robot may drive until a fresh call
+would do something else. A new action is an entry in `bt.node.ACTIONS` and a
+function here.
 """
 
 from __future__ import annotations

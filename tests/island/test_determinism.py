@@ -56,6 +56,13 @@ def both_ways(tree: Node, island: World, seed: int) -> tuple[Episode, Episode]:
     return replace(quick, ticks=0), replace(slow, ticks=0)
 
 
+def same_both_ways(tree: Node, island: World, seed: int) -> None:
+    """Both are the same, if the tree is one that can be run."""
+    if within(tree, LIMITS):
+        quick, slow = both_ways(tree, island, seed)
+        assert quick == slow
+
+
 def busy() -> World:
     """A small island where much happens: contacts, rocks, thresholds."""
     return world(
@@ -86,9 +93,7 @@ def test_stepwise_is_the_same_for_random_trees(seed: int) -> None:
 @given(tree=nodes(max_leaves=10, max_repeats=3), seed=st.integers(0, 5))
 def test_stepwise_is_the_same_for_any_tree(tree: Node, seed: int) -> None:
     """The same for trees that no genetic programming would think of."""
-    if within(tree, LIMITS):
-        quick, slow = both_ways(tree, busy(), seed)
-        assert quick == slow
+    same_both_ways(tree, busy(), seed)
 
 
 @pytest.mark.parametrize("tree", [ALL_ROUNDER, RESTLESS], ids=["all-rounder", "restless"])
@@ -221,9 +226,7 @@ def test_stepwise_is_the_same_where_it_once_was_not(name: str) -> None:
 @given(tree=nodes(max_leaves=8, max_repeats=3), island=odd_worlds(), seed=st.integers(0, 9))
 def test_stepwise_is_the_same_in_odd_worlds(tree: Node, island: World, seed: int) -> None:
     """The same in worlds that nobody would set up."""
-    if within(tree, LIMITS):
-        quick, slow = both_ways(tree, island, seed)
-        assert quick == slow
+    same_both_ways(tree, island, seed)
 
 
 @pytest.mark.slow
@@ -233,9 +236,7 @@ def test_stepwise_is_the_same_in_odd_worlds(tree: Node, island: World, seed: int
 @given(tree=nodes(max_leaves=12, max_repeats=3), island=odd_worlds(), seed=st.integers(0, 20))
 def test_stepwise_is_the_same_in_odd_worlds_often(tree: Node, island: World, seed: int) -> None:
     """The same in hundreds of them."""
-    if within(tree, LIMITS):
-        quick, slow = both_ways(tree, island, seed)
-        assert quick == slow
+    same_both_ways(tree, island, seed)
 
 
 @pytest.mark.slow
@@ -252,9 +253,7 @@ def test_stepwise_is_the_same_often(seed: int) -> None:
 @given(tree=nodes(max_leaves=16, max_repeats=5), seed=st.integers(0, 20))
 def test_stepwise_is_the_same_for_any_tree_often(tree: Node, seed: int) -> None:
     """The same for three hundred odd trees."""
-    if within(tree, LIMITS):
-        quick, slow = both_ways(tree, busy(), seed)
-        assert quick == slow
+    same_both_ways(tree, busy(), seed)
 
 
 @pytest.mark.parametrize("tree", [ALL_ROUNDER, RESTLESS], ids=["all-rounder", "restless"])
