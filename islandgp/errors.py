@@ -5,6 +5,7 @@ IslandError            one clear message: expected, found, remedy; exit code 2 a
 |   |-- UnknownNameError  an action, a key or a subtree does not exist
 |   `-- LimitError     a tree is deeper or larger than its limits
 |-- ConfigError        the configuration is wrong (one line per error)
+|-- DomainError        a domain's declaration is wrong, or a tree is for another domain
 |-- PartError          the user's own class, which configuration names, failed (with traceback)
 |-- EvaluationError    an episode could not be run (names the tree and the world seed)
 |-- SupervisionError   a supervisor cannot do its work
@@ -44,6 +45,10 @@ class LimitError(TreeError):
 
 class ConfigError(IslandError):
     """The configuration is wrong; the message has one line per error."""
+
+
+class DomainError(IslandError):
+    """A domain's declaration is wrong, or breaks its contract."""
 
 
 class PartError(IslandError):

@@ -1,4 +1,4 @@
-"""A part of a run that configuration chooses: a supervisor, an evaluator, a tracker."""
+"""What configuration chooses by a class: a domain, a supervisor, an evaluator, a tracker."""
 
 from __future__ import annotations
 
@@ -19,16 +19,13 @@ from pydantic import (
 from islandgp.errors import IslandError, PartError
 
 
-class Part(BaseModel, frozen=True, extra="forbid"):
-    """A part that configuration chooses: a class, and the settings for it.
-
-    The class carries a pydantic model `Settings` and is made by `make(settings, ...)`.
-    """
+class Plugin(BaseModel, frozen=True, extra="forbid"):
+    """A class that configuration names."""
 
     needs: ClassVar[tuple[str, ...]] = ("make",)  # methods of the class
+    models: ClassVar[tuple[str, ...]] = ("Settings",)  # pydantic models that it carries
 
     factory: ImportString[Any]  # "package.module:Class"
-    policy: dict[str, Any] = Field(default_factory=dict, validate_default=True)
 
     @field_validator("factory", mode="wrap")
     @classmethod
@@ -40,16 +37,26 @@ class Part(BaseModel, frozen=True, extra="forbid"):
     @classmethod
     def _can_make(cls, factory: Any) -> Any:
         has = [callable(getattr(factory, method, None)) for method in cls.needs]
-        if not (hasattr(factory, "Settings") and all(has)):
-            *first, last = ("Settings", *cls.needs)
+        if not (all(hasattr(factory, model) for model in cls.models) and all(has)):
+            *first, last = (*cls.models, *cls.needs)
             raise ValueError(
                 f"expected a class with {', '.join(first)} and {last}, found {factory!r}"
             )
-        settings = factory.Settings
-        if not (isinstance(settings, type) and issubclass(settings, BaseModel)):
-            what = f"expected Settings to be a pydantic model, found {settings!r}"
-            raise ValueError(what)  # noqa: TRY004 -- pydantic takes no TypeError for an answer
+        for model in cls.models:
+            found = getattr(factory, model)
+            if not (isinstance(found, type) and issubclass(found, BaseModel)):
+                what = f"expected {model} to be a pydantic model, found {found!r}"
+                raise ValueError(what)  # noqa: TRY004 -- pydantic takes no TypeError for an answer
         return factory
+
+
+class Part(Plugin, frozen=True, extra="forbid"):
+    """A part that configuration chooses: a class, and the settings for it.
+
+    The class carries a pydantic model `Settings` and is made by `make(settings, ...)`.
+    """
+
+    policy: dict[str, Any] = Field(default_factory=dict, validate_default=True)
 
     @field_validator("policy")
     @classmethod

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from time import monotonic
 from typing import TYPE_CHECKING, Final, Literal, Self
 
@@ -18,21 +19,27 @@ COLUMNS: Final = {
     "mean": 9,
     "diversity": 9,
     "working": 7,
-    "full": 4,
-    "complete": 8,
-    "excellent": 9,
     "rate": 6,
     "left": 9,
 }
-"""Names and widths. `full`, `complete`, `excellent`: individuals in these tiers of Table 4;
-`rate`: the mutation rate of the next generation, with a "!" when a crisis decides it;
-`left`: the time until the last generation."""
+"""Names and widths; before `rate` each milestone of the experiment has a column, the individuals
+in that tier of Table 4. `rate`: the mutation rate of the next generation, with a "!" when a crisis
+decides it; `left`: the time until the last generation."""
 
 SHOWN: Final = 12  # generations in the live table
 
 
-def row(step: Step, generations: int, seconds_left: float) -> tuple[str, ...]:
-    """One generation in COLUMNS."""
+def columns(milestones: Sequence[str]) -> dict[str, int]:
+    """Names and widths of all columns."""
+    *first, rate, left = COLUMNS.items()
+    own = ((name, max(4, len(name))) for name in milestones)
+    return dict([*first, *own, rate, left])
+
+
+def row(
+    step: Step, generations: int, seconds_left: float, milestones: Sequence[str]
+) -> tuple[str, ...]:
+    """One generation in `columns`."""
     s = step.record.snapshot
     guidance = step.record.guidance
     rate = "" if guidance is None else f"{guidance.applied_rate:.2f}{'!' * bool(guidance.crisis)}"
@@ -42,9 +49,7 @@ def row(step: Step, generations: int, seconds_left: float) -> tuple[str, ...]:
         f"{s.mean:,.0f}",
         f"{s.diversity:.2f}",
         f"{s.working:.2f}",
-        str(s.tiers["full_service"]),
-        str(s.tiers["complete"]),
-        str(s.tiers["excellent"]),
+        *(str(s.tiers[name]) for name in milestones),
         rate,
         duration(seconds_left) if guidance is not None else "",
     )
@@ -69,6 +74,7 @@ class Progress:
         how: Literal["auto", "plain", "off"],
         generations: int,
         title: str,
+        milestones: Sequence[str],
         *,
         done: int = 0,
         keep: bool = True,
@@ -77,6 +83,8 @@ class Progress:
         self.how = how
         self.generations = generations
         self.title = title
+        self.milestones = milestones
+        self.columns = columns(milestones)
         self.done = self.before = done
         self.keep = keep
         self.began = monotonic()
@@ -97,7 +105,7 @@ class Progress:
         elif self.how != "off":
             resumed = f" (from generation {self.done})" if self.done else ""
             _say(f"{self.title}{resumed}")
-            _say("  ".join(f"{name:>{width}}" for name, width in COLUMNS.items()))
+            _say("  ".join(f"{name:>{width}}" for name, width in self.columns.items()))
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -108,11 +116,12 @@ class Progress:
         """One generation more."""
         self.done += 1
         a_generation = (monotonic() - self.began) / (self.done - self.before)
-        self.rows.append(row(step, self.generations, a_generation * (self.generations - self.done)))
+        left = a_generation * (self.generations - self.done)
+        self.rows.append(row(step, self.generations, left, self.milestones))
         if self._live is not None:
             self._live.update(self._drawn())
         elif self.how != "off":
-            cells = zip(self.rows[-1], COLUMNS.values(), strict=True)
+            cells = zip(self.rows[-1], self.columns.values(), strict=True)
             _say("  ".join(f"{cell:>{width}}" for cell, width in cells).rstrip())
 
     def _drawn(self) -> RenderableType:
@@ -121,7 +130,7 @@ class Progress:
         from rich.table import Table
 
         table = Table(title=self.title, title_justify="left", box=None, padding=(0, 1))
-        for name, width in COLUMNS.items():
+        for name, width in self.columns.items():
             table.add_column(name, justify="right", min_width=width, no_wrap=True)
         for cells in self.rows[-SHOWN:]:
             table.add_row(*cells)

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
 from islandgp.evolution.record import Champion
-from islandgp.scoring.rewards import Component
+from islandgp.supervision.state_json import title
 from islandgp.tracking.fallbacks import answers, fallback_words
 from islandgp.tracking.folder import RunFolder
 
 
-def summary(target: RunFolder, champion: Champion) -> dict[str, Any]:
+def summary(
+    target: RunFolder, champion: Champion, milestones: Sequence[str]
+) -> dict[str, Any]:
     """What a run came to, from its records; `seconds` are those spent in its generations."""
-    first: dict[str, int | None] = {"complete": None, "excellent": None}
+    first: dict[str, int | None] = dict.fromkeys(milestones)
     snapshots = [record["snapshot"] for record in target.records()]
     seconds = (c["evaluation"] + c["supervision"] + c["operators"] for c in target.costs())
     for tier in first:
@@ -34,16 +37,18 @@ def report(target: RunFolder) -> str:
     """A finished run in a few lines for people."""
     s = target.summary()
     best = s["champion"]["record"]
-    parts = sorted(zip(Component, best["components"], strict=True), key=lambda p: -abs(p[1]))
-    came_from = ", ".join(f"{c.name.lower()} {p:+,.0f}" for c, p in parts if p)
+    parts = sorted(best["components"].items(), key=lambda part: -abs(part[1]))
+    came_from = ", ".join(f"{name} {points:+,.0f}" for name, points in parts if points)
     fallback = fallback_words([s])
-    first = {tier: "never" if g is None else f"generation {g}" for tier, g in s["first"].items()}
+    first = [
+        f"first {title(tier)} Robot: {'never' if g is None else f'generation {g}'}"
+        for tier, g in s["first"].items()
+    ]
     return "\n".join(
         (
             f"Best fitness {best['fitness']:,.0f} in generation {s['champion']['generation']}:"
             f" {came_from}",
-            f"First Complete Robot: {first['complete']};"
-            f" first Excellent Robot: {first['excellent']}",
+            _sentence("; ".join(first)),
             *([f"Supervision: {fallback} answers were the fallback's"] if fallback else []),
             f"Results: {target.path}",
             "",
@@ -51,3 +56,7 @@ def report(target: RunFolder) -> str:
             "",
         )
     )
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]

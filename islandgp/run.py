@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import sys
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
+from inspect import getfile
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from islandgp.about import about_run
-from islandgp.bt.language import parse
-from islandgp.bt.node import Node
-from islandgp.errors import RunError
+from islandgp.bt.language import parse, to_text
+from islandgp.domain import Domain
+from islandgp.errors import ConfigError
 from islandgp.evaluation.base import Evaluator, Setting
 from islandgp.evaluation.cache import Cached
 from islandgp.evolution.loop import evolve
+from islandgp.evolution.checkpoint import write_atomic
 from islandgp.evolution.record import Champion, Step
+from islandgp.evolution.single_behaviours import single_behaviours
 from islandgp.part import blaming, path_of
 from islandgp.progress import Progress
 from islandgp.report import report, summary
@@ -26,31 +31,86 @@ from islandgp.resources import resource
 from islandgp.resume import choose
 from islandgp.settings import Settings
 from islandgp.supervision.base import Service, Setup, Supervisor
+from islandgp.supervision.library import Library, read_library
 from islandgp.tracking.base import Tracker
 from islandgp.tracking.folder import RunFolder, Status
 from islandgp.tracking.parameters import redacted
 
 
-def example(name: str) -> Node:
-    """A tree of `grammar/examples`, by name. Raises TreeError."""
-    path = resource("grammar") / "examples" / f"{name}.bt"
-    if not path.exists():
-        known = ", ".join(sorted(p.stem for p in path.parent.glob("*.bt")))
-        raise RunError(f"Expected the name of an example tree, found {name!r}; there are {known}.")
-    return parse(path.read_text(encoding="utf-8"), name=str(path))
-
-
-def setup_of(settings: Settings, folder: Path | None) -> Setup:
+def setup_of(settings: Settings, domain: Domain, folder: Path | None) -> Setup:
     """What a run gives to its supervisor."""
     return Setup(
         seed=settings.seed,
         generations=settings.gp.generations,
         limits=settings.gp.limits,
         folder=folder,
-        example=example,
+        schema=domain.schema,
+        classes=settings.classes,
+        library=lambda: make_library(settings, domain),
         crisis=settings.gp.crisis,
         adapt_mutation=settings.supervisor.adapt_mutation,
         inject=settings.supervisor.inject,
+    )
+
+
+def make_library(settings: Settings, domain: Domain) -> Library:
+    """The trees that supervisors inject. Raises ConfigError, TreeError.
+
+    Without a folder a tree for each behaviour is searched for, once for all runs in `runs`.
+    """
+    how, vocabulary = settings.library, domain.schema.vocabulary
+    if how.folder is None:
+        return automatic_library(settings, domain)
+    folder = library_folder(how.folder, domain)
+    return read_library(how, folder, vocabulary, settings.classes)
+
+
+def automatic_library(settings: Settings, domain: Domain) -> Library:
+    """A tree for each behaviour, searched for once and kept in `runs` for all runs that are alike.
+
+    Raises ConfigError where no tree shows any behaviour.
+    """
+    shape = settings.model_dump(
+        mode="json", include={"domain", "world", "rewards", "curriculum", "classes", "gp"}
+    )
+    digest = hashlib.sha256(json.dumps([shape, repr(domain.schema)]).encode()).hexdigest()[:16]
+    file = Path(settings.runs) / ".libraries" / f"{digest}.json"
+    if not file.exists():
+        print("islandgp: searching for a tree of each behaviour, once", file=sys.stderr)
+        space, stage = settings.plan(domain).space, len(settings.curriculum.stages) - 1
+        evaluator = make_evaluator(settings)
+        try:
+            found = single_behaviours(
+                settings.classes, space, settings.gp.mutation, evaluator, stage
+            )
+        finally:
+            evaluator.close()
+        file.parent.mkdir(parents=True, exist_ok=True)
+        plain = {name: to_text(tree) for name, tree in found.items()}
+        write_atomic(file, json.dumps(plain, indent=1).encode())
+    texts = json.loads(file.read_text(encoding="utf-8"))
+    if not texts:
+        raise ConfigError(
+            "library: expected to find a tree that shows one of the behaviours"
+            f" ({', '.join(settings.classes.behaviours)}), found none; write one, and name its"
+            " folder in library.folder."
+        )
+    trees = {name: parse(text, domain.schema.vocabulary) for name, text in texts.items()}
+    return Library(trees, texts, {name: (name,) for name in trees}, {})
+
+
+def library_folder(name: str, domain: Domain) -> Path:
+    """A folder of trees: beside the domain's module, here, or among the project's own.
+
+    Raises ConfigError where there is none.
+    """
+    module = getfile(type(domain))
+    for folder in (Path(module).parent / name, Path(name), resource("grammar").parent / name):
+        if folder.is_dir():
+            return folder
+    raise ConfigError(
+        f"library.folder: expected a folder of trees beside {Path(module).name} or here, found no"
+        f" {name!r}; give its path, or library=automatic."
     )
 
 
@@ -58,7 +118,8 @@ def make_supervisor(settings: Settings, folder: Path | None) -> Supervisor:
     """The supervisor that the settings choose. Raises SupervisionError when it cannot work."""
     part = settings.supervisor
     with blaming(path_of(part.factory)):
-        supervisor: Supervisor = part.factory.make(part.settings(), setup_of(settings, folder))
+        setup = setup_of(settings, settings.make_domain(), folder)
+        supervisor: Supervisor = part.factory.make(part.settings(), setup)
     return supervisor
 
 
@@ -70,13 +131,13 @@ def check_ready(settings: Settings, coming: frozenset[Path] = frozenset()) -> No
     part = settings.supervisor
     if hasattr(part.factory, "ready"):
         with blaming(path_of(part.factory)):
-            setup = replace(setup_of(settings, None), coming=coming)
+            setup = replace(setup_of(settings, settings.make_domain(), None), coming=coming)
             part.factory.ready(part.settings(), setup)
 
 
 def make_evaluator(settings: Settings) -> Evaluator:
     """The evaluator that the settings choose."""
-    setting = Setting(settings.world, settings.rewards, settings.curriculum)
+    setting = Setting(settings.make_domain(), settings.curriculum)
     part = settings.evaluator
     evaluator: Evaluator = part.factory.make(part.settings(), setting)
     return Cached(evaluator) if part.cache else evaluator
@@ -166,7 +227,8 @@ def _evolve(
     done = start.generation if start is not None else 0
     evaluator = make_evaluator(settings)
     champion: Champion | None = None
-    steps = evolve(settings.plan, settings.seed, supervisor, evaluator, start=start)
+    plan = settings.plan(settings.make_domain())
+    steps = evolve(plan, settings.seed, supervisor, evaluator, start=start)
     written: Future[None] = Future()
     written.set_result(None)
     try:
@@ -177,6 +239,7 @@ def _evolve(
                 settings.progress,
                 settings.gp.generations,
                 _title(settings),
+                settings.classes.milestones,
                 done=done,
                 keep=keep_display,
             ) as progress,
@@ -191,7 +254,7 @@ def _evolve(
         steps.close()  # now, and not when the interpreter ends
         evaluator.close()
     assert champion is not None
-    target.finish(summary(target, champion))
+    target.finish(summary(target, champion, settings.classes.milestones))
 
 
 def _write(target: RunFolder, step: Step, tracker: Tracker) -> None:

@@ -24,6 +24,7 @@ class Stream(IntEnum):
     SUPERVISION = 7  # a supervisor's own draws, by generation
     NETWORK = 8  # jitter between attempts of a call, by generation
     UNSEEN = 9  # a comparison's worlds for champions, by slot; the run seed is 0
+    LIBRARY = 10  # the search for single behaviours, by behaviour and slot; the run seed is 0
 
 
 def stream(

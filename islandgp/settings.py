@@ -12,18 +12,32 @@ from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from typing import Any, Literal, Self
 
-from pydantic import BaseModel, Field, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
+from islandgp.domain import Domain
 from islandgp.errors import ConfigError
 from islandgp.evolution.allocation import Allocation
 from islandgp.evolution.plan import GP, Plan, Switches
-from islandgp.island.script import obstacles
-from islandgp.island.world import World
-from islandgp.part import Part
-from islandgp.scoring.classify import Classes
+from islandgp.part import Part, Plugin, blaming, path_of
+from islandgp.scoring.classes import Classes
 from islandgp.scoring.curriculum import Curriculum
-from islandgp.scoring.rewards import Rewards
+from islandgp.scoring.rewards import RewardTable
 from islandgp.supervision.base import SUPERVISES
+from islandgp.supervision.library import LibrarySettings
+
+
+class DomainSettings(Plugin, frozen=True, extra="forbid"):
+    """The group `domain`: the class of the world that trees live in."""
+
+    needs = ("make", "run_episode")
+    models = ("World", "Rewards")
 
 
 class SupervisorSettings(Part, frozen=True, extra="forbid"):
@@ -55,15 +69,25 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     runs: str = Field(min_length=1)
     resume: Literal["auto", "never", "force"]
     progress: Literal["auto", "plain", "off"]
-    world: World
+    domain: DomainSettings
+    world: Any  # the domain's own World
+    rewards: Any  # the domain's own Rewards
     curriculum: Curriculum
-    rewards: Rewards
     classes: Classes
+    library: LibrarySettings
     allocation: Allocation
     gp: GP
     supervisor: SupervisorSettings
     evaluator: EvaluatorSettings
     tracking: TrackingSettings
+
+    @field_validator("world", "rewards", mode="plain")
+    @classmethod
+    def _of_the_domain(cls, value: Any, found: ValidationInfo) -> Any:
+        if (domain := found.data.get("domain")) is None:
+            return value  # its own error is told
+        model = domain.factory.World if found.field_name == "world" else domain.factory.Rewards
+        return model.model_validate(value)  # its errors become errors of this field
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -77,17 +101,20 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
                 f"supervisor.lag: expected less than gp.generations={self.gp.generations},"
                 f" found {self.supervisor.lag}"
             )
-        try:
-            obstacles(self.world)
-        except ConfigError as error:
-            raise ValueError(str(error)) from None
         return self
 
-    @property
-    def plan(self) -> Plan:
+    def make_domain(self) -> Domain:
+        """The domain with its world and rewards. Raises ConfigError where they do not fit."""
+        factory = self.domain.factory
+        with blaming(path_of(factory)):
+            domain: Domain = factory.make(self.world, self.rewards)
+        return domain
+
+    def plan(self, domain: Domain) -> Plan:
         """What evolution needs of it."""
         s = self.supervisor
         return Plan(
+            vocabulary=domain.schema.vocabulary,
             gp=self.gp,
             allocation=self.allocation,
             curriculum=self.curriculum,
@@ -106,9 +133,19 @@ def read_settings(config: Mapping[str, Any]) -> Settings:
         settings = Settings(**config)
     except ValidationError as error:
         raise ConfigError("\n".join(sorted(set(_lines(error, config))))) from None
-    if wrong := list(_counted(config, settings)):
+    wrong = list(_counted(config, settings)) or list(_faults(settings))
+    if wrong:
         raise ConfigError("\n".join(wrong))
     return settings
+
+
+def _faults(settings: Settings) -> Iterator[str]:
+    """A line for each name that the domain does not declare."""
+    schema = settings.make_domain().schema
+    if isinstance(settings.rewards, RewardTable):
+        yield from settings.rewards.faults(schema)
+    yield from settings.curriculum.faults(schema)
+    yield from settings.classes.faults(schema)
 
 
 def _counted(config: Any, settings: Any, path: str = "") -> Iterator[str]:

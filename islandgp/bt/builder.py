@@ -9,8 +9,9 @@ from textwrap import shorten
 from typing import Any, Final, TypeAlias
 
 from islandgp.bt.diagnosis import unknown_key, unknown_node
-from islandgp.bt.node import ABORTS, ACTIONS, KEYS, OPERATORS, REPEATS, Node
+from islandgp.bt.node import ABORTS, OPERATORS, REPEATS, Node
 from islandgp.bt.source import Source, closest, shown
+from islandgp.bt.vocabulary import Vocabulary
 from islandgp.errors import LimitError, TreeError, UnknownNameError
 
 MAX_LEVELS: Final = 100  # of a tree, a `use` counted expanded
@@ -38,8 +39,10 @@ class Builder:
     that subtrees which double each other are refused before they are expanded.
     """
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: Source, vocabulary: Vocabulary | None) -> None:
+        """Without a vocabulary every name is an action, and every key a flag or a number."""
         self._source = source
+        self._vocabulary = vocabulary
         self._subtrees: dict[str, _Subtree] = {}
         self._later: set[str] = set()  # subtrees whose definition is not finished
         self._nodes = 0  # of the tree that is being built, so far
@@ -73,8 +76,9 @@ class Builder:
             return self._use(parts[0], level)
         self._count(parts[0], nodes=1, deepest=level)
         if kind == "action":
-            if parts[0] not in ACTIONS:
-                raise unknown_node(self._source, parts[0], self._subtrees)
+            words = self._vocabulary
+            if words is not None and parts[0] not in words.actions:
+                raise unknown_node(self._source, parts[0], self._subtrees, words)
             return Node("action", (str(parts[0]),))
         args: tuple[str | float, ...] = ()
         first = 1  # of the parts that are children
@@ -106,12 +110,9 @@ class Builder:
 
     def _condition(self, parts: Sequence[_Tree]) -> tuple[tuple[str | float, ...], int]:
         asked = parts[1].children
-        key = KEYS.get(asked[0])
-        if key is None:
-            raise unknown_key(self._source, asked[0])
         form = str(parts[1].data)
-        if key.flag == (form == "comparison"):
-            raise self._wrong_condition(asked[0], flag=key.flag)
+        if self._vocabulary is not None:
+            self._check_key(asked[0], compared=form == "comparison", words=self._vocabulary)
         if form == "comparison":
             operator, number = str(asked[1]), self._number(asked[2])
         else:
@@ -119,6 +120,13 @@ class Builder:
         if parts[2].data == "abort":
             return (str(asked[0]), operator, number, str(parts[2].children[0])), 3
         return (str(asked[0]), operator, number, ABORTS[-1]), 2
+
+    def _check_key(self, name: _Token, *, compared: bool, words: Vocabulary) -> None:
+        key = words.keys.get(name)
+        if key is None:
+            raise unknown_key(self._source, name, words)
+        if key.flag == compared:
+            raise self._wrong_condition(name, flag=key.flag)
 
     def _wrong_condition(self, key: _Token, *, flag: bool) -> TreeError:
         if flag:
@@ -169,7 +177,7 @@ class Builder:
         else:
             message = f"unknown subtree {shown(name)}"
         guess = closest(name, self._subtrees)
-        if not guess and name in ACTIONS:
+        if not guess and self._vocabulary is not None and name in self._vocabulary.actions:
             guess = f"{name}, without use"
         return self._source.error_at(
             name,

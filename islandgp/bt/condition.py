@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Final, TypeAlias
+from collections.abc import Callable, Mapping, Sequence
+from typing import TypeAlias
 
-from islandgp.bt.node import KEYS, OPERATORS, Node, walk
+from islandgp.bt.node import OPERATORS, Node, walk
 
-Board: TypeAlias = Sequence[float]  # a value per key of KEYS, in that order; flags are 0 or 1
+Board: TypeAlias = Sequence[float]
+"""A value per key, in the order of the vocabulary; flags are 0 or 1."""
 
-_PLACES: Final = {key: place for place, key in enumerate(KEYS)}
 
+def condition(node: Node, board: Board, places: Mapping[str, int]) -> Callable[[], bool]:
+    """Whether the condition of a `when` holds on the board at the moment of the call.
 
-def condition(node: Node, board: Board) -> Callable[[], bool]:
-    """Whether the condition of a `when` holds on the board at the moment of the call."""
-    place, operator, number = _PLACES[str(node.args[0])], node.args[1], float(node.args[2])
+    `places` is the index of each key on the board.
+    """
+    place, operator, number = places[str(node.args[0])], node.args[1], float(node.args[2])
     if operator == "<":
         return lambda: board[place] < number
     if operator == "<=":
@@ -34,7 +36,7 @@ def condition(node: Node, board: Board) -> Callable[[], bool]:
     raise ValueError(f"Expected one of {', '.join(OPERATORS)}, is, not; found {operator!r}.")
 
 
-def thresholds(tree: Node, key: str = "batteryLevel") -> tuple[float, ...]:
+def thresholds(tree: Node, key: str) -> tuple[float, ...]:
     """The numbers that a tree compares a key with, ascending, each once.
 
     As long as the key's value stays between two neighbours, and on neither of

@@ -7,8 +7,9 @@ from contextlib import suppress
 from itertools import pairwise, takewhile
 from typing import TYPE_CHECKING
 
-from islandgp.bt.node import ACTIONS, KEYS, KINDS, OPERATORS
+from islandgp.bt.node import KINDS, OPERATORS
 from islandgp.bt.source import Source, closest, shown
+from islandgp.bt.vocabulary import NOTHING, Vocabulary
 from islandgp.errors import TreeError, UnknownNameError
 
 if TYPE_CHECKING:
@@ -27,62 +28,73 @@ _SPELLING = {
 }
 
 
-def unknown_key(source: Source, token: Token) -> TreeError:
+def unknown_key(source: Source, token: Token, words: Vocabulary) -> TreeError:
     """The error for a `when` that asks for something which is not on the blackboard."""
     return source.error_at(
         token,
         f"unknown blackboard key {shown(token)}",
-        expected=f"a key: {', '.join(KEYS)}",
-        guess=closest(token, KEYS),
+        expected=f"a key: {', '.join(words.keys)}",
+        guess=closest(token, words.keys),
         kind=UnknownNameError,
     )
 
 
-def unknown_node(source: Source, token: Token, subtrees: Collection[str]) -> TreeError:
+def unknown_node(
+    source: Source, token: Token, subtrees: Collection[str], words: Vocabulary
+) -> TreeError:
     """The error for a word that stands where a node is expected and is none."""
     if token in subtrees and closest(token, subtrees):
         guess = f"use {token}"
-    elif token in KEYS:
-        guess = f"when {token} {{ ... }}" if KEYS[token].flag else f"when {token} < 5 {{ ... }}"
+    elif token in words.keys:
+        flag = words.keys[token].flag
+        guess = f"when {token} {{ ... }}" if flag else f"when {token} < 5 {{ ... }}"
     else:
-        guess = closest(token, (*_NODE_WORDS, *ACTIONS))
+        guess = closest(token, (*_NODE_WORDS, *words.actions))
     what = "node" if source.text[token.end_pos :].lstrip().startswith("{") else "action"
     return source.error_at(
         token,
         f"unknown {what} {shown(token)}",
-        expected=_node_words(),
+        expected=_node_words(words),
         guess=guess,
         kind=UnknownNameError,
     )
 
 
-def syntax_error(source: Source, error: UnexpectedInput, words: Iterator[Token]) -> TreeError:
+def syntax_error(
+    source: Source,
+    error: UnexpectedInput,
+    tokens: Iterator[Token],
+    vocabulary: Vocabulary | None,
+) -> TreeError:
     """The error for a text that the grammar doesn't accept.
 
     Args:
         source: the text.
         error: what the parser says.
-        words: the words of the text, read up to the fault.
+        tokens: the words of the text, read up to the fault.
+        vocabulary: the domain's words; None: any name could be one.
     """
     from lark.exceptions import UnexpectedToken
 
-    before = _words_before(words, error)
+    before = _words_before(tokens, error)
     subtrees = {str(word) for previous, word in pairwise(before) if previous == "subtree"}
     for previous, word in zip(["", *before], before, strict=False):
         # A name that doesn't exist is the likelier cause than what came of it:
         # in `slector { ... }` the parser takes offence at the brace.
-        if word.type == "NAME" and previous not in ("subtree", "use"):
-            if previous in ("when", "not") and word not in KEYS:
-                return unknown_key(source, word)
-            if previous not in ("when", "not") and word not in ACTIONS:
-                return unknown_node(source, word, subtrees)
+        if word.type != "NAME" or previous in ("subtree", "use", "domain") or vocabulary is None:
+            continue
+        if previous in ("when", "not") and word not in vocabulary.keys:
+            return unknown_key(source, word, vocabulary)
+        if previous not in ("when", "not") and word not in vocabulary.actions:
+            return unknown_node(source, word, subtrees, vocabulary)
+    words = vocabulary or NOTHING
     if not isinstance(error, UnexpectedToken):
         character = source.text[error.pos_in_stream or 0]
         message = f"unexpected character {character!r} (U+{ord(character):04X})"
         return source.error(message, error.line, error.column)
     if error.token.type == "$END":
-        return _unexpected_end(source, before, error.accepts)
-    return _unexpected_word(source, error.token, before, error.accepts)
+        return _unexpected_end(source, before, error.accepts, words)
+    return _unexpected_word(source, error.token, before, error.accepts, words)
 
 
 def _words_before(words: Iterator[Token], error: UnexpectedInput) -> list[Token]:
@@ -100,23 +112,27 @@ def _words_before(words: Iterator[Token], error: UnexpectedInput) -> list[Token]
 
 
 def _unexpected_end(
-    source: Source, before: Sequence[Token], accepted: Collection[str]
+    source: Source, before: Sequence[Token], accepted: Collection[str], words: Vocabulary
 ) -> TreeError:
     """Points behind the last word."""
     if not before:
-        expected, _ = _expected(accepted, previous="")
+        expected, _ = _expected(accepted, "", words)
         return source.error("there is no tree in the text", 1, 1, expected=expected)
     last = before[-1]
-    expected, _ = _expected(accepted, previous=str(last))
+    expected, _ = _expected(accepted, str(last), words)
     line, column = last.end_line or 1, last.end_column or 1
     return source.error("the text ends too early", line, column, expected=expected)
 
 
 def _unexpected_word(
-    source: Source, token: Token, before: Sequence[Token], accepted: Collection[str]
+    source: Source,
+    token: Token,
+    before: Sequence[Token],
+    accepted: Collection[str],
+    words: Vocabulary,
 ) -> TreeError:
     previous = str(before[-1]) if before else ""
-    expected, words = _expected(accepted, previous)
+    expected, spelled = _expected(accepted, previous, words)
     message = f"unexpected {shown(token)}"
     if accepted == {"RBRACE"}:
         message += "; this node takes one child, so wrap several in a sequence or a selector"
@@ -124,20 +140,26 @@ def _unexpected_word(
         message += "; a file holds one tree, after its subtrees"
     elif accepted == {"NAME"} and previous == "subtree":
         message += ", a word of the language, so it can't name a subtree"
-    guess = "==" if token == "=" and "==" in words else closest(token, words)
+    guess = "==" if token == "=" and "==" in spelled else closest(token, spelled)
     return source.error_at(token, message, expected=expected, guess=guess)
 
 
-def _expected(accepted: Collection[str], previous: str) -> tuple[str, tuple[str, ...]]:
+def _expected(
+    accepted: Collection[str], previous: str, vocabulary: Vocabulary
+) -> tuple[str, tuple[str, ...]]:
     """What would have been taken: for people, and as words to guess from."""
     if "SELECTOR" in accepted:
-        words = (*(["subtree"] if "SUBTREE" in accepted else []), *_NODE_WORDS, *ACTIONS)
-        return ("} or " if "RBRACE" in accepted else "") + _node_words(), words
+        first = [word for word in ("domain", "subtree") if word.upper() in accepted]
+        words = (*first, *_NODE_WORDS, *vocabulary.actions)
+        return ("} or " if "RBRACE" in accepted else "") + _node_words(vocabulary), words
     if "NAME" in accepted:
         if previous in ("subtree", "use"):
             return "the name of a subtree", ()
-        words = ("not", *KEYS) if "NOT" in accepted else tuple(k for k in KEYS if KEYS[k].flag)
-        return f"a key: {', '.join(words)}", words
+        if previous == "domain":
+            return "the name of a domain", ()
+        flags = tuple(name for name, key in vocabulary.keys.items() if key.flag)
+        words = ("not", *vocabulary.keys) if "NOT" in accepted else flags
+        return f"a key: {', '.join(words)}" if vocabulary.keys else "a key", words
     spelled: list[str] = []
     for name in sorted(accepted, key=lambda name: (name in _SPELLING, name)):
         if name == "OPERATOR":
@@ -147,5 +169,6 @@ def _expected(accepted: Collection[str], previous: str) -> tuple[str, tuple[str,
     return ("one of: " if len(spelled) > 1 else "") + " ".join(spelled), tuple(spelled)
 
 
-def _node_words() -> str:
-    return f"a node ({', '.join(_NODE_WORDS)}) or an action ({', '.join(ACTIONS)})"
+def _node_words(words: Vocabulary) -> str:
+    actions = f" ({', '.join(words.actions)})" if words.actions else ""
+    return f"a node ({', '.join(_NODE_WORDS)}) or an action{actions}"

@@ -30,6 +30,7 @@ def compile_tree(
     tree: Node,
     actions: Mapping[str, Tick],
     board: Board,
+    places: Mapping[str, int],
     *,
     watch: Watch | None = None,
 ) -> Callable[[], int]:
@@ -37,10 +38,11 @@ def compile_tree(
 
     Args:
         tree: what to run. A node that stands twice in it runs as two nodes.
-        actions: one per action name in the tree, called with `fresh`: True when
+        actions: one per action name in the tree, looked up once for each leaf and called with
+            `fresh`: True when
             the leaf starts now, False when it was RUNNING on the tick before.
-        board: values in the order of KEYS; the caller changes them between
-            ticks, never within one.
+        board: a value per key; the caller changes them between ticks, never within one.
+        places: the index of each key on the board, as `Vocabulary.places`.
         watch: called for each node that is ticked, children before parents, and
             with ABORTED for each running node that is stopped. None costs nothing.
 
@@ -51,9 +53,9 @@ def compile_tree(
         RUNNING, further ticks only resume the actions that were RUNNING in this one.
 
     Raises:
-        KeyError: an action of the tree is missing in `actions`.
+        KeyError: an action of the tree is missing in `actions`, or a key in `places`.
     """
-    compiler = _Compiler(actions, board, watch)
+    compiler = _Compiler(actions, board, places, watch)
     root = compiler.compile(tree, None)
     fresh = True
 
@@ -72,11 +74,18 @@ def compile_tree(
 class _Compiler:
     """Turns nodes into closures, and numbers them in document order."""
 
-    __slots__ = ("_actions", "_board", "_running", "_stop", "_watch", "cut_short")
+    __slots__ = ("_actions", "_board", "_places", "_running", "_stop", "_watch", "cut_short")
 
-    def __init__(self, actions: Mapping[str, Tick], board: Board, watch: Watch | None) -> None:
+    def __init__(
+        self,
+        actions: Mapping[str, Tick],
+        board: Board,
+        places: Mapping[str, int],
+        watch: Watch | None,
+    ) -> None:
         self._actions = actions
         self._board = board
+        self._places = places
         self._watch = watch
         self._running: list[bool] = []  # by place; its length is the place of the next node
         self._stop: Stop = _ignore if watch is None else self._tell_stopped
@@ -130,7 +139,7 @@ class _Compiler:
         return closures.parallel(branches, success, failure, places, self._cut_short)
 
     def _when(self, node: Node, observed: Observed | None) -> Tick:
-        holds = condition(node, self._board)
+        holds = condition(node, self._board, self._places)
         abort = node.args[3]
         truth: list[bool | None] = [None]
         slot = 0

@@ -28,6 +28,15 @@ def format_text(text: str, *, name: str = "<tree>") -> str:
 
 
 def _file(file: File) -> Iterator[str]:
+    if file.domain is not None:
+        yield from _comments(file.domain.before, "")
+        if file.domain.blank_before:
+            yield ""
+        behind = f"  {file.domain.behind}" if file.domain.behind else ""
+        yield f"domain {file.domain.name}{behind}"
+        first = file.definitions[0].body if file.definitions else file.root
+        if not (first.blank_before or any(c.blank_before for c in first.before[:1])):
+            yield ""
     for definition in file.definitions:
         yield from _node(definition.body, "", f"subtree {definition.name} = ")
     root = list(_node(file.root, ""))

@@ -6,6 +6,7 @@ hostile, does worse than raise a clear `TreeError` at once.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from functools import cache
 from typing import TYPE_CHECKING, Final
@@ -14,8 +15,9 @@ from islandgp.bt.builder import MAX_LEVELS, MAX_NODES, MAX_NUMBER, Builder
 from islandgp.bt.diagnosis import syntax_error
 from islandgp.bt.node import Node
 from islandgp.bt.printer import to_text
-from islandgp.bt.source import Source
-from islandgp.errors import LimitError
+from islandgp.bt.source import Source, shown
+from islandgp.bt.vocabulary import Vocabulary
+from islandgp.errors import DomainError, LimitError
 from islandgp.resources import resource
 
 if TYPE_CHECKING:
@@ -26,6 +28,7 @@ __all__ = [
     "MAX_LEVELS",
     "MAX_NODES",
     "MAX_NUMBER",
+    "domain_of",
     "parse",
     "plain",
     "to_text",
@@ -33,20 +36,24 @@ __all__ = [
 ]
 
 MAX_CHARACTERS: Final = 100_000  # of a text
+_DOMAIN: Final = re.compile(r"(?:[ \t\n]+|#[^\n]*)*domain[ \t\n]+([A-Za-z_][A-Za-z0-9_]*)")
 
 
-def parse(text: str, *, name: str = "<tree>") -> Node:
+def parse(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<tree>") -> Node:
     """The tree that a text describes, with every `use` expanded.
 
     Args:
         text: one tree in the language, perhaps after named subtrees. Line ends
             of any system and a leading byte order mark are fine.
+        vocabulary: the actions and keys that there are. Without one only grammar
+            and sizes are checked, as for records that were checked when written.
         name: what error messages call the text, e.g. its file name.
 
     Raises:
         TreeError: the text is not a tree of the language; the message shows the
             place and what would have been accepted.
         UnknownNameError: an action, a key or a subtree does not exist.
+        DomainError: the text says that it is for another domain.
         LimitError: the text is longer, or the tree deeper or larger, than any
             limit on trees could allow.
     """
@@ -66,9 +73,27 @@ def parse(text: str, *, name: str = "<tree>") -> Node:
     try:
         tree = parser.parse(text)
     except UnexpectedInput as error:
-        raise syntax_error(source, error, parser.lex(text)) from None
-    *definitions, root = tree.children
-    return Builder(source).build(definitions, root)
+        raise syntax_error(source, error, parser.lex(text), vocabulary) from None
+    *head, root = tree.children
+    if head and head[0].data == "domain":
+        _check_domain(source, head.pop(0).children[0], vocabulary)
+    return Builder(source, vocabulary).build(head, root)
+
+
+def domain_of(text: str) -> str:
+    """The domain that a text says it is for; "" where it says none, or is not a tree."""
+    found = _DOMAIN.match(plain(text))
+    return found[1] if found else ""
+
+
+def _check_domain(source: Source, name: Token, vocabulary: Vocabulary | None) -> None:
+    if vocabulary is not None and name != vocabulary.domain:
+        message = source.error_at(
+            name,
+            f"the tree is for the domain {shown(name)}, not for {vocabulary.domain!r}",
+            expected=f"domain {vocabulary.domain}, or a command with domain={name}",
+        )
+        raise DomainError(str(message))
 
 
 def plain(text: str) -> str:

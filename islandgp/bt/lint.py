@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from itertools import takewhile
 from typing import NamedTuple
 
-from islandgp.bt.facts import fact
 from islandgp.bt.language import plain
 from islandgp.bt.node import FAILURE, Node, size
 from islandgp.bt.outcomes import HANDS_OVER, ends, never
@@ -20,7 +19,6 @@ from islandgp.bt.reasons import Above, why, why_not
 from islandgp.bt.source import Source
 from islandgp.bt.syntax import File, Written, expanded, read
 from islandgp.bt.truth import (
-    ROOT,
     Standing,
     below,
     checks_itself,
@@ -28,7 +26,9 @@ from islandgp.bt.truth import (
     excludes,
     implies,
     may_interrupt,
+    root_of,
 )
+from islandgp.bt.vocabulary import Condition, Vocabulary
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -53,17 +53,17 @@ class _Place(NamedTuple):
     above: Above
 
 
-def warnings(text: str, *, name: str = "<tree>") -> list[Finding]:
+def warnings(text: str, vocabulary: Vocabulary, *, name: str = "<tree>") -> list[Finding]:
     """The doubtful places of a file, in its order, each once.
 
     Raises:
         TreeError: the text is not a tree of the language.
     """
-    file = read(text, name=name)
+    file = read(text, vocabulary, name=name)
     written = list(expanded(file))
     found = set(_unused(file))
     cold: set[int] = set()  # places below a node that never runs: one warning is enough
-    places = list(_places(_tree(written), ROOT, ()))
+    places = list(_places(_tree(written), root_of(vocabulary), ()))
     for index, place in enumerate(places):
         if index in cold:
             continue
@@ -142,7 +142,7 @@ def _guard(
 ) -> Iterator[tuple[int, str, bool]]:
     asked = condition_of(node)
     if never(node, standing):
-        yield at + 1, f"this branch can never run: {why_not(asked, standing.at_start, above)}", True
+        yield at + 1, f"this branch can never run: {_why_never(asked, standing, above)}", True
     elif implies(standing.at_start, asked):
         needless = not checks_itself(node) or implies(standing.always, asked)
         if needless and not may_interrupt(node, standing):
@@ -153,31 +153,37 @@ def _guard(
         yield at, message, False
 
 
+def _why_never(asked: Condition, standing: Standing, above: Above) -> str:
+    return why_not(asked, standing.at_start, above, standing.vocabulary)
+
+
 def _action(place: _Place, at: int, places: Sequence[_Place]) -> Iterator[tuple[int, str, bool]]:
     node, standing, above = place
     name = str(node.args[0])
-    known = fact(name)
+    known = standing.vocabulary.action(name)
     needs = [(needed, standing.at_start) for needed in known.to_start]
     needs += [(needed, standing.always) for needed in known.to_succeed]
     for needed, holding in needs:
         if not excludes(holding, needed):
             continue
-        if needed.key == "robotCurrentExtraCapacity" and _room_changes(known.room, at, places):
+        if _changed_before(needed.key, known.changes.get(needed.key, 0), at, places):
             continue
-        reason = why_not(needed, holding, above, for_action=True)
+        reason = why_not(needed, holding, above, standing.vocabulary, for_action=True)
         yield at, f"{name} can never succeed here: {reason}", False
         return
 
 
-def _room_changes(sign: int, at: int, places: Sequence[_Place]) -> bool:
-    """Whether an action before this one may change the room in the same tick.
+def _changed_before(key: str, sign: int, at: int, places: Sequence[_Place]) -> bool:
+    """Whether an action before this one may undo in the same tick how this one changes a key.
 
-    The blackboard tells the room at the start of the tick. In a tick, actions
-    run in document order.
+    The blackboard tells the key at the start of the tick. In a tick, actions
+    run in document order. `sign` is how this action changes it; 0: it does not.
     """
-    own = places[at].above
+    own, vocabulary = places[at].above, places[at].standing.vocabulary
     for place in places[:at]:
-        if place.node.kind != "action" or fact(str(place.node.args[0])).room * sign >= 0:
+        if place.node.kind != "action":
+            continue
+        if vocabulary.action(str(place.node.args[0])).changes.get(key, 0) * sign >= 0:
             continue
         same = sum(
             1

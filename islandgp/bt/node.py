@@ -1,9 +1,7 @@
-"""The nouns of the tree language: nodes, and the tables of kinds, actions and keys.
+"""The nouns of the tree language: nodes, and the table of their kinds.
 
-Section 2.2.3 of the paper. These tables are the only place where an action, a
-blackboard key or a node kind is declared; the grammar's words, the generator of
-random trees, the prompts, the exporters and the documentation are made from
-them or checked against them.
+Section 2.2.3 of the paper. A node kind is declared here and nowhere else; actions
+and blackboard keys are a domain's (`vocabulary`).
 """
 
 from __future__ import annotations
@@ -38,24 +36,6 @@ class Kind:
     meaning: str  # one line for people
 
 
-@dataclass(frozen=True, slots=True)
-class Action:
-    """A leaf that acts on the island."""
-
-    meaning: str  # one line: when it succeeds, fails, runs
-
-
-@dataclass(frozen=True, slots=True)
-class Key:
-    """A blackboard entry that a `when` can ask for."""
-
-    flag: bool  # true: yes or no; false: a number
-    low: float  # least value
-    high: float  # greatest value that a random threshold takes
-    step: float  # distance between random thresholds
-    meaning: str  # one line, with the unit
-
-
 ANY: Final = 1_000_000  # "as many children as the limits allow"
 
 KINDS: Final[dict[str, Kind]] = {
@@ -67,39 +47,7 @@ KINDS: Final[dict[str, Kind]] = {
     "when": Kind(
         ("key", "op", "number", "abort"), (1, 1), "runs its child while a condition holds"
     ),
-    "action": Kind(("name",), (0, 0), "acts on the island"),
-}
-
-ACTIONS: Final[dict[str, Action]] = {
-    "MoveToGarbage": Action(
-        "drives to the nearest garbage in sight; succeeds within reach of it,"
-        " fails when none is in sight"
-    ),
-    "PickupGarbage": Action(
-        "picks up one item within reach; succeeds at once,"
-        " fails when nothing is in reach or there is no room"
-    ),
-    "SeekCharger": Action("drives to the nearest charger; succeeds on arrival"),
-    "ExecuteCharge": Action(
-        "charges; succeeds when the battery is full, fails away from a charger or at 95 % and above"
-    ),
-    "MoveToHumanoid": Action(
-        "drives to the nearest humanoid in sight that asks for clearing and takes over its garbage;"
-        " fails when none asks or there is no room"
-    ),
-    "DeliverToClearingPoint": Action(
-        "drives to the nearest clearing point and unloads; succeeds when something was unloaded,"
-        " fails with a penalty when the robot is empty"
-    ),
-    "PatrolWaypoint": Action("drives to the next patrol waypoint; succeeds on arrival"),
-}
-
-KEYS: Final[dict[str, Key]] = {
-    "batteryLevel": Key(False, 0, 100, 5, "charge of the battery in percent, 0 to 100"),
-    "robotCurrentExtraCapacity": Key(False, 0, 30, 1, "room left for garbage in items, 0 to 30"),
-    "lap": Key(False, 0, 5, 1, "patrol rounds finished, from 0"),
-    "foundGarbage": Key(True, 0, 1, 1, "garbage is in sight"),
-    "isHumanoidWantToClear": Key(True, 0, 1, 1, "a humanoid in sight asks for clearing"),
+    "action": Kind(("name",), (0, 0), "acts on the world"),
 }
 
 OPERATORS: Final = ("<", "<=", ">", ">=", "==", "!=")

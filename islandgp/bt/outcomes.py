@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final, TypeAlias
 
-from islandgp.bt.facts import fact
 from islandgp.bt.node import FAILURE, SUCCESS, Node
 from islandgp.bt.truth import Standing, below, condition_of, excludes, may_interrupt
 
@@ -19,7 +18,7 @@ HANDS_OVER: Final[dict[str, int]] = {"selector": FAILURE, "sequence": SUCCESS}
 def ends(node: Node, standing: Standing) -> Ends:
     """The statuses with which a node can end, or more; never fewer."""
     if node.kind == "action":
-        return fact(str(node.args[0])).statuses & {FAILURE, SUCCESS}
+        return standing.vocabulary.action(str(node.args[0])).statuses & {FAILURE, SUCCESS}
     if node.kind == "when":
         if never(node, standing):
             return _FAILS

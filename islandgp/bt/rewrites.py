@@ -2,7 +2,7 @@
 
 The shorter tree calls the same actions in the same ticks and ends with the same
 statuses, on every blackboard and whatever the actions return, as long as they
-return what `facts` says of them. Each rule below has its reason beside it; the
+return what the vocabulary says of them. Each rule below has its reason beside it; the
 meaning of nodes is that of docs/semantics.md. The delicate part is the guards
 that a composite observes while a later branch runs: a rewrite must neither add
 nor lose one.

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 from islandgp.bt.node import Node
 from islandgp.bt.rewrites import RULES, Rewrite
-from islandgp.bt.truth import ROOT, Standing, below
+from islandgp.bt.truth import Standing, below, root_of
+from islandgp.bt.vocabulary import NOTHING, Vocabulary
 
 
 class Simplified(NamedTuple):
@@ -16,12 +17,15 @@ class Simplified(NamedTuple):
     reasons: tuple[str, ...]  # one a rewrite, in order; empty: nothing could be shortened
 
 
-def simplify(tree: Node) -> Simplified:
-    """The shortest tree that the rules reach; simplifying it again changes nothing."""
+def simplify(tree: Node, vocabulary: Vocabulary = NOTHING) -> Simplified:
+    """The shortest tree that the rules reach; simplifying it again changes nothing.
+
+    What `vocabulary` says of actions and keys allows more rewrites.
+    """
     reasons: list[str] = []
     while True:
         before = len(reasons)
-        tree = _visit(tree, ROOT, reasons)
+        tree = _visit(tree, root_of(vocabulary), reasons)
         if len(reasons) == before:
             return Simplified(tree, tuple(reasons))
 

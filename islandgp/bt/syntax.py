@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from islandgp.bt.comments import Comment, Word, above, commented
 from islandgp.bt.language import parse, plain
 from islandgp.bt.node import ABORTS, FLAG_OPERATORS, KINDS, OPERATORS, Node
+from islandgp.bt.vocabulary import Vocabulary
 
 if TYPE_CHECKING:
     from lark import Token
@@ -47,17 +48,28 @@ class Definition:
 
 
 @dataclass(frozen=True, slots=True)
+class Domain:
+    """`domain NAME`: what the tree is for."""
+
+    name: str
+    before: tuple[Comment, ...]  # own lines above it
+    blank_before: bool  # between those and it
+    behind: str  # comment behind the name
+
+
+@dataclass(frozen=True, slots=True)
 class File:
     """A whole file."""
 
+    domain: Domain | None
     definitions: tuple[Definition, ...]
     root: Written
     at_end: tuple[Comment, ...]
 
 
-def read(text: str, *, name: str = "<tree>") -> File:
+def read(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<tree>") -> File:
     """What stands in a text. Raises TreeError as `parse` does."""
-    parse(text, name=name)
+    parse(text, vocabulary, name=name)
     return _Reader(plain(text)).file()
 
 
@@ -87,11 +99,12 @@ class _Reader:
         self._next = 0
 
     def file(self) -> File:
+        domain = self._domain() if self._peek() == "domain" else None
         definitions = []
         while self._peek() == "subtree":
             definitions.append(self._definition())
         root = self._node(())
-        return File(tuple(definitions), root, self._words[-1].before)
+        return File(domain, tuple(definitions), root, self._words[-1].before)
 
     def _peek(self) -> str:
         return str(self._words[self._next].token)
@@ -100,6 +113,11 @@ class _Reader:
         word = self._words[self._next]
         self._next += 1
         return word
+
+    def _domain(self) -> Domain:
+        first, name = self._take(), self._take()
+        before, blank = above([first, name])
+        return Domain(str(name.token), before, blank, name.behind)
 
     def _definition(self) -> Definition:
         first, name, equal = self._take(), self._take(), self._take()

@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterable, Mapping
 from itertools import pairwise
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.facts import DOMAIN, Condition
 from islandgp.bt.node import Node
+from islandgp.bt.vocabulary import NOTHING, Condition, Vocabulary
 
 Conditions: TypeAlias = tuple[Condition, ...]
 
@@ -32,12 +32,15 @@ HOLDS: Final[dict[str, Callable[[float, float], bool]]] = {
 class Standing(NamedTuple):
     """Where a node stands: what holds there, and who observes its guards."""
 
-    always: Conditions = DOMAIN  # in each tick in which the node runs
-    at_start: Conditions = DOMAIN  # in the tick in which it starts; `always` is part of it
+    always: Conditions = ()  # in each tick in which the node runs
+    at_start: Conditions = ()  # in the tick in which it starts; `always` is part of it
     observer: Conditions | None = None  # whenever its guards are observed; None: they never are
+    vocabulary: Vocabulary = NOTHING  # what is known of actions and keys
 
 
-ROOT: Final = Standing()
+def root_of(vocabulary: Vocabulary) -> Standing:
+    """Where the root of a tree stands."""
+    return Standing(vocabulary.always, vocabulary.always, None, vocabulary)
 
 
 def condition_of(guard: Node) -> Condition:
@@ -99,22 +102,23 @@ def excludes(known: Conditions, asked: Condition) -> bool:
 
 def below(node: Node, standing: Standing, index: int) -> Standing:
     """Where the child of that index stands."""
-    always, at_start, observer = standing
+    always, at_start, observer, vocabulary = standing
     if node.kind == "when":
         holds = condition_of(node)
         if checks_itself(node):
             always = (*always, holds)
-        return Standing(always, (*at_start, holds), observer)
+        return Standing(always, (*at_start, holds), observer, vocabulary)
     if node.kind == "inverter":
         return standing
     if node.kind == "repeater":  # starts its child again in later ticks
-        return Standing(always, always, observer)
+        return Standing(always, always, observer, vocabulary)
     if node.kind == "parallel":
-        return Standing(always, at_start, None)
+        return Standing(always, at_start, None, vocabulary)
     last = index == len(node.children) - 1
     # The first branch starts with its composite, unless its guard can call it back later.
     starts = index == 0 and (last or not exposes(node.children[0]))
-    return Standing(always, at_start if starts else always, None if last else always)
+    observer = None if last else always
+    return Standing(always, at_start if starts else always, observer, vocabulary)
 
 
 def may_interrupt(guard: Node, standing: Standing) -> bool:

@@ -9,12 +9,9 @@ from typing import Protocol
 
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node
+from islandgp.domain import Domain, Outcome
 from islandgp.errors import EvaluationError
-from islandgp.island.episode import run_episode
-from islandgp.island.world import World
 from islandgp.scoring.curriculum import Curriculum
-from islandgp.scoring.outcome import Outcome, outcome
-from islandgp.scoring.rewards import Rewards, award
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +27,7 @@ class Job:
 class Setting:
     """What all jobs of a run have in common; workers get it once."""
 
-    world: World
-    rewards: Rewards
+    domain: Domain
     curriculum: Curriculum
 
 
@@ -71,16 +67,11 @@ def simulate(setting: Setting, job: Job) -> Outcome:
     Raises:
         EvaluationError: whatever goes wrong; the message names the tree and the world seed.
     """
-    multipliers = setting.curriculum.multipliers(job.stage)
+    weights = setting.curriculum.multipliers(job.stage)
     try:
-        episode = run_episode(
-            _tree(job.tree), setting.world, job.seed, award(setting.rewards, multipliers)
-        )
+        return setting.domain.run_episode(_tree(job.tree), job.seed, weights)
     except Exception as error:
         raise EvaluationError(blame(job, f"{type(error).__name__}: {error}")) from error
-    return outcome(
-        episode, setting.rewards, multipliers, seconds_per_step=setting.world.episode.step
-    )
 
 
 def blame(job: Job, what: str) -> str:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from islandgp.domain import Outcome
 from islandgp.evaluation.base import Evaluator, Job
-from islandgp.scoring.outcome import Outcome
 
 
 class Cached:

@@ -18,9 +18,9 @@ from threading import Thread
 
 from pydantic import BaseModel, Field
 
+from islandgp.domain import Outcome
 from islandgp.errors import EvaluationError
 from islandgp.evaluation.base import Job, Setting, blame, simulate
-from islandgp.scoring.outcome import Outcome
 
 _setting: Setting | None = None  # a worker's own copy
 
@@ -76,7 +76,8 @@ class Processes:
     def _new_pool(self) -> ProcessPoolExecutor:
         context = multiprocessing.get_context("forkserver" if os.name == "posix" else "spawn")
         if os.name == "posix":
-            context.set_forkserver_preload(["islandgp.evaluation.processes"])
+            modules = ["islandgp.evaluation.processes", type(self.setting.domain).__module__]
+            context.set_forkserver_preload(modules)
         return ProcessPoolExecutor(self.workers, context, _start, (self.setting,))
 
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:

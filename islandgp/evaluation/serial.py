@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from pydantic import BaseModel
 
+from islandgp.domain import Outcome
 from islandgp.evaluation.base import Job, Setting, simulate
-from islandgp.scoring.outcome import Outcome
 
 
 class SerialSettings(BaseModel, frozen=True, extra="forbid"):

@@ -12,14 +12,18 @@ from collections.abc import Sequence
 
 from pydantic import BaseModel, Field, model_validator
 
-from islandgp.bt.limits import Limits
 from islandgp.bt.node import Node
-from islandgp.evolution.archive import Archive
-from islandgp.evolution.crossover import crossover
-from islandgp.evolution.generation import TreeSettings, random_tree
-from islandgp.evolution.population import Evaluated, Individual, Origin, ranked
-from islandgp.evolution.selection import pick_parent
-from islandgp.scoring.snapshot import BEHAVIOURS
+from islandgp.evolution.population import (
+    Ancestor,
+    Archive,
+    Evaluated,
+    Individual,
+    Origin,
+    ranked,
+)
+from islandgp.evolution.random_trees import TreeSpace, random_tree
+from islandgp.evolution.selection import Selection, pick_parent
+from islandgp.evolution.variation import Crossover
 from islandgp.seeding import Stream, stream
 
 
@@ -57,6 +61,18 @@ class Allocation(BaseModel, frozen=True, extra="forbid"):
         return self
 
 
+def remember(
+    archive: Archive, population: Sequence[Evaluated], behaviours: Sequence[str]
+) -> dict[str, Ancestor]:
+    """The archive with this generation's best of each behaviour, where they are better."""
+    kept = dict(archive)
+    for e in population:
+        for behaviour in e.verdict.behaviours:
+            if behaviour not in kept or e.fitness > kept[behaviour].fitness:
+                kept[behaviour] = Ancestor(e.individual.id, e.individual.tree, e.fitness)
+    return {name: kept[name] for name in behaviours if name in kept}
+
+
 def scaled(count: int, allocation: Allocation, population: int) -> int:
     """A count of Table 1 for another population size, rounded half up, but none lost."""
     return max(min(count, 1), (2 * count * population + allocation.per) // (2 * allocation.per))
@@ -75,7 +91,10 @@ def diversity_slots(allocation: Allocation, population: int, taken: int, diversi
 
 
 def elites(
-    population: Sequence[Evaluated], allocation: Allocation, archive: Archive
+    population: Sequence[Evaluated],
+    allocation: Allocation,
+    archive: Archive,
+    behaviours: Sequence[str],
 ) -> list[tuple[Origin, str, Node]]:
     """Elites, the best of each behaviour, and resurrected ones: (origin, parent, tree)."""
     n, order = len(population), ranked(tuple(population))
@@ -83,13 +102,13 @@ def elites(
     taken = {e.individual.id for e in best}
     slots = [(Origin.ELITE, e.individual.id, e.individual.tree) for e in best]
     room = scaled(allocation.behavioural_elites, allocation, n)
-    for behaviour in BEHAVIOURS:
-        first = next((e for e in order if behaviour in e.behaviours), None)
+    for behaviour in behaviours:
+        first = next((e for e in order if behaviour in e.verdict.behaviours), None)
         if room and first is not None and first.individual.id not in taken:
             taken.add(first.individual.id)
             room -= 1
             slots.append((Origin.BEHAVIOURAL_ELITE, first.individual.id, first.individual.tree))
-    alive = {behaviour for e in population for behaviour in e.behaviours}
+    alive = {behaviour for e in population for behaviour in e.verdict.behaviours}
     # One ancestor may be the best of several behaviours: it comes back once.
     extinct = list({a.id: a for name, a in archive.items() if name not in alive}.values())
     slots += [
@@ -106,16 +125,18 @@ def next_population(
     generation: int,
     injected: Node | None,
     archive: Archive,
+    behaviours: Sequence[str],
     diversity: float,
     allocation: Allocation,
-    trees: TreeSettings,
-    limits: Limits,
+    space: TreeSpace,
+    select: Selection,
+    entrants: int,
+    cross: Crossover,
     crossover_rate: float,
-    tournament_size: int,
 ) -> tuple[Individual, ...]:
     """The population of `generation`, before mutation; as many individuals as before."""
     n = len(population)
-    kept = elites(population, allocation, archive)[: n - 2]
+    kept = elites(population, allocation, archive, behaviours)[: n - 2]
     new = [
         Individual(f"{generation}.{slot}", tree, origin, (parent,))
         for slot, (origin, parent, tree) in enumerate(kept)
@@ -127,7 +148,7 @@ def next_population(
             continue
         rng = stream(seed, Stream.DIVERSITY, generation=generation, slot=slot)
         new.append(
-            Individual(f"{generation}.{slot}", random_tree(rng, trees, limits), Origin.RANDOM)
+            Individual(f"{generation}.{slot}", random_tree(rng, space), Origin.RANDOM)
         )
     supplied: Counter[str] = Counter()
     most = allocation.niche_share * (n - len(new)) * (1 + crossover_rate)
@@ -135,19 +156,25 @@ def next_population(
         rng = stream(seed, Stream.SELECTION, generation=generation, slot=slot)
         parents = []
         for _ in range(2 if rng.random() < crossover_rate else 1):
-            parent = pick_parent(rng, population, supplied, most=most, entrants=tournament_size)
-            supplied[parent.specialist] += 1
+            parent = pick_parent(rng, select, population, supplied, most=most, entrants=entrants)
+            supplied[parent.verdict.specialist] += 1
             parents.append(parent.individual)
-        new.append(_child(f"{generation}.{slot}", parents, seed, generation, slot, limits))
+        new.append(_child(f"{generation}.{slot}", parents, seed, generation, slot, space, cross))
     return tuple(new)
 
 
 def _child(
-    name: str, parents: Sequence[Individual], seed: int, generation: int, slot: int, limits: Limits
+    name: str,
+    parents: Sequence[Individual],
+    seed: int,
+    generation: int,
+    slot: int,
+    space: TreeSpace,
+    cross: Crossover,
 ) -> Individual:
     ids = tuple(p.id for p in parents)
     if len(parents) == 1:
         return Individual(name, parents[0].tree, Origin.COPY, ids)
     rng = stream(seed, Stream.CROSSOVER, generation=generation, slot=slot)
-    tree = crossover(rng, parents[0].tree, parents[1].tree, limits)
+    tree = cross(rng, parents[0].tree, parents[1].tree, space.limits)
     return Individual(name, tree, Origin.CROSSOVER, ids)

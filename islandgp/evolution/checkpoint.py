@@ -18,8 +18,7 @@ from typing import Any
 
 from islandgp.bt.language import parse, to_text
 from islandgp.errors import RunError
-from islandgp.evolution.archive import Ancestor
-from islandgp.evolution.population import Individual, Origin
+from islandgp.evolution.population import Ancestor, Individual, Origin
 from islandgp.evolution.record import Champion, IndividualRecord, RunState
 from islandgp.scoring.snapshot import Snapshot
 
@@ -144,7 +143,7 @@ def _individual(plain: dict[str, Any]) -> Individual:
 
 def individual_record(plain: dict[str, Any]) -> IndividualRecord:
     """An individual's line from its JSON."""
-    lists = ("parents", "components", "tiers", "endings")
+    lists = ("parents", "tiers", "endings")
     return IndividualRecord(**{**plain, **{name: tuple(plain[name]) for name in lists}})
 
 

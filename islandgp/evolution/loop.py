@@ -7,33 +7,43 @@ a run can go on from any of its states and ends in the same bytes.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
+from time import perf_counter
 
 from islandgp.bt.language import to_text
+from islandgp.bt.limits import within
+from islandgp.bt.node import Node
 from islandgp.evaluation.base import Evaluator
-from islandgp.evolution.allocation import next_population
-from islandgp.evolution.archive import remember
-from islandgp.evolution.decide import decide
-from islandgp.evolution.evaluate import evaluate, worlds_of
-from islandgp.evolution.generation import random_tree
-from islandgp.evolution.meter import Meter
-from islandgp.evolution.mutation import mutate_population
-from islandgp.evolution.observe import snapshot, view
+from islandgp.evolution.allocation import next_population, remember
+from islandgp.evolution.evaluate import evaluate, snapshot, view, worlds_of
 from islandgp.evolution.plan import Plan
 from islandgp.evolution.population import Individual, Origin
-from islandgp.evolution.record import GenerationRecord, RunState, Step, fittest, line
+from islandgp.evolution.random_trees import random_tree
+from islandgp.evolution.record import (
+    Cost,
+    GenerationRecord,
+    GuidanceRecord,
+    RunState,
+    Step,
+    fittest,
+    line,
+)
+from islandgp.evolution.selection import SELECTIONS
+from islandgp.evolution.variation import CROSSOVERS, mutate_population
+from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, stream
-from islandgp.supervision.base import Supervisor
-from islandgp.supervision.lag import Desk
+from islandgp.supervision.base import Guidance, Supervisor
+from islandgp.supervision.queue import SupervisorQueue
 
 
 def initial_state(plan: Plan, seed: int) -> RunState:
     """Lines 1 and 2 of Algorithm 1: random trees and the initial mutation rate."""
-    gp = plan.gp
+    gp, space = plan.gp, plan.space
     population = tuple(
         Individual(
             f"0.{slot}",
-            random_tree(stream(seed, Stream.INITIAL, slot=slot), gp.trees, gp.limits),
+            random_tree(stream(seed, Stream.INITIAL, slot=slot), space),
             Origin.RANDOM,
         )
         for slot in range(gp.population)
@@ -51,22 +61,23 @@ def evolve(
 ) -> Generator[Step, None, None]:
     """Algorithm 1 from `start` (default: from generation 0) to the last generation."""
     start = initial_state(plan, seed) if start is None else start
-    desk = Desk(supervisor, seed=seed, lag=plan.switches.lag)
+    queue = SupervisorQueue(supervisor, seed=seed, lag=plan.switches.lag)
     try:
         for g in range(max(0, start.generation - plan.switches.lag), start.generation):
-            desk.ask(view(plan, start.history[: g + 1]))
+            queue.ask(view(plan, start.history[: g + 1]))
         state: RunState | None = start
         while state is not None:
-            step = _generation(plan, seed, state, desk, evaluator)
+            step = _generation(plan, seed, state, queue, evaluator)
             yield step
             state = step.state
     finally:
-        desk.close()
+        queue.close()
 
 
-def _generation(plan: Plan, seed: int, state: RunState, desk: Desk, evaluator: Evaluator) -> Step:
+def _generation(plan: Plan, seed: int, state: RunState, queue: SupervisorQueue, evaluator: Evaluator) -> Step:
     """Lines 4 to 15 of Algorithm 1."""
     gp, g, meter = plan.gp, state.generation, Meter(evaluator)
+    behaviours = plan.classes.kept
     texts = [to_text(i.tree) for i in state.population]
     worlds = worlds_of(plan, seed, g)
     with meter.part("evaluation"):
@@ -74,15 +85,15 @@ def _generation(plan: Plan, seed: int, state: RunState, desk: Desk, evaluator: E
     now = snapshot(plan, g, population, state.rate)
     history = (*state.history, now)
     seen = view(plan, history)
-    archive = remember(state.archive, population)
+    archive = remember(state.archive, population, behaviours)
     lines = tuple(line(e, text) for e, text in zip(population, texts, strict=True))
     champion = fittest(state.champion, g, lines)
     guidance = following = None
     if g + 1 < gp.generations:
         with meter.part("supervision"):
             if g + plan.switches.lag + 1 < gp.generations:  # else nobody waits for the answer
-                desk.ask(seen)
-            answer = desk.answer(g)
+                queue.ask(seen)
+            answer = queue.answer(g)
         guidance, tree = decide(plan, seen, answer, state.rate)
         children = next_population(
             population,
@@ -90,12 +101,14 @@ def _generation(plan: Plan, seed: int, state: RunState, desk: Desk, evaluator: E
             generation=g + 1,
             injected=tree,
             archive=archive,
+            behaviours=behaviours,
             diversity=now.diversity,
             allocation=plan.allocation,
-            trees=gp.trees,
-            limits=gp.limits,
+            space=plan.space,
+            select=SELECTIONS[gp.selection],
+            entrants=gp.tournament,
+            cross=CROSSOVERS[gp.crossover],
             crossover_rate=gp.crossover_rate,
-            tournament_size=gp.tournament,
         )
         rate = guidance.applied_rate
         mutated = mutate_population(
@@ -104,9 +117,8 @@ def _generation(plan: Plan, seed: int, state: RunState, desk: Desk, evaluator: E
             generation=g + 1,
             rate=rate,
             elites_too=gp.mutate_elites,
-            trees=gp.trees,
+            space=plan.space,
             how=gp.mutation,
-            limits=gp.limits,
         )
         following = RunState(g + 1, mutated, rate, history, archive, champion)
     record = GenerationRecord(
@@ -117,5 +129,71 @@ def _generation(plan: Plan, seed: int, state: RunState, desk: Desk, evaluator: E
         individuals=lines,
         guidance=guidance,
     )
-    cost = meter.cost(episodes=len(population) * gp.episodes, llm=desk.spent())
+    cost = meter.cost(episodes=len(population) * gp.episodes, llm=queue.spent())
     return Step(record, following, champion, cost)
+
+
+def decide(
+    plan: Plan, state: PopulationState, answer: Guidance | None, rate: float
+) -> tuple[GuidanceRecord, Node | None]:
+    """The answer with what is done with it, and the tree that goes into the population, if any.
+
+    `rate` is the mutation rate in force, and an `answer` of None is not due yet (`lag`).
+    """
+    given = answer or Guidance(None, None, "none", reasoning="no answer is due yet")
+    wanted = given.mutation_rate if plan.switches.adapt_mutation else None
+    # An emergency does not outlast its crisis where nobody adapts the rate.
+    held = rate if plan.switches.adapt_mutation else plan.gp.mutation_rate
+    refused = ""
+    if given.tree is not None:
+        if not plan.switches.inject:
+            refused = "injection is switched off"
+        elif not within(given.tree, plan.gp.limits):
+            refused = "the tree breaks the limits"
+    tree = None if refused else given.tree
+    record = GuidanceRecord(
+        asked_at=None if answer is None else state.now.generation - plan.switches.lag,
+        source=given.source,
+        phase=given.phase,
+        pattern=given.pattern,
+        target=given.target,
+        intervention=given.intervention,
+        wanted_rate=given.mutation_rate,
+        crisis=state.crisis,
+        applied_rate=plan.gp.crisis.rate(held if wanted is None else wanted, state.crisis),
+        tree=None if given.tree is None else to_text(given.tree),
+        injected=tree is not None,
+        refused=refused,
+        risk=given.risk,
+        reasoning=given.reasoning,
+        rationale=given.rationale,
+        notes=given.notes,
+    )
+    return record, tree
+
+
+class Meter:
+    """Made when a generation begins; what no `part` claims is the operators'."""
+
+    def __init__(self, evaluator: Evaluator) -> None:
+        self._evaluator = evaluator
+        self._before = evaluator.simulated
+        self._began = perf_counter()
+        self._spent = {"evaluation": 0.0, "supervision": 0.0}
+
+    @contextmanager
+    def part(self, name: str) -> Iterator[None]:
+        """Counts the seconds inside for "evaluation" or "supervision"."""
+        began = perf_counter()
+        yield
+        self._spent[name] += perf_counter() - began
+
+    def cost(self, *, episodes: int, llm: dict[str, float]) -> Cost:
+        """What the generation took until now."""
+        return Cost(
+            **self._spent,
+            operators=perf_counter() - self._began - sum(self._spent.values()),
+            episodes=episodes,
+            simulated=self._evaluator.simulated - self._before,
+            llm=llm,
+        )

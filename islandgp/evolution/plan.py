@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, model_validator
 
 from islandgp.bt.limits import Limits
+from islandgp.bt.vocabulary import Vocabulary
 from islandgp.evolution.allocation import Allocation
-from islandgp.evolution.generation import TreeSettings
-from islandgp.evolution.operators import MutationSettings
-from islandgp.scoring.classify import Classes
+from islandgp.evolution.random_trees import TreeSettings, TreeSpace
+from islandgp.evolution.selection import SELECTIONS
+from islandgp.evolution.variation import CROSSOVERS, MutationSettings
+from islandgp.scoring.classes import Classes
 from islandgp.scoring.crisis import Crisis
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.scoring.state import StateSettings
@@ -22,7 +24,9 @@ class GP(BaseModel, frozen=True, extra="forbid"):
 
     population: int = Field(ge=4, le=10_000)
     generations: int = Field(ge=1, le=100_000)  # evaluated ones, generation 0 included
-    tournament: int = Field(ge=1)
+    selection: str  # of parents: an entry of SELECTIONS
+    tournament: int = Field(ge=1)  # individuals that a selection compares
+    crossover: str  # an entry of CROSSOVERS
     crossover_rate: float = Field(ge=0, le=1)
     mutation_rate: float = Field(ge=0, le=1)  # until a supervisor says otherwise
     mutate_elites: bool  # mutation hits elites and the injected tree too
@@ -35,6 +39,16 @@ class GP(BaseModel, frozen=True, extra="forbid"):
     mutation: MutationSettings
     state: StateSettings
     crisis: Crisis
+
+    @model_validator(mode="after")
+    def _known(self) -> GP:
+        for key, name, table in (
+            ("selection", self.selection, SELECTIONS),
+            ("crossover", self.crossover, CROSSOVERS),
+        ):
+            if name not in table:
+                raise ValueError(f"{key}: expected one of {', '.join(table)}, found {name!r}")
+        return self
 
     @property
     def limits(self) -> Limits:
@@ -54,8 +68,14 @@ class Switches(BaseModel, frozen=True, extra="forbid"):
 class Plan:
     """What a run is made of, besides its seed, its supervisor and its evaluator."""
 
+    vocabulary: Vocabulary
     gp: GP
     allocation: Allocation
     curriculum: Curriculum
     classes: Classes
     switches: Switches
+
+    @property
+    def space(self) -> TreeSpace:
+        """The trees that the run searches."""
+        return TreeSpace(self.gp.trees, self.vocabulary, self.gp.limits)

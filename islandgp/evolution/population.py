@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
 from islandgp.bt.node import Node
-from islandgp.scoring.classify import Specialist, Tier
-from islandgp.scoring.outcome import Outcome
+from islandgp.domain import Outcome
+from islandgp.scoring.classes import Verdict
 
 
 class Origin(StrEnum):
@@ -39,14 +40,21 @@ class Evaluated:
 
     individual: Individual
     outcome: Outcome
-    specialist: Specialist
-    tiers: tuple[Tier, ...]
-    behaviours: tuple[str, ...]  # those of scoring.state.BEHAVIOURS that it shows
+    verdict: Verdict
+    fitness: float  # points, Eq. (1): the outcome's
 
-    @property
-    def fitness(self) -> float:
-        """Points, Eq. (1)."""
-        return self.outcome.fitness
+
+@dataclass(frozen=True, slots=True)
+class Ancestor:
+    """The best individual of a behaviour that has ever been (section 2.3)."""
+
+    id: str  # of the individual
+    tree: Node
+    fitness: float  # points
+
+
+Archive = Mapping[str, Ancestor]
+"""The best ever by behaviour: resurrected when a behaviour has died out."""
 
 
 def ranked(population: tuple[Evaluated, ...]) -> list[Evaluated]:

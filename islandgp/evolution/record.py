@@ -10,8 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from islandgp.bt.node import depth, size
-from islandgp.evolution.archive import Ancestor
-from islandgp.evolution.population import Evaluated, Individual
+from islandgp.evolution.population import Ancestor, Evaluated, Individual
 from islandgp.scoring.snapshot import Snapshot
 
 
@@ -27,14 +26,10 @@ class IndividualRecord:
     nodes: int  # >= 1
     depth: int  # levels, >= 1
     fitness: float  # points, Eq. (1)
-    components: tuple[float, ...]  # points by scoring.rewards.Component
+    components: dict[str, float]  # points by component of the domain
     specialist: str  # its exclusive class (section 2.3.3)
     tiers: tuple[str, ...]  # rows of Table 4, best first
-    pickups: float  # these five: as in scoring.outcome.Outcome, mean over episodes
-    interactions: float
-    deliveries: float
-    charges: float
-    gathered: float
+    counters: dict[str, float]  # by counter of the domain, mean over episodes
     endings: tuple[str, ...]  # why each episode ended
 
 
@@ -49,15 +44,11 @@ def line(e: Evaluated, text: str) -> IndividualRecord:
         tree=text,
         nodes=size(i.tree),
         depth=depth(i.tree),
-        fitness=o.fitness,
-        components=o.components,
-        specialist=e.specialist,
-        tiers=e.tiers,
-        pickups=o.pickups,
-        interactions=o.interactions,
-        deliveries=o.deliveries,
-        charges=o.charges,
-        gathered=o.gathered,
+        fitness=e.fitness,
+        components=dict(o.components),
+        specialist=e.verdict.specialist,
+        tiers=e.verdict.tiers,
+        counters=dict(o.counters),
         endings=o.endings,
     )
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Final
 
 import numpy as np
 
 from islandgp.evolution.population import Evaluated
-from islandgp.scoring.classify import Specialist
 
 
 def tournament(
@@ -19,25 +19,28 @@ def tournament(
     return max(drawn, key=lambda e: e.fitness)
 
 
+Selection = Callable[[np.random.Generator, Sequence[Evaluated], int], Evaluated]
+
+SELECTIONS: Final[dict[str, Selection]] = {"tournament": tournament}
+"""Ways to choose a parent. A new one is a function and an entry."""
+
+
 def pick_parent(
     rng: np.random.Generator,
+    select: Selection,
     population: Sequence[Evaluated],
     supplied: Counter[str],
     *,
     most: float,
     entrants: int,
 ) -> Evaluated:
-    """A tournament's winner, with niche protection.
+    """A selected individual, with niche protection.
 
     A class that has given `most` parents sits out as long as another class of
-    working robots has room: then the tournament is held among those.
+    working robots has room: then one of those is selected.
     """
-    first = tournament(rng, population, entrants)
-    if supplied[first.specialist] < most:
+    first = select(rng, population, entrants)
+    if supplied[first.verdict.specialist] < most:
         return first
-    others = [
-        e
-        for e in population
-        if supplied[e.specialist] < most and e.specialist is not Specialist.PATROL_ONLY
-    ]
-    return tournament(rng, others, entrants) if others else first
+    others = [e for e in population if supplied[e.verdict.specialist] < most and e.verdict.working]
+    return select(rng, others, entrants) if others else first

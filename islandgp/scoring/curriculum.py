@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, Field, model_validator
+from collections.abc import Iterator, Mapping
+from typing import Annotated
 
-from islandgp.scoring.rewards import Multipliers
+from pydantic import BaseModel, Field, FiniteFloat, model_validator
+
+from islandgp.domain import Schema
+from islandgp.scoring.rewards import unknown
+
+Multiplier = Annotated[FiniteFloat, Field(ge=0)]
 
 
 class Stage(BaseModel, frozen=True, extra="forbid"):
-    """A phase of Table 2."""
+    """A row of Table 2."""
 
     epochs: tuple[int, int]  # first and last epoch, from 1
-    multipliers: Multipliers
+    multipliers: dict[str, Multiplier]  # by component; 1 for those not named
 
 
 class Curriculum(BaseModel, frozen=True, extra="forbid"):
@@ -33,6 +39,13 @@ class Curriculum(BaseModel, frozen=True, extra="forbid"):
             due = last + 1
         return self
 
+    def faults(self, schema: Schema) -> Iterator[str]:
+        """What does not fit the domain, a line each."""
+        for i, stage in enumerate(self.stages):
+            for name in stage.multipliers:
+                path = f"curriculum.stages.{i}.multipliers.{name}"
+                yield from unknown(path, name, schema.components)
+
     def epoch(self, generation: int) -> int:
         """The epoch of a generation, from 1: generations 0-5 belong to epoch 1, 6-10 to 2."""
         return max(1, -(-generation // self.generations_per_epoch))
@@ -45,6 +58,6 @@ class Curriculum(BaseModel, frozen=True, extra="forbid"):
                 return i
         return len(self.stages) - 1
 
-    def multipliers(self, stage: int) -> Multipliers:
-        """The multipliers of a stage's index."""
+    def multipliers(self, stage: int) -> Mapping[str, float]:
+        """The multipliers of a stage's index, by component."""
         return self.stages[stage].multipliers

@@ -1,4 +1,4 @@
-"""One generation in numbers, and the behaviours that individuals are told apart by."""
+"""One generation in numbers: diversity, Eq. (3), the working ratio, Eq. (4), and counts."""
 
 from __future__ import annotations
 
@@ -6,30 +6,9 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import fmean, pstdev
-from typing import Final
 
-from islandgp.scoring.classify import (
-    Classes,
-    Specialist,
-    Tier,
-    is_charging,
-    is_clearing,
-    specialist,
-    tiers,
-)
-from islandgp.scoring.diversity import diversity, working_ratio
-from islandgp.scoring.outcome import Outcome
-
-BEHAVIOURS: Final = ("pickup", "humanoid", "balanced", "charging", "clearing")
-"""What behavioural elites, resurrection and Table 7 care for: classes and labels."""
-
-
-def behaviours(o: Outcome, classes: Classes) -> tuple[str, ...]:
-    """Which of BEHAVIOURS an individual shows."""
-    label = specialist(o, classes)
-    shown = (label is not Specialist.PATROL_ONLY, is_charging(o), is_clearing(o))
-    names = (label.value, "charging", "clearing")
-    return tuple(name for name, yes in zip(names, shown, strict=True) if yes)
+from islandgp.domain import Outcome
+from islandgp.scoring.classes import Classes, Verdict, does
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,18 +24,21 @@ class Snapshot:
     diversity: float  # Eq. (3)
     working: float  # Eq. (4)
     specialists: dict[str, int]  # individuals by exclusive class
-    # Individuals with a pickup, humanoid interaction, delivery, charge in any episode. The latter
-    # two are those that carry the labels clearing and charging (section 2.3.3).
-    doing: dict[str, int]
+    doing: dict[str, int]  # individuals by behaviour that they show in any episode
     tiers: dict[str, int]  # individuals by tier of Table 4
-    distance: float  # m, mean
-    inactive: float  # s since the last non-movement action, mean
+    counters: dict[str, float]  # means over the population, by counter of the domain
     size: float  # nodes, mean
     rate: float  # mutation rate that made this generation
 
 
+def diversity(specialists: Sequence[str]) -> float:
+    """Eq. (3): D = 1 - max_c n_c / N, below 1; 0 when all are of one class."""
+    return 1 - max(Counter(specialists).values()) / len(specialists)
+
+
 def measure(
     outcomes: Sequence[Outcome],
+    verdicts: Sequence[Verdict],
     sizes: Sequence[int],
     classes: Classes,
     *,
@@ -66,10 +48,11 @@ def measure(
     rate: float,
 ) -> Snapshot:
     """The snapshot of an evaluated population."""
-    labels = [specialist(o, classes) for o in outcomes]
-    reached = Counter(tier for o in outcomes for tier in tiers(o, classes))
+    labels = [verdict.specialist for verdict in verdicts]
+    reached = Counter(tier for verdict in verdicts for tier in verdict.tiers)
     fitness = [o.fitness for o in outcomes]
     counts = Counter(labels)
+    done = Counter(name for o in outcomes for name in does(o, classes))
     return Snapshot(
         generation=generation,
         epoch=epoch,
@@ -78,17 +61,13 @@ def measure(
         mean=fmean(fitness),
         sd=pstdev(fitness),
         diversity=diversity(labels),
-        working=working_ratio(outcomes),
-        specialists={c.value: counts[c] for c in Specialist},
-        doing={
-            "pickup": sum(o.pickups > 0 for o in outcomes),
-            "humanoid": sum(o.interactions > 0 for o in outcomes),
-            "clearing": sum(map(is_clearing, outcomes)),
-            "charging": sum(map(is_charging, outcomes)),
+        working=sum(verdict.working for verdict in verdicts) / len(verdicts),
+        specialists={name: counts[name] for name in classes.specialist_names},
+        doing={name: done[name] for name in classes.behaviours},
+        tiers={name: reached[name] for name in classes.tiers},
+        counters={
+            name: fmean(o.counters[name] for o in outcomes) for name in outcomes[0].counters
         },
-        tiers={t.value: reached[t] for t in Tier},
-        distance=fmean(o.distance for o in outcomes),
-        inactive=fmean(o.inactive for o in outcomes),
         size=fmean(sizes),
         rate=rate,
     )

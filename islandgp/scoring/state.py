@@ -12,7 +12,7 @@ from statistics import fmean
 
 from pydantic import BaseModel, Field
 
-from islandgp.scoring.classify import Tier
+from islandgp.scoring.classes import Classes
 from islandgp.scoring.crisis import Crisis
 from islandgp.scoring.snapshot import Snapshot
 
@@ -47,15 +47,25 @@ class PopulationState:
     stagnant_epochs: float  # the same in epochs
     crisis: str  # Eq. (7): "diversity", "stagnation", or "" when there is none
     diversity_warning: bool  # diversity is low
-    ever_complete: bool  # a Complete Robot has existed
-    ever_excellent: bool  # an Excellent Robot has existed
+    reached: dict[str, bool]  # by milestone, the easiest first: whether such a robot has existed
     dominant: str  # the largest exclusive class
     lacking: tuple[str, ...]  # behaviours by rising number of individuals that do them
+    targets: tuple[str, ...]  # what a tree can be for (Table 7)
     mutation_rate: float  # now in force
     crossover_rate: float
     population: int
     generations: int  # of the whole run
     multipliers: dict[str, float]  # of the next generation's stage
+
+    @property
+    def quality(self) -> int:
+        """Robots of the first milestone that are alive now."""
+        return self.now.tiers[next(iter(self.reached))]
+
+    @property
+    def ever_quality(self) -> bool:
+        """Whether a robot of the first milestone has ever existed."""
+        return next(iter(self.reached.values()))
 
 
 def trend(values: Sequence[float]) -> float:
@@ -82,6 +92,7 @@ def population_state(
     history: Sequence[Snapshot],
     settings: StateSettings,
     crisis: Crisis,
+    classes: Classes,
     *,
     crossover_rate: float,
     population: int,
@@ -110,10 +121,10 @@ def population_state(
         stagnant_epochs=plateau / generations_per_epoch,
         crisis=crisis.reason(now.diversity, plateau / generations_per_epoch),
         diversity_warning=now.diversity < settings.low_diversity,
-        ever_complete=any(s.tiers[Tier.COMPLETE] for s in history),
-        ever_excellent=any(s.tiers[Tier.EXCELLENT] for s in history),
+        reached={name: any(s.tiers[name] for s in history) for name in classes.milestones},
         dominant=max(now.specialists, key=lambda name: now.specialists[name]),
         lacking=tuple(sorted(now.doing, key=lambda name: now.doing[name])),
+        targets=classes.targets,
         mutation_rate=now.rate,
         crossover_rate=crossover_rate,
         population=population,

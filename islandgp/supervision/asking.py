@@ -14,7 +14,7 @@ from islandgp.bt.node import Node
 from islandgp.errors import SupervisionError, TreeError
 from islandgp.part import blaming, path_of
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, Pattern, Phase, Supervisor, Target
+from islandgp.supervision.base import Guidance, Pattern, Phase, Supervisor
 
 
 def ask(supervisor: Supervisor, state: PopulationState, rng: np.random.Generator) -> Guidance:
@@ -32,6 +32,9 @@ def ask(supervisor: Supervisor, state: PopulationState, rng: np.random.Generator
         wanted, fits = WANTED[field.name]
         if not fits(value := getattr(found, field.name)):
             raise _wrong(supervisor, f"a Guidance whose {field.name} is {wanted}", value)
+    if found.target is not None and found.target not in state.targets:
+        wanted = f"a Guidance whose target is None or one of {', '.join(state.targets)}"
+        raise _wrong(supervisor, wanted, found.target)
     return found
 
 
@@ -82,7 +85,7 @@ WANTED: Final[Mapping[str, tuple[str, Callable[[Any], bool]]]] = {
     "source": ("a text that is not empty", lambda value: _is_text(value) and value != ""),
     "phase": ("a Phase or None", lambda value: value is None or value in list(Phase)),
     "pattern": ("a Pattern or None", lambda value: value is None or value in list(Pattern)),
-    "target": ("a Target or None", lambda value: value is None or value in list(Target)),
+    "target": ("a text or None", lambda value: value is None or _is_text(value)),
     "intervention": ("True or False", lambda value: isinstance(value, bool)),
     "risk": ("a text", _is_text),
     "reasoning": ("a text", _is_text),

@@ -12,8 +12,11 @@ import numpy as np
 
 from islandgp.bt.limits import Limits
 from islandgp.bt.node import Node
+from islandgp.domain import Schema
+from islandgp.scoring.classes import Classes
 from islandgp.scoring.crisis import Crisis
 from islandgp.scoring.state import PopulationState
+from islandgp.supervision.library import Library
 
 
 class Phase(StrEnum):
@@ -38,18 +41,6 @@ class Pattern(StrEnum):
     STAGNATION = "stagnation"
 
 
-class Target(StrEnum):
-    """What a tree is for: the rows of Table 7."""
-
-    PICKUP = "pickup"  # discover missing behaviours: garbage from the ground
-    HUMANOID = "humanoid"
-    CHARGING = "charging"
-    CLEARING = "clearing"
-    RARE = "rare"  # a behaviour that has almost died out
-    INTEGRATION = "integration"  # several behaviours in one tree
-    EXPLORATION = "exploration"  # something very different
-
-
 @dataclass(frozen=True, slots=True)
 class Guidance:
     """A supervisor's answer. `None` means that it says nothing to that."""
@@ -59,7 +50,7 @@ class Guidance:
     source: str  # who it comes from: a supervisor's name, or "fallback"
     phase: Phase | None = None
     pattern: Pattern | None = None
-    target: Target | None = None  # what the tree is for
+    target: str | None = None  # what the tree is for: one of the state's targets
     intervention: bool = False  # the supervisor sees a need to step in
     risk: str = ""  # what it thinks may go wrong
     reasoning: str = ""  # why this rate
@@ -78,7 +69,9 @@ class Setup:
     generations: int  # of the run
     limits: Limits  # of trees
     folder: Path | None  # where the run keeps its files, None when it keeps none
-    example: Callable[[str], Node]  # a tree of grammar/examples by name; raises TreeError
+    schema: Schema  # of the domain
+    classes: Classes
+    library: Callable[[], Library]  # trees to inject; may take seconds; raises ConfigError
     crisis: Crisis = _NEVER  # when the run overrides the rate
     adapt_mutation: bool = True  # False: rates are not used, and need not be worked out
     inject: bool = True  # False: trees are not used, and need not be worked out

@@ -6,17 +6,17 @@ Robots exist says more than raw fitness, which single-task specialists inflate.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Final
+from collections.abc import Sequence
 
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
 from islandgp.bt.node import Node, depth, size
 from islandgp.errors import ConfigError
-from islandgp.scoring.classify import Tier
+from islandgp.scoring.classes import EXPLORATION, INTEGRATION, RARE
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, Pattern, Phase, Setup, Target
+from islandgp.supervision.base import Guidance, Pattern, Phase, Setup
+from islandgp.supervision.library import Library
 
 
 class Size(BaseModel, frozen=True, extra="forbid"):
@@ -39,8 +39,8 @@ class ExpertSettings(BaseModel, frozen=True, extra="forbid"):
     strong: float = Field(gt=0)  # rise of the best over the window, as a share, that is "strong"
     rare: float = Field(ge=0, le=1)  # share of the population below which a behaviour is missing
     collapse: float = Field(ge=0, le=1)  # Eq. (3) below which diversity has collapsed
-    compact: Size  # section 2.4.6: trees until a Complete Robot has existed
-    trees: dict[Target, tuple[str, ...]]  # Table 7: example trees by target; one of them is drawn
+    compact: Size  # section 2.4.6: trees until a robot of the first milestone has existed
+    hardest: tuple[str, ...] = ()  # behaviours, the hardest to find first; decides between equals
 
     @model_validator(mode="after")
     def _complete(self) -> ExpertSettings:
@@ -48,31 +48,22 @@ class ExpertSettings(BaseModel, frozen=True, extra="forbid"):
             raise ValueError(
                 f"rates: expected a range for each phase, missing {', '.join(missing)}"
             )
-        if missing := [t.value for t in Target if not self.trees.get(t)]:
-            raise ValueError(
-                f"trees: expected a tree for each target, missing {', '.join(missing)}"
-            )
         for phase, (low, high) in self.rates.items():
             if not 0 <= low <= high <= 1:
                 raise ValueError(f"rates.{phase}: expected 0 <= low <= high <= 1")
         return self
 
 
-def quality(state: PopulationState) -> int:
-    """Complete Robots now alive; Excellent ones are among them."""
-    return state.now.tiers[Tier.COMPLETE]
-
-
 def calm(state: PopulationState, how: ExpertSettings) -> float:
     """How low in its range the rate may be, in [0, 1]: the more there is to lose, the lower."""
-    return min(1.0, max(state.now.working, quality(state) / (2 * how.several)))
+    return min(1.0, max(state.now.working, state.quality / (2 * how.several)))
 
 
 def classify_phase(state: PopulationState, how: ExpertSettings) -> Phase:
     """Table 8: the phase that the state is in."""
-    good, stuck = quality(state), state.stagnant_generations >= how.plateau
+    good, stuck = state.quality, state.stagnant_generations >= how.plateau
     if not good:
-        if state.ever_complete:
+        if state.ever_quality:
             collapsed = state.now.diversity < how.collapse
             return Phase.CRISIS_INTERVENTION if collapsed else Phase.AGGRESSIVE_EXPLORATION
         return Phase.EARLY_EXPLORATION
@@ -98,31 +89,33 @@ def classify_pattern(state: PopulationState, how: ExpertSettings) -> Pattern:
         return Pattern.STAGNATION
     if state.now.diversity < how.collapse:
         return Pattern.PREMATURE_CONVERGENCE
-    if not state.ever_complete:
+    if not state.ever_quality:
         return Pattern.EXPLORATION_PHASE
     return Pattern.RAPID_IMPROVEMENT if rising(state, how) else Pattern.HEALTHY_PROGRESS
 
 
-def choose_target(state: PopulationState, how: ExpertSettings) -> Target:
+def choose_target(state: PopulationState, how: ExpertSettings) -> str:
     """Table 7: what the next tree is for.
 
-    What nobody does comes first, then a crisis, then what few do. Until a Complete
-    Robot has existed the rarest behaviour always is too rare: putting behaviours
-    together is left to evolution.
+    What nobody does comes first, then a crisis, then what few do. Until a robot of the first
+    milestone has existed the rarest behaviour always is too rare: putting behaviours together
+    is left to evolution.
     """
-    order = ("charging", "clearing", "humanoid", "pickup")  # hardest to find first
-    rarest = min(order, key=lambda name: state.now.doing[name])
-    if not state.now.doing[rarest]:
-        return Target(rarest)
+    doing = state.now.doing
+    order = [*(name for name in how.hardest if name in doing), *reversed(doing)]
+    rarest = min(order, key=lambda name: doing[name])
+    if not doing[rarest]:
+        return rarest
     if state.crisis:
-        return Target.EXPLORATION
-    if not state.ever_complete or state.now.doing[rarest] < how.rare * state.population:
-        return Target(rarest)
-    return Target.RARE if state.now.diversity < how.collapse else Target.INTEGRATION
+        return EXPLORATION
+    if not state.ever_quality or doing[rarest] < how.rare * state.population:
+        return rarest
+    return RARE if state.now.diversity < how.collapse else INTEGRATION
 
 
-EARLY: Final = tuple(t for t in Target if t not in (Target.RARE, Target.INTEGRATION))
-"""Targets that there are before the first Complete Robot."""
+def early(targets: Sequence[str]) -> tuple[str, ...]:
+    """The targets that there are before the first robot of the first milestone."""
+    return tuple(target for target in targets if target not in (RARE, INTEGRATION))
 
 
 class Expert:
@@ -134,25 +127,40 @@ class Expert:
     @classmethod
     def make(cls, settings: ExpertSettings, setup: Setup) -> Expert:
         """See `Supervisor`."""
-        names = {name for trees in settings.trees.values() for name in trees}
-        expert = cls(settings, {name: setup.example(name) for name in sorted(names)})
-        for target in EARLY:
-            if not expert.trees(target, compact=True):
+        for name in settings.hardest:
+            if name not in setup.classes.behaviours:
+                known = ", ".join(setup.classes.behaviours)
                 raise ConfigError(
-                    f"supervisor.policy.trees.{target}: expected a tree within"
-                    f" supervisor.policy.compact, found only larger ones; add one, or allow more."
+                    f"supervisor.policy.hardest: expected behaviours ({known}), found {name!r}"
+                )
+        expert = cls(settings, setup.library())
+        for target in setup.classes.behaviours:
+            if target in expert.library.targets and not expert.fitting(target, compact=True):
+                raise ConfigError(
+                    f"library.trees.{target}: expected a tree within supervisor.policy.compact,"
+                    " found only larger ones; add one, or allow more."
                 )
         return expert
 
-    def __init__(self, settings: ExpertSettings, library: Mapping[str, Node]) -> None:
-        """`library` holds the trees that `settings.trees` names."""
+    def __init__(self, settings: ExpertSettings, library: Library) -> None:
         self.settings = settings
         self.library = library
 
-    def trees(self, target: Target, *, compact: bool) -> list[str]:
-        """The trees for a target; with `compact` only those that are."""
-        names = self.settings.trees[target]
-        return [n for n in names if not compact or self.settings.compact.holds(self.library[n])]
+    def fitting(self, target: str, *, compact: bool) -> list[str]:
+        """The names of the trees for a target; with `compact` only those that are."""
+        names = self.library.targets.get(target, ())
+        fits = self.settings.compact.holds
+        return [n for n in names if not compact or fits(self.library.trees[n])]
+
+    def pick(self, target: str, state: PopulationState, rng: np.random.Generator) -> str:
+        """The name of a tree for a target, drawn where there are several.
+
+        Where the library has none, one for the rarest behaviour that it has serves instead.
+        """
+        compact = not state.ever_quality
+        each = (self.fitting(name, compact=compact) for name in (target, *state.lacking))
+        names = next(names for names in each if names)
+        return names[rng.integers(len(names))]
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """A rate inside the phase's range, and a tree for what the population lacks most."""
@@ -160,18 +168,22 @@ class Expert:
         phase, pattern = classify_phase(state, how), classify_pattern(state, how)
         target = choose_target(state, how)
         low, high = how.rates[phase]
-        trees = self.trees(target, compact=not state.ever_complete)
-        name = trees[rng.integers(len(trees))]
+        name = self.pick(target, state, rng)
+        goal = _title(next(iter(state.reached)))
         return Guidance(
             mutation_rate=high - (high - low) * calm(state, how),
-            tree=self.library[name],
+            tree=self.library.trees[name],
             source=self.name,
             phase=phase,
             pattern=pattern,
             target=target,
             intervention=phase in (Phase.CRISIS_INTERVENTION, Phase.AGGRESSIVE_EXPLORATION),
-            risk="disruption of Complete Robots" if quality(state) else "premature convergence",
-            reasoning=f"{quality(state)} Complete Robots, {state.stagnant_generations} generations"
+            risk=f"disruption of {goal} Robots" if state.quality else "premature convergence",
+            reasoning=f"{state.quality} {goal} Robots, {state.stagnant_generations} generations"
             f" without a better best, diversity {state.now.diversity:.2f}",
             rationale=f"{target}: tree {name}",
         )
+
+
+def _title(name: str) -> str:
+    return name.replace("_", " ").title()

@@ -7,14 +7,16 @@ stays short, and the last digits of a sum never change its hash.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Final
 
+from islandgp.domain import Schema
+from islandgp.scoring.classes import Classes
 from islandgp.scoring.crisis import Crisis
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import PopulationState
 
-FIELDS: Final[dict[str, str]] = {
+_PLAIN: Final[dict[str, str]] = {
     "generation": "the generation just evaluated, from 0",
     "generations": "generations of the whole run",
     "epoch": "the curriculum's epoch, from 1",
@@ -32,33 +34,13 @@ FIELDS: Final[dict[str, str]] = {
     "history[].mean": "its mean fitness, points",
     "history[].diversity": "its behavioural diversity",
     "history[].working": "its working ratio",
-    "history[].complete": "its Complete Robots",
-    "history[].excellent": "its Excellent Robots",
     "history[].mutation_rate": "the mutation rate that made it",
-    "specialists.patrol_only": "individuals without any pickup or humanoid interaction",
-    "specialists.pickup": "individuals that mostly pick up garbage from the ground",
-    "specialists.humanoid": "individuals that mostly take garbage from humanoids",
-    "specialists.balanced": "individuals that do both about as often",
-    "specialists.charging": "individuals that charged at least once, of any class",
-    "specialists.clearing": "individuals that delivered at least once, of any class",
-    "doing.pickup": "individuals with at least one pickup",
-    "doing.humanoid": "individuals with at least one humanoid interaction",
-    "doing.clearing": "individuals with at least one delivery",
-    "doing.charging": "individuals with at least one charging attempt",
     "behaviours.dominant": "the largest class",
-    "behaviours.lacking": "the four behaviours, the one that fewest individuals do first",
+    "behaviours.lacking": "the behaviours, the one that fewest individuals do first",
     "diversity.now": "1 minus the share of the largest class; 0 means that all are alike",
     "diversity.change": "against one generation ago",
     "diversity.trend": "slope over the history, a generation",
-    "working_ratio": "share of individuals with a pickup or a humanoid interaction",
-    "tiers.excellent": "Excellent Robots now",
-    "tiers.complete": "Complete Robots now; the Excellent ones are among them",
-    "tiers.full_service": "individuals that did each of the four behaviours at least once",
-    "tiers.balanced_elite": "individuals that gathered and earned much",
-    "milestones.complete_seen": "whether a Complete Robot has ever existed in this run",
-    "milestones.excellent_seen": "whether an Excellent Robot has ever existed in this run",
-    "activity.distance_m": "mean distance driven in an episode, m",
-    "activity.inactive_s": "mean time since the last action other than moving, s",
+    "working_ratio": "share of individuals that do any of what the classes are told apart by",
     "stagnation.generations": "generations since the best of the stage last rose; 0 in a new stage",
     "stagnation.epochs": "the same in epochs",
     "crisis.low_diversity": "whether diversity is below the warning level",
@@ -69,17 +51,48 @@ FIELDS: Final[dict[str, str]] = {
     "parameters.crossover_rate": "the crossover rate",
     "parameters.population": "individuals of a generation",
     "parameters.mean_tree_nodes": "mean size of a tree, nodes",
-    "next_multipliers.garbage": "factor on rewards for picking up, from the next generation on",
-    "next_multipliers.battery": "factor on rewards for charging",
-    "next_multipliers.humanoid": "factor on rewards for humanoid interactions",
-    "next_multipliers.delivery": "factor on rewards for deliveries",
-    "next_multipliers.leftover": "factor on the penalty for garbage left lying",
 }
-"""Every field of `state_json` and what it means; prompts and docs are made from it."""
+"""The fields that every domain has, and what they mean."""
+
+
+def field_meanings(schema: Schema, classes: Classes) -> dict[str, str]:
+    """Every field of `state_json` and what it means, in the order in which they stand there."""
+    s, counters = classes.specialists, schema.counters
+    meaning = {name: counters[counter].meaning for name, counter in classes.behaviours.items()}
+    own = {
+        **{f"history[].{name}": f"its {title(name)} Robots" for name in classes.milestones},
+        f"specialists.{s.idle}": f"individuals that do none of {', '.join(s.of)}",
+        **{f"specialists.{name}": f"individuals that mostly do {name}" for name in s.of},
+        f"specialists.{s.mixed}": "individuals of which no behaviour dominates",
+        **{f"doing.{name}": f"individuals with any {text}" for name, text in meaning.items()},
+        **{f"tiers.{name}": f"{title(name)} Robots now" for name in classes.tiers},
+        **{
+            f"milestones.{name}_seen": f"whether a {title(name)} Robot has ever existed in this run"
+            for name in classes.milestones
+        },
+        **{
+            f"activity.{name}": f"mean over the population: {counter.meaning}"
+            + (f", {counter.unit}" if counter.unit else "")
+            for name, counter in counters.items()
+        },
+        **{
+            f"next_multipliers.{name}": f"factor on {text}, from the next generation on"
+            for name, text in schema.components.items()
+        },
+    }
+    groups = dict.fromkeys(name.partition(".")[0] for name in _ORDER)
+    found = {**_PLAIN, **own}
+    return {n: found[n] for g in groups for n in found if n.partition(".")[0] == g}
+
+
+_ORDER: Final = (
+    "generation generations epoch stage fitness history[] specialists doing behaviours diversity"
+    " working_ratio tiers milestones activity stagnation crisis parameters next_multipliers"
+).split()
 
 
 def state_json(state: PopulationState, crisis: Crisis) -> dict[str, Any]:
-    """The state as plain JSON values; FIELDS says what each means."""
+    """The state as plain JSON values; `field_meanings` says what each means."""
     now = state.now
     return {
         "generation": now.generation,
@@ -96,12 +109,8 @@ def state_json(state: PopulationState, crisis: Crisis) -> dict[str, Any]:
             "best_trend": round(state.best_trend),
             "mean_trend": round(state.mean_trend),
         },
-        "history": [_line(s) for s in state.history],
-        "specialists": {
-            **now.specialists,
-            "charging": now.doing["charging"],
-            "clearing": now.doing["clearing"],
-        },
+        "history": [_line(s, state.reached) for s in state.history],
+        "specialists": dict(now.specialists),
         "doing": dict(now.doing),
         "behaviours": {"dominant": state.dominant, "lacking": list(state.lacking)},
         "diversity": {
@@ -111,11 +120,8 @@ def state_json(state: PopulationState, crisis: Crisis) -> dict[str, Any]:
         },
         "working_ratio": _three(now.working),
         "tiers": dict(now.tiers),
-        "milestones": {
-            "complete_seen": state.ever_complete,
-            "excellent_seen": state.ever_excellent,
-        },
-        "activity": {"distance_m": round(now.distance), "inactive_s": round(now.inactive)},
+        "milestones": {f"{name}_seen": seen for name, seen in state.reached.items()},
+        "activity": {name: round(value, 1) + 0.0 for name, value in now.counters.items()},
         "stagnation": {
             "generations": state.stagnant_generations,
             "epochs": round(state.stagnant_epochs, 1),
@@ -149,7 +155,7 @@ def state_text(state: PopulationState, crisis: Crisis) -> str:
 
 
 def fields(value: Any, path: str = "") -> Iterator[str]:
-    """The dotted paths of a JSON value's leaves, as FIELDS spells them."""
+    """The dotted paths of a JSON value's leaves, as `field_meanings` spells them."""
     if isinstance(value, Mapping):
         for key, below in value.items():
             yield from fields(below, f"{path}.{key}" if path else str(key))
@@ -159,15 +165,19 @@ def fields(value: Any, path: str = "") -> Iterator[str]:
         yield path
 
 
-def _line(s: Snapshot) -> dict[str, Any]:
+def title(name: str) -> str:
+    """A name for people: `full_service` is Full Service."""
+    return name.replace("_", " ").title()
+
+
+def _line(s: Snapshot, milestones: Iterable[str]) -> dict[str, Any]:
     return {
         "generation": s.generation,
         "best": round(s.best),
         "mean": round(s.mean),
         "diversity": _three(s.diversity),
         "working": _three(s.working),
-        "complete": s.tiers["complete"],
-        "excellent": s.tiers["excellent"],
+        **{name: s.tiers[name] for name in milestones},
         "mutation_rate": _three(s.rate),
     }
 

@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, Setup, Target
-from islandgp.supervision.expert import EARLY, Expert, ExpertSettings
+from islandgp.supervision.base import Guidance, Setup
+from islandgp.supervision.expert import Expert, ExpertSettings, early
 
 
 class Untargeted:
@@ -33,14 +33,13 @@ class Untargeted:
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """Every target that the expert could have now is as likely as any other."""
         guidance = self.expert.advise(state, rng)
-        targets = list(Target) if state.ever_complete else EARLY
+        targets = state.targets if state.ever_quality else early(state.targets)
         target = targets[rng.integers(len(targets))]
-        trees = self.expert.trees(target, compact=not state.ever_complete)
-        name = trees[rng.integers(len(trees))]
+        name = self.expert.pick(target, state, rng)
         return replace(
             guidance,
             source=self.name,
             target=target,
-            tree=self.expert.library[name],
+            tree=self.expert.library.trees[name],
             rationale=f"{target}, drawn at random: tree {name}",
         )

@@ -17,7 +17,7 @@ from pydantic import BaseModel, Field
 from islandgp.bt.language import parse
 from islandgp.errors import SupervisionError
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, Pattern, Phase, Setup, Target
+from islandgp.supervision.base import Guidance, Pattern, Phase, Setup
 
 
 class YokedSettings(BaseModel, frozen=True, extra="forbid"):
@@ -94,7 +94,7 @@ class Yoked:
             source=self.name,
             phase=None if said["phase"] is None else Phase(said["phase"]),
             pattern=None if said["pattern"] is None else Pattern(said["pattern"]),
-            target=None if said["target"] is None else Target(said["target"]),
+            target=said["target"],
             intervention=said["intervention"],
             risk=said["risk"],
             reasoning=said["reasoning"],

@@ -12,10 +12,8 @@ from typing import Any, Final
 import yaml
 
 from islandgp.bt.language import parse
-from islandgp.evaluation.base import Setting
-from islandgp.island.world import World
-from islandgp.scoring.curriculum import Curriculum
-from islandgp.scoring.rewards import Rewards
+from islandgp.evaluation.recorded import setting_of
+from islandgp.supervision.state_json import title
 from islandgp.tracking.chart import Line, Panel, svg
 from islandgp.tracking.fallbacks import fallback_words
 from islandgp.tracking.files import About
@@ -78,11 +76,7 @@ def _replay(folder: RunFolder) -> str:
     place = 0 if config["gp"]["common_world"] else slot * config["gp"]["episodes"]
     return replay_page(
         parse(champion["record"]["tree"]),
-        Setting(
-            World(**config["world"]),
-            Rewards(**config["rewards"]),
-            Curriculum(**config["curriculum"]),
-        ),
+        setting_of(config),
         worlds[place],
         record["snapshot"]["stage"],
         f"{folder.path.name}: the best individual, generation {generation}",
@@ -146,7 +140,7 @@ def note(folder: RunFolder, about: About, status: Status) -> str:
             f"- best fitness **{best['fitness']:,.0f}**"
             f" in generation {s['champion']['generation']}",
             *(
-                f"- first {tier.title()} Robot: {'never' if g is None else f'generation {g}'}"
+                f"- first {title(tier)} Robot: {'never' if g is None else f'generation {g}'}"
                 for tier, g in s["first"].items()
             ),
             f"- mean diversity {s['mean_diversity']:.3f}",

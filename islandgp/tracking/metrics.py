@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from islandgp.evolution.record import GuidanceRecord
-from islandgp.scoring.rewards import Component
 from islandgp.supervision.decisions import Decisions, decisions
 
 COSTS = {"evaluation": "evaluation_s", "supervision": "supervision_s", "operators": "operators_s"}
@@ -26,10 +25,7 @@ def _fitness(record: Mapping[str, Any]) -> dict[str, float]:
         "fitness/mean": s["mean"],
         "fitness/sd": s["sd"],
         "size/best": best["nodes"],
-        **{
-            f"components/{component.name.lower()}": points
-            for component, points in zip(Component, best["components"], strict=True)
-        },
+        **{f"components/{name}": points for name, points in best["components"].items()},
     }
 
 
@@ -40,11 +36,9 @@ def _population(record: Mapping[str, Any]) -> dict[str, float]:
         "diversity/working": s["working"],
         **{f"tiers/{name}": n for name, n in s["tiers"].items()},
         **{f"specialists/{name}": n for name, n in s["specialists"].items()},
-        "specialists/charging": s["doing"]["charging"],
-        "specialists/clearing": s["doing"]["clearing"],
+        **{f"behaviours/{name}": n for name, n in s["doing"].items()},
         "size/mean": s["size"],
-        "movement/distance_m": s["distance"],
-        "movement/inactive_s": s["inactive"],
+        **{f"counters/{name}": mean for name, mean in s["counters"].items()},
     }
 
 

@@ -14,6 +14,7 @@ from math import inf
 from statistics import fmean, median, stdev
 from typing import Any, Final
 
+from islandgp.supervision.state_json import title
 from islandgp.tracking.chart import Line, Panel
 from islandgp.tracking.fallbacks import fallback_words
 from islandgp.tracking.folder import RunFolder, Status
@@ -23,8 +24,6 @@ MEASURES: Final[dict[str, Callable[[dict[str, Any]], float]]] = {
     "best fitness": lambda s: float(s["best"]),
     "mean fitness": lambda s: float(s["mean"]),
     "diversity": lambda s: float(s["diversity"]),
-    "complete robots": lambda s: float(s["tiers"]["complete"]),
-    "excellent robots": lambda s: float(s["tiers"]["excellent"]),
     "mutation rate": lambda s: float(s["rate"]),
 }
 """What is drawn over generations: a name, and the number in a snapshot."""
@@ -59,15 +58,29 @@ def _arm(sweep: SweepFolder, name: str, jobs: list[SweepJob]) -> Arm:
     finished = [job for job in jobs if sweep.run(job).finished()]
     runs = [_snapshots(sweep.run(job)) for job in finished]
     length = min((len(run) for run in runs), default=0)
-    curves = [
-        _curve(measure, [[of(run[g]) for run in runs] for g in range(length)])
-        for measure, of in MEASURES.items()
-        if length
-    ]
     for job in finished:
         sweep.run(job).check_summary()
     summaries = tuple(sweep.run(job).summary() for job in finished)
+    curves = [
+        _curve(measure, [[of(run[g]) for run in runs] for g in range(length)])
+        for measure, of in {**MEASURES, **_robots(milestones(summaries))}.items()
+        if length
+    ]
     return Arm(name, tuple(jobs), tuple(finished), summaries, tuple(curves))
+
+
+def milestones(summaries: Sequence[dict[str, Any]]) -> tuple[str, ...]:
+    """The tiers whose first robots the runs tell, the easiest first."""
+    return tuple(dict.fromkeys(tier for s in summaries for tier in s["first"]))
+
+
+def _robots(tiers: Sequence[str]) -> dict[str, Callable[[dict[str, Any]], float]]:
+    """A measure for each tier: how many individuals reach it."""
+
+    def of(tier: str) -> Callable[[dict[str, Any]], float]:
+        return lambda s: float(s["tiers"].get(tier, 0))
+
+    return {f"{title(tier).lower()} robots": of(tier) for tier in tiers}
 
 
 def _snapshots(run: RunFolder) -> list[dict[str, Any]]:
@@ -84,6 +97,7 @@ def _curve(name: str, columns: list[list[float]]) -> Curve:
 
 def panels(found: Sequence[Arm]) -> list[Panel]:
     """A picture for each measure: the arms' means with a band of one deviation."""
+    measures = dict.fromkeys(curve.name for arm in found for curve in arm.curves)
     return [
         Panel(
             f"{measure.capitalize()}: mean and deviation over seeds",
@@ -94,7 +108,7 @@ def panels(found: Sequence[Arm]) -> list[Panel]:
                 if curve.name == measure
             ),
         )
-        for measure in MEASURES
+        for measure in measures
     ]
 
 
@@ -110,15 +124,16 @@ def curves_csv(found: Sequence[Arm]) -> str:
     return text.getvalue()
 
 
-HEAD: Final = ("arm", "finished", "best fitness", "Complete", "Excellent", "diversity")
 FALLBACK: Final = "fallback's answers"  # one column more where any were
 
 
 def arm_rows(found: Sequence[Arm]) -> list[tuple[str, ...]]:
-    """HEAD, and a row for each arm: the mean best fitness with its standard deviation, the
-    median generation of the first robot of a tier over all runs, and the mean diversity; and how
-    many answers were the fallback's, where any were."""
-    rows = [HEAD, *(_row(arm) for arm in found)]
+    """A head, and a row for each arm: the mean best fitness with its standard deviation, the
+    median generation of the first robot of a milestone over all runs, and the mean diversity; and
+    how many answers were the fallback's, where any were."""
+    tiers = milestones([s for arm in found for s in arm.summaries])
+    head = ("arm", "finished", "best fitness", *map(title, tiers), "diversity")
+    rows = [head, *(_row(arm, tiers) for arm in found)]
     fallback = [fallback_words(arm.summaries) for arm in found]
     if not any(fallback):
         return rows
@@ -140,10 +155,10 @@ def arm_lines(found: Sequence[Arm]) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
-def _row(arm: Arm) -> tuple[str, ...]:
+def _row(arm: Arm, tiers: Sequence[str]) -> tuple[str, ...]:
     finished = f"{len(arm.finished)} of {len(arm.jobs)}"
     if not arm.summaries:
-        return (arm.name, finished, "", "", "", "")
+        return (arm.name, finished, "", *("" for _ in tiers), "")
     best = [s["champion"]["record"]["fitness"] for s in arm.summaries]
     spread = f" ± {stdev(best):,.0f}" if len(best) > 1 else ""
     diversity = fmean(s["mean_diversity"] for s in arm.summaries)
@@ -151,15 +166,14 @@ def _row(arm: Arm) -> tuple[str, ...]:
         arm.name,
         finished,
         f"{fmean(best):,.0f}{spread}",
-        _emergence(arm, "complete"),
-        _emergence(arm, "excellent"),
+        *(_emergence(arm, tier) for tier in tiers),
         f"{diversity:.3f}",
     )
 
 
 def _emergence(arm: Arm, tier: str) -> str:
     """The median over all finished runs, and how many got there; the others count as never."""
-    firsts = [s["first"][tier] for s in arm.summaries]
+    firsts = [s["first"].get(tier) for s in arm.summaries]
     came, n = sum(g is not None for g in firsts), len(firsts)
     middle = median(inf if g is None else g for g in firsts)
     text = f"{middle:g}" if middle < inf else "not reached" if came else "never"
@@ -173,7 +187,7 @@ def sweep_note(sweep: SweepFolder, file: SweepFile, found: Sequence[Arm], status
         arm_table(found),
         f"{len(file.jobs)} runs, {status.value.lower()}: {len(found)} arm{'s' * (len(found) != 1)},"
         f" seeds {', '.join(map(str, seeds))}. Best fitness: mean ± standard deviation over runs."
-        " Complete, Excellent: median generation of the first such robot over all runs, one"
+        " Tiers: median generation of the first such robot over all runs, one"
         " without it counted as later than any, and how many runs had one. Diversity: mean.",
         "",
         *(f"    {command}" for command in file.commands),

@@ -12,8 +12,9 @@ from typing import Final
 from xml.sax.saxutils import escape, quoteattr
 
 from islandgp.bt.export.plan import Loss, Part, guard_losses, plan
-from islandgp.bt.node import ACTIONS, Node, walk
+from islandgp.bt.node import Node, walk
 from islandgp.bt.printer import number_text
+from islandgp.bt.vocabulary import NOTHING, Vocabulary
 
 TREE_ID: Final = "Robot"
 REST: Final = "rest"  # the name of a node that stands for the later branches of the one above it
@@ -58,8 +59,8 @@ def losses(tree: Node) -> list[Loss]:
     return sorted(found)
 
 
-def to_xml(tree: Node) -> str:
-    """The text of an XML file."""
+def to_xml(tree: Node, vocabulary: Vocabulary = NOTHING) -> str:
+    """The text of an XML file; the vocabulary gives the actions' meanings."""
     used = sorted({str(node.args[0]) for node in walk(tree) if node.kind == "action"})
     lines = [
         f'<root BTCPP_format="4" main_tree_to_execute="{TREE_ID}">',
@@ -70,7 +71,8 @@ def to_xml(tree: Node) -> str:
         "  <TreeNodesModel>",
     ]
     for name in used:
-        meaning = f"<!-- {escape(ACTIONS[name].meaning)} -->" if name in ACTIONS else ""
+        words = vocabulary.action(name).meaning
+        meaning = f"<!-- {escape(words)} -->" if words else ""
         lines.append(f"    <Action ID={quoteattr(name)}/> {meaning}".rstrip())
     return "\n".join([*lines, "  </TreeNodesModel>", "</root>", ""])
 

@@ -15,9 +15,10 @@ from islandgp.bt.export.plan import hands_over
 from islandgp.bt.export.scripts import OPPOSITE, read_condition
 from islandgp.bt.export.xml_reader import Element, read_xml
 from islandgp.bt.language import MAX_LEVELS, parse, to_text
-from islandgp.bt.node import ACTIONS, REPEATS, Node
+from islandgp.bt.node import REPEATS, Node
 from islandgp.bt.source import closest
 from islandgp.bt.truth import with_aborts
+from islandgp.bt.vocabulary import Vocabulary
 from islandgp.errors import TreeError
 
 _EXPLICIT: Final = ("Action", "Condition", "Control", "Decorator")  # <Action ID="X"/> is <X/>
@@ -29,7 +30,7 @@ _ATTRIBUTES: Final[dict[str, tuple[str, ...]]] = {
 }
 
 
-def from_xml(text: str, *, name: str = "<xml>") -> Node:
+def from_xml(text: str, vocabulary: Vocabulary, *, name: str = "<xml>") -> Node:
     """The main tree of a file, with its SubTrees expanded.
 
     Raises:
@@ -37,14 +38,15 @@ def from_xml(text: str, *, name: str = "<xml>") -> Node:
             tells the place.
     """
     root = read_xml(text, name=name)
-    tree = _Importer(name, root).main()
+    tree = _Importer(name, root, vocabulary).main()
     # The text of the tree is read again, as only the language knows what a right tree is.
-    return parse(to_text(tree), name=f"{name}, as text")
+    return parse(to_text(tree), vocabulary, name=f"{name}, as text")
 
 
 class _Importer:
-    def __init__(self, name: str, root: Element) -> None:
+    def __init__(self, name: str, root: Element, vocabulary: Vocabulary) -> None:
         self._name = name
+        self._vocabulary = vocabulary
         self._root = root
         self._trees = {
             element.attributes.get("ID", ""): element
@@ -93,7 +95,7 @@ class _Importer:
         if tag == "SubTree":
             self._check_attributes(element, tag)
             return self._tree(element.attributes.get("ID", ""), element)
-        if tag not in TAGS.values() and tag not in ACTIONS:
+        if tag not in TAGS.values() and tag not in self._vocabulary.actions:
             self._unknown(element, tag)
         self._check_attributes(element, tag)
         if tag in ("Sequence", "Fallback"):
@@ -179,7 +181,10 @@ class _Importer:
     def _conditions(self, element: Element, *, alone: bool) -> list[tuple[str, str, float]]:
         code = element.attributes.get("code", "")
         try:
-            return [read_condition(term) for term in ([code] if alone else code.split("&&"))]
+            return [
+                read_condition(term, self._vocabulary)
+                for term in ([code] if alone else code.split("&&"))
+            ]
         except ValueError as error:
             self._fail(element, str(error))
 
@@ -225,7 +230,7 @@ class _Importer:
                 self._fail(element, f"the language has nothing like {attribute!r} of {tag}")
 
     def _unknown(self, element: Element, tag: str) -> NoReturn:
-        known = (*TAGS.values(), "SubTree", *ACTIONS)
+        known = (*TAGS.values(), "SubTree", *self._vocabulary.actions)
         guess = closest(tag, known)
         hint = f"did you mean {guess}?" if guess else f"there are {', '.join(known)}"
         self._fail(element, f"the language has no node {tag!r}; {hint}")

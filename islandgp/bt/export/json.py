@@ -16,6 +16,7 @@ from typing import Any, Final, NoReturn
 from islandgp.bt.language import MAX_LEVELS, parse, to_text
 from islandgp.bt.node import KINDS, Node
 from islandgp.bt.source import closest
+from islandgp.bt.vocabulary import Vocabulary
 from islandgp.errors import TreeError
 
 FORMAT: Final = "islandgp-tree"
@@ -28,7 +29,9 @@ def to_json(tree: Node) -> str:
     return json.dumps(whole, indent=2) + "\n"
 
 
-def from_json(text: str, *, name: str = "<json>") -> Node:
+def from_json(
+    text: str, vocabulary: Vocabulary | None = None, *, name: str = "<json>"
+) -> Node:
     """The tree in a JSON text.
 
     Raises:
@@ -50,7 +53,7 @@ def from_json(text: str, *, name: str = "<json>") -> Node:
         raise TreeError(f'{name}: expected "version": {VERSION}, found {whole.get("version")!r}')
     tree = _Reader(name).node(whole.get("tree"), "tree", 1)
     # The text of the tree is read again, as only the language knows what a right tree is.
-    return parse(to_text(tree), name=f"{name}, as text")
+    return parse(to_text(tree), vocabulary, name=f"{name}, as text")
 
 
 def _plain(node: Node) -> dict[str, Any]:

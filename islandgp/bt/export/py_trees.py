@@ -12,8 +12,9 @@ from typing import Final
 
 from islandgp.bt.export.plan import Loss, Part, guard_losses, plan
 from islandgp.bt.language import to_text
-from islandgp.bt.node import KEYS, Node, walk
+from islandgp.bt.node import Node, walk
 from islandgp.bt.printer import head, number_text
+from islandgp.bt.vocabulary import NOTHING, Vocabulary
 
 POLICY = Loss(
     "policy",
@@ -63,10 +64,12 @@ def losses(tree: Node) -> list[Loss]:
     return sorted(found)
 
 
-def to_python(tree: Node) -> str:
-    """The text of a Python module."""
+def to_python(tree: Node, vocabulary: Vocabulary = NOTHING) -> str:
+    """The text of a Python module; the vocabulary gives the keys' meanings."""
     text = "".join(f"    {line}\n" for line in to_text(tree).splitlines())
-    keys = "\n".join(f"    {name}: {key.meaning}" for name, key in KEYS.items())
+    asked = dict.fromkeys(str(node.args[0]) for node in walk(tree) if node.kind == "when")
+    known = {name: key.meaning for name, key in vocabulary.keys.items()} or dict.fromkeys(asked, "")
+    keys = "\n".join(f"    {name}: {meaning}".rstrip(": ") for name, meaning in known.items())
     body = "\n".join(_lines(plan(tree), "    ")).strip().removesuffix(",")
     return _HEAD.format(text=text, keys=keys, tree=body)
 

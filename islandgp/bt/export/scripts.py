@@ -1,12 +1,12 @@
-"""Conditions in the scripts of BehaviorTree.CPP: `batteryLevel < 25`, `!foundGarbage`."""
+"""Conditions in the scripts of BehaviorTree.CPP: `level < 25`, `!found`."""
 
 from __future__ import annotations
 
 import re
 from typing import Final
 
-from islandgp.bt.node import KEYS
 from islandgp.bt.source import closest
+from islandgp.bt.vocabulary import Vocabulary
 
 OPPOSITE: Final = {
     "<": ">=",
@@ -24,7 +24,7 @@ _COMPARISON: Final = re.compile(r"\s*(\w+)\s*(<=|>=|==|!=|<|>)\s*(true|false|-?\
 _FLAG: Final = re.compile(r"\s*(!?)\s*(\w+)\s*")
 
 
-def read_condition(code: str) -> tuple[str, str, float]:
+def read_condition(code: str, vocabulary: Vocabulary) -> tuple[str, str, float]:
     """(key, operator, number) of a `when`, from one condition of a script.
 
     Raises:
@@ -36,13 +36,14 @@ def read_condition(code: str) -> tuple[str, str, float]:
         key, operator, number = match[2], "==", "false" if match[1] else "true"
     else:
         raise ValueError(
-            f"expected a condition such as batteryLevel < 25 or !foundGarbage, found {code!r}"
+            f"expected a condition such as level < 25 or !found, found {code!r}"
         )
-    if key not in KEYS:
-        guess = closest(key, KEYS)
-        hint = f"did you mean {guess}?" if guess else f"there are {', '.join(KEYS)}"
+    keys = vocabulary.keys
+    if key not in keys:
+        guess = closest(key, keys)
+        hint = f"did you mean {guess}?" if guess else f"there are {', '.join(keys)}"
         raise ValueError(f"unknown blackboard key {key!r}; {hint}")
-    if not KEYS[key].flag:
+    if not keys[key].flag:
         if number in ("true", "false"):
             raise ValueError(f"{key} is a number, found {code.strip()!r}")
         return key, operator, float(number)

@@ -17,12 +17,19 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from islandgp.bt.limits import Limits
+from islandgp.errors import SupervisionError
 from islandgp.part import blaming, path_of
 from islandgp.resources import resource
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.asking import ask
 from islandgp.supervision.base import Guidance, Setup, Supervisor
-from islandgp.supervision.llm.answers import DECISION, PROPOSAL, Decision, Proposal, schema
+from islandgp.supervision.llm.answers import (
+    DECISION,
+    Decision,
+    Proposal,
+    proposal_shape,
+    schema,
+)
 from islandgp.supervision.llm.calls import Calls
 from islandgp.supervision.llm.conversation import Outcome, converse
 from islandgp.supervision.llm.dialect import Dialect
@@ -44,9 +51,15 @@ class Adviser:
     def __init__(self, settings: LLMSettings, setup: Setup) -> None:
         """Reads the prompts. Raises SupervisionError for one that cannot be filled in."""
         self.settings, self.setup = settings, setup
+        self.exploit_from = settings.exploit_from or setup.classes.milestones[-1]
+        if self.exploit_from not in setup.classes.milestones:
+            raise SupervisionError(
+                "supervisor.policy.exploit_from: expected one of classes.milestones"
+                f" ({', '.join(setup.classes.milestones)}), found {self.exploit_from!r}"
+            )
         folder = Path(settings.prompts) if settings.prompts else resource("prompts")
         self.prompts = {name: load_prompt(name, folder) for name in _FILES}
-        self.values = {**fixed_values(), **_rates(settings)}
+        self.values = {**fixed_values(setup.schema, setup.classes, setup.library()), **_rates(settings)}
         for prompt in self.prompts.values():
             size = _size(settings.explore)
             render(prompt, {**self.values, **size, **dict.fromkeys(_LATER, "")})
@@ -89,7 +102,7 @@ class Adviser:
     def tree_request(self, state: PopulationState, dialect: Dialect) -> Request:
         """The question for a tree."""
         name, size = self._tree_phase(state)
-        return self._request(name, state, dialect, schema(PROPOSAL), _size(size))
+        return self._request(name, state, dialect, schema(proposal_shape(state.targets)), _size(size))
 
     def _both(
         self, state: PopulationState, calls: Calls, dialect: Dialect
@@ -113,7 +126,7 @@ class Adviser:
         _, size = self._tree_phase(state)
         most = self.setup.limits
         limits = Limits(min(size.most_depth, most.max_depth), min(size.most_nodes, most.max_nodes))
-        return self._ask(calls, state, "tree", request, check_proposal(limits))
+        return self._ask(calls, state, "tree", request, check_proposal(limits, self.setup.schema.vocabulary, state.targets))
 
     def _ask(
         self, calls: Calls, state: PopulationState, part: str, request: Request, check: Check[T]
@@ -131,7 +144,7 @@ class Adviser:
     def _tree_phase(self, state: PopulationState) -> tuple[str, TreeSize]:
         """Section 2.4.6: exploration until robots of quality exist, exploitation after."""
         how = self.settings
-        found = state.ever_excellent if how.exploit_from == "excellent" else state.ever_complete
+        found = state.reached[self.exploit_from]
         return ("tree_exploit", how.exploit) if found else ("tree_explore", how.explore)
 
     def _request(

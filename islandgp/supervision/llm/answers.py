@@ -8,7 +8,7 @@ from enum import StrEnum
 from typing import Any, Final
 
 from islandgp.bt.node import Node
-from islandgp.supervision.base import Pattern, Phase, Target
+from islandgp.supervision.base import Pattern, Phase
 
 LONGEST: Final = 1000  # characters of an explanation that the record keeps
 
@@ -30,11 +30,12 @@ class Proposal:
     """The answer to a prompt for a tree."""
 
     tree: Node  # inside the limits
-    target: Target
+    target: str  # one of the state's targets
     rationale: str
 
 
-FieldType = type[StrEnum] | type[float] | type[bool] | type[str]
+FieldType = type[StrEnum] | type[float] | type[bool] | type[str] | tuple[str, ...]
+"""A type, or the words that a field may be."""
 
 DECISION: Final[Mapping[str, FieldType]] = {
     "mutation_rate": float,
@@ -44,7 +45,11 @@ DECISION: Final[Mapping[str, FieldType]] = {
     "risk": str,
     "reasoning": str,
 }
-PROPOSAL: Final[Mapping[str, FieldType]] = {"tree": str, "target": Target, "rationale": str}
+
+
+def proposal_shape(targets: tuple[str, ...]) -> Mapping[str, FieldType]:
+    """The shape of an answer to a prompt for a tree."""
+    return {"tree": str, "target": targets, "rationale": str}
 
 
 def schema(shape: Mapping[str, FieldType]) -> dict[str, Any]:
@@ -57,9 +62,17 @@ def schema(shape: Mapping[str, FieldType]) -> dict[str, Any]:
     }
 
 
+def _words(kind: FieldType) -> tuple[str, ...] | None:
+    """The words that a field may be; None for other types."""
+    if isinstance(kind, tuple):
+        return kind
+    return tuple(member.value for member in kind) if issubclass(kind, StrEnum) else None
+
+
 def _json_type(kind: FieldType) -> dict[str, Any]:
-    if issubclass(kind, StrEnum):
-        return {"type": "string", "enum": [member.value for member in kind]}
+    if (words := _words(kind)) is not None:
+        return {"type": "string", "enum": list(words)}
+    assert not isinstance(kind, tuple)
     return {"type": {float: "number", bool: "boolean", str: "string"}[kind]}
 
 
@@ -78,14 +91,16 @@ def _is(value: Any, kind: FieldType) -> bool:
     if kind is float:
         # NaN, infinity and whole numbers of 400 digits are JSON to Python, but no numbers to us.
         return isinstance(value, (int, float)) and type(value) is not bool and abs(value) < 1e300
-    if issubclass(kind, StrEnum):
-        return isinstance(value, str) and value in list(kind)
+    if (words := _words(kind)) is not None:
+        return isinstance(value, str) and value in words
+    assert not isinstance(kind, tuple)
     return isinstance(value, kind)
 
 
 def _wanted(kind: FieldType) -> str:
-    if issubclass(kind, StrEnum):
-        return f"one of {', '.join(kind)}"
+    if (words := _words(kind)) is not None:
+        return f"one of {', '.join(words)}"
+    assert not isinstance(kind, tuple)
     return {float: "a number", bool: "true or false", str: "a text"}[kind]
 
 

@@ -115,6 +115,7 @@ def _requests(settings: LLMSettings, setup: Setup) -> list[Request]:
 
 
 def _state(setup: Setup) -> PopulationState:
+    classes = setup.classes
     now = Snapshot(
         generation=20,
         epoch=4,
@@ -124,11 +125,10 @@ def _state(setup: Setup) -> PopulationState:
         sd=1234.0,
         diversity=0.567,
         working=0.867,
-        specialists={"patrol_only": 4, "pickup": 11, "humanoid": 7, "balanced": 8},
-        doing={"pickup": 19, "humanoid": 15, "clearing": 14, "charging": 12},
-        tiers={"excellent": 1, "complete": 4, "full_service": 5, "balanced_elite": 6},
-        distance=1234.0,
-        inactive=123.0,
+        specialists=dict.fromkeys(classes.specialist_names, 11),
+        doing=dict.fromkeys(classes.behaviours, 14),
+        tiers=dict.fromkeys(classes.tiers, 4),
+        counters=dict.fromkeys(setup.schema.counters, 123.4),
         size=23.4,
         rate=0.234,
     )
@@ -147,19 +147,13 @@ def _state(setup: Setup) -> PopulationState:
         stagnant_epochs=0.6,
         crisis="",
         diversity_warning=False,
-        ever_complete=True,
-        ever_excellent=True,
-        dominant="pickup",
-        lacking=("charging", "clearing", "humanoid", "pickup"),
+        reached=dict.fromkeys(classes.milestones, True),
+        dominant=classes.specialists.of[0],
+        lacking=tuple(classes.behaviours),
+        targets=classes.targets,
         mutation_rate=0.234,
         crossover_rate=0.8,
         population=30,
         generations=setup.generations,
-        multipliers={
-            "garbage": 1.8,
-            "battery": 2.5,
-            "humanoid": 1.5,
-            "delivery": 1.2,
-            "leftover": 1.0,
-        },
+        multipliers=dict.fromkeys(setup.schema.components, 1.8),
     )

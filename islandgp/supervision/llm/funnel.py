@@ -17,16 +17,17 @@ from pydantic import BaseModel, Field, model_validator
 
 from islandgp.bt.language import parse
 from islandgp.bt.limits import Limits, check_limits
-from islandgp.errors import LimitError, TreeError, UnknownNameError
-from islandgp.supervision.base import Pattern, Phase, Target
+from islandgp.bt.vocabulary import Vocabulary
+from islandgp.errors import DomainError, LimitError, TreeError, UnknownNameError
+from islandgp.supervision.base import Pattern, Phase
 from islandgp.supervision.llm.answers import (
     DECISION,
     LONGEST,
-    PROPOSAL,
     Decision,
     FieldType,
     Proposal,
     faults,
+    proposal_shape,
 )
 from islandgp.supervision.llm.message import SANE, Reply, clean
 
@@ -110,23 +111,26 @@ def check_decision(rates: RateSettings) -> Check[Decision]:
     return check
 
 
-def check_proposal(limits: Limits) -> Check[Proposal]:
+def check_proposal(
+    limits: Limits, vocabulary: Vocabulary, targets: tuple[str, ...]
+) -> Check[Proposal]:
     """The funnel of trees."""
+    shape = proposal_shape(targets)
 
     def check(reply: Reply) -> Accepted[Proposal] | Rejection:
-        found = _fields(reply, PROPOSAL)
+        found = _fields(reply, shape)
         if isinstance(found, Rejection):
             return found
         try:
-            tree = parse(found["tree"], name="tree")
+            tree = parse(found["tree"], vocabulary, name="tree")
             check_limits(tree, limits)
-        except UnknownNameError as error:
+        except (UnknownNameError, DomainError) as error:
             return Rejection(Stage.NAMES, str(error))
         except LimitError as error:
             return Rejection(Stage.LIMITS, str(error))
         except TreeError as error:
             return Rejection(Stage.GRAMMAR, str(error))
-        return Accepted(Proposal(tree, Target(found["target"]), found["rationale"][:LONGEST]))
+        return Accepted(Proposal(tree, found["target"], found["rationale"][:LONGEST]))
 
     return check
 

@@ -14,26 +14,25 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Final
 
-from islandgp.bt.node import ABORTS, ACTIONS, FLAG_OPERATORS, KEYS, KINDS, OPERATORS, REPEATS
+from islandgp.bt.node import ABORTS, FLAG_OPERATORS, KINDS, OPERATORS, REPEATS
+from islandgp.bt.vocabulary import Vocabulary
+from islandgp.domain import Schema
 from islandgp.errors import SupervisionError
 from islandgp.resources import resource
+from islandgp.scoring.classes import EXPLORATION, INTEGRATION, RARE, Classes, Tier
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Target
-from islandgp.supervision.state_json import FIELDS
+from islandgp.supervision.library import Library
+from islandgp.supervision.state_json import field_meanings, title
 
 _VARIABLE: Final = re.compile(r"\{\{\s*([A-Za-z_][\w.]*)\s*\}\}")
 _PART: Final = re.compile(r"^# (system|user)\s*$", re.MULTILINE)
 
-TARGETS: Final[dict[Target, str]] = {
-    Target.PICKUP: "picks up garbage from the ground",
-    Target.HUMANOID: "takes garbage from humanoids; for a population that never serves them",
-    Target.CHARGING: "charges early and often; for a population that never charges",
-    Target.CLEARING: "delivers early and often; for a population that never delivers",
-    Target.RARE: "does what has almost died out; for a population of low diversity",
-    Target.INTEGRATION: "brings several behaviours together; for one that has found them all",
-    Target.EXPLORATION: "is unlike the others; for a population in stagnation or crisis",
+AIMS: Final[dict[str, str]] = {
+    RARE: "does what has almost died out; for a population of low diversity",
+    INTEGRATION: "brings several behaviours together; for one that has found them all",
+    EXPLORATION: "is unlike the others; for a population in stagnation or crisis",
 }
-"""Table 7, told to the model."""
+"""Rows of Table 7 that are no behaviour, told to the model."""
 
 ABORT_RULES: Final[dict[str, str]] = {
     "none": "the condition is asked only when the guard is reached; then its child goes on",
@@ -95,11 +94,11 @@ def _fill(template: str, name: str, values: Mapping[str, str]) -> str:
     return _VARIABLE.sub(value, template)
 
 
-def language() -> str:
-    """The language's reference, made from the grammar and the tables that declare its words."""
+def language(words: Vocabulary) -> str:
+    """The language's reference, made from the grammar and the domain's vocabulary."""
     grammar = (resource("grammar") / "bt.lark").read_text(encoding="utf-8").strip()
-    numbers = [name for name, key in KEYS.items() if not key.flag]
-    flags = [name for name, key in KEYS.items() if key.flag]
+    numbers = [name for name, key in words.keys.items() if not key.flag]
+    flags = [name for name, key in words.keys.items() if key.flag]
     return "\n".join(
         (
             "The grammar, in Lark's notation:",
@@ -113,29 +112,49 @@ def language() -> str:
             *(f"- abort {name}: {ABORT_RULES[name]}" for name in ABORTS),
             "",
             "Actions:",
-            *(f"- {name}: {action.meaning}" for name, action in ACTIONS.items()),
+            *(f"- {name}: {action.meaning}" for name, action in words.actions.items()),
             "",
             f"Keys that are numbers, compared with one of {' '.join(OPERATORS)}:",
-            *(f"- {name}: {KEYS[name].meaning}" for name in numbers),
+            *(f"- {name}: {words.keys[name].meaning}" for name in numbers),
             "",
             f"Keys that are yes or no, as `when KEY` or `when {FLAG_OPERATORS[1]} KEY`:",
-            *(f"- {name}: {KEYS[name].meaning}" for name in flags),
+            *(f"- {name}: {words.keys[name].meaning}" for name in flags),
         )
     )
 
 
-def fixed_values() -> dict[str, str]:
-    """Values that no run and no generation changes: the language, the fields, the examples."""
-    examples = sorted((resource("grammar") / "examples").glob("*.bt"))
+def fixed_values(schema: Schema, classes: Classes, library: Library) -> dict[str, str]:
+    """Values that no generation changes: the task, the language, the fields, the examples."""
+    meanings = field_meanings(schema, classes)
+    counters = {name: schema.counters[c].meaning for name, c in classes.behaviours.items()}
+    targets = {name: f"shows {text}; for a population that lacks it" for name, text in counters.items()}
     return {
-        "language": language(),
-        "fields": "\n".join(f"- {name}: {meaning}" for name, meaning in FIELDS.items()),
-        "targets": "\n".join(f"- {target}: {meaning}" for target, meaning in TARGETS.items()),
-        **{
-            f"example.{path.stem}": f"```\n{path.read_text(encoding='utf-8').strip()}\n```\n"
-            for path in examples
-        },
+        "task": schema.task,
+        "habits": "\n".join(f"- {habit}" for habit in schema.habits),
+        "tiers": "\n".join(_tier(name, tier) for name, tier in classes.tiers.items()),
+        "milestone": title(classes.milestones[0]),
+        "top_milestone": title(classes.milestones[-1]),
+        "language": language(schema.vocabulary),
+        "fields": "\n".join(f"- {name}: {meaning}" for name, meaning in meanings.items()),
+        "targets": "\n".join(f"- {t}: {meaning}" for t, meaning in {**targets, **AIMS}.items()),
+        **{f"examples.{part}": _examples(part, library) for part in ("explore", "exploit", "poor")},
     }
+
+
+def _tier(name: str, tier: Tier) -> str:
+    asked = [f"{measure} of at least {value:g}" for measure, value in tier.at_least.items()]
+    asked += [f"{measure} above {value:g}" for measure, value in tier.above.items()]
+    asked += [f"what a {title(tier.also)} Robot has"] if tier.also else []
+    return f"- A {title(name)} Robot has in one episode {', '.join(asked) or 'nothing in particular'}."
+
+
+def _examples(part: str, library: Library) -> str:
+    """The trees that a prompt shows; where none are named, those of the single behaviours."""
+    names = library.shown.get(part)
+    if names is None:
+        names = () if part == "poor" else tuple(dict.fromkeys(n for t in library.targets.values() for n in t))
+    lead = "And one to learn from, not to follow:\n\n" if part == "poor" and names else ""
+    return lead + "\n".join(f"```\n{library.texts[name].strip()}\n```\n" for name in names)
 
 
 def urgency(state: PopulationState, rare: float) -> str:

@@ -47,7 +47,7 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     phases: dict[Phase, tuple[float, float]]  # Table 8
     explore: TreeSize  # section 2.4.6, phase 1
     exploit: TreeSize  # phase 2
-    exploit_from: Literal["complete", "excellent"]  # the tier whose first robot begins phase 2
+    exploit_from: str | None  # milestone whose first robot begins phase 2; None: the last one
     rare: float = Field(ge=0, le=1)  # share of the population below which a behaviour is rare
     caps: Caps
     prices: Prices

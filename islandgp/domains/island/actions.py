@@ -4,7 +4,7 @@ An action is called once a tick while its leaf runs; `fresh` is true on the
 first call. It returns a status and turns the wheels or not. While it is RUNNING
 it says with `wake_at` when its status may change, and where its answer depends on
 the robot's place, with `same_for` how far the robot may drive until a fresh call
-would do something else. A new action is an entry in `bt.node.ACTIONS` and a
+would do something else. A new action is an entry in `vocabulary` and a
 function here.
 """
 
@@ -15,14 +15,14 @@ from math import hypot, inf
 from typing import Final
 
 from islandgp.bt.node import FAILURE, RUNNING, SUCCESS
-from islandgp.island.journal import Event
-from islandgp.island.robot import FULL, MICRO, steps_to
-from islandgp.island.state import Island
+from islandgp.domains.island.journal import Event
+from islandgp.domains.island.robot import FULL, MICRO, steps_to
+from islandgp.domains.island.state import State
 
 AIM_EVERY = 5  # steps: how often MoveToHumanoid aims anew at a walking humanoid
 
 
-def move_to_garbage(island: Island, fresh: bool) -> int:
+def move_to_garbage(island: State, fresh: bool) -> int:
     """Drives to the nearest garbage in sight."""
     robot, ground, lead = island.robot, island.ground, inf
     if fresh:
@@ -38,7 +38,7 @@ def move_to_garbage(island: Island, fresh: bool) -> int:
     return _drive(island, item.x, item.y, robot.settings.pickup_reach, lead)
 
 
-def pickup_garbage(island: Island, _fresh: bool) -> int:
+def pickup_garbage(island: State, _fresh: bool) -> int:
     """Picks up the nearest item, at once."""
     robot, ground = island.robot, island.ground
     if robot.room <= 0:
@@ -53,7 +53,7 @@ def pickup_garbage(island: Island, _fresh: bool) -> int:
     return SUCCESS
 
 
-def seek_charger(island: Island, fresh: bool) -> int:
+def seek_charger(island: State, fresh: bool) -> int:
     """Drives to the nearest charger."""
     robot, chargers, lead = island.robot, island.world.chargers, inf
     if fresh:
@@ -61,7 +61,7 @@ def seek_charger(island: Island, fresh: bool) -> int:
     return _drive(island, *chargers[robot.charger], robot.settings.station_reach, lead)
 
 
-def execute_charge(island: Island, fresh: bool) -> int:
+def execute_charge(island: State, fresh: bool) -> int:
     """Charges until full; an attempt counts anew when a good part of a charge was used up."""
     robot = island.robot
     beyond = min(_distances(island, island.world.chargers)) - robot.settings.station_reach
@@ -79,7 +79,7 @@ def execute_charge(island: Island, fresh: bool) -> int:
     return RUNNING
 
 
-def move_to_humanoid(island: Island, fresh: bool) -> int:
+def move_to_humanoid(island: State, fresh: bool) -> int:
     """Drives to the nearest humanoid in sight that asks, and takes over its garbage.
 
     It fails as long as the blackboard shows no humanoid that asks.
@@ -105,7 +105,7 @@ def move_to_humanoid(island: Island, fresh: bool) -> int:
     return RUNNING
 
 
-def deliver_to_clearing_point(island: Island, fresh: bool) -> int:
+def deliver_to_clearing_point(island: State, fresh: bool) -> int:
     """Drives to the nearest clearing point and unloads; an empty delivery costs once a visit."""
     robot, points, lead = island.robot, island.world.clearing_points, inf
     if fresh:
@@ -124,7 +124,7 @@ def deliver_to_clearing_point(island: Island, fresh: bool) -> int:
     return FAILURE
 
 
-def patrol_waypoint(island: Island, _fresh: bool) -> int:
+def patrol_waypoint(island: State, _fresh: bool) -> int:
     """Drives to the next waypoint; after the last one a lap is finished."""
     robot, waypoints = island.robot, island.world.waypoints
     status = _drive(island, *waypoints[robot.waypoint], robot.settings.station_reach)
@@ -137,7 +137,7 @@ def patrol_waypoint(island: Island, _fresh: bool) -> int:
     return status
 
 
-ACTIONS: Final[dict[str, Callable[[Island, bool], int]]] = {
+ACTIONS: Final[dict[str, Callable[[State, bool], int]]] = {
     "MoveToGarbage": move_to_garbage,
     "PickupGarbage": pickup_garbage,
     "SeekCharger": seek_charger,
@@ -148,7 +148,7 @@ ACTIONS: Final[dict[str, Callable[[Island, bool], int]]] = {
 }
 
 
-def _drive(island: Island, x: float, y: float, reach: float, lead: float = inf) -> int:
+def _drive(island: State, x: float, y: float, reach: float, lead: float = inf) -> int:
     """RUNNING while the wheels turn towards (x, y), SUCCESS within reach; `lead` as `drive_to`."""
     robot = island.robot
     distance = hypot(x - robot.x, y - robot.y)
@@ -160,7 +160,7 @@ def _drive(island: Island, x: float, y: float, reach: float, lead: float = inf) 
     return RUNNING
 
 
-def _nearest(island: Island, stations: Sequence[tuple[float, float]]) -> tuple[int, float]:
+def _nearest(island: State, stations: Sequence[tuple[float, float]]) -> tuple[int, float]:
     """The nearest station, the first of equals, and how many metres farther the next one is."""
     distances = _distances(island, stations)
     least = min(distances)
@@ -169,13 +169,13 @@ def _nearest(island: Island, stations: Sequence[tuple[float, float]]) -> tuple[i
     return nearest, min(distances) - least
 
 
-def _distances(island: Island, stations: Sequence[tuple[float, float]]) -> list[float]:
+def _distances(island: State, stations: Sequence[tuple[float, float]]) -> list[float]:
     """Metres from the robot to each station."""
     rx, ry = island.robot.x, island.robot.y
     return [hypot(x - rx, y - ry) for x, y in stations]
 
 
-def _pursue(island: Island, at: complex, gap: float) -> None:
+def _pursue(island: State, at: complex, gap: float) -> None:
     """Drives to where the humanoid, now at `at`, was last aimed at; aims anew now and then."""
     robot, people, here = island.robot, island.humanoids, complex(island.robot.x, island.robot.y)
     island.same_for(0)  # a fresh call would aim anew
@@ -189,6 +189,6 @@ def _pursue(island: Island, at: complex, gap: float) -> None:
     island.wake_at(min(island.aim_end, island.step + min(there, met)))
 
 
-def _load(island: Island, items: int) -> int:
+def _load(island: State, items: int) -> int:
     island.robot.load += items
     return items

@@ -12,10 +12,10 @@ from math import ceil, inf
 
 import pymunk
 
-from islandgp.island import engine
-from islandgp.island.script import Circle
-from islandgp.island.steering import steer
-from islandgp.island.world import FAR, ROCK_MARGIN, World
+from islandgp.domains.island import engine
+from islandgp.domains.island.script import Circle
+from islandgp.domains.island.steering import steer
+from islandgp.domains.island.world import FAR, ROCK_MARGIN, World
 
 MICRO = 1_000_000  # units of charge in one percent
 FULL = 100 * MICRO

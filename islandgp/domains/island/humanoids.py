@@ -6,8 +6,8 @@ from math import inf
 
 import pymunk
 
-from islandgp.island import engine
-from islandgp.island.world import HumanoidSettings
+from islandgp.domains.island import engine
+from islandgp.domains.island.world import HumanoidSettings
 
 
 class Humanoids:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from islandgp.bt.node import FAILURE, KEYS
-from islandgp.island.garbage import Ground, Item
-from islandgp.island.humanoids import Humanoids
-from islandgp.island.journal import Award, Event, Journal
-from islandgp.island.robot import MICRO, Robot
-from islandgp.island.script import Script, write_script
-from islandgp.island.space import Space, build_space
-from islandgp.island.world import FAR, EpisodeSettings, World
+from islandgp.bt.node import FAILURE
+from islandgp.domains.island.garbage import Ground, Item
+from islandgp.domains.island.humanoids import Humanoids
+from islandgp.domains.island.journal import Award, Event, Journal
+from islandgp.domains.island.robot import MICRO, Robot
+from islandgp.domains.island.script import Script, write_script
+from islandgp.domains.island.space import Space, build_space
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.domains.island.world import FAR, EpisodeSettings, World
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +39,7 @@ class Limits:
 
 
 @dataclass(slots=True)
-class Island:
+class State:
     """Everything that a tick can see or change."""
 
     world: World
@@ -49,7 +50,7 @@ class Island:
     ground: Ground
     humanoids: Humanoids
     journal: Journal
-    board: list[float]  # the blackboard, in the order of KEYS
+    board: list[float]  # the blackboard, in the order of VOCABULARY
     dt: float  # s a step
     walk: float  # m that a humanoid moves in a step, at most
     step: int = 0
@@ -98,7 +99,7 @@ class Island:
             self.free = metres
 
 
-def build_island(world: World, seed: int, award: Award, thresholds: tuple[float, ...]) -> Island:
+def build_island(world: World, seed: int, award: Award, thresholds: tuple[float, ...]) -> State:
     """The island of `seed` at step 0. `thresholds`: as a Robot has them."""
     script = write_script(world, seed)
     physics = build_space(world, script)
@@ -106,7 +107,7 @@ def build_island(world: World, seed: int, award: Award, thresholds: tuple[float,
     walk = world.humanoids.speed * world.episode.step
     # Who has walked into a wall or a rock, or into both, is pushed out by less than it is too deep.
     pushed = 2 * max(0.0, walk - physics.space.collision_slop)
-    return Island(
+    return State(
         world=world,
         limits=Limits.of(world.episode),
         script=script,
@@ -115,7 +116,7 @@ def build_island(world: World, seed: int, award: Award, thresholds: tuple[float,
         ground=Ground(script.garbage, most=world.garbage.most, side=world.side, cell=world.cell),
         humanoids=Humanoids(world.humanoids, physics.humanoids),
         journal=Journal(award),
-        board=[0.0] * len(KEYS),
+        board=[0.0] * len(VOCABULARY.keys),
         dt=world.episode.step,
         walk=walk + pushed,
     )

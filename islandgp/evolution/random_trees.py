@@ -3,25 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from math import inf
 
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
 from islandgp.bt.limits import Limits, within
-from islandgp.bt.node import (
-    ABORTS,
-    ACTIONS,
-    FLAG_OPERATORS,
-    KEYS,
-    KINDS,
-    OPERATORS,
-    POLICIES,
-    Node,
-)
-
-NAMES = tuple(ACTIONS)
-KEY_NAMES = tuple(KEYS)
+from islandgp.bt.node import ABORTS, FLAG_OPERATORS, KINDS, OPERATORS, POLICIES, Node
+from islandgp.bt.vocabulary import Vocabulary
 
 
 class TreeSettings(BaseModel, frozen=True, extra="forbid"):
@@ -47,6 +38,31 @@ class TreeSettings(BaseModel, frozen=True, extra="forbid"):
         return self
 
 
+@dataclass(frozen=True)
+class TreeSpace:
+    """The trees that a run searches: how they are grown, of which words, and how large."""
+
+    settings: TreeSettings
+    vocabulary: Vocabulary
+    limits: Limits
+
+    @cached_property
+    def actions(self) -> tuple[str, ...]:
+        """The names of all actions."""
+        return tuple(self.vocabulary.actions)
+
+    @cached_property
+    def keys(self) -> tuple[str, ...]:
+        """The names of all keys."""
+        return tuple(self.vocabulary.keys)
+
+    @cached_property
+    def kinds(self) -> dict[str, float]:
+        """The weight of each inner node kind; without keys there is no `when`."""
+        weights = self.settings.kinds
+        return weights if self.keys else {k: w for k, w in weights.items() if k != "when"}
+
+
 def check_weights(key: str, weights: Mapping[str, float], names: Iterable[str]) -> None:
     """Raises ValueError unless `weighted` can draw some of `names` by these weights."""
     known = list(names)
@@ -69,59 +85,57 @@ def weighted(rng: np.random.Generator, weights: Mapping[str, float]) -> str:
     return last
 
 
-def random_action(rng: np.random.Generator) -> Node:
+def random_action(rng: np.random.Generator, space: TreeSpace) -> Node:
     """A leaf."""
-    return Node("action", (NAMES[rng.integers(len(NAMES))],))
+    return Node("action", (space.actions[rng.integers(len(space.actions))],))
 
 
-def random_args(
-    rng: np.random.Generator, kind: str, settings: TreeSettings
-) -> tuple[str | float, ...]:
+def random_args(rng: np.random.Generator, kind: str, space: TreeSpace) -> tuple[str | float, ...]:
     """The arguments of an inner node."""
     if kind == "when":
-        return _random_condition(rng, settings)
+        return _random_condition(rng, space)
     if kind == "repeater":
-        return (float(rng.integers(1, settings.repeats + 1)),)
+        return (float(rng.integers(1, space.settings.repeats + 1)),)
     if kind == "parallel":
         return POLICIES[rng.integers(2)], POLICIES[rng.integers(2)]
     return ()
 
 
-def _random_condition(rng: np.random.Generator, settings: TreeSettings) -> tuple[str | float, ...]:
-    name = KEY_NAMES[rng.integers(len(KEY_NAMES))]
-    key = KEYS[name]
-    abort = weighted(rng, settings.aborts)
+def _random_condition(rng: np.random.Generator, space: TreeSpace) -> tuple[str | float, ...]:
+    name = space.keys[rng.integers(len(space.keys))]
+    key = space.vocabulary.keys[name]
+    abort = weighted(rng, space.settings.aborts)
     if key.flag:
         return name, FLAG_OPERATORS[rng.integers(len(FLAG_OPERATORS))], 0.0, abort
-    op = weighted(rng, settings.operators)
+    op = weighted(rng, space.settings.operators)
     steps = round((key.high - key.low) / key.step)
     return name, op, key.low + key.step * float(rng.integers(steps + 1)), abort
 
 
-def inner_node(rng: np.random.Generator, settings: TreeSettings, depth: int) -> Node:
+def inner_node(rng: np.random.Generator, space: TreeSpace, depth: int) -> Node:
     """A random composite or decorator whose tree has at most `depth` >= 2 levels."""
-    kind = weighted(rng, settings.kinds)
-    least, most = settings.children
+    kind = weighted(rng, space.kinds)
+    least, most = space.settings.children
     n = 1 if KINDS[kind].children[1] == 1 else int(rng.integers(least, most + 1))
-    args = random_args(rng, kind, settings)
-    return Node(kind, args, tuple(grow(rng, settings, depth - 1) for _ in range(n)))
+    args = random_args(rng, kind, space)
+    return Node(kind, args, tuple(grow(rng, space, depth - 1) for _ in range(n)))
 
 
-def grow(rng: np.random.Generator, settings: TreeSettings, depth: int) -> Node:
+def grow(rng: np.random.Generator, space: TreeSpace, depth: int) -> Node:
     """A random tree of at most `depth` levels; a branch ends where chance or depth ends it."""
-    if depth <= 1 or rng.random() < settings.leaf:
-        return random_action(rng)
-    return inner_node(rng, settings, depth)
+    if depth <= 1 or rng.random() < space.settings.leaf:
+        return random_action(rng, space)
+    return inner_node(rng, space, depth)
 
 
-def random_tree(rng: np.random.Generator, settings: TreeSettings, limits: Limits) -> Node:
+def random_tree(rng: np.random.Generator, space: TreeSpace) -> Node:
     """A random tree within the limits; a bare action only where they leave nothing else."""
-    least, most = settings.depth
+    least, most = space.settings.depth
     for _ in range(100):
-        depth = min(int(rng.integers(least, most + 1)), limits.max_depth)
+        depth = min(int(rng.integers(least, most + 1)), space.limits.max_depth)
         if depth < 2:
             break
-        tree = inner_node(rng, settings, depth)
-        if within(tree, limits):
+        tree = inner_node(rng, space, depth)
+        if within(tree, space.limits):
             return tree
-    return random_action(rng)
+    return random_action(rng, space)

@@ -9,15 +9,15 @@ from __future__ import annotations
 
 from math import hypot, inf, sqrt
 
-from islandgp.bt.node import KEYS
-from islandgp.island import engine
-from islandgp.island.journal import Event
-from islandgp.island.robot import MICRO, TOLERANCE, steps_to
-from islandgp.island.state import Island
-from islandgp.island.world import FAR
+from islandgp.domains.island import engine
+from islandgp.domains.island.journal import Event
+from islandgp.domains.island.robot import MICRO, TOLERANCE, steps_to
+from islandgp.domains.island.state import State
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.domains.island.world import FAR
 
-BATTERY, ROOM, LAP, GARBAGE, HUMANOID = range(len(KEYS))
-assert tuple(KEYS) == (
+BATTERY, ROOM, LAP, GARBAGE, HUMANOID = range(5)
+assert tuple(VOCABULARY.keys) == (
     "batteryLevel",
     "robotCurrentExtraCapacity",
     "lap",
@@ -27,7 +27,7 @@ assert tuple(KEYS) == (
 TOGETHER = 20  # steps: looks at humanoids that are due so soon are done in one go
 
 
-def sense(island: Island, *, always: bool = False) -> bool:
+def sense(island: State, *, always: bool = False) -> bool:
     """Brings the robot's position and the two flags up to date.
 
     True when a flag changed, or something was seen that counts. `always` looks at
@@ -47,7 +47,7 @@ def sense(island: Island, *, always: bool = False) -> bool:
     return island.changed or len(island.journal.events) > events
 
 
-def refresh(island: Island) -> None:
+def refresh(island: State) -> None:
     """Brings the rest of the blackboard up to date, before a tick."""
     robot, board = island.robot, island.board
     board[BATTERY] = robot.battery / MICRO
@@ -57,14 +57,14 @@ def refresh(island: Island) -> None:
         robot.fined_at = -1
 
 
-def visit_left(island: Island) -> float:
+def visit_left(island: State) -> float:
     """Metres that the robot may drive within reach of the clearing point where it was fined."""
     robot = island.robot
     x, y = island.world.clearing_points[robot.fined_at]
     return robot.settings.station_reach - hypot(x - robot.x, y - robot.y)
 
 
-def look_for_garbage(island: Island) -> None:
+def look_for_garbage(island: State) -> None:
     """Whether garbage is in sight; new items are discovered. Says when to look again.
 
     Seen from a robot on a straight leg, an item is in sight along one stretch of
@@ -108,7 +108,7 @@ def look_for_garbage(island: Island) -> None:
     ground.due = island.step + steps_to(change, robot.stride) if robot.driving else FAR
 
 
-def _look_for_humanoids(island: Island, always: bool) -> bool:
+def _look_for_humanoids(island: State, always: bool) -> bool:
     """Whether a humanoid in sight asks; new ones are discovered. Says when to look again."""
     people, step = island.humanoids, island.step
     new = 0
@@ -122,7 +122,7 @@ def _look_for_humanoids(island: Island, always: bool) -> bool:
     return bool(people.near)
 
 
-def _look_at(island: Island, h: int) -> bool:
+def _look_at(island: State, h: int) -> bool:
     """Looks where humanoid `h` is; true when it is seen for the first time."""
     robot, people = island.robot, island.humanoids
     asks, unseen = people.asks(h), h in people.unseen
@@ -143,7 +143,7 @@ def _look_at(island: Island, h: int) -> bool:
     return unseen
 
 
-def discover(island: Island, things: int) -> None:
+def discover(island: State, things: int) -> None:
     """Things seen for the first time count while the robot is on patrol (Table 3)."""
     if not island.patrolling:
         return

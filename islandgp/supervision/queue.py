@@ -1,4 +1,4 @@
-"""Asynchronous supervision: answers are worked out while the next episodes run.
+"""The queue between evolution and a supervisor, which may answer while episodes run.
 
 The paper names it as future work (section 3.9). The lag is counted in
 generations and is exact: the answer to generation g's state takes effect after
@@ -18,8 +18,11 @@ from islandgp.supervision.asking import ask
 from islandgp.supervision.base import Guidance, Service, Supervisor
 
 
-class Desk:
-    """Where states are handed in and answers fetched. States are answered in their order."""
+class SupervisorQueue:
+    """Runs `advise` in a thread; answers apply `lag` generations later.
+
+    States are answered in their order. With lag 0 they are answered at once, without a thread.
+    """
 
     def __init__(self, supervisor: Supervisor, *, seed: int, lag: int) -> None:
         self.supervisor = supervisor

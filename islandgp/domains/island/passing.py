@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from math import hypot
 
-from islandgp.island import engine
-from islandgp.island.journal import Event
-from islandgp.island.robot import steps_to
-from islandgp.island.sensing import sense
-from islandgp.island.state import Island
-from islandgp.island.world import FAR
+from islandgp.domains.island import engine
+from islandgp.domains.island.journal import Event
+from islandgp.domains.island.robot import steps_to
+from islandgp.domains.island.sensing import sense
+from islandgp.domains.island.state import State
+from islandgp.domains.island.world import FAR
 
 
-def advance(island: Island, until: int) -> None:
+def advance(island: State, until: int) -> None:
     """Moves the island to step `until`, or to the first step where something has changed.
 
     The script's cues are played on the way, and who is due looks. A contact, an
@@ -45,7 +45,7 @@ def advance(island: Island, until: int) -> None:
             return
 
 
-def _touch(island: Island) -> None:
+def _touch(island: State) -> None:
     """Counts new collisions with humanoids; whoever is touched steps aside."""
     contacts, robot = island.physics.contacts, island.robot
     for _ in contacts.begun:
@@ -61,7 +61,7 @@ def _touch(island: Island) -> None:
     island.humanoids.look_at_all(island.step)
 
 
-def _next_spawn(island: Island) -> int:
+def _next_spawn(island: State) -> int:
     """The step at which the next item appears; those for which there was no room are over."""
     spawns, step, i = island.script.spawns, island.step, island.spawn
     while spawns[i][0] <= step:
@@ -70,7 +70,7 @@ def _next_spawn(island: Island) -> int:
     return spawns[i][0]
 
 
-def _spawn(island: Island) -> int:
+def _spawn(island: State) -> int:
     """This step's garbage appears. Returns the next step at which some does."""
     spawns = island.script.spawns
     at, x, y = spawns[island.spawn]
@@ -82,7 +82,7 @@ def _spawn(island: Island) -> int:
     return at if island.ground.room > 0 else FAR
 
 
-def _turn(island: Island) -> int:
+def _turn(island: State) -> int:
     """This step's humanoids turn. Returns the next step at which one does."""
     turns = island.script.turns
     at, h, vx, vy = turns[island.turn]
@@ -93,7 +93,7 @@ def _turn(island: Island) -> int:
     return at
 
 
-def _notice(island: Island, x: float, y: float) -> None:
+def _notice(island: State, x: float, y: float) -> None:
     """New garbage may be the next thing that comes into sight."""
     robot, ground = island.robot, island.ground
     at = engine.position(robot.body)

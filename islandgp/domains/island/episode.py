@@ -16,13 +16,14 @@ from functools import partial
 
 from islandgp.bt.engine import compile_tree, thresholds
 from islandgp.bt.node import AGAIN, RUNNING, Node, walk
-from islandgp.island.actions import ACTIONS
-from islandgp.island.journal import Award, Event
-from islandgp.island.passing import advance
-from islandgp.island.robot import MICRO, steps_to
-from islandgp.island.sensing import look_for_garbage, refresh, sense, visit_left
-from islandgp.island.state import Island, build_island
-from islandgp.island.world import FAR, World
+from islandgp.domains.island.actions import ACTIONS
+from islandgp.domains.island.journal import Award, Event
+from islandgp.domains.island.passing import advance
+from islandgp.domains.island.robot import MICRO, steps_to
+from islandgp.domains.island.sensing import look_for_garbage, refresh, sense, visit_left
+from islandgp.domains.island.state import State, build_island
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.domains.island.world import FAR, World
 
 
 class Ending(StrEnum):
@@ -57,7 +58,7 @@ def run_episode(
     *,
     stepwise: bool = False,
     watch: Callable[[int, int], None] | None = None,
-    observe: Callable[[Island], None] | None = None,
+    observe: Callable[[State], None] | None = None,
 ) -> Episode:
     """Runs `tree` in the world of `seed`; a function of its first four arguments alone.
 
@@ -65,7 +66,8 @@ def run_episode(
     after every tick; both want `stepwise=True` to see each step.
     """
     island = build_island(world, seed, award, thresholds(tree, "batteryLevel"))
-    tick = compile_tree(tree, _actions(tree, island), island.board, watch=watch)
+    actions = _actions(tree, island)
+    tick = compile_tree(tree, actions, island.board, VOCABULARY.places, watch=watch)
     ticks, due, end = 0, 0, _deadline(island)
     ending: Ending | None = None
     while ending is None:
@@ -86,7 +88,7 @@ def run_episode(
     return _close(island, ending, ticks)
 
 
-def _actions(tree: Node, island: Island) -> dict[str, Callable[[bool], int]]:
+def _actions(tree: Node, island: State) -> dict[str, Callable[[bool], int]]:
     """The actions of the island's robot.
 
     All leaves of one action share its goal: one that starts may change it for another that runs.
@@ -98,12 +100,12 @@ def _actions(tree: Node, island: Island) -> dict[str, Callable[[bool], int]]:
     }
 
 
-def _shared(island: Island, action: Callable[[Island, bool], int], fresh: bool) -> int:
+def _shared(island: State, action: Callable[[State, bool], int], fresh: bool) -> int:
     island.restarted |= fresh
     return action(island, fresh)
 
 
-def _tick(island: Island, tick: Callable[[], int]) -> bool:
+def _tick(island: State, tick: Callable[[], int]) -> bool:
     """One tick of the tree; true if the next one may do something else though nothing happens.
 
     A tick that left its leaves running will be repeated by the next. So will one
@@ -132,7 +134,7 @@ def _tick(island: Island, tick: Callable[[], int]) -> bool:
     return False
 
 
-def _horizon(island: Island, latest: int) -> int:
+def _horizon(island: State, latest: int) -> int:
     """The earliest step, `latest` at most, at which anything but the physics changes something."""
     ground, robot, step = island.ground, island.robot, island.step
     another_leg = robot.turn_wheels(step)
@@ -146,7 +148,7 @@ def _horizon(island: Island, latest: int) -> int:
     return max(until, step + 1)
 
 
-def _deadline(island: Island) -> int:
+def _deadline(island: State) -> int:
     """The step at which the episode ends if nothing happens."""
     limits, journal = island.limits, island.journal
     low = island.robot.battery < limits.low_battery
@@ -156,7 +158,7 @@ def _deadline(island: Island) -> int:
     return min(end, limits.length)
 
 
-def _account(island: Island, steps: int) -> None:
+def _account(island: State, steps: int) -> None:
     """Books `steps` steps that have passed. Idle is who neither drives nor acts."""
     robot = island.robot
     robot.spend(steps)
@@ -173,7 +175,7 @@ def _account(island: Island, steps: int) -> None:
         island.log(Event.IDLE, island.idle / island.limits.second)
 
 
-def _ending(island: Island) -> Ending:
+def _ending(island: State) -> Ending:
     """Why the episode is over."""
     if island.robot.battery <= 0:
         island.log(Event.SHUTDOWN, 1)
@@ -184,7 +186,7 @@ def _ending(island: Island) -> Ending:
     return Ending.NEGATIVE if 0 <= since <= island.step - limit else Ending.STAGNATION
 
 
-def _close(island: Island, ending: Ending, ticks: int) -> Episode:
+def _close(island: State, ending: Ending, ticks: int) -> Episode:
     island.log(Event.LEFTOVER, island.ground.count)
     step = island.world.episode.step
     return Episode(

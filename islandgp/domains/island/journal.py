@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from enum import IntEnum
+from enum import StrEnum
 
 
-class Event(IntEnum):
-    """The rows of Table 3, with what their amount means."""
+class Event(StrEnum):
+    """What can be worth points (Table 3); `vocabulary` says what the amounts are."""
 
-    PICKUP = 0  # items taken from the ground
-    INTERACTION = 1  # items taken over from a humanoid
-    CHARGE = 2  # battery level in percent when charging began
-    SHUTDOWN = 3  # 1: the battery is empty
-    DELIVERY = 4  # items unloaded
-    EMPTY_DELIVERY = 5  # 1: nothing to unload
-    PATROL = 6  # 1: a stretch of patrol with a discovery
-    DISCOVERY = 7  # things seen for the first time while on patrol
-    IDLE = 8  # seconds of idleness so far, each second anew
-    COLLISION = 9  # 1: touched a humanoid
-    LEFTOVER = 10  # items on the ground at the end
+    PICKUP = "pickup"
+    INTERACTION = "interaction"
+    CHARGE = "charge"
+    SHUTDOWN = "shutdown"
+    DELIVERY = "delivery"
+    EMPTY_DELIVERY = "empty_delivery"
+    PATROL = "patrol"
+    DISCOVERY = "discovery"
+    IDLE = "idle"
+    COLLISION = "collision"
+    LEFTOVER = "leftover"
 
 
 Award = Callable[[Event, float], float]  # the points of an event, by its amount

@@ -14,9 +14,9 @@ import numpy as np
 import pymunk
 from pymunk.batch import BodyFields, Buffer, get_space_bodies
 
-from islandgp.island import engine
-from islandgp.island.script import Script
-from islandgp.island.world import WALL, World
+from islandgp.domains.island import engine
+from islandgp.domains.island.script import Script
+from islandgp.domains.island.world import WALL, World
 
 ROBOT_MASS, HUMANOID_MASS = 50.0, 70.0  # kg
 HUMANOID_GROUP = 1  # shapes of one group do not collide

@@ -1,0 +1,134 @@
+"""The words that a domain gives to the tree language: its actions and blackboard keys.
+
+Section 2.2.3 of the paper. A vocabulary is a value: the parser, the generator of
+random trees, the prompts, the exporters and the documentation all read it, and
+nothing else declares an action or a key.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Final, NamedTuple
+
+from islandgp.bt.node import FAILURE, RUNNING, SUCCESS
+from islandgp.errors import DomainError
+
+NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+RESERVED: Final = frozenset(
+    "domain subtree selector sequence parallel success failure inverter repeater when not abort"
+    " use one all none self lower both".split()
+)
+"""Words of the grammar: no action or key can have such a name."""
+
+STATUSES: Final = frozenset({FAILURE, SUCCESS, RUNNING})
+
+
+class Condition(NamedTuple):
+    """A condition on the blackboard, as a `when` asks it."""
+
+    key: str
+    operator: str  # of OPERATORS or FLAG_OPERATORS
+    number: float  # 0 for a flag
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """A leaf that acts on the world.
+
+    What is said beside the meaning holds in every world of the domain: `simplify` rewrites
+    trees by the statuses, and `check` warns by the conditions.
+    """
+
+    meaning: str  # one line: what it does, when it succeeds and fails
+    statuses: frozenset[int] = STATUSES  # that it can return
+    to_start: tuple[Condition, ...] = ()  # what it fails at once without
+    to_succeed: tuple[Condition, ...] = ()  # true on the blackboard of the tick in which it does
+    changes: Mapping[str, int] = field(default_factory=dict)
+    """Keys that its success changes: -1 makes the value smaller, 1 larger."""
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """A blackboard entry that a `when` can ask for."""
+
+    meaning: str  # one line, with the unit
+    flag: bool = True  # yes or no; False: a number
+    low: float = 0.0  # least value
+    high: float = 1.0  # greatest threshold of a random tree
+    step: float = 1.0  # distance between two thresholds of random trees, > 0
+    most: float | None = None  # greatest value in any world; None: there is no such value
+
+
+def flag(meaning: str) -> Key:
+    """A key that is yes or no."""
+    return Key(meaning)
+
+
+def number(
+    meaning: str, low: float, high: float, step: float = 1.0, *, most: float | None = None
+) -> Key:
+    """A key that is a number of at least `low`; random thresholds lie on a grid up to `high`."""
+    return Key(meaning, flag=False, low=low, high=high, step=step, most=most)
+
+
+UNKNOWN: Final = Action("")
+"""Of an action that no vocabulary declares, nothing is known."""
+
+
+@dataclass(frozen=True)
+class Vocabulary:
+    """The actions and keys of one domain.
+
+    Raises:
+        DomainError: a name is not a word of the language, or a range is empty.
+    """
+
+    domain: str  # its name, as `domain NAME` in a tree file says it
+    actions: Mapping[str, Action]
+    keys: Mapping[str, Key]
+
+    def __post_init__(self) -> None:
+        """Refuses what the language cannot say."""
+        for name in (self.domain, *self.actions, *self.keys):
+            if not NAME.fullmatch(name) or name in RESERVED:
+                raise DomainError(
+                    f"Expected a name of letters, digits and _ that is no word of the language,"
+                    f" found {name!r} in the domain {self.domain!r}; rename it."
+                )
+        if both := self.actions.keys() & self.keys.keys():
+            raise DomainError(
+                f"Expected each name once in the domain {self.domain}, found {min(both)!r} as an"
+                " action and as a key; rename one."
+            )
+        for name, key in self.keys.items():
+            if not (key.low < key.high and key.step > 0):
+                raise DomainError(
+                    f"Expected low < high and step > 0 for the key {name} of the domain"
+                    f" {self.domain}, found {key.low:g}, {key.high:g}, {key.step:g}."
+                )
+
+    @cached_property
+    def places(self) -> dict[str, int]:
+        """The index of each key on a blackboard."""
+        return {name: place for place, name in enumerate(self.keys)}
+
+    @cached_property
+    def always(self) -> tuple[Condition, ...]:
+        """What holds on every blackboard."""
+        numbers = {name: key for name, key in self.keys.items() if not key.flag}
+        return (
+            *(Condition(name, ">=", key.low) for name, key in numbers.items()),
+            *(Condition(n, "<=", key.most) for n, key in numbers.items() if key.most is not None),
+        )
+
+    def action(self, name: str) -> Action:
+        """What is known of an action; UNKNOWN where it is not declared."""
+        return self.actions.get(name, UNKNOWN)
+
+
+NOTHING: Final = Vocabulary("nothing", {}, {})
+"""A vocabulary that declares nothing."""

@@ -1,0 +1,156 @@
+"""The contract between a robot's world and everything that evolves, plays and shows trees in it.
+
+A domain says in a `Schema` what its robot can do and know, what is counted and what
+earns points, and runs one tree in one world. Configuration names its class:
+
+    domain: {name: maze, factory: "maze:Maze"}
+
+`islandgp.ticking` runs a simulator that is stepped, `islandgp.testing.domain_suite` checks a
+domain against this contract, and docs/domains.md builds one step by step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal, NamedTuple, Protocol, Self
+
+from pydantic import BaseModel
+
+from islandgp.bt.node import Node
+from islandgp.bt.vocabulary import Vocabulary
+
+
+@dataclass(frozen=True, slots=True)
+class Counter:
+    """Something that an episode counts or measures."""
+
+    meaning: str  # one line, e.g. "garbage items picked up from the ground"
+    unit: str = ""  # e.g. "m"; "" for a number of things
+    heading: str = ""  # of a column of `islandgp play`; "": the counter's name
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that happens in an episode and may earn points (Table 3)."""
+
+    meaning: str  # one line
+    amount: str = "1"  # what its amount is, with the unit, e.g. "items"
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """How one kind of thing is drawn."""
+
+    meaning: str  # for the legend
+    sign: str  # one letter, for terminals
+    shape: Literal["circle", "ring", "square", "triangle", "diamond", "cross"] = "circle"
+    colour: str = "#888888"
+
+
+@dataclass(frozen=True, slots=True)
+class Schema:
+    """What a domain declares of itself. Mappings keep their order in records and tables."""
+
+    vocabulary: Vocabulary
+    components: Mapping[str, str]  # terms of the fitness, Eq. (1), with a meaning each
+    events: Mapping[str, Event]  # what the reward table can reward
+    counters: Mapping[str, Counter]
+    task: str  # a paragraph for people and for prompts: what the robot is there for
+    habits: Sequence[str] = ()  # what good trees do, a sentence each; for prompts
+    forms: Mapping[str, Form] = field(default_factory=dict)  # by Thing.form; empty: not drawn
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """The result of one tree in one episode, or the mean of several."""
+
+    components: Mapping[str, float]  # points by component of the schema
+    counters: Mapping[str, float]  # by counter of the schema
+    seconds: float  # simulated s
+    endings: tuple[str, ...]  # why each episode ended
+
+    @property
+    def fitness(self) -> float:
+        """Points, Eq. (1): the sum of the components."""
+        return sum(self.components.values())
+
+    def measure(self, name: str) -> float:
+        """A counter's value, or the fitness. Raises KeyError for any other name."""
+        return self.fitness if name == "fitness" else self.counters[name]
+
+
+class Thing(NamedTuple):
+    """Something in a picture of the world."""
+
+    form: str  # a key of Schema.forms
+    x: float  # in the domain's unit of length; y grows upwards
+    y: float
+    size: float  # radius
+    text: str = ""  # beside it
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """What there is to see after a tick."""
+
+    bounds: tuple[float, float, float, float]  # least x, least y, greatest x, greatest y
+    fixed: tuple[Thing, ...] = ()  # the same in each tick of an episode
+    items: tuple[Thing, ...] = ()  # they come and go, and do not move
+    movers: tuple[Thing, ...] = ()  # as many in each tick, in the same order
+    frame: bytes = b""  # a PNG instead, as a simulator renders it
+
+
+class Observer(Protocol):
+    """Who looks on while an episode runs. It changes nothing."""
+
+    def node(self, place: int, status: int) -> None:
+        """The node of that place in document order was ticked, or aborted (`engine.ABORTED`)."""
+        ...
+
+    def tick(self, board: Sequence[float], scene: Scene | None) -> None:
+        """A tick is over: the blackboard that it saw, and the world, where the domain draws it."""
+        ...
+
+    def credit(self, component: str, points: float, event: str, action: str) -> None:
+        """An event since the last tick earned points; `action` earned them, "" for none."""
+        ...
+
+
+class Domain(Protocol):
+    """A world for a robot. It can be pickled, and is sent to each worker once.
+
+    `World` and `Rewards` are pydantic models of the configuration groups `world` and
+    `rewards`; `scoring.rewards.RewardTable` serves most domains as the latter.
+    """
+
+    World: ClassVar[type[BaseModel]]
+    Rewards: ClassVar[type[BaseModel]]
+    step_s: float  # simulated s of a tick
+
+    @property
+    def schema(self) -> Schema:
+        """What the domain declares; an attribute will do."""
+        ...
+
+    @classmethod
+    def make(cls, world: Any, rewards: Any) -> Self:
+        """The domain with these settings. Raises ConfigError where they do not fit together."""
+        ...
+
+    def run_episode(
+        self,
+        tree: Node,
+        seed: int,
+        weights: Mapping[str, float],
+        observer: Observer | None = None,
+    ) -> Outcome:
+        """Runs a tree in the world of a seed: a function of its first three arguments.
+
+        Args:
+            tree: in the words of the schema's vocabulary.
+            seed: of the world, in [0, 2**32).
+            weights: the curriculum's multipliers by component; 1 for those not named.
+            observer: is told of every tick. Whether there is one changes no outcome.
+        """
+        ...

@@ -1,0 +1,1 @@
+"""Worlds for robots. Configuration names them; no other module of the package does."""

@@ -1,0 +1,148 @@
+"""The island as a domain: its episodes as outcomes, and what an observer sees of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar, Final, Self
+
+from pydantic import BaseModel
+
+from islandgp.bt.node import Node
+from islandgp.domain import Observer, Outcome, Scene, Schema, Thing
+from islandgp.domains.island.episode import Episode, run_episode
+from islandgp.domains.island.journal import Event
+from islandgp.domains.island.script import obstacles
+from islandgp.domains.island.state import State
+from islandgp.domains.island.vocabulary import SCHEMA
+from islandgp.domains.island import world as settings
+from islandgp.scoring.rewards import RewardTable, Worth, worth
+
+EARNED_BY: Final[Mapping[str, str]] = {
+    Event.PICKUP: "PickupGarbage",
+    Event.INTERACTION: "MoveToHumanoid",
+    Event.CHARGE: "ExecuteCharge",
+    Event.DELIVERY: "DeliverToClearingPoint",
+    Event.EMPTY_DELIVERY: "DeliverToClearingPoint",
+    Event.PATROL: "PatrolWaypoint",
+    Event.DISCOVERY: "PatrolWaypoint",
+}
+"""The action that an event's points are credited to; the other events belong to none."""
+
+GOAL_SIZE: Final = 1.5  # m, in pictures
+
+
+class Island:
+    """The island of section 2.2.2, in pymunk."""
+
+    World: ClassVar[type[BaseModel]] = settings.World
+    Rewards: ClassVar[type[BaseModel]] = RewardTable
+    schema: ClassVar[Schema] = SCHEMA
+
+    def __init__(self, world: settings.World, rewards: RewardTable) -> None:
+        """Raises ConfigError where the obstacles do not fit."""
+        obstacles(world)
+        self.world = world
+        self.rewards = rewards
+        self.step_s = world.episode.step
+
+    @classmethod
+    def make(cls, world: settings.World, rewards: RewardTable) -> Self:
+        """See `Domain`."""
+        return cls(world, rewards)
+
+    def run_episode(
+        self,
+        tree: Node,
+        seed: int,
+        weights: Mapping[str, float],
+        observer: Observer | None = None,
+    ) -> Outcome:
+        """See `Domain`. With an observer the tree is ticked in every step."""
+        value = worth(self.rewards, weights)
+        if observer is None:
+            episode = run_episode(tree, self.world, seed, lambda e, amount: value(e, amount)[1])
+            return self._outcome(episode, value)
+
+        def award(event: Event, amount: float) -> float:
+            component, points = value(event, amount)
+            observer.credit(component, points, event.value, EARNED_BY.get(event, ""))
+            return points
+
+        fixed = self._fixed()
+        episode = run_episode(
+            tree,
+            self.world,
+            seed,
+            award,
+            stepwise=True,
+            watch=observer.node,
+            observe=lambda island: observer.tick(island.board, self._scene(island, fixed)),
+        )
+        return self._outcome(episode, value)
+
+    def _outcome(self, episode: Episode, value: Worth) -> Outcome:
+        counts = dict.fromkeys(Event, 0.0)
+        sums = dict.fromkeys(Event, 0.0)
+        points = dict.fromkeys(self.schema.components, 0.0)
+        for _, event, amount in episode.events:
+            counts[event] += 1
+            sums[event] += amount
+            component, worth_it = value(event, amount)
+            if component:
+                points[component] += worth_it
+        return Outcome(
+            components=points,
+            counters={
+                "pickups": counts[Event.PICKUP],
+                "interactions": counts[Event.INTERACTION],
+                "deliveries": counts[Event.DELIVERY],
+                "charges": counts[Event.CHARGE],
+                "gathered": sums[Event.PICKUP] + sums[Event.INTERACTION],
+                "delivered": sums[Event.DELIVERY],
+                "collisions": counts[Event.COLLISION],
+                "distance": episode.distance,
+                "inactive": episode.inactive,
+                "laps": float(episode.laps),
+                "battery": episode.battery,
+            },
+            seconds=episode.steps * self.step_s,
+            endings=(episode.ending.value,),
+        )
+
+    def _fixed(self) -> tuple[Thing, ...]:
+        """What stands still in every picture of an episode."""
+        world = self.world
+        stations = (
+            ("waypoint", world.waypoints),
+            ("charger", world.chargers),
+            ("clearing", world.clearing_points),
+        )
+        return (
+            *(Thing("rock", x, y, radius) for x, y, radius in obstacles(world)),
+            *(
+                Thing(form, x, y, world.robot.station_reach)
+                for form, points in stations
+                for x, y in points
+            ),
+        )
+
+    def _scene(self, island: State, fixed: tuple[Thing, ...]) -> Scene:
+        world, robot, people = self.world, island.robot, island.humanoids
+        reach, size = world.robot.pickup_reach / 2, world.humanoids.radius
+        items = [Thing("garbage", item.x, item.y, reach) for item in island.ground.items()]
+        if robot.driving:
+            items.append(Thing("goal", robot.wish[0], robot.wish[1], GOAL_SIZE))
+        positions = island.physics.humanoid_positions()
+        return Scene(
+            bounds=(0.0, 0.0, world.side, world.side),
+            fixed=fixed,
+            items=tuple(items),
+            movers=(
+                Thing("sight", robot.x, robot.y, world.robot.perception),
+                *(
+                    Thing("asking" if people.asks(h) else "humanoid", at.real, at.imag, size, str(n))
+                    for h, (at, n) in enumerate(zip(positions, people.items, strict=True))
+                ),
+                Thing("robot", robot.x, robot.y, world.robot.radius, str(robot.load)),
+            ),
+        )

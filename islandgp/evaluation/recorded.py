@@ -1,0 +1,34 @@
+"""The world and the rules of a run that is over, from its configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import ImportString, TypeAdapter
+
+from islandgp.errors import RunError
+from islandgp.evaluation.base import Setting
+from islandgp.scoring.curriculum import Curriculum
+
+
+def setting_of(config: Mapping[str, Any]) -> Setting:
+    """What the run's trees were evaluated in.
+
+    Raises:
+        RunError: the configuration is of a version before domains.
+    """
+    check_version(config)
+    factory = TypeAdapter(ImportString[Any]).validate_python(config["domain"]["factory"])
+    world = factory.World.model_validate(config["world"])
+    rewards = factory.Rewards.model_validate(config["rewards"])
+    return Setting(factory.make(world, rewards), Curriculum(**config["curriculum"]))
+
+
+def check_version(config: Mapping[str, Any]) -> None:
+    """Raises RunError for a configuration that names no domain."""
+    if "domain" not in config:
+        raise RunError(
+            "Expected a run whose configuration names its domain, found one of version 0.1, which"
+            " had none; look at it with that version, or run its command again."
+        )

@@ -1,0 +1,140 @@
+"""A tree for each single behaviour, found by a short search: a library where nobody wrote one.
+
+The search maximises the behaviour's counter and nothing else, then takes away what the
+counter does not need. It is the same for every seed of a sweep.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from statistics import fmean
+from typing import Final
+
+from islandgp.bt.language import to_text
+from islandgp.bt.limits import Limits, within
+from islandgp.bt.node import Node, replace_at, size, walk
+from islandgp.bt.simplify import simplify
+from islandgp.domain import Outcome
+from islandgp.evaluation.base import Evaluator, Job
+from islandgp.evolution.random_trees import TreeSpace, random_tree
+from islandgp.evolution.variation import MutationSettings, mutate
+from islandgp.scoring.classes import Classes
+from islandgp.seeding import Stream, stream
+
+COMPACT: Final = Limits(max_depth=4, max_nodes=12)  # section 2.4.6: trees of about ten nodes
+POOL: Final = 150  # random trees that every behaviour's search begins with
+ROUNDS: Final = 8  # of mutation
+PARENTS: Final = 5  # best trees of a round, of which each has CHILDREN mutants
+CHILDREN: Final = 6
+WORLDS: Final = 2  # for each tree
+
+Score = tuple[float, int, float, int]
+
+
+def single_behaviours(
+    classes: Classes,
+    space: TreeSpace,
+    how: MutationSettings,
+    evaluator: Evaluator,
+    stage: int,
+) -> dict[str, Node]:
+    """A compact tree by behaviour; behaviours that no tree showed are left out.
+
+    Args:
+        classes: whose behaviours are looked for, by their counters.
+        space: the trees that are searched, within COMPACT.
+        how: the mutations.
+        evaluator: runs about 150 + 300 episodes a behaviour, in each of WORLDS worlds.
+        stage: index of the curriculum's stage that the episodes are scored in.
+
+    Raises:
+        EvaluationError: an episode cannot be run.
+    """
+    most = Limits(
+        min(COMPACT.max_depth, space.limits.max_depth),
+        min(COMPACT.max_nodes, space.limits.max_nodes),
+    )
+    space = replace(space, limits=most)
+    pool = [random_tree(stream(0, Stream.LIBRARY, slot=i), space) for i in range(POOL)]
+    tried = _Tried(evaluator, stage, classes)
+    found = {}
+    for number, behaviour in enumerate(classes.behaviours, 1):
+        best = pool
+        for r in range(ROUNDS):
+            parents = tried.best(best, behaviour)[:PARENTS]
+            children = [
+                mutate(
+                    stream(0, Stream.LIBRARY, generation=number, slot=(r * PARENTS + p) * CHILDREN + c),
+                    parent,
+                    rate=1.0,
+                    space=space,
+                    how=how,
+                )[0]
+                for p, parent in enumerate(parents)
+                for c in range(CHILDREN)
+            ]
+            best = [*parents, *children]
+        tree = tried.pruned(tried.best(best, behaviour)[0], behaviour, space)
+        if tried.score(tree, behaviour)[0] > 0:
+            found[behaviour] = tree
+    return found
+
+
+class _Tried:
+    """Trees with their outcomes, each evaluated once."""
+
+    def __init__(self, evaluator: Evaluator, stage: int, classes: Classes) -> None:
+        self._evaluator = evaluator
+        self._stage = stage
+        self._classes = classes
+        draws = (stream(0, Stream.LIBRARY, generation=0, slot=POOL + i) for i in range(WORLDS))
+        self._worlds = [int(rng.integers(2**32)) for rng in draws]
+        self._outcomes: dict[str, list[Outcome]] = {}
+
+    def best(self, trees: Sequence[Node], behaviour: str) -> list[Node]:
+        """The trees, each once, the best first."""
+        self._try(trees)
+        return sorted(dict.fromkeys(trees), key=lambda t: self.score(t, behaviour), reverse=True)
+
+    def score(self, tree: Node, behaviour: str) -> Score:
+        """The behaviour's counter; then few other behaviours, fitness, and few nodes."""
+        outcomes = self._outcomes[to_text(tree)]
+        counters = self._classes.behaviours
+        others = sum(
+            any(o.counters[counter] > 0 for o in outcomes)
+            for name, counter in counters.items()
+            if name != behaviour
+        )
+        counted = fmean(o.counters[counters[behaviour]] for o in outcomes)
+        return counted, -others, fmean(o.fitness for o in outcomes), -size(tree)
+
+    def pruned(self, tree: Node, behaviour: str, space: TreeSpace) -> Node:
+        """The smallest tree on the way down that counts no less."""
+        tree = simplify(tree, space.vocabulary).tree
+        self._try([tree])
+        while True:
+            least = self.score(tree, behaviour)[0]
+            smaller = [t for t in _smaller(tree) if within(t, space.limits)]
+            self._try(smaller)
+            good = [t for t in smaller if self.score(t, behaviour)[0] >= least]
+            if not good:
+                return tree
+            tree = min(good, key=lambda t: (size(t), to_text(t)))
+
+    def _try(self, trees: Sequence[Node]) -> None:
+        new = [text for text in dict.fromkeys(map(to_text, trees)) if text not in self._outcomes]
+        jobs = [Job(text, self._stage, world) for text in new for world in self._worlds]
+        outcomes = self._evaluator.evaluate(jobs)
+        for i, text in enumerate(new):
+            self._outcomes[text] = outcomes[i * WORLDS : (i + 1) * WORLDS]
+
+
+def _smaller(tree: Node) -> Iterator[Node]:
+    """The trees with one branch less, or with an inner node's place taken by a child of it."""
+    for i, node in enumerate(walk(tree)):
+        for at, child in enumerate(node.children):
+            yield replace_at(tree, i, child)
+            if len(node.children) > 1:
+                left = node.children[:at] + node.children[at + 1 :]
+                yield replace_at(tree, i, node._replace(children=left))

@@ -1,0 +1,222 @@
+"""Variation (section 2.3; line 15 of Algorithm 1): crossover and mutation of trees.
+
+Each operator is a function of trees and a generator, which it consumes. What a mutation
+makes may break the limits or be the same tree: `mutate` sees to that. A new operator is
+a function and an entry of CROSSOVERS or MUTATIONS.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from pydantic import BaseModel, Field, model_validator
+
+from islandgp.bt.limits import Limits, within
+from islandgp.bt.node import KINDS, REPEATS, Node, levels, measured, replace_at, size, walk
+from islandgp.bt.vocabulary import Key
+from islandgp.evolution.population import Individual, Origin
+from islandgp.evolution.random_trees import (
+    TreeSpace,
+    check_weights,
+    grow,
+    inner_node,
+    random_action,
+    random_args,
+    weighted,
+)
+from islandgp.seeding import Stream, stream
+
+TRIES: Final = 8  # attempts at a mutation that keeps the limits and changes something
+SPARED: Final = (Origin.ELITE, Origin.BEHAVIOURAL_ELITE, Origin.INJECTED)
+"""Individuals that mutation leaves alone where `gp.mutate_elites` is false."""
+
+
+class MutationSettings(BaseModel, frozen=True, extra="forbid"):
+    """Which mutations there are, and how strong."""
+
+    operators: dict[str, float]  # weight of each operator of MUTATIONS
+    subtree_depth: int = Field(ge=1)  # most levels of a new subtree
+    number_sd: float = Field(gt=0, le=1)  # sd of a number's change, as a share of its key's range
+
+    @model_validator(mode="after")
+    def _operators_exist(self) -> MutationSettings:
+        check_weights("operators", self.operators, MUTATIONS)
+        return self
+
+
+def _subtree_crossover(
+    rng: np.random.Generator, mother: Node, father: Node, limits: Limits
+) -> Node:
+    """A random subtree of `mother` gives way to one of `father` that fits."""
+    nodes, depths = list(walk(mother)), levels(mother)
+    cut = int(rng.integers(len(nodes)))
+    room = limits.max_nodes - len(nodes) + size(nodes[cut])
+    below = limits.max_depth - depths[cut] + 1
+    donors = [node for node, n, d in measured(father) if n <= room and d <= below]
+    if not donors:
+        return mother
+    return replace_at(mother, cut, donors[rng.integers(len(donors))])
+
+
+Crossover = Callable[[np.random.Generator, Node, Node, Limits], Node]
+
+CROSSOVERS: Final[dict[str, Crossover]] = {"subtree": _subtree_crossover}
+
+
+def _subtree(
+    rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings
+) -> Node:
+    """A new random subtree in place of an old one."""
+    return replace_at(tree, int(rng.integers(size(tree))), grow(rng, space, how.subtree_depth))
+
+
+def _node(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
+    """Another kind of node, or another action, in the same place with the same children."""
+    nodes = list(walk(tree))
+    i = int(rng.integers(len(nodes)))
+    old = nodes[i]
+    if old.kind == "action":
+        return replace_at(tree, i, random_action(rng, space))
+    n = len(old.children)
+    kinds = [
+        name
+        for name, kind in KINDS.items()
+        if space.kinds.get(name, 0) > 0 and kind.children[0] <= n <= kind.children[1]
+    ]
+    if not kinds:
+        return tree
+    kind = kinds[rng.integers(len(kinds))]
+    return replace_at(tree, i, Node(kind, random_args(rng, kind, space), old.children))
+
+
+def _parameter(
+    rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings
+) -> Node:
+    """A nudged number, or a new argument, of one node that has arguments."""
+    nodes = [
+        (i, node) for i, node in enumerate(walk(tree)) if KINDS[node.kind].args and node.children
+    ]
+    if not nodes:
+        return tree
+    i, old = nodes[rng.integers(len(nodes))]
+    args = random_args(rng, old.kind, space)
+    nudge = rng.normal(0, how.number_sd)
+    if old.kind == "repeater":
+        least, most = REPEATS
+        args = (float(min(most, max(least, round(float(old.args[0]) + nudge * space.settings.repeats)))),)
+    elif old.kind == "when":
+        key = space.vocabulary.keys[str(old.args[0])]
+        if not key.flag and rng.random() < 0.5:
+            args = (*old.args[:2], _nudged(old, key, nudge), old.args[3])
+    return replace_at(tree, i, old._replace(args=args))
+
+
+def _nudged(guard: Node, key: Key, nudge: float) -> float:
+    """A guard's number moved by `nudge` ranges of its key, on the key's grid."""
+    moved = float(guard.args[2]) + nudge * (key.high - key.low)
+    on_grid = key.low + round((moved - key.low) / key.step) * key.step
+    return min(key.high, max(key.low, on_grid))
+
+
+def _insert(
+    rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings
+) -> Node:
+    """A new inner node above a node, or a new child in a composite."""
+    nodes = list(walk(tree))
+    i = int(rng.integers(len(nodes)))
+    old = nodes[i]
+    if old.children and KINDS[old.kind].children[1] > 1 and rng.random() < 0.5:
+        at = int(rng.integers(len(old.children) + 1))
+        new = grow(rng, space, how.subtree_depth)
+        return replace_at(
+            tree, i, old._replace(children=(*old.children[:at], new, *old.children[at:]))
+        )
+    parent = inner_node(rng, space, 2)
+    at = int(rng.integers(len(parent.children)))
+    children = (*parent.children[:at], old, *parent.children[at + 1 :])
+    return replace_at(tree, i, parent._replace(children=children))
+
+
+def _delete(rng: np.random.Generator, tree: Node, _: TreeSpace, __: MutationSettings) -> Node:
+    """One child less in a composite, or an inner node's place taken by a child of it."""
+    inner = [(i, node) for i, node in enumerate(walk(tree)) if node.children]
+    if not inner:
+        return tree
+    i, old = inner[rng.integers(len(inner))]
+    at = int(rng.integers(len(old.children)))
+    if len(old.children) > 1 and rng.random() < 0.5:
+        return replace_at(
+            tree, i, old._replace(children=old.children[:at] + old.children[at + 1 :])
+        )
+    return replace_at(tree, i, old.children[at])
+
+
+def _swap(rng: np.random.Generator, tree: Node, _: TreeSpace, __: MutationSettings) -> Node:
+    """Two children of a composite change places."""
+    wide = [(i, node) for i, node in enumerate(walk(tree)) if len(node.children) > 1]
+    if not wide:
+        return tree
+    i, old = wide[rng.integers(len(wide))]
+    a, b = (int(k) for k in rng.choice(len(old.children), 2, replace=False))
+    children = list(old.children)
+    children[a], children[b] = children[b], children[a]
+    return replace_at(tree, i, old._replace(children=tuple(children)))
+
+
+Mutation = Callable[[np.random.Generator, Node, TreeSpace, MutationSettings], Node]
+
+MUTATIONS: Final[dict[str, Mutation]] = {
+    "subtree": _subtree,
+    "node": _node,
+    "parameter": _parameter,
+    "insert": _insert,
+    "delete": _delete,
+    "swap": _swap,
+}
+
+
+def mutate(
+    rng: np.random.Generator,
+    tree: Node,
+    *,
+    rate: float,
+    space: TreeSpace,
+    how: MutationSettings,
+) -> tuple[Node, str]:
+    """With chance `rate`, one mutation: (new tree, its operator), else (the same tree, "").
+
+    A mutation that breaks the limits or changes nothing is tried again; after
+    TRIES attempts the tree stays as it is.
+    """
+    if rng.random() >= rate:
+        return tree, ""
+    for _ in range(TRIES):
+        name = weighted(rng, how.operators)
+        new = MUTATIONS[name](rng, tree, space, how)
+        if new != tree and within(new, space.limits):
+            return new, name
+    return tree, ""
+
+
+def mutate_population(
+    population: Sequence[Individual],
+    *,
+    seed: int,
+    generation: int,
+    rate: float,
+    elites_too: bool,
+    space: TreeSpace,
+    how: MutationSettings,
+) -> tuple[Individual, ...]:
+    """Mutation after construction; with `elites_too` it spares nobody (section 2.4.3)."""
+    new = []
+    for slot, i in enumerate(population):
+        if elites_too or i.origin not in SPARED:
+            rng = stream(seed, Stream.MUTATION, generation=generation, slot=slot)
+            tree, operator = mutate(rng, i.tree, rate=rate, space=space, how=how)
+            i = replace(i, tree=tree, mutation=operator)
+        new.append(i)
+    return tuple(new)

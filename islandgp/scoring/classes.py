@@ -1,0 +1,148 @@
+"""Behaviours, specialist classes and quality tiers: sections 2.3.3 and 2.3.4, Table 4.
+
+A behaviour is a counter that an individual has above 0. Some behaviours compete: an
+individual is a specialist of the one that it does more than `dominance_ratio` times as
+often as any other of them, and the classes exclude each other. The other behaviours are
+labels that any class can carry. (The inequalities of section 2.3.3 did not survive in the
+paper's text.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Final
+
+from pydantic import BaseModel, Field, FiniteFloat, StringConstraints, model_validator
+
+from islandgp.domain import Outcome, Schema
+from islandgp.scoring.rewards import unknown
+
+Name = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]*$")]
+
+RARE: Final = "rare"  # a behaviour that has almost died out
+INTEGRATION: Final = "integration"  # several behaviours in one tree
+EXPLORATION: Final = "exploration"  # something very different
+AIMS: Final = (RARE, INTEGRATION, EXPLORATION)
+"""What a tree can be for beside a single behaviour: rows of Table 7."""
+
+
+class Specialists(BaseModel, frozen=True, extra="forbid"):
+    """The exclusive classes that diversity counts, Eq. (3)."""
+
+    of: tuple[Name, ...] = Field(min_length=1)  # behaviours that compete
+    dominance_ratio: float = Field(ge=1)
+    idle: Name  # the class of those that do none of them; all others are working, Eq. (4)
+    mixed: Name  # the class of those in which none dominates
+
+
+class Tier(BaseModel, frozen=True, extra="forbid"):
+    """A row of Table 4. Values are those of counters, or of `fitness`."""
+
+    at_least: dict[str, FiniteFloat] = Field(default_factory=dict)
+    above: dict[str, FiniteFloat] = Field(default_factory=dict)
+    also: Name | None = None  # a tier that must be reached as well
+
+    def values_hold(self, o: Outcome) -> bool:
+        """Whether an outcome has the values of this row."""
+        return all(o.measure(name) >= v for name, v in self.at_least.items()) and all(
+            o.measure(name) > v for name, v in self.above.items()
+        )
+
+
+class Classes(BaseModel, frozen=True, extra="forbid"):
+    """How individuals are told apart."""
+
+    behaviours: dict[Name, str] = Field(min_length=1)  # the counter of each
+    specialists: Specialists
+    tiers: dict[Name, Tier] = Field(min_length=1)  # best first
+    milestones: tuple[Name, ...] = Field(min_length=1)
+    """Tiers that runs are judged by, the easiest first: their first robots are told."""
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Classes:
+        for path, name, known in (
+            *(("specialists.of", name, self.behaviours) for name in self.specialists.of),
+            *(("milestones", name, self.tiers) for name in self.milestones),
+            *((f"tiers.{t}.also", r.also, self.tiers) for t, r in self.tiers.items() if r.also),
+        ):
+            for line in unknown(path, name, known):
+                raise ValueError(line)
+        names = [*self.behaviours, self.specialists.idle, self.specialists.mixed, *AIMS]
+        if twice := {name for name in names if names.count(name) > 1}:
+            raise ValueError(f"behaviours: expected each name once, found {min(twice)!r} twice")
+        return self
+
+    def faults(self, schema: Schema) -> Iterator[str]:
+        """What does not fit the domain, a line each."""
+        for name, counter in self.behaviours.items():
+            yield from unknown(f"classes.behaviours.{name}", counter, schema.counters)
+        known = {**schema.counters, "fitness": None}
+        for name, tier in self.tiers.items():
+            for part, values in (("at_least", tier.at_least), ("above", tier.above)):
+                for measure in values:
+                    path = f"classes.tiers.{name}.{part}.{measure}"
+                    yield from unknown(path, measure, known)
+
+    @property
+    def specialist_names(self) -> tuple[str, ...]:
+        """The exclusive classes."""
+        s = self.specialists
+        return (s.idle, *s.of, s.mixed)
+
+    @property
+    def kept(self) -> tuple[str, ...]:
+        """What behavioural elites and resurrection care for: working classes, then labels."""
+        s = self.specialists
+        return (*s.of, s.mixed, *(name for name in self.behaviours if name not in s.of))
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """What a tree can be for: the rows of Table 7."""
+        return (*self.behaviours, *AIMS)
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What an individual is, by what it did."""
+
+    specialist: str  # its exclusive class
+    tiers: tuple[str, ...]  # that it reaches, best first
+    behaviours: tuple[str, ...]  # those of `Classes.kept` that it shows
+    working: bool  # counts for the working ratio, Eq. (4)
+
+
+def specialist(o: Outcome, classes: Classes) -> str:
+    """The one class of an individual (section 2.3.3)."""
+    s = classes.specialists
+    counts = sorted(((o.counters[classes.behaviours[name]], name) for name in s.of), reverse=True)
+    most, name = counts[0]
+    if most <= 0:
+        return s.idle
+    second = counts[1][0] if len(counts) > 1 else 0.0
+    return name if most > s.dominance_ratio * second else s.mixed
+
+
+def does(o: Outcome, classes: Classes) -> tuple[str, ...]:
+    """The behaviours of an individual: those whose counter is above 0 in any of its episodes."""
+    return tuple(name for name, counter in classes.behaviours.items() if o.counters[counter] > 0)
+
+
+def tiers(o: Outcome, classes: Classes) -> tuple[str, ...]:
+    """The tiers an individual reaches, best first."""
+    found = [name for name, tier in classes.tiers.items() if tier.values_hold(o)]
+    return tuple(
+        name for name in found if (also := classes.tiers[name].also) is None or also in found
+    )
+
+
+def judge(o: Outcome, classes: Classes) -> Verdict:
+    """Everything that an outcome says of an individual."""
+    kind, done = specialist(o, classes), does(o, classes)
+    shown = {kind, *(name for name in done if name not in classes.specialists.of)}
+    return Verdict(
+        specialist=kind,
+        tiers=tiers(o, classes),
+        behaviours=tuple(name for name in classes.kept if name in shown),
+        working=kind != classes.specialists.idle,
+    )

@@ -1,0 +1,50 @@
+"""Generation records of every version as one flat form, so that versions can be compared.
+
+Version 1 knew one world: components were a list, five counters and two means were fields.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+COMPONENTS: Final = (
+    "garbage",
+    "battery",
+    "humanoid",
+    "delivery",
+    "leftover",
+    "patrol",
+    "idle",
+    "collision",
+)
+COUNTERS: Final = ("pickups", "interactions", "deliveries", "charges", "gathered")
+MEANS: Final = ("distance", "inactive")
+
+
+def version_1(record: Mapping[str, Any]) -> dict[str, Any]:
+    """What version 1 said of a generation, from a record of either version."""
+    s = dict(record["snapshot"])
+    means = s.pop("counters", None) or {name: s.pop(name) for name in MEANS}
+    return {
+        **record,
+        "snapshot": {**s, **{name: means[name] for name in MEANS}},
+        "individuals": [_individual(i) for i in record["individuals"]],
+    }
+
+
+def _individual(plain: Mapping[str, Any]) -> dict[str, Any]:
+    found = dict(plain)
+    counters = found.pop("counters", None) or {name: found.pop(name) for name in COUNTERS}
+    points = found.pop("components")
+    if isinstance(points, list):
+        points = dict(zip(COMPONENTS, points, strict=True))
+    return {**found, "components": points, **{name: counters[name] for name in COUNTERS}}
+
+
+def records(file: Path) -> Iterator[dict[str, Any]]:
+    """The records of a run's generations.jsonl in that form."""
+    for line in file.read_text(encoding="utf-8").splitlines():
+        yield version_1(json.loads(line))
