@@ -55,10 +55,17 @@ class Schema:
     vocabulary: Vocabulary
     components: Mapping[str, str]  # terms of the fitness, Eq. (1), with a meaning each
     events: Mapping[str, Event]  # what the reward table can reward
-    counters: Mapping[str, Counter]
     task: str  # a paragraph for people and for prompts: what the robot is there for
+    counters: Mapping[str, Counter] = field(default_factory=dict)
+    """What an episode counts; where nothing is given, how often each event happened."""
     habits: Sequence[str] = ()  # what good trees do, a sentence each; for prompts
     forms: Mapping[str, Form] = field(default_factory=dict)  # by Thing.form; empty: not drawn
+
+    def __post_init__(self) -> None:
+        """Counts every event where no counters are declared."""
+        if not self.counters:
+            counted = {name: Counter(event.meaning) for name, event in self.events.items()}
+            object.__setattr__(self, "counters", counted)
 
 
 @dataclass(frozen=True, slots=True)

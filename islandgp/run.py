@@ -8,7 +8,6 @@ import sys
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
-from inspect import getfile
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +26,10 @@ from islandgp.evolution.single_behaviours import single_behaviours
 from islandgp.part import blaming, path_of
 from islandgp.progress import Progress
 from islandgp.report import report, summary
-from islandgp.resources import resource
 from islandgp.resume import choose
 from islandgp.settings import Settings
 from islandgp.supervision.base import Service, Setup, Supervisor
-from islandgp.supervision.library import Library, read_library
+from islandgp.supervision.library import Library, library_folder, read_library
 from islandgp.tracking.base import Tracker
 from islandgp.tracking.folder import RunFolder, Status
 from islandgp.tracking.parameters import redacted
@@ -97,21 +95,6 @@ def automatic_library(settings: Settings, domain: Domain) -> Library:
         )
     trees = {name: parse(text, domain.schema.vocabulary) for name, text in texts.items()}
     return Library(trees, texts, {name: (name,) for name in trees}, {})
-
-
-def library_folder(name: str, domain: Domain) -> Path:
-    """A folder of trees: beside the domain's module, here, or among the project's own.
-
-    Raises ConfigError where there is none.
-    """
-    module = getfile(type(domain))
-    for folder in (Path(module).parent / name, Path(name), resource("grammar").parent / name):
-        if folder.is_dir():
-            return folder
-    raise ConfigError(
-        f"library.folder: expected a folder of trees beside {Path(module).name} or here, found no"
-        f" {name!r}; give its path, or library=automatic."
-    )
 
 
 def make_supervisor(settings: Settings, folder: Path | None) -> Supervisor:

@@ -1,38 +1,37 @@
-"""Outcomes, snapshots and states with plain values, of which a test changes what it is about."""
+"""Outcomes, snapshots and states of the island with plain values; a test changes some of them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Final
+
+import yaml
 
 from islandgp.bt.language import parse
+from islandgp.domain import Outcome
+from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.evolution.population import Evaluated, Individual, Origin
-from islandgp.scoring.classify import Classes, specialist, tiers
+from islandgp.resources import resource
+from islandgp.scoring.classes import Classes, judge
 from islandgp.scoring.crisis import Crisis
-from islandgp.scoring.outcome import Outcome
-from islandgp.scoring.snapshot import Snapshot, behaviours
+from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import PopulationState, StateSettings, population_state
 
-NOTHING = Outcome(
-    fitness=0.0,
-    components=(0.0,) * 8,
-    pickups=0.0,
-    interactions=0.0,
-    deliveries=0.0,
-    charges=0.0,
-    gathered=0.0,
-    delivered=0.0,
-    collisions=0.0,
-    distance=0.0,
-    inactive=0.0,
-    laps=0.0,
-    battery=50.0,
+_PAPER = resource("conf") / "classes" / "paper.yaml"
+CLASSES: Final = Classes(**yaml.safe_load(_PAPER.read_text(encoding="utf-8")))
+"""The behaviours, classes and tiers of the paper."""
+
+ANY: Final = "patrol"  # component that holds a fitness whose terms do not matter
+
+NOTHING: Final = Outcome(
+    components=dict.fromkeys(SCHEMA.components, 0.0),
+    counters={**dict.fromkeys(SCHEMA.counters, 0.0), "battery": 50.0},
     seconds=420.0,
     endings=("time",),
 )
 
-QUIET = Snapshot(
+QUIET: Final = Snapshot(
     generation=0,
     epoch=1,
     stage=0,
@@ -42,22 +41,41 @@ QUIET = Snapshot(
     diversity=0.6,
     working=0.5,
     specialists={"patrol_only": 12, "pickup": 10, "humanoid": 4, "balanced": 4},
-    doing={"pickup": 10, "humanoid": 10, "clearing": 10, "charging": 10},
+    doing={"pickup": 10, "humanoid": 10, "charging": 10, "clearing": 10},
     tiers={"excellent": 0, "complete": 0, "full_service": 0, "balanced_elite": 0},
-    distance=500.0,
-    inactive=30.0,
+    counters={**NOTHING.counters, "distance": 500.0, "inactive": 30.0},
     size=12.0,
     rate=0.4,
 )
 
-
-EARLY = {"garbage": 2.0, "battery": 1.0, "humanoid": 1.5, "delivery": 1.0, "leftover": 0.8}
+EARLY: Final = {"garbage": 2.0, "battery": 1.0, "humanoid": 1.5, "delivery": 1.0, "leftover": 0.8}
 """Table 2's multipliers in epochs 1 and 2."""
 
 
-def outcome(**changes: Any) -> Outcome:
-    """A robot that did nothing, but for the changes."""
-    return replace(NOTHING, **changes)
+def outcome(
+    fitness: float | None = None,
+    *,
+    components: dict[str, float] | None = None,
+    seconds: float = NOTHING.seconds,
+    endings: tuple[str, ...] = NOTHING.endings,
+    **counters: float,
+) -> Outcome:
+    """A robot that did nothing, but for these changes.
+
+    Args:
+        fitness: points; they are given to one component.
+        components: points by component, instead of `fitness`.
+        seconds, endings: fields of the outcome.
+        counters: by name. Raises AssertionError for one that the island does not have.
+    """
+    assert counters.keys() <= SCHEMA.counters.keys(), counters
+    points = components or {ANY: fitness or 0.0}
+    return Outcome(
+        components={**NOTHING.components, **points},
+        counters={**NOTHING.counters, **{name: float(n) for name, n in counters.items()}},
+        seconds=seconds,
+        endings=endings,
+    )
 
 
 def snapshot(
@@ -66,6 +84,7 @@ def snapshot(
     doing: dict[str, int] | None = None,
     complete: int = 0,
     excellent: int = 0,
+    counters: dict[str, float] | None = None,
     **changes: Any,
 ) -> Snapshot:
     """A generation in which everything is done by somebody and nobody is Complete."""
@@ -74,6 +93,7 @@ def snapshot(
         generation=generation,
         doing={**QUIET.doing, **(doing or {})},
         tiers={**QUIET.tiers, "complete": complete, "excellent": excellent},
+        counters={**QUIET.counters, **(counters or {})},
         **changes,
     )
 
@@ -84,6 +104,7 @@ def state(history: Sequence[Snapshot], **changes: Any) -> PopulationState:
         history,
         StateSettings(window=5, improvement=0.01, low_diversity=0.3),
         Crisis(diversity_below=0.05, stagnant_epochs_above=1.5, emergency_rate=0.5),
+        CLASSES,
         crossover_rate=0.8,
         population=30,
         generations=41,
@@ -94,13 +115,8 @@ def state(history: Sequence[Snapshot], **changes: Any) -> PopulationState:
 
 
 def evaluated(
-    name: str, done: Outcome, classes: Classes, tree: str = "PatrolWaypoint"
+    name: str, done: Outcome, classes: Classes = CLASSES, tree: str = "PatrolWaypoint"
 ) -> Evaluated:
     """An individual with an outcome, classified."""
-    return Evaluated(
-        Individual(name, parse(tree), Origin.RANDOM),
-        done,
-        specialist(done, classes),
-        tiers(done, classes),
-        behaviours(done, classes),
-    )
+    individual = Individual(name, parse(tree), Origin.RANDOM)
+    return Evaluated(individual, done, judge(done, classes), done.fitness)

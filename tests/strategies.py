@@ -1,17 +1,19 @@
-"""Random trees and blackboards that the tests of several packages share."""
+"""Random trees and blackboards of the island that the tests of several packages share."""
 
 from __future__ import annotations
 
 from hypothesis import strategies as st
 
 from islandgp.bt.language import MAX_NUMBER
-from islandgp.bt.node import ABORTS, ACTIONS, KEYS, OPERATORS, POLICIES, REPEATS, Node
+from islandgp.bt.node import ABORTS, OPERATORS, POLICIES, REPEATS, Node
+from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import PopulationState
-from tests.made import state
+from tests.made import CLASSES, state
 
-_FLAGS = [name for name, key in KEYS.items() if key.flag]
-_NUMBERS = [name for name, key in KEYS.items() if not key.flag]
+_KEYS = VOCABULARY.keys
+_FLAGS = [name for name, key in _KEYS.items() if key.flag]
+_NUMBERS = [name for name, key in _KEYS.items() if not key.flag]
 
 
 def numbers() -> st.SearchStrategy[float]:
@@ -29,7 +31,7 @@ def few_boards() -> st.SearchStrategy[list[float]]:
     """Blackboards with few values, so that conditions change their truth all the time."""
     number = st.sampled_from([0.0, 1.0, 2.0, 3.0, 4.0])
     flag = st.sampled_from([0.0, 1.0])
-    return st.tuples(*(flag if key.flag else number for key in KEYS.values())).map(list)
+    return st.tuples(*(flag if key.flag else number for key in _KEYS.values())).map(list)
 
 
 def when_args(
@@ -65,7 +67,7 @@ def nodes(
             st.builds(Node, st.just("repeater"), count, one),
         )
 
-    leaf = st.sampled_from(list(ACTIONS)).map(lambda name: Node("action", (name,)))
+    leaf = st.sampled_from(list(VOCABULARY.actions)).map(lambda name: Node("action", (name,)))
     return st.recursive(leaf, grown, max_leaves=max_leaves)
 
 
@@ -84,17 +86,10 @@ def snapshots(generation: int, population: int = 30) -> st.SearchStrategy[Snapsh
         sd=st.floats(0, 1e5),
         diversity=st.floats(0, 0.75),
         working=share,
-        specialists=st.fixed_dictionaries(
-            dict.fromkeys(("patrol_only", "pickup", "humanoid", "balanced"), count)
-        ),
-        doing=st.fixed_dictionaries(
-            dict.fromkeys(("pickup", "humanoid", "clearing", "charging"), count)
-        ),
-        tiers=st.fixed_dictionaries(
-            dict.fromkeys(("excellent", "complete", "full_service", "balanced_elite"), count)
-        ),
-        distance=st.floats(0, 3000),
-        inactive=st.floats(0, 420),
+        specialists=st.fixed_dictionaries(dict.fromkeys(CLASSES.specialist_names, count)),
+        doing=st.fixed_dictionaries(dict.fromkeys(CLASSES.behaviours, count)),
+        tiers=st.fixed_dictionaries(dict.fromkeys(CLASSES.tiers, count)),
+        counters=st.fixed_dictionaries(dict.fromkeys(SCHEMA.counters, st.floats(0, 3000))),
         size=st.floats(1, 50),
         rate=share,
     )

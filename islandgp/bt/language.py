@@ -36,7 +36,8 @@ __all__ = [
 ]
 
 MAX_CHARACTERS: Final = 100_000  # of a text
-_DOMAIN: Final = re.compile(r"(?:[ \t\n]+|#[^\n]*)*domain[ \t\n]+([A-Za-z_][A-Za-z0-9_]*)")
+_GAP: Final = r"(?:[ \t\n]|#[^\n]*+)"  # between two words; possessive, so that it cannot backtrack
+_DOMAIN: Final = re.compile(rf"{_GAP}*+domain{_GAP}++([A-Za-z_][A-Za-z0-9_]*)")
 
 
 def parse(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<tree>") -> Node:

@@ -11,6 +11,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import inf
 from typing import Final, NamedTuple
 
 from islandgp.bt.node import FAILURE, RUNNING, SUCCESS
@@ -18,10 +19,10 @@ from islandgp.errors import DomainError
 
 NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
-RESERVED: Final = frozenset(
-    "domain subtree selector sequence parallel success failure inverter repeater when not abort"
-    " use one all none self lower both".split()
-)
+RESERVED: Final = frozenset((
+    "domain", "subtree", "selector", "sequence", "parallel", "success", "failure", "inverter",
+    "repeater", "when", "not", "abort", "use", "one", "all", "none", "self", "lower", "both",
+))  # fmt: skip
 """Words of the grammar: no action or key can have such a name."""
 
 STATUSES: Final = frozenset({FAILURE, SUCCESS, RUNNING})
@@ -105,9 +106,9 @@ class Vocabulary:
                 " action and as a key; rename one."
             )
         for name, key in self.keys.items():
-            if not (key.low < key.high and key.step > 0):
+            if not (-inf < key.low < key.high < inf and key.step > 0):
                 raise DomainError(
-                    f"Expected low < high and step > 0 for the key {name} of the domain"
+                    f"Expected finite low < high and step > 0 for the key {name} of the domain"
                     f" {self.domain}, found {key.low:g}, {key.high:g}, {key.step:g}."
                 )
 

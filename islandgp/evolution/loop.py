@@ -61,9 +61,10 @@ def evolve(
 ) -> Generator[Step, None, None]:
     """Algorithm 1 from `start` (default: from generation 0) to the last generation."""
     start = initial_state(plan, seed) if start is None else start
-    queue = SupervisorQueue(supervisor, seed=seed, lag=plan.switches.lag)
+    lag = plan.switches.lag
+    queue = SupervisorQueue(supervisor, seed=seed, lag=lag, vocabulary=plan.vocabulary)
     try:
-        for g in range(max(0, start.generation - plan.switches.lag), start.generation):
+        for g in range(max(0, start.generation - lag), start.generation):
             queue.ask(view(plan, start.history[: g + 1]))
         state: RunState | None = start
         while state is not None:
@@ -74,7 +75,9 @@ def evolve(
         queue.close()
 
 
-def _generation(plan: Plan, seed: int, state: RunState, queue: SupervisorQueue, evaluator: Evaluator) -> Step:
+def _generation(
+    plan: Plan, seed: int, state: RunState, queue: SupervisorQueue, evaluator: Evaluator
+) -> Step:
     """Lines 4 to 15 of Algorithm 1."""
     gp, g, meter = plan.gp, state.generation, Meter(evaluator)
     behaviours = plan.classes.kept

@@ -11,6 +11,8 @@ from dataclasses import replace
 from statistics import fmean
 from typing import Final
 
+import numpy as np
+
 from islandgp.bt.language import to_text
 from islandgp.bt.limits import Limits, within
 from islandgp.bt.node import Node, replace_at, size, walk
@@ -18,15 +20,15 @@ from islandgp.bt.simplify import simplify
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Evaluator, Job
 from islandgp.evolution.random_trees import TreeSpace, random_tree
-from islandgp.evolution.variation import MutationSettings, mutate
+from islandgp.evolution.variation import CROSSOVERS, MutationSettings, mutate
 from islandgp.scoring.classes import Classes
 from islandgp.seeding import Stream, stream
 
 COMPACT: Final = Limits(max_depth=4, max_nodes=12)  # section 2.4.6: trees of about ten nodes
-POOL: Final = 150  # random trees that every behaviour's search begins with
-ROUNDS: Final = 8  # of mutation
-PARENTS: Final = 5  # best trees of a round, of which each has CHILDREN mutants
-CHILDREN: Final = 6
+POOL: Final = 200  # random trees that every search begins with
+ROUNDS: Final = 15  # of variation, for each behaviour
+CHILDREN: Final = 30  # of a round
+PARENTS: Final = 40  # the best trees so far, of which parents are drawn, the better the likelier
 WORLDS: Final = 2  # for each tree
 
 Score = tuple[float, int, float, int]
@@ -45,7 +47,7 @@ def single_behaviours(
         classes: whose behaviours are looked for, by their counters.
         space: the trees that are searched, within COMPACT.
         how: the mutations.
-        evaluator: runs about 150 + 300 episodes a behaviour, in each of WORLDS worlds.
+        evaluator: runs about 200 episodes, and 500 for each behaviour, in each of WORLDS worlds.
         stage: index of the curriculum's stage that the episodes are scored in.
 
     Raises:
@@ -58,27 +60,30 @@ def single_behaviours(
     space = replace(space, limits=most)
     pool = [random_tree(stream(0, Stream.LIBRARY, slot=i), space) for i in range(POOL)]
     tried = _Tried(evaluator, stage, classes)
+    tried.run(pool)
     found = {}
     for number, behaviour in enumerate(classes.behaviours, 1):
-        best = pool
         for r in range(ROUNDS):
-            parents = tried.best(best, behaviour)[:PARENTS]
-            children = [
-                mutate(
-                    stream(0, Stream.LIBRARY, generation=number, slot=(r * PARENTS + p) * CHILDREN + c),
-                    parent,
-                    rate=1.0,
-                    space=space,
-                    how=how,
-                )[0]
-                for p, parent in enumerate(parents)
-                for c in range(CHILDREN)
-            ]
-            best = [*parents, *children]
-        tree = tried.pruned(tried.best(best, behaviour)[0], behaviour, space)
+            # What was found for one behaviour may be a step towards another.
+            parents = tried.best(behaviour)[:PARENTS]
+            draws = (
+                stream(0, Stream.LIBRARY, generation=number, slot=r * CHILDREN + i)
+                for i in range(CHILDREN)
+            )
+            tried.run([_child(rng, parents, space, how) for rng in draws])
+        tree = tried.pruned(tried.best(behaviour)[0], behaviour, space)
         if tried.score(tree, behaviour)[0] > 0:
             found[behaviour] = tree
     return found
+
+
+def _child(
+    rng: np.random.Generator, parents: Sequence[Node], space: TreeSpace, how: MutationSettings
+) -> Node:
+    """A mutant of a parent, or of what it makes with another one."""
+    first, second = (parents[min(rng.integers(len(parents), size=2))] for _ in range(2))
+    tree = CROSSOVERS["subtree"](rng, first, second, space.limits) if rng.random() < 0.5 else first
+    return mutate(rng, tree, rate=0.8, space=space, how=how)[0]
 
 
 class _Tried:
@@ -90,16 +95,18 @@ class _Tried:
         self._classes = classes
         draws = (stream(0, Stream.LIBRARY, generation=0, slot=POOL + i) for i in range(WORLDS))
         self._worlds = [int(rng.integers(2**32)) for rng in draws]
-        self._outcomes: dict[str, list[Outcome]] = {}
+        self._outcomes: dict[Node, list[Outcome]] = {}
 
-    def best(self, trees: Sequence[Node], behaviour: str) -> list[Node]:
-        """The trees, each once, the best first."""
-        self._try(trees)
-        return sorted(dict.fromkeys(trees), key=lambda t: self.score(t, behaviour), reverse=True)
+    def best(self, behaviour: str) -> list[Node]:
+        """All trees so far, the best first; equals in the order in which they were tried."""
+        return sorted(self._outcomes, key=lambda t: self.score(t, behaviour), reverse=True)
 
     def score(self, tree: Node, behaviour: str) -> Score:
-        """The behaviour's counter; then few other behaviours, fitness, and few nodes."""
-        outcomes = self._outcomes[to_text(tree)]
+        """The behaviour's counter; then few other behaviours, fitness, and few nodes.
+
+        As long as a tree does not show the behaviour, others that it shows are steps towards it.
+        """
+        outcomes = self._outcomes[tree]
         counters = self._classes.behaviours
         others = sum(
             any(o.counters[counter] > 0 for o in outcomes)
@@ -107,27 +114,28 @@ class _Tried:
             if name != behaviour
         )
         counted = fmean(o.counters[counters[behaviour]] for o in outcomes)
-        return counted, -others, fmean(o.fitness for o in outcomes), -size(tree)
+        return counted, -others if counted else others, fmean(o.fitness for o in outcomes), -size(tree)
 
     def pruned(self, tree: Node, behaviour: str, space: TreeSpace) -> Node:
         """The smallest tree on the way down that counts no less."""
         tree = simplify(tree, space.vocabulary).tree
-        self._try([tree])
+        self.run([tree])
         while True:
             least = self.score(tree, behaviour)[0]
             smaller = [t for t in _smaller(tree) if within(t, space.limits)]
-            self._try(smaller)
+            self.run(smaller)
             good = [t for t in smaller if self.score(t, behaviour)[0] >= least]
             if not good:
                 return tree
             tree = min(good, key=lambda t: (size(t), to_text(t)))
 
-    def _try(self, trees: Sequence[Node]) -> None:
-        new = [text for text in dict.fromkeys(map(to_text, trees)) if text not in self._outcomes]
-        jobs = [Job(text, self._stage, world) for text in new for world in self._worlds]
+    def run(self, trees: Sequence[Node]) -> None:
+        """Evaluates those of the trees that are new."""
+        new = [tree for tree in dict.fromkeys(trees) if tree not in self._outcomes]
+        jobs = [Job(to_text(tree), self._stage, world) for tree in new for world in self._worlds]
         outcomes = self._evaluator.evaluate(jobs)
-        for i, text in enumerate(new):
-            self._outcomes[text] = outcomes[i * WORLDS : (i + 1) * WORLDS]
+        for i, tree in enumerate(new):
+            self._outcomes[tree] = outcomes[i * WORLDS : (i + 1) * WORLDS]
 
 
 def _smaller(tree: Node) -> Iterator[Node]:

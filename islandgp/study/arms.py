@@ -15,7 +15,9 @@ from islandgp.evolution.record import (
     IndividualRecord,
     fittest,
 )
+from islandgp.scoring.classes import Classes
 from islandgp.scoring.snapshot import Snapshot
+from islandgp.study.paper import Paper
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,11 @@ class Run:
     def name(self) -> str:
         """What the sweep is called."""
         return str(self.config["name"])
+
+    @property
+    def classes(self) -> Classes:
+        """How its individuals are told apart."""
+        return Classes(**self.config["classes"])
 
     @property
     def snapshots(self) -> tuple[Snapshot, ...]:
@@ -90,6 +97,17 @@ class Comparison:
     doubts: tuple[str, ...]  # differences that make a comparison doubtful; shown in the report
     notes: tuple[str, ...]  # what a reader should know besides
     sources: tuple[str, ...]  # where the runs were looked for
+    paper: Paper | None = None  # published figures to show beside; None: there are none of the kind
+
+    @property
+    def classes(self) -> Classes:
+        """How individuals are told apart: behaviours and tiers have the same names in all arms."""
+        return self.arms[0].runs[0].classes
+
+    @property
+    def milestones(self) -> tuple[str, ...]:
+        """Tiers whose first robots are compared, the easiest first."""
+        return self.classes.milestones
 
     @property
     def pairs(self) -> tuple[tuple[Arm, Arm], ...]:

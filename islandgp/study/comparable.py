@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import combinations
 from typing import Any, Final
 
 from islandgp.errors import StudyError
 from islandgp.study.arms import Arm, Comparison, Run, cut
-from islandgp.study.select import Selection, parse_selection, spans
+from islandgp.study.paper import Paper, paper_of
+from islandgp.study.select import Selection, in_short, parse_selection
 from islandgp.tracking.parameters import MACHINERY
 
 IRRELEVANT: Final = MACHINERY | {"seed", "name"}
@@ -18,8 +20,11 @@ IRRELEVANT: Final = MACHINERY | {"seed", "name"}
 STUDIED: Final = frozenset({"supervisor"})
 """The group in which arms may differ without further ado (section 3.1)."""
 
-YARDSTICK: Final = frozenset({"world", "rewards", "curriculum", "classes"})
+YARDSTICK: Final = frozenset({"domain", "world", "rewards", "curriculum", "classes"})
 """Groups that decide what fitness and a tier mean: they are never what is studied."""
+
+WHOLE: Final = frozenset({"library"})
+"""Groups that are chosen as one: where every selection names a key of it, all of it may differ."""
 
 BUDGET: Final = frozenset({"gp.population", "gp.generations", "gp.episodes", "gp.common_world"})
 """What a run may spend: never studied either."""
@@ -47,6 +52,7 @@ def compare_arms(
             short; or the arms are not comparable and `force` is not set.
     """
     _check_names(arms)
+    _check_vocabulary(arms)
     selections = [parse_selection(arm.selection) for arm in arms]
     doubts = [*_inside(arms), *_between(arms, selections), *_seeds(arms)]
     if doubts and not force:
@@ -55,10 +61,35 @@ def compare_arms(
             + "\n  ".join(doubts)
             + "\nSelect other runs, or say --force: the report then lists these differences."
         )
-    notes = (*_declared(arms, selections), *_cuts(arms), *notes)
     horizon = min(arm.generations for arm in arms)
-    whole = (replace(a, runs=tuple(cut(run, horizon) for run in a.runs)) for a in arms)
-    return Comparison(tuple(whole), tuple(doubts), notes, tuple(sources))
+    whole = tuple(replace(a, runs=tuple(cut(run, horizon) for run in a.runs)) for a in arms)
+    return Comparison(
+        arms=whole,
+        doubts=tuple(doubts),
+        notes=(*_declared(arms, selections), *_cuts(arms), *_alike(whole), *notes),
+        sources=tuple(sources),
+        paper=_paper(arms),
+    )
+
+
+def _paper(arms: Sequence[Arm]) -> Paper | None:
+    """The published figures that belong beside every run; None: not beside all of them."""
+    found = [paper_of(run.config) for arm in arms for run in arm.runs]
+    return found[0] if all(paper == found[0] for paper in found) else None
+
+
+def _alike(arms: Sequence[Arm]) -> Iterator[str]:
+    """A note for each pair of arms whose runs evolved the very same populations."""
+    for a, b in combinations(arms, 2):
+        others = {run.seed: [r.individuals for r in run.records] for run in b.runs}
+        mine = {run.seed: [r.individuals for r in run.records] for run in a.runs}
+        same = [seed for seed, individuals in mine.items() if individuals == others.get(seed)]
+        if same:
+            yield (
+                f"{a.name} and {b.name} have the same individuals in every generation of"
+                f" {len(same)} of {len(a.runs)} runs (seeds {in_short(sorted(same))}): there they"
+                " differ in nothing that a test could find."
+            )
 
 
 def _cuts(arms: Sequence[Arm]) -> list[str]:
@@ -117,6 +148,29 @@ def _check_names(arms: Sequence[Arm]) -> None:
             seen[run.path] = arm.name
 
 
+def _check_vocabulary(arms: Sequence[Arm]) -> None:
+    """Raises StudyError where arms have nothing in common that could stand side by side."""
+    kinds = {_vocabulary(run): arm.name for arm in arms for run in arm.runs}
+    if len(kinds) > 1:
+        a, b, *_ = kinds.values()
+        raise StudyError(
+            f"Expected runs of one domain, with the same behaviours and tiers, found others in {a}"
+            f" than in {b}; nothing of them can stand side by side, --force or not."
+        )
+
+
+def _vocabulary(run: Run) -> tuple[object, ...]:
+    """The names that a run's records use."""
+    classes = run.classes
+    return (
+        run.flat["domain.factory"],
+        classes.specialist_names,
+        tuple(classes.behaviours),
+        tuple(classes.tiers),
+        classes.milestones,
+    )
+
+
 def _inside(arms: Sequence[Arm]) -> list[str]:
     """Differences between the runs of one arm."""
     doubts = []
@@ -133,7 +187,7 @@ def _inside(arms: Sequence[Arm]) -> list[str]:
         twice = [seed for seed, n in Counter(arm.seeds).items() if n > 1]
         if twice:
             doubts.append(
-                f"within {arm.name}: seeds {spans(sorted(twice))} are there more than once;"
+                f"within {arm.name}: seeds {in_short(sorted(twice))} are there more than once;"
                 " name=... selects one sweep"
             )
     return doubts
@@ -178,13 +232,15 @@ def _may_differ(key: str, selections: Sequence[Selection]) -> bool:
         return True
     if _group(key) in YARDSTICK or key in BUDGET:
         return False
+    if _group(key) in WHOLE:
+        return all(_group(key) in map(_group, s.keys) for s in selections)
     return all(key in s.keys for s in selections)
 
 
 def _seeds(arms: Sequence[Arm]) -> list[str]:
     if len({tuple(sorted(set(arm.seeds))) for arm in arms}) == 1:
         return []
-    each = "; ".join(f"{arm.name} {spans(sorted(set(arm.seeds)))}" for arm in arms)
+    each = "; ".join(f"{arm.name} {in_short(sorted(set(arm.seeds)))}" for arm in arms)
     return [f"seeds differ: {each}"]
 
 

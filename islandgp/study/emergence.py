@@ -12,12 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil, floor
 
-from islandgp.scoring.classify import Tier
 from islandgp.study.arms import Run
 from islandgp.study.statistics import mean_sd
 
 
-def first(run: Run, tier: Tier) -> int | None:
+def first(run: Run, tier: str) -> int | None:
     """The first generation, from 0, with an individual of a tier; None: never."""
     return next((s.generation for s in run.snapshots if s.tiers[tier]), None)
 
@@ -37,6 +36,11 @@ class Summary:
     sd: float | None  # sample standard deviation; None when a run is censored, nan for one run
     median: float | None  # generation; None when half the runs or more never got there
     watched: float  # generations lived through without one, mean over all runs
+
+    @property
+    def never(self) -> bool:
+        """Whether it happened in no run: then `watched` is only how long the runs were."""
+        return self.emerged == 0
 
 
 def summary(firsts: Sequence[float | None], generations: int) -> Summary:

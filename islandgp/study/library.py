@@ -1,15 +1,63 @@
-"""The example trees by name: which file a supervisor's tree is."""
+"""The trees of a run's library by name, as its configuration and its domain give them."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from functools import cache
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
 
 from islandgp.bt.language import parse, to_text
-from islandgp.resources import resource
+from islandgp.domain import Domain
+from islandgp.errors import ConfigError, TreeError
+from islandgp.evaluation.recorded import setting_of
+from islandgp.supervision.library import LibrarySettings, library_folder
+
+
+def domain_of(config: Mapping[str, Any]) -> Domain | None:
+    """A run's domain; None where its class cannot be imported here."""
+    keys = ("domain", "world", "rewards", "curriculum")
+    return _domain(json.dumps({key: config[key] for key in keys}))
 
 
 @cache
-def library() -> dict[str, str]:
-    """The names of the trees in `grammar/examples`, by their canonical text."""
-    files = sorted((resource("grammar") / "examples").glob("*.bt"))
-    return {to_text(parse(f.read_text(encoding="utf-8"), name=str(f))): f.stem for f in files}
+def _domain(config: str) -> Domain | None:
+    try:
+        return setting_of(json.loads(config)).domain
+    except ValidationError:
+        return None
+
+
+def library_names(config: Mapping[str, Any]) -> Mapping[str, str]:
+    """The names of the trees in a run's library folder, by their canonical text.
+
+    It is empty where the run had no folder, or where the folder is not there any more.
+    """
+    settings, domain = LibrarySettings.model_validate(config["library"]), domain_of(config)
+    if settings.folder is None or domain is None:
+        return {}
+    try:
+        return _names(library_folder(settings.folder, domain))
+    except ConfigError:
+        return {}
+
+
+@cache
+def _names(folder: Path) -> Mapping[str, str]:
+    found = {}
+    for file in sorted(folder.glob("*.bt")):
+        try:
+            found[to_text(parse(file.read_text(encoding="utf-8"), name=str(file)))] = file.stem
+        except TreeError:  # a file that somebody is at work on is no tree of the run's
+            continue
+    return found
+
+
+def yardsticks(config: Mapping[str, Any]) -> dict[str, str]:
+    """The canonical texts of the library's yardsticks, by name; those not found are left out."""
+    wanted = LibrarySettings.model_validate(config["library"]).yardsticks
+    texts = {name: text for text, name in library_names(config).items()}
+    return {name: texts[name] for name in wanted if name in texts}

@@ -1,4 +1,4 @@
-"""What became of newcomers: survival, descendants and share of the elite (section 2.4.2).
+"""Descent: what became of newcomers, and where the best individuals come from (section 2.4.2).
 
 A newcomer is a supervisor's tree, or a random tree of a diversity slot, which
 is what stands in the same slot without injection. An individual descends from
@@ -8,17 +8,25 @@ newcomer's tree is left: crossover may keep one leaf of it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
 from islandgp.evolution.population import Origin
 from islandgp.evolution.record import GenerationRecord, IndividualRecord
-from islandgp.scoring.classify import Tier
-from islandgp.study.arms import Run
+from islandgp.study.arms import Arm, Run
+from islandgp.study.library import library_names
 
 ELITE: Final = 0.1  # share of a population that is its elite: the top 3 of 30 (section 2.3)
+
+
+# Where an individual comes from.
+RANDOM: Final = "a random tree, as it was drawn"
+BRED: Final = "bred, no injected ancestor"
+HEIR: Final = "bred, with an injected ancestor"
+GIVEN: Final = "injected, as it is: "  # and whose tree it is
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +111,7 @@ def median_life(found: Sequence[Newcomer], generations: int) -> int | None:
     return next((k for k, s in enumerate(alive(found, generations)) if s <= 0.5), None)
 
 
-class Source(StrEnum):
+class Descent(StrEnum):
     """Where the first individual of a tier came from."""
 
     INJECTED = "an injected tree, as it was given"
@@ -113,7 +121,7 @@ class Source(StrEnum):
     NEVER = "never emerged"
 
 
-def source_of_first(run: Run, tier: Tier) -> Source:
+def descent_of_first(run: Run, tier: str) -> Descent:
     """Where the first individual of a tier came from; the fittest, if there are several."""
     heirs = with_injected_ancestor(run)
     for record in run.records:
@@ -121,9 +129,56 @@ def source_of_first(run: Run, tier: Tier) -> Source:
         if reached:
             best = max(reached, key=lambda i: i.fitness)
             if best.origin == Origin.INJECTED:
-                return Source.MUTATED if best.mutation else Source.INJECTED
-            return Source.DESCENDANT if best.id in heirs else Source.OWN
-    return Source.NEVER
+                return Descent.MUTATED if best.mutation else Descent.INJECTED
+            return Descent.DESCENDANT if best.id in heirs else Descent.OWN
+    return Descent.NEVER
+
+
+def provenance(run: Run, individuals: Iterable[IndividualRecord]) -> list[str]:
+    """RANDOM, BRED, HEIR, or GIVEN with a name, for each of some individuals of a run.
+
+    A tree that was mutated when it was drawn or injected counts as bred.
+    """
+    known = {i.id: i for record in run.records for i in record.individuals}
+    heirs = with_injected_ancestor(run)
+    return [_source(run, _original(i, known), heirs) for i in individuals]
+
+
+def _source(run: Run, i: IndividualRecord, heirs: frozenset[str]) -> str:
+    if i.origin == Origin.INJECTED and not i.mutation:
+        return f"{GIVEN}{giver(run, i)}"
+    if i.id in heirs:
+        return HEIR
+    return RANDOM if i.origin == Origin.RANDOM and not i.mutation else BRED
+
+
+def _original(i: IndividualRecord, known: dict[str, IndividualRecord]) -> IndividualRecord:
+    while len(i.parents) == 1 and not i.mutation and i.parents[0] in known:
+        parent = known[i.parents[0]]
+        if parent.tree != i.tree:
+            break
+        i = parent
+    return i
+
+
+def giver(run: Run, injected: IndividualRecord) -> str:
+    """The library tree that an injected individual is, by its file's name, else who gave it."""
+    asked = run.records[int(injected.id.partition(".")[0]) - 1].guidance
+    if asked is None or asked.tree is None:
+        return "unknown"
+    return library_names(run.config).get(asked.tree, asked.source)
+
+
+def most_injected(arms: Iterable[Arm]) -> tuple[str, str, int] | None:
+    """The library tree that all runs injected most often: name, text, times; None: none at all."""
+    runs = [run for arm in arms for run in arm.runs]
+    counts = Counter(g.tree for run in runs for g in run.guidance if g.injected and g.tree)
+    names = {text: name for run in runs for text, name in library_names(run.config).items()}
+    from_library = [(n, names[text], text) for text, n in counts.items() if text in names]
+    if not from_library:
+        return None
+    times, name, text = min(from_library, key=lambda found: (-found[0], found[1]))
+    return name, text, times
 
 
 def _came(records: Sequence[GenerationRecord]) -> Iterator[tuple[int, IndividualRecord]]:

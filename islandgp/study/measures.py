@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from statistics import fmean
 from typing import Final
 
-from islandgp.scoring.classify import Tier
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.study.arms import Run
 from islandgp.study.emergence import first
+from islandgp.supervision.state_json import title
 
 
 @dataclass(frozen=True, slots=True)
-class Phase:
+class Span:
     """A part of training in Tables 10 and 12: epochs 1-2, 3-5 and 6-8.
 
     The paper prints generations 1-10, 11-25 and 26-41. Its own Tables 9 and 10
@@ -34,18 +34,18 @@ class Phase:
 
     def name(self, of: int) -> str:
         """Its name in a table of runs of `of` generations."""
-        span = self.generations(of)
-        return f"{self.label} (Gen {span.start}-{span.stop - 1})"
+        inside = self.generations(of)
+        return f"{self.label} (Gen {inside.start}-{inside.stop - 1})"
 
 
 def _round(x: float) -> int:
     return int(x + 0.5) if x >= 0 else -1
 
 
-PHASES: Final = (
-    Phase("early", "Early", -1, 10),
-    Phase("mid", "Mid", 10, 25),
-    Phase("late", "Late", 25, 40),
+SPANS: Final = (
+    Span("early", "Early", -1, 10),
+    Span("mid", "Mid", 10, 25),
+    Span("late", "Late", 25, 40),
 )
 
 
@@ -60,10 +60,10 @@ class Measure:
     emergence: bool = False  # a generation, which may be censored
 
 
-def phase_mean(run: Run, phase: Phase, value: Callable[[Snapshot], float]) -> float:
-    """The mean of a number over a phase's generations, nan when the run has none of them."""
+def span_mean(run: Run, span: Span, value: Callable[[Snapshot], float]) -> float:
+    """The mean of a number over a span's generations, nan when the run has none of them."""
     snapshots = run.snapshots
-    inside = [value(snapshots[g]) for g in phase.generations(len(snapshots))]
+    inside = [value(snapshots[g]) for g in span.generations(len(snapshots))]
     return fmean(inside) if inside else float("nan")
 
 
@@ -77,31 +77,21 @@ def diversity(snapshot: Snapshot) -> float:
     return snapshot.diversity
 
 
-def _stage(phase: Phase) -> Measure:
+def _stage(span: Span) -> Measure:
     return Measure(
-        f"stage_{phase.key}",
-        f"{phase.label} max fitness",
+        f"stage_{span.key}",
+        f"{span.label} max fitness",
         "points",
-        lambda run: phase_mean(run, phase, best),
+        lambda run: span_mean(run, span, best),
     )
 
 
-def _emergence(tier: Tier) -> Measure:
+def _diversity(span: Span) -> Measure:
     return Measure(
-        f"first_{tier.value}",
-        f"First {tier.value.capitalize()} Robot",
-        "generation",
-        lambda run: first(run, tier),
-        emergence=True,
-    )
-
-
-def _diversity(phase: Phase) -> Measure:
-    return Measure(
-        f"diversity_{phase.key}",
-        f"{phase.label} diversity",
+        f"diversity_{span.key}",
+        f"{span.label} diversity",
         "Eq. (3)",
-        lambda run: phase_mean(run, phase, diversity),
+        lambda run: span_mean(run, span, diversity),
     )
 
 
@@ -111,13 +101,27 @@ TABLE_9: Final = (
     Measure("mean_max", "Mean Max Fitness", "points", lambda r: fmean(map(best, r.snapshots))),
     Measure("final_mean", "Final Average Fitness", "points", lambda r: r.snapshots[-1].mean),
 )
-TABLE_10: Final = tuple(map(_stage, PHASES))
-TABLE_11: Final = (_emergence(Tier.COMPLETE), _emergence(Tier.EXCELLENT))
-FAMILY: Final = (*TABLE_9, *TABLE_10, *TABLE_11)
-"""The nine comparisons of the paper: one family for Benjamini and Hochberg."""
+TABLE_10: Final = tuple(map(_stage, SPANS))
+
+
+def emergence(tier: str) -> Measure:
+    """A row of Table 11: the generation of a tier's first robot."""
+    return Measure(
+        f"first_{tier}",
+        f"First {title(tier)} Robot",
+        "generation",
+        lambda run: first(run, tier),
+        emergence=True,
+    )
+
+
+def main_family(milestones: Sequence[str]) -> tuple[Measure, ...]:
+    """The rows of Tables 9 to 11: one family for Benjamini and Hochberg, in the paper of nine."""
+    return (*TABLE_9, *TABLE_10, *map(emergence, milestones))
+
 
 TABLE_12: Final = (
-    *map(_diversity, PHASES),
+    *map(_diversity, SPANS),
     Measure(
         "diversity_overall",
         "Overall diversity",

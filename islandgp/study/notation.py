@@ -55,12 +55,12 @@ def percent(share: float | None, digits: int = 1) -> str:
 
 
 def change(a: float, b: float, sd: float = 0.0) -> float | None:
-    """By which share a differs from b; None when b is nothing to compare with.
+    """By which share a differs from b; None where a share would say nothing.
 
-    It is nothing where the signs differ, and where it is nearer to zero than its
-    standard deviation over runs: a share of it says nothing then.
+    It says nothing unless both are positive, or where b is nearer to zero than its
+    standard deviation over runs.
     """
-    return None if a * b < 0 or b == 0 or abs(b) < sd else (a - b) / abs(b)
+    return (a - b) / b if a >= 0 and b > 0 and b >= sd else None
 
 
 def signed(x: float, digits: int = 0) -> str:

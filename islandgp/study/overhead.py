@@ -8,7 +8,7 @@ from islandgp.study.arms import Run
 
 
 @dataclass(frozen=True, slots=True)
-class Supervision:
+class Bill:
     """One run's bill."""
 
     decisions: int  # generations after which a supervisor was asked
@@ -25,10 +25,10 @@ class Supervision:
     dollars: float | None  # US dollars; None: the model has no known price
 
 
-def supervision(run: Run) -> Supervision:
+def bill(run: Run) -> Bill:
     """One run's bill."""
     llm = run.costs[-1].llm  # sums since the start, by supervision.llm.ledger; {} offline
-    return Supervision(
+    return Bill(
         decisions=len(run.guidance),
         injected=sum(g.injected for g in run.guidance),
         seconds=sum(c.supervision for c in run.costs),

@@ -1,82 +1,134 @@
-"""The paper's own figures, Tables 9 to 14 and sections 3.4 to 3.9.
+"""Figures that a publication prints, shown beside a report's own.
 
-They come from another simulator (Unity at 10x speed) and from five runs an arm.
-A report prints them beside its own so that the shape of a result can be
-compared; their size cannot.
+They stand in `paper.yaml` beside the domain's module. Those of another simulator or of
+few runs show the shape of a result; their size cannot be compared.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from collections.abc import Mapping
+from functools import cache
+from inspect import getfile
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import yaml
+from pydantic import BaseModel, Field, ValidationError
+
+from islandgp.errors import StudyError
+from islandgp.resources import resource
+from islandgp.scoring.classes import Classes
+from islandgp.study.library import domain_of
+
+FILE: Final = "paper.yaml"
 
 MARK: Final = "paper*"
-"""How a column with the paper's figures is headed."""
-
-NOTE: Final = (
-    "* The paper's figures come from another simulator (Unity) and five runs an arm; here they"
-    " show the shape of its result, not a size to be met."
-)
+"""How a column with published figures is headed."""
 
 
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One row of Table 9 or 10: mean and SD of both arms, and the tests."""
+class Published(BaseModel, frozen=True, extra="forbid"):
+    """A part of the file."""
 
-    proposed: tuple[float, float]
+
+class Tested(Published):
+    """A row of Table 9 or 10."""
+
+    proposed: tuple[float, float]  # mean and SD
     baseline: tuple[float, float]
-    u: float | None  # Table 10 does not print it
-    p: float  # exact
-    p_bh: float
+    p: float
+    p_bh: float  # after Benjamini and Hochberg
     r: float
 
 
-TABLE_9: Final = {
-    "max_ever": Row((47_815, 3311), (48_161, 6653), 12.0, 1.000, 1.000, 0.04),
-    "final_max": Row((39_322, 5108), (42_622, 4859), 8.0, 0.421, 0.541, 0.36),
-    "mean_max": Row((36_889, 3369), (31_412, 3250), 21.0, 0.095, 0.143, -0.68),
-    "final_mean": Row((14_699, 3260), (20_221, 1916), 1.0, 0.016, 0.036, 0.92),
-}
+class Emergence(Published):
+    """A row of Table 11: the generation of the first one, run by run."""
 
-TABLE_10: Final = {
-    "stage_early": Row((31_723, 3415), (26_784, 780), None, 0.032, 0.057, -0.84),
-    "stage_mid": Row((38_992, 3238), (27_811, 3902), None, 0.008, 0.036, -1.00),
-    "stage_late": Row((38_565, 3807), (38_502, 5404), None, 0.548, 0.616, -0.28),
-}
+    proposed: tuple[int, ...]
+    baseline: tuple[int, ...]
+    earlier: float  # by which share
+    p_bh: float | None = None
 
-TABLE_11: Final = {
-    "first_complete": ((6, 8, 5, 5, 15), (17, 27, 36, 30, 28)),
-    "first_excellent": ((11, 10, 5, 5, 17), (17, 27, 36, 30, 28)),
-}
-"""Generation of the first one in runs 1 to 5: proposed, baseline."""
 
-EMERGENCE: Final = {"first_complete": (0.717, 0.0358), "first_excellent": (0.652, None)}
-"""Section 3.4: reduction, and p after Benjamini and Hochberg (section 1) where it is printed."""
+class Diversity(Published):
+    """A row of Table 12."""
 
-TABLE_12: Final = {
-    "diversity_early": (0.571, 0.420, 0.360),
-    "diversity_mid": (0.664, 0.507, 0.310),
-    "diversity_late": (0.690, 0.591, 0.168),
-    "diversity_overall": (0.650, 0.508, 0.280),
-}
-"""Proposed, baseline, and the difference as a share."""
+    proposed: float
+    baseline: float
+    difference: float  # as a share
 
-TABLE_13: Final = {
-    "pickup": (12.2, 3.5, (3, 18)),
-    "humanoid": (9.6, 3.8, (1, 18)),
-    "charging": (8.7, 5.9, (0, 21)),
-    "clearing": (5.6, 2.9, (1, 13)),
-}
-"""Mean count in a population of 30, SD and range, in the proposed system."""
 
-TABLE_14: Final = {
-    "calls": "40",
-    "trees": "39.8 ± 0.4",
-    "response": "120 s",
-    "supervision": "80 min",
-    "simulation": "10 h",
-    "overhead": "13.3 %",
-}
+class Count(Published):
+    """A row of Table 13: individuals of a population that show a behaviour."""
 
-DECISIONS: Final = {"exploration": 0.263, "exploitation": 0.162, "crises": 1}
-"""Section 3.7: shares of the decisions, and diversity crises over all runs."""
+    mean: float
+    sd: float
+    least: int
+    most: int
+
+
+class Claim(Published):
+    """What is said of the proposed system against the baseline."""
+
+    text: str
+    measure: str  # key of a `measures.Measure`
+    direction: Literal[-1, 0, 1]  # of the proposed system's values; 0: no difference
+    difference: float | None = None  # as a share
+    p_bh: float | None = None
+
+
+class Paper(Published):
+    """All figures of one publication."""
+
+    classes: str  # file of the classes that they are told of, beside this one or in conf
+    note: str  # where they come from
+    fitness: dict[str, Tested] = Field(default_factory=dict)  # by measure, as the next three
+    emergence: dict[str, Emergence] = Field(default_factory=dict)  # by milestone
+    diversity: dict[str, Diversity] = Field(default_factory=dict)
+    specialists: dict[str, Count] = Field(default_factory=dict)  # by behaviour
+    overhead: dict[str, str] = Field(default_factory=dict)
+    decisions: dict[str, float] = Field(default_factory=dict)  # by label: share of all decisions
+    decisions_note: str = ""
+    crises: dict[str, int] = Field(default_factory=dict)  # by reason, over all runs
+    trees: dict[str, str] = Field(default_factory=dict)  # "early" and "late": what is drawn there
+    drawn_after: dict[str, str] = Field(default_factory=dict)  # figure by tree of the library
+    claims: tuple[Claim, ...] = ()
+
+    @property
+    def footnote(self) -> str:
+        """What stands below a table with a column of these figures."""
+        return f"* {self.note}"
+
+
+def paper_of(config: Mapping[str, Any]) -> Paper | None:
+    """The figures to show beside a run's; None: there are none of its domain and its classes.
+
+    Raises:
+        StudyError: the file is damaged.
+    """
+    domain = domain_of(config)
+    if domain is None:
+        return None
+    folder = Path(getfile(type(domain))).parent
+    paper = read_paper(folder / FILE)
+    if paper is None or Classes(**config["classes"]) != _classes(folder, paper.classes):
+        return None
+    return paper
+
+
+@cache
+def read_paper(file: Path) -> Paper | None:
+    """The figures in a file, None if there is none. Raises StudyError where it is damaged."""
+    if not file.exists():
+        return None
+    try:
+        return Paper.model_validate(yaml.safe_load(file.read_text(encoding="utf-8")))
+    except (yaml.YAMLError, ValidationError) as error:
+        raise StudyError(f"Expected a publication's figures in {file}, found {error}") from error
+
+
+@cache
+def _classes(folder: Path, name: str) -> Classes:
+    file = folder / name
+    if not file.exists():
+        file = resource("conf") / name
+    return Classes.model_validate(yaml.safe_load(file.read_text(encoding="utf-8")))

@@ -10,7 +10,8 @@ from typing import Any
 
 import yaml
 
-from islandgp.errors import StudyError
+from islandgp.errors import RunError, StudyError
+from islandgp.evaluation.recorded import check_version
 from islandgp.evolution.checkpoint import individual_record, snapshot
 from islandgp.evolution.record import Champion, Cost, GenerationRecord, GuidanceRecord
 from islandgp.study.arms import Run
@@ -62,9 +63,13 @@ def read(found: Found) -> Run:
     """A finished run with all its records.
 
     Raises:
-        StudyError: its files are damaged or come from another version.
+        StudyError: its files are damaged, or come from another version.
     """
     folder = RunFolder(found.path)
+    try:
+        check_version(found.config)
+    except RunError as error:
+        raise StudyError(f"{found.path}: {error}") from None
     try:
         champion = folder.summary()["champion"]
         run = Run(

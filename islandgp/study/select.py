@@ -157,7 +157,7 @@ def overview(runs: Sequence[Found]) -> list[str]:
         groups[str(found.flat["name"]), str(found.flat["supervisor.name"])].append(found)
     lines = []
     for (name, supervisor), members in sorted(groups.items()):
-        seeds = spans(sorted({int(found.flat["seed"]) for found in members}))
+        seeds = in_short(sorted({int(found.flat["seed"]) for found in members}))
         open_ones = sum(not found.finished for found in members)
         more = f", {open_ones} of them unfinished" if open_ones else ""
         lines.append(
@@ -166,7 +166,7 @@ def overview(runs: Sequence[Found]) -> list[str]:
     return lines
 
 
-def spans(numbers: Sequence[int]) -> str:
+def in_short(numbers: Sequence[int]) -> str:
     """Rising numbers in short: 0-4, 7."""
     parts: list[list[int]] = []
     for n in numbers:

@@ -11,14 +11,20 @@ import numpy as np
 
 from islandgp.bt.language import parse, to_text
 from islandgp.bt.node import Node
+from islandgp.bt.vocabulary import Vocabulary
 from islandgp.errors import SupervisionError, TreeError
 from islandgp.part import blaming, path_of
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Pattern, Phase, Supervisor
 
 
-def ask(supervisor: Supervisor, state: PopulationState, rng: np.random.Generator) -> Guidance:
-    """What the supervisor advises.
+def ask(
+    supervisor: Supervisor,
+    state: PopulationState,
+    rng: np.random.Generator,
+    vocabulary: Vocabulary | None = None,
+) -> Guidance:
+    """What the supervisor advises; its tree must be in the words of the vocabulary, if given.
 
     Raises:
         SupervisionError: it is no guidance that a population could be given.
@@ -35,6 +41,9 @@ def ask(supervisor: Supervisor, state: PopulationState, rng: np.random.Generator
     if found.target is not None and found.target not in state.targets:
         wanted = f"a Guidance whose target is None or one of {', '.join(state.targets)}"
         raise _wrong(supervisor, wanted, found.target)
+    if found.tree is not None and vocabulary is not None and not _in_words(found.tree, vocabulary):
+        wanted = f"a Guidance whose tree is of the domain {vocabulary.domain}"
+        raise _wrong(supervisor, wanted, to_text(found.tree))
     return found
 
 
@@ -65,6 +74,14 @@ def _is_tree(value: Any) -> bool:
 @lru_cache(maxsize=64)  # supervisors give the same trees again
 def _in_language(tree: Node) -> bool:
     return parse(to_text(tree)) == tree
+
+
+def _in_words(tree: Node, vocabulary: Vocabulary) -> bool:
+    try:
+        parse(to_text(tree), vocabulary)
+    except TreeError:
+        return False
+    return True
 
 
 def _is_text(value: Any) -> bool:

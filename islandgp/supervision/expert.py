@@ -40,7 +40,9 @@ class ExpertSettings(BaseModel, frozen=True, extra="forbid"):
     rare: float = Field(ge=0, le=1)  # share of the population below which a behaviour is missing
     collapse: float = Field(ge=0, le=1)  # Eq. (3) below which diversity has collapsed
     compact: Size  # section 2.4.6: trees until a robot of the first milestone has existed
-    hardest: tuple[str, ...] = ()  # behaviours, the hardest to find first; decides between equals
+    hardest: tuple[str, ...] = ()
+    """Behaviours, the hardest to find first: decides between equals. Names that the experiment
+    does not have are passed over; behaviours that are not named follow, the last one first."""
 
     @model_validator(mode="after")
     def _complete(self) -> ExpertSettings:
@@ -127,12 +129,6 @@ class Expert:
     @classmethod
     def make(cls, settings: ExpertSettings, setup: Setup) -> Expert:
         """See `Supervisor`."""
-        for name in settings.hardest:
-            if name not in setup.classes.behaviours:
-                known = ", ".join(setup.classes.behaviours)
-                raise ConfigError(
-                    f"supervisor.policy.hardest: expected behaviours ({known}), found {name!r}"
-                )
         expert = cls(settings, setup.library())
         for target in setup.classes.behaviours:
             if target in expert.library.targets and not expert.fitting(target, compact=True):

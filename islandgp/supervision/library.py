@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from inspect import getfile
 from pathlib import Path
 
 from pydantic import BaseModel, Field
@@ -11,7 +12,9 @@ from pydantic import BaseModel, Field
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node
 from islandgp.bt.vocabulary import Vocabulary
+from islandgp.domain import Domain
 from islandgp.errors import ConfigError
+from islandgp.resources import resource
 from islandgp.scoring.classes import Classes
 
 
@@ -23,6 +26,8 @@ class LibrarySettings(BaseModel, frozen=True, extra="forbid"):
     """By target the names of trees; one of them is drawn. Each behaviour needs one."""
     shown: dict[str, tuple[str, ...]] = Field(default_factory=dict)
     """By prompt (explore, exploit, poor) the trees that a language model is shown."""
+    yardsticks: tuple[str, ...] = ()
+    """Trees that `islandgp compare` sets beside the champions in unseen worlds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +38,21 @@ class Library:
     texts: Mapping[str, str]  # the same as written, comments included
     targets: Mapping[str, tuple[str, ...]]  # names of trees by target
     shown: Mapping[str, tuple[str, ...]]  # names of trees by prompt
+
+
+def library_folder(name: str, domain: Domain) -> Path:
+    """A folder of trees: beside the domain's module, here, or among the project's own.
+
+    Raises ConfigError where there is none.
+    """
+    module = getfile(type(domain))
+    for folder in (Path(module).parent / name, Path(name), resource("grammar").parent / name):
+        if folder.is_dir():
+            return folder
+    raise ConfigError(
+        f"library.folder: expected a folder of trees beside {Path(module).name} or here, found no"
+        f" {name!r}; give its path, or library=automatic."
+    )
 
 
 def read_library(
@@ -52,7 +72,7 @@ def read_library(
         raise ConfigError(
             f"library.trees: expected a tree for each behaviour, missing {', '.join(missing)}"
         )
-    named = [*settings.trees.values(), *settings.shown.values()]
+    named = [*settings.trees.values(), *settings.shown.values(), settings.yardsticks]
     texts = {name: _read(folder, name) for name in sorted({n for names in named for n in names})}
     trees = {
         name: parse(text, vocabulary, name=str(folder / f"{name}.bt"))

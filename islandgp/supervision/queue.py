@@ -11,6 +11,7 @@ from concurrent.futures import Future
 from queue import SimpleQueue
 from threading import Thread
 
+from islandgp.bt.vocabulary import Vocabulary
 from islandgp.part import blaming, path_of
 from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, stream
@@ -24,8 +25,17 @@ class SupervisorQueue:
     States are answered in their order. With lag 0 they are answered at once, without a thread.
     """
 
-    def __init__(self, supervisor: Supervisor, *, seed: int, lag: int) -> None:
+    def __init__(
+        self,
+        supervisor: Supervisor,
+        *,
+        seed: int,
+        lag: int,
+        vocabulary: Vocabulary | None = None,
+    ) -> None:
+        """With a vocabulary, trees in other words are refused: see `ask`."""
         self.supervisor = supervisor
+        self.vocabulary = vocabulary
         self.seed = seed
         self.lag = lag
         self._asked: dict[int, Future[Guidance]] = {}  # by generation
@@ -66,7 +76,7 @@ class SupervisorQueue:
 
     def _advise(self, state: PopulationState) -> Guidance:
         rng = stream(self.seed, Stream.SUPERVISION, generation=state.now.generation)
-        return ask(self.supervisor, state, rng)
+        return ask(self.supervisor, state, rng, self.vocabulary)
 
     def _work(self) -> None:
         while (next_one := self._waiting.get()) is not None:

@@ -1,178 +1,258 @@
-"""Records an episode tick by tick: what happened on the island and in the tree."""
+"""Records an episode tick by tick: what the tree did, what it knew, earned and looked like."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
-
-import numpy as np
+from math import floor, log10
+from typing import Final, NamedTuple
 
 from islandgp.bt.engine import ABORTED
 from islandgp.bt.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, size
-from islandgp.island.episode import Episode, run_episode
-from islandgp.island.garbage import Item
-from islandgp.island.journal import Event
-from islandgp.island.script import obstacles
-from islandgp.island.state import Island
-from islandgp.island.world import World
-from islandgp.scoring.curriculum import Curriculum
-from islandgp.scoring.rewards import TABLE_3, Component, Rewards, award
+from islandgp.domain import Outcome, Scene, Schema, Thing
+from islandgp.errors import DomainError
+from islandgp.evaluation.base import Setting
 
 IDLE, FAILED, SUCCEEDED, RUNS, STOPPED = range(5)
-"""What a node did in a tick: nothing, or the last thing that it was told or told."""
+"""The last status of a node in a tick; IDLE: it was not ticked."""
 
-_CODES = {FAILURE: FAILED, SUCCESS: SUCCEEDED, RUNNING: RUNS, AGAIN: RUNS, ABORTED: STOPPED}
+_CODES: Final = {FAILURE: FAILED, SUCCESS: SUCCEEDED, RUNNING: RUNS, AGAIN: RUNS, ABORTED: STOPPED}
 
-Stay = tuple[float, float, int, int]
-"""Of garbage: x, y in metres, the tick from which it lies there, and the one when it is gone."""
+Bounds = tuple[float, float, float, float]
+"""Least x, least y, greatest x, greatest y."""
 
 
-class Surroundings(Protocol):
-    """What an episode needs beside its tree: `Settings` of a run has it, and so has `Setting`."""
+class Credit(NamedTuple):
+    """Points that an event earned."""
 
-    @property
-    def world(self) -> World:
-        """The island."""
-        ...
+    tick: int
+    event: str
+    component: str
+    points: float
+    action: str  # that earned them; "" for none
 
-    @property
-    def rewards(self) -> Rewards:
-        """Table 3."""
-        ...
 
-    @property
-    def curriculum(self) -> Curriculum:
-        """Table 2."""
-        ...
+class Look(NamedTuple):
+    """A thing without its place."""
+
+    form: str
+    size: float
+    text: str
+
+
+class Stay(NamedTuple):
+    """A thing that comes, does not move, and goes."""
+
+    thing: Thing
+    begin: int  # first tick in which it is there
+    end: int  # first tick in which it is gone again
 
 
 @dataclass(frozen=True, slots=True)
-class Credit:
-    """An event with what it was worth."""
+class Mover:
+    """A thing that moves, over a whole episode."""
 
-    tick: int
-    event: Event
-    amount: float
-    component: Component
-    points: float
+    xs: tuple[float, ...]  # per tick
+    ys: tuple[float, ...]
+    looks: tuple[tuple[int, Look], ...]  # a tick and the look from then on
+
+
+@dataclass(frozen=True, slots=True)
+class Film:
+    """What there was to see."""
+
+    bounds: Bounds  # of all ticks
+    fixed: tuple[Thing, ...]
+    items: tuple[Stay, ...]  # by begin
+    movers: tuple[Mover, ...]  # the last one is the robot: it is drawn on top and followed
+    frames: tuple[tuple[int, bytes], ...]  # a tick and the PNG from then on
+
+    def forms(self) -> set[str]:
+        """The forms that occur."""
+        things = {thing.form for thing in (*self.fixed, *(stay.thing for stay in self.items))}
+        return things | {look.form for mover in self.movers for _, look in mover.looks}
 
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """One episode. A tick is a step of the physics; there are `ticks` of them."""
+    """One episode of `ticks` ticks, at least one."""
 
     tree: Node
-    world: World
-    seed: int
+    schema: Schema
+    seed: int  # of the world
     stage: int  # index into Table 2
+    step_s: float  # simulated s of a tick
     ticks: int
-    rocks: tuple[tuple[float, float, float], ...]  # x, y, radius in metres
     statuses: tuple[bytes, ...]  # per node in document order, a code per tick
     counts: tuple[tuple[int, int, int, int, int], ...]  # per node and code: how often; [0] is 0
-    robot: tuple[complex, ...]  # x + iy in metres, per tick
-    goals: tuple[complex | None, ...]  # where it drives to, per tick
-    humanoids: np.ndarray  # x + iy in metres, shape (ticks, humanoids)
-    carried: tuple[tuple[int, ...], ...]  # items of each humanoid, per tick
-    garbage: tuple[Stay, ...]
-    boards: tuple[tuple[float, ...], ...]  # the blackboard in the order of KEYS, per tick
-    credits: tuple[Credit, ...]
-    episode: Episode
+    boards: tuple[tuple[float, ...], ...]  # per tick, a value per key of the vocabulary
+    credits: tuple[Credit, ...]  # in their order
+    film: Film | None  # None: the domain draws nothing
+    outcome: Outcome
 
     @property
-    def seconds(self) -> float:
-        """Simulated seconds."""
-        return self.ticks * self.world.episode.step
+    def digits(self) -> int:
+        """Digits behind the point with which points are shown."""
+        return digits((self.outcome.fitness, *self.outcome.components.values()))
 
 
-def record(tree: Node, surroundings: Surroundings, *, seed: int, stage: int) -> Recording:
-    """Runs a tree in the world of `seed`, scored as in the stage of that index, and records it."""
-    worth = award(surroundings.rewards, surroundings.curriculum.multipliers(stage))
-    recorder = _Recorder(tree)
-    episode = run_episode(
-        tree,
-        surroundings.world,
-        seed,
-        worth,
-        stepwise=True,
-        watch=recorder.watch,
-        observe=recorder.observe,
-    )
-    ticks = len(recorder.robot)
+def digits(values: Iterable[float]) -> int:
+    """Digits behind the point that show three significant ones of the largest value; 0 to 6."""
+    most = max(map(abs, values), default=0.0)
+    return min(6, max(0, 2 - floor(log10(most)))) if most > 0 else 0
+
+
+def record(tree: Node, setting: Setting, *, seed: int, stage: int) -> Recording:
+    """Runs a tree in the world of `seed`, scored as in the stage of that index, and records it.
+
+    Raises:
+        DomainError: the domain shows what its schema does not declare.
+    """
+    domain = setting.domain
+    schema = domain.schema
+    recorder = Recorder(tree, schema)
+    weights = setting.curriculum.multipliers(stage)
+    outcome = domain.run_episode(tree, seed, weights, recorder)
+    ticks = recorder.finish()
     return Recording(
         tree=tree,
-        world=surroundings.world,
+        schema=schema,
         seed=seed,
         stage=stage,
+        step_s=domain.step_s,
         ticks=ticks,
-        rocks=obstacles(surroundings.world),
-        statuses=tuple(bytes(line) for line in recorder.statuses),
+        statuses=recorder.statuses(),
         counts=tuple((c[0], c[1], c[2], c[3], c[4]) for c in recorder.counts),
-        robot=tuple(recorder.robot),
-        goals=tuple(recorder.goals),
-        humanoids=np.array(recorder.humanoids, dtype=complex).reshape(
-            ticks, surroundings.world.humanoids.count
-        ),
-        carried=tuple(recorder.carried),
-        garbage=tuple(recorder.stays(ticks)),
         boards=tuple(recorder.boards),
-        credits=tuple(
-            Credit(
-                min(step, ticks - 1),
-                event,
-                amount,
-                TABLE_3[event][0],
-                worth(event, amount),
-            )
-            for step, event, amount in episode.events
-        ),
-        episode=episode,
+        credits=tuple(c._replace(tick=min(c.tick, ticks - 1)) for c in recorder.credits),
+        film=recorder.camera.film(ticks, schema) if recorder.camera.scenes else None,
+        outcome=outcome,
     )
 
 
-class _Recorder:
-    """Collects what the episode shows of itself."""
+class Recorder:
+    """An observer that keeps all it is told."""
 
-    def __init__(self, tree: Node) -> None:
-        nodes = size(tree)
-        self.statuses = [bytearray() for _ in range(nodes)]
-        self.counts = [[0] * 5 for _ in range(nodes)]
-        self.robot: list[complex] = []
-        self.goals: list[complex | None] = []
-        self.humanoids: list[list[complex]] = []
-        self.carried: list[tuple[int, ...]] = []
+    def __init__(self, tree: Node, schema: Schema) -> None:
+        self.counts = [[0] * 5 for _ in range(size(tree))]
         self.boards: list[tuple[float, ...]] = []
-        self._now: dict[int, int] = {}  # codes of this tick by node
-        self._lying: dict[Item, int] = {}  # since when
-        self._gone: list[Stay] = []
+        self.credits: list[Credit] = []
+        self.camera = Camera()
+        self._keys = len(schema.vocabulary.keys)
+        self._idle = bytes(len(self.counts))
+        self._now = bytearray(self._idle)  # codes of this tick by node
+        self._codes: list[bytes] = []  # of each tick
 
-    def watch(self, place: int, status: int) -> None:
-        """A node was ticked or aborted."""
+    def node(self, place: int, status: int) -> None:
+        """See `Observer`."""
         code = _CODES[status]
         self.counts[place][code] += 1
         self._now[place] = code
 
-    def observe(self, island: Island) -> None:
-        """A tick is over."""
-        for place, line in enumerate(self.statuses):
-            line.append(self._now.get(place, IDLE))
-        self._now.clear()
-        robot, people = island.robot, island.humanoids
-        self._see_garbage(island.ground.items(), len(self.robot))
-        self.robot.append(complex(robot.x, robot.y))
-        self.goals.append(complex(*robot.wish[:2]) if robot.driving else None)
-        self.humanoids.append(island.physics.humanoid_positions())
-        self.carried.append(tuple(people.items))
-        self.boards.append(tuple(map(float, island.board)))
+    def credit(self, component: str, points: float, event: str, action: str) -> None:
+        """See `Observer`."""
+        self.credits.append(Credit(len(self.boards), event, component, points, action))
 
-    def stays(self, ticks: int) -> list[Stay]:
-        """All garbage, by the tick of its appearance."""
-        left = [(item.x, item.y, since, ticks) for item, since in self._lying.items()]
-        return sorted([*self._gone, *left], key=lambda stay: (stay[2], stay[:2]))
+    def tick(self, board: Sequence[float], scene: Scene | None) -> None:
+        """See `Observer`."""
+        if len(board) != self._keys:
+            raise DomainError(
+                f"Expected a value for each of the {self._keys} keys of the vocabulary on the"
+                f" blackboard, found {len(board)}; give the observer one for each, in their order."
+            )
+        if scene is not None:
+            self.camera.see(scene, len(self.boards))
+        self.boards.append(tuple(map(float, board)))
+        self._codes.append(bytes(self._now))
+        self._now[:] = self._idle
 
-    def _see_garbage(self, items: list[Item], tick: int) -> None:
-        if items == list(self._lying):
-            return
-        there = dict.fromkeys(items, tick)
-        for item in self._lying.keys() - there.keys():
-            self._gone.append((item.x, item.y, self._lying[item], tick))
-        self._lying = {item: self._lying.get(item, tick) for item in there}
+    def finish(self) -> int:
+        """The number of ticks, once the episode is over; at least one.
+
+        Nodes of which no tick was told are in one more.
+        """
+        if not self.boards or self._now != self._idle:
+            self.tick(self.boards[-1] if self.boards else [0.0] * self._keys, None)
+        return len(self.boards)
+
+    def statuses(self) -> tuple[bytes, ...]:
+        """The codes of each node, a byte per tick."""
+        codes, nodes = b"".join(self._codes), len(self._idle)
+        return tuple(codes[place::nodes] for place in range(nodes))
+
+
+class Camera:
+    """Collects scenes. What stays the same is kept once."""
+
+    def __init__(self) -> None:
+        self.scenes = 0
+        self._bounds: set[Bounds] = set()
+        self._fixed: tuple[Thing, ...] = ()
+        self._items: tuple[Thing, ...] = ()  # of the last scene
+        self._there: dict[tuple[Thing, int], int] = {}  # since when; equal things are numbered
+        self._gone: list[Stay] = []
+        self._movers: list[tuple[Thing, ...]] = []  # per tick
+        self._frames: list[tuple[int, bytes]] = []
+
+    def see(self, scene: Scene, tick: int) -> None:
+        """Takes the scene of a tick."""
+        if not self.scenes:
+            self._fixed = scene.fixed
+        self._bounds.add(scene.bounds)
+        self.scenes += 1
+        if scene.items != self._items:
+            self._see_items(scene.items, tick)
+        if scene.frame and (not self._frames or scene.frame != self._frames[-1][1]):
+            self._frames.append((tick, scene.frame))
+        self._movers += [scene.movers] * (tick + 1 - len(self._movers))
+
+    def _see_items(self, items: tuple[Thing, ...], tick: int) -> None:
+        self._items = items
+        seen: dict[Thing, int] = {}
+        there: dict[tuple[Thing, int], int] = {}
+        for item in items:
+            number = seen[item] = seen.get(item, 0) + 1
+            there[item, number] = self._there.get((item, number), tick)
+        for key in self._there.keys() - there.keys():
+            self._gone.append(Stay(key[0], self._there[key], tick))
+        self._there = there
+
+    def film(self, ticks: int, schema: Schema) -> Film:
+        """What was seen in an episode of so many ticks. Raises DomainError."""
+        left = [Stay(thing, since, ticks) for (thing, _), since in self._there.items()]
+        lows, highs = zip(*((b[:2], b[2:]) for b in self._bounds), strict=True)
+        film = Film(
+            bounds=(*map(min, zip(*lows, strict=True)), *map(max, zip(*highs, strict=True))),  # type: ignore[arg-type]
+            fixed=self._fixed,
+            items=tuple(sorted([*self._gone, *left], key=lambda stay: (stay.begin, stay.thing))),
+            movers=tuple(map(_mover, self._columns(ticks))),
+            frames=tuple(self._frames),
+        )
+        if unknown := film.forms() - schema.forms.keys():
+            known = ", ".join(schema.forms) or "none"
+            raise DomainError(
+                f"Expected things of the schema's forms ({known}), found {min(unknown)!r} in a"
+                " scene; declare it among the forms."
+            )
+        return film
+
+    def _columns(self, ticks: int) -> list[tuple[Thing, ...]]:
+        """Each mover at each tick. Raises DomainError where their number changes."""
+        movers = self._movers + self._movers[-1:] * (ticks - len(self._movers))
+        most, least = max(map(len, movers)), min(map(len, movers))
+        if most != least:
+            raise DomainError(
+                f"Expected as many movers in each tick, found {least} and {most}; what comes and"
+                " goes belongs to the items of a scene."
+            )
+        return list(zip(*movers, strict=True))
+
+
+def _mover(things: tuple[Thing, ...]) -> Mover:
+    looks: list[tuple[int, Look]] = []
+    last: object = None
+    for tick, (form, _, _, radius, text) in enumerate(things):
+        if (look := (form, radius, text)) != last:
+            looks.append((tick, Look(*look)))
+            last = look
+    return Mover(tuple(t.x for t in things), tuple(t.y for t in things), tuple(looks))

@@ -36,11 +36,13 @@ class Reference:
         tree: Node,
         actions: Mapping[str, Callable[[bool], int]],
         board: list[float],
+        places: Mapping[str, int],
         watch: Callable[[int, int], None],
     ) -> None:
         self.root = Live(tree, iter(range(10**9)))
         self.actions = actions
         self.board = board
+        self.places = places
         self.before = list(board)
         self.watch = watch
         self.cut_short = False  # a parallel stopped a running child in this tick
@@ -82,7 +84,7 @@ class Reference:
         return observed and not self.holds(guard, self.before) and self.holds(guard, self.board)
 
     def holds(self, guard: Live, board: list[float]) -> bool:
-        return condition(guard.node, board)()
+        return condition(guard.node, board, self.places)()
 
     def abort(self, live: Live) -> None:
         if live.running:

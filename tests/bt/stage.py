@@ -10,9 +10,10 @@ from collections.abc import Callable
 
 from islandgp.bt.engine import compile_tree
 from islandgp.bt.language import parse
-from islandgp.bt.node import ACTIONS, FAILURE, KEYS, RUNNING, SUCCESS, Node
+from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node
+from islandgp.domains.island.vocabulary import VOCABULARY
 
-_ACTIONS = dict(zip("ABCDEFG", ACTIONS, strict=True))
+_ACTIONS = dict(zip("ABCDEFG", VOCABULARY.actions, strict=True))
 _KEYS = {"p": "foundGarbage", "q": "isHumanoidWantToClear", "x": "batteryLevel"}
 _LETTERS = {"F": FAILURE, "S": SUCCESS, "R": RUNNING}
 
@@ -20,7 +21,7 @@ _LETTERS = {"F": FAILURE, "S": SUCCESS, "R": RUNNING}
 def short_tree(text: str) -> Node:
     """A tree from its short text."""
     words = _ACTIONS | _KEYS
-    return parse(re.sub(r"\b[A-Gpqx]\b", lambda word: words[word[0]], text))
+    return parse(re.sub(r"\b[A-Gpqx]\b", lambda word: words[word[0]], text), VOCABULARY)
 
 
 class Stage:
@@ -33,14 +34,18 @@ class Stage:
     def __init__(self, text: str, board: str = "", **scripts: str) -> None:
         self.events: list[tuple[int, int]] = []  # (place, status) as watched in the last tick
         self._calls: list[str] = []
-        self._board = [0.0] * len(KEYS)
+        self._board = [0.0] * len(VOCABULARY.keys)
         self._set(**dict.fromkeys(board, 1.0))
         actions = {
             name: self._action(letter, scripts.get(letter, "R"))
             for letter, name in _ACTIONS.items()
         }
         self._tick = compile_tree(
-            short_tree(text), actions, self._board, watch=lambda *event: self.events.append(event)
+            short_tree(text),
+            actions,
+            self._board,
+            VOCABULARY.places,
+            watch=lambda *event: self.events.append(event),
         )
 
     def tick(self, **changes: float) -> tuple[str, int]:
@@ -57,7 +62,7 @@ class Stage:
 
     def _set(self, **values: float) -> None:
         for letter, value in values.items():
-            self._board[list(KEYS).index(_KEYS[letter])] = value
+            self._board[VOCABULARY.places[_KEYS[letter]]] = value
 
     def _action(self, letter: str, script: str) -> Callable[[bool], int]:
         coming = list(script)

@@ -1,4 +1,4 @@
-"""The tables of `node.py` against everything that is made from them or speaks of them."""
+"""The table of `node.py` and the words of vocabularies against the grammar and its parser."""
 
 from __future__ import annotations
 
@@ -9,10 +9,14 @@ from lark import Lark
 
 from islandgp.bt import node
 from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import ABORTS, ACTIONS, KEYS, KINDS, OPERATORS, POLICIES, Action, Key, Node
+from islandgp.bt.node import ABORTS, KINDS, OPERATORS, POLICIES, Node
+from islandgp.bt.vocabulary import RESERVED, Action, Vocabulary, number
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.errors import UnknownNameError
 from islandgp.resources import resource
 
-OTHER_WORDS = {"subtree", "use", "not", "abort", "success", "failure"}
+OTHER_WORDS = {"domain", "subtree", "use", "not", "abort", "success", "failure"}
+NAMES = (*VOCABULARY.actions, *VOCABULARY.keys)
 
 
 def grammar_words() -> set[str]:
@@ -22,23 +26,21 @@ def grammar_words() -> set[str]:
 
 
 def test_grammar_has_the_words_of_the_tables() -> None:
-    """The grammar's words are the node kinds, the abort rules, the policies, and six more."""
+    """The grammar's words are the node kinds, the abort rules, the policies, and seven more."""
     kinds = set(KINDS) - {"action"}
     assert grammar_words() == kinds | set(ABORTS) | set(POLICIES) | OTHER_WORDS
 
 
 def test_grammar_lists_no_names() -> None:
-    """Actions and keys are declared in the tables alone, so that adding one is one entry."""
+    """Actions and keys are declared by a domain alone, so that adding one is one entry."""
     text = (resource("grammar") / "bt.lark").read_text(encoding="utf-8")
     rules = re.sub(r"//.*", "", text)
-    assert [name for name in (*ACTIONS, *KEYS) if name in rules] == []
+    assert [name for name in NAMES if name in rules] == []
 
 
-def test_names_are_no_words_of_the_grammar() -> None:
-    """An action or key that is spelled like a word of the language could not be said."""
-    assert grammar_words() & {*ACTIONS, *KEYS} == set()
-    assert all(re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) for name in (*ACTIONS, *KEYS))
-    assert set(ACTIONS) & set(KEYS) == set()
+def test_reserved_words_are_those_of_the_grammar() -> None:
+    """A vocabulary refuses exactly the words that a tree could not say as names."""
+    assert grammar_words() == RESERVED
 
 
 def test_operators_can_be_said() -> None:
@@ -53,20 +55,17 @@ def test_operators_can_be_said() -> None:
     assert {o for o in both if re.fullmatch(pattern[1], o)} == set(OPERATORS)
 
 
-def test_a_new_action_is_one_entry(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An action that is added to the table can be parsed and printed at once."""
-    monkeypatch.setitem(ACTIONS, "Wave", Action("waves"))
-    assert (
-        to_text(parse("sequence { Wave PatrolWaypoint }")) == "sequence { Wave PatrolWaypoint }\n"
+def test_a_new_action_and_a_new_key_are_an_entry_each() -> None:
+    """What a vocabulary declares can be parsed and printed at once, with no other change."""
+    words = Vocabulary(
+        "island",
+        {**VOCABULARY.actions, "Wave": Action("waves")},
+        {**VOCABULARY.keys, "wind": number("wind force", 0, 12)},
     )
-
-
-def test_a_new_key_is_one_entry(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A key that is added to the table can be asked for at once."""
-    monkeypatch.setitem(KEYS, "wind", Key(False, 0, 12, 1, "wind force"))
-    assert (
-        to_text(parse("when wind > 7 { PatrolWaypoint }")) == "when wind > 7 { PatrolWaypoint }\n"
-    )
+    text = "sequence {\n  Wave\n  when wind > 7 { PatrolWaypoint }\n}\n"
+    assert to_text(parse(text, words)) == text
+    with pytest.raises(UnknownNameError, match="Wave"):
+        parse(text, VOCABULARY)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -10,8 +10,10 @@ import pytest
 from islandgp.bt.engine import ABORTED, compile_tree, condition, thresholds
 from islandgp.bt.language import parse
 from islandgp.bt.node import AGAIN, FAILURE, FLAG_OPERATORS, OPERATORS, RUNNING, SUCCESS, Node
+from islandgp.domains.island.vocabulary import VOCABULARY
 from tests.bt.stage import Stage, short_tree
 
+PLACES = VOCABULARY.places
 DOCS = Path(__file__).parents[2] / "docs"
 
 
@@ -41,7 +43,9 @@ def test_action_fresh() -> None:
 def test_snapshot() -> None:
     """The blackboard is read, never copied: a change between ticks counts on the next one."""
     board = [0.0] * 5
-    tick = compile_tree(short_tree("when p { A }"), {"MoveToGarbage": lambda _: RUNNING}, board)
+    tick = compile_tree(
+        short_tree("when p { A }"), {"MoveToGarbage": lambda _: RUNNING}, board, PLACES
+    )
     assert tick() == FAILURE
     board[3] = 1.0
     assert tick() == RUNNING
@@ -211,15 +215,20 @@ def test_when_true_is_its_child(status: str) -> None:
 def test_comparisons(operator: str, true_at: str) -> None:
     """Numbers compare as they do everywhere."""
     node = parse(f"when lap {operator} 2 {{ PatrolWaypoint }}")
-    assert [value for value in "123" if condition(node, [0, 0, float(value), 0, 0])()] == [*true_at]
+    assert [value for value in "123" if condition(node, [0, 0, float(value), 0, 0], PLACES)()] == [
+        *true_at
+    ]
 
 
 def test_conditions_are_complete() -> None:
     """Every operator of the language can be asked, and no other."""
     for operator in (*OPERATORS, *FLAG_OPERATORS):
-        assert condition(Node("when", ("lap", operator, 0.0, "none")), [0.0] * 5)() in (True, False)
+        assert condition(Node("when", ("lap", operator, 0.0, "none")), [0.0] * 5, PLACES)() in (
+            True,
+            False,
+        )
     with pytest.raises(ValueError, match="Expected one of"):
-        condition(Node("when", ("lap", "=<", 0.0, "none")), [0.0] * 5)
+        condition(Node("when", ("lap", "=<", 0.0, "none")), [0.0] * 5, PLACES)
 
 
 # When: abort rules
@@ -423,8 +432,8 @@ def test_watch_changes_nothing() -> None:
     """A tree runs the same with and without a watch."""
     tree = short_tree("sequence { repeater 2 { A } B }")
     actions = dict.fromkeys(["MoveToGarbage", "PickupGarbage"], lambda _fresh: SUCCESS)
-    watched = compile_tree(tree, actions, [0.0] * 5, watch=lambda _place, _status: None)
-    plain = compile_tree(tree, actions, [0.0] * 5)
+    watched = compile_tree(tree, actions, [0.0] * 5, PLACES, watch=lambda _place, _status: None)
+    plain = compile_tree(tree, actions, [0.0] * 5, PLACES)
     assert [watched() for _ in range(4)] == [plain() for _ in range(4)]
 
 
@@ -438,20 +447,20 @@ def test_trees_do_not_share_state() -> None:
     """Compiling a tree twice gives two trees that know nothing of each other."""
     tree = short_tree("repeater 2 { A }")
     actions = {"MoveToGarbage": lambda _fresh: SUCCESS}
-    one, two = (compile_tree(tree, actions, [0.0] * 5) for _ in range(2))
+    one, two = (compile_tree(tree, actions, [0.0] * 5, PLACES) for _ in range(2))
     assert (one(), two(), one(), two()) == (AGAIN, AGAIN, SUCCESS, SUCCESS)
 
 
 def test_missing_action() -> None:
     """A tree whose action nobody implements is refused when it is compiled."""
     with pytest.raises(KeyError, match="PatrolWaypoint"):
-        compile_tree(parse("PatrolWaypoint"), {}, [0.0] * 5)
+        compile_tree(parse("PatrolWaypoint"), {}, [0.0] * 5, PLACES)
 
 
 def test_thresholds() -> None:
     """Thresholds are the numbers that a key is compared with, ascending, each once."""
     tree = short_tree("selector { when x < 50 { A } when x > 20 { when x != 50 { B } } }")
-    assert thresholds(tree) == (20.0, 50.0)
+    assert thresholds(tree, "batteryLevel") == (20.0, 50.0)
     assert thresholds(tree, "lap") == ()
 
 

@@ -10,11 +10,13 @@ from hypothesis import strategies as st
 from islandgp.bt.condition import condition
 from islandgp.bt.engine import compile_tree
 from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, walk
+from islandgp.domains.island.vocabulary import VOCABULARY
 from tests.bt.reference import Reference
 from tests.strategies import few_boards, few_numbers, nodes
 
 Call = tuple[str, bool, int]  # (leaf, fresh, status)
 
+PLACES = VOCABULARY.places
 TREES = nodes(few_numbers(), max_leaves=10, max_repeats=3)
 BOARDS = st.lists(few_boards(), min_size=2, max_size=12)
 RESULTS = st.lists(st.sampled_from([FAILURE, SUCCESS, RUNNING, RUNNING]), min_size=1, max_size=40)
@@ -63,9 +65,13 @@ def test_engine_is_the_reference(tree: Node, boards: list[list[float]], results:
     seen: list[tuple[int, int]] = []
     expected_seen: list[tuple[int, int]] = []
     actions, expected_actions = Actions(tree, results), Actions(tree, results)
-    tick = compile_tree(tree, actions.table, board, watch=lambda *event: seen.append(event))
+    tick = compile_tree(tree, actions.table, board, PLACES, watch=lambda *event: seen.append(event))
     reference = Reference(
-        tree, expected_actions.table, board, watch=lambda *event: expected_seen.append(event)
+        tree,
+        expected_actions.table,
+        board,
+        PLACES,
+        watch=lambda *event: expected_seen.append(event),
     )
     for values in boards:
         board[:] = values
@@ -88,10 +94,10 @@ def test_quiet_ticks_change_nothing(
     """
     tree = with_own_names(tree, iter(range(100)))
     board, other_board = list(boards[0]), list(boards[0])
-    guards = [condition(node, board) for node in walk(tree) if node.kind == "when"]
+    guards = [condition(node, board, PLACES) for node in walk(tree) if node.kind == "when"]
     actions, other_actions = Actions(tree, results), Actions(tree, results)
-    tick = compile_tree(tree, actions.table, board)
-    other_tick = compile_tree(tree, other_actions.table, other_board)
+    tick = compile_tree(tree, actions.table, board, PLACES)
+    other_tick = compile_tree(tree, other_actions.table, other_board, PLACES)
     for values in boards:
         board[:] = other_board[:] = values
         status = tick()

@@ -7,6 +7,7 @@ import pickle
 import pytest
 
 from islandgp.bt.language import parse
+from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import LimitError, TreeError, UnknownNameError
 
 P = "PatrolWaypoint"
@@ -92,7 +93,7 @@ WRONG = [
 def test_wrong_text(text: str, line: int, column: int, words: list[str]) -> None:
     """Each mistake is found where it is, and the message says what would do."""
     with pytest.raises(TreeError) as caught:
-        parse(text, name="my.bt")
+        parse(text, VOCABULARY, name="my.bt")
     message = str(caught.value)
     assert (caught.value.line, caught.value.column) == (line, column)
     assert message.startswith(f"my.bt:{line}:{column}: ")
@@ -103,7 +104,9 @@ def test_wrong_text(text: str, line: int, column: int, words: list[str]) -> None
 def test_whole_message() -> None:
     """A message has the place, the line with a caret, what would do, and a guess."""
     with pytest.raises(UnknownNameError) as caught:
-        parse("selector {\n  when batery < 25 { PatrolWaypoint }\n}", name="trees/mine.bt")
+        parse(
+            "selector {\n  when batery < 25 { PatrolWaypoint }\n}", VOCABULARY, name="trees/mine.bt"
+        )
     assert str(caught.value) == (
         "trees/mine.bt:2:8: unknown blackboard key 'batery'\n"
         "      when batery < 25 { PatrolWaypoint }\n"
@@ -118,7 +121,7 @@ def test_whole_message() -> None:
 def test_long_line() -> None:
     """Of a very long line the message shows the part around the caret."""
     with pytest.raises(TreeError) as caught:
-        parse("selector { " + "PatrolWaypoint " * 100 + "Patrl }")
+        parse("selector { " + "PatrolWaypoint " * 100 + "Patrl }", VOCABULARY)
     shown, caret = str(caught.value).splitlines()[1:3]
     assert len(shown) < 110
     assert shown[caret.index("^") :].startswith("Patrl")
@@ -127,17 +130,17 @@ def test_long_line() -> None:
 def test_kinds_of_errors() -> None:
     """Names that don't exist and trees that are too large have classes of their own."""
     with pytest.raises(UnknownNameError):
-        parse("use nothing")
+        parse("use nothing", VOCABULARY)
     with pytest.raises(LimitError):
-        parse("inverter { " * 200 + "PatrolWaypoint" + " }" * 200)
+        parse("inverter { " * 200 + "PatrolWaypoint" + " }" * 200, VOCABULARY)
     with pytest.raises(TreeError) as caught:
-        parse("selector")
+        parse("selector", VOCABULARY)
     assert type(caught.value) is TreeError
 
 
 def test_errors_travel() -> None:
     """An error that crosses a process boundary keeps its place and its message."""
     with pytest.raises(TreeError) as caught:
-        parse("selector {\n  Patrl }")
+        parse("selector {\n  Patrl }", VOCABULARY)
     copy = pickle.loads(pickle.dumps(caught.value))
     assert (str(copy), copy.line, copy.column) == (str(caught.value), 2, 3)

@@ -9,7 +9,8 @@ import pytest
 
 from islandgp.bt.language import parse, to_text
 from islandgp.bt.limits import Limits, check_limits
-from islandgp.bt.node import KEYS, KINDS, depth, size, walk
+from islandgp.bt.node import KINDS, depth, size, walk
+from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.resources import resource
 
 EXAMPLES = sorted((resource("grammar") / "examples").glob("*.bt"))
@@ -41,7 +42,7 @@ def test_there_is_one_for_each_objective() -> None:
 def test_example(path: Path) -> None:
     """It parses, keeps the paper's limits, and is as large as its comment says."""
     text = path.read_text(encoding="utf-8")
-    parsed = parse(text, name=path.name)
+    parsed = parse(text, VOCABULARY, name=path.name)
     check_limits(parsed, PAPER)
     assert parse(to_text(parsed)) == parsed
     stated = re.search(r"^# (\d+) nodes, depth (\d+)\.$", text, re.MULTILINE)
@@ -63,7 +64,7 @@ def test_diverse_shows_everything() -> None:
     """The diverse tree has every kind of node and asks for every key."""
     nodes = list(walk(parse(tree("diverse"))))
     assert {node.kind for node in nodes} == set(KINDS)
-    assert {node.args[0] for node in nodes if node.kind == "when"} == set(KEYS)
+    assert {node.args[0] for node in nodes if node.kind == "when"} == set(VOCABULARY.keys)
 
 
 def test_charging_is_not_cut_short() -> None:

@@ -11,8 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from islandgp.bt.language import MAX_CHARACTERS, MAX_LEVELS, MAX_NODES, parse, to_text
-from islandgp.bt.node import ACTIONS, Node, depth, size
+from islandgp.bt.node import Node, depth, size
 from islandgp.bt.printer import WIDTH, number_text
+from islandgp.bt.vocabulary import Vocabulary
+from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import LimitError, TreeError
 from tests.strategies import nodes
 
@@ -27,7 +29,8 @@ PICKUP = Node("action", ("PickupGarbage",))
 @given(nodes())
 def test_parse_of_print_is_the_tree(node: Node) -> None:
     """Parsing the canonical text of any tree gives that tree again."""
-    assert parse(to_text(node)) == node
+    text = to_text(node)
+    assert parse(text, VOCABULARY) == parse(text) == node
 
 
 @settings(max_examples=300, deadline=None)
@@ -217,27 +220,39 @@ def test_hostile_text(text: str) -> None:
     parse("PatrolWaypoint")
     start = time.perf_counter()
     with pytest.raises(TreeError) as caught:
-        parse(text)
+        parse(text, VOCABULARY)
     assert time.perf_counter() - start < 1
     assert len(str(caught.value)) < 1_000
     str(caught.value).encode()
+
+
+@pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE.keys())
+def test_hostile_text_of_any_domain(text: str) -> None:
+    """Without a vocabulary a long name is a name; everything else is refused as fast."""
+    parse("PatrolWaypoint")
+    start = time.perf_counter()
+    found = tree_or_error(text, None)
+    assert time.perf_counter() - start < 1
+    if isinstance(found, TreeError):
+        assert len(str(found)) < 1_000
+    else:
+        assert actions(found) == [text.split()[-1]]
 
 
 @settings(max_examples=300, deadline=None)
 @given(st.text(max_size=60))
 def test_any_text(text: str) -> None:
     """No text makes the parser raise anything but a TreeError."""
-    try:
-        node = parse(text)
-    except TreeError:
-        return
-    assert parse(to_text(node)) == node
+    for words in (VOCABULARY, None):
+        node = tree_or_error(text, words)
+        assert isinstance(node, TreeError) or parse(to_text(node), words) == node
 
 
-WORDS = "selector sequence parallel inverter repeater when use subtree not abort self { } = < 3 x"
-
-
-any_word = st.sampled_from([*WORDS.split(), *ACTIONS, "lap", "foundGarbage"])
+WORDS = (
+    "domain selector sequence parallel inverter repeater when use subtree not abort self { } = <"
+    " 3 x island"
+)
+any_word = st.sampled_from([*WORDS.split(), *VOCABULARY.actions, "lap", "foundGarbage"])
 
 
 @st.composite
@@ -249,10 +264,10 @@ def nearly_trees(draw: st.DrawFn) -> list[str]:
     return found
 
 
-def tree_or_error(text: str) -> Node | TreeError:
+def tree_or_error(text: str, words: Vocabulary | None = VOCABULARY) -> Node | TreeError:
     """What a text is."""
     try:
-        return parse(text)
+        return parse(text, words)
     except TreeError as error:
         return error
 
@@ -275,7 +290,7 @@ def test_any_words(words: list[str]) -> None:
         return
     assert parse(to_text(found)) == found
     if not {"use", "subtree"} & set(words):
-        assert actions(found) == [word for word in words if word in ACTIONS]
+        assert actions(found) == [word for word in words if word in VOCABULARY.actions]
 
 
 @settings(max_examples=100, deadline=None)

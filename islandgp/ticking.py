@@ -1,0 +1,241 @@
+"""A domain over a simulator that is stepped: what its keys read, and what each action does.
+
+    class Robot:                          # one episode: a method for each action of the schema
+        def __init__(self, world, seed, log): ...
+        def sense(self): return {"have_block": self.block}
+        def Pick(self): self.log("picked"); return True
+
+    class PickPlace(Stepped):
+        World, Episode, schema = World, Robot, SCHEMA
+
+A leaf is a function that is called once a tick while its node runs, and returns True
+(success), False (failure) or RUNNING. Or it is a generator function: each `yield` is a
+tick in which it runs, and what it returns, True or False, is how it ends.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Generator, Iterator, Mapping
+from inspect import isgeneratorfunction
+from typing import Any, ClassVar, Protocol, Self, TypeAlias
+
+from pydantic import BaseModel
+
+from islandgp.bt.closures import Tick
+from islandgp.bt.engine import compile_tree
+from islandgp.bt.node import RUNNING, Node
+from islandgp.domain import Observer, Outcome, Scene, Schema
+from islandgp.errors import DomainError
+from islandgp.scoring.rewards import RewardTable, worth
+
+__all__ = ["RUNNING", "EventLog", "Leaf", "Simulation", "Stepped", "run_ticks"]
+
+Leaf: TypeAlias = Callable[[], int] | Callable[[], Generator[None, None, bool]]
+
+
+class EventLog:
+    """The events of an episode: how often each happened, and the points by component.
+
+    `log("picked")` and `log("driven", 2.5)` record one.
+    """
+
+    def __init__(
+        self,
+        rewards: RewardTable,
+        schema: Schema,
+        weights: Mapping[str, float],
+        observer: Observer | None = None,
+    ) -> None:
+        self.counts: Counter[str] = Counter()
+        self.components = dict.fromkeys(schema.components, 0.0)
+        self.action = ""  # the leaf that is being called
+        self._events = schema.events
+        self._worth = worth(rewards, weights)
+        self._observer = observer
+
+    def __call__(self, event: str, amount: float = 1.0) -> None:
+        """Something happened. Raises DomainError for an event that the schema does not have."""
+        if event not in self._events:
+            known = ", ".join(self._events)
+            raise DomainError(f"Expected an event of the schema ({known}), found {event!r}.")
+        self.counts[event] += 1
+        component, points = self._worth(event, amount)
+        if component:
+            self.components[component] += points
+            if self._observer is not None:
+                self._observer.credit(component, points, event, self.action)
+
+
+class Simulation(Protocol):
+    """One episode of a stepped simulator, with a method named like each action of the schema.
+
+    It may also have `step() -> str`, `measures()` and `scene()`, as `run_ticks` takes them.
+    """
+
+    def sense(self) -> Mapping[str, float]:
+        """The value of each key now."""
+        ...
+
+
+class Stepped:
+    """A domain whose episodes are objects of a class `Episode`, made as Episode(world, seed, log).
+
+    `World` has the setting `ticks`, the most ticks of an episode.
+    """
+
+    World: ClassVar[type[BaseModel]]
+    Rewards: ClassVar[type[BaseModel]] = RewardTable
+    Episode: ClassVar[Callable[[Any, int, EventLog], Simulation]]
+    schema: Schema
+    step_s: float = 1.0  # simulated s of a tick
+
+    def __init__(self, world: Any, rewards: RewardTable) -> None:
+        self.world = world
+        self.rewards = rewards
+
+    @classmethod
+    def make(cls, world: Any, rewards: RewardTable) -> Self:
+        """See `Domain`."""
+        return cls(world, rewards)
+
+    def run_episode(
+        self,
+        tree: Node,
+        seed: int,
+        weights: Mapping[str, float],
+        observer: Observer | None = None,
+    ) -> Outcome:
+        """See `Domain`."""
+        log = EventLog(self.rewards, self.schema, weights, observer)
+        episode = type(self).Episode(self.world, seed, log)
+        has = {n: getattr(episode, n) for n in ("step", "measures", "scene") if hasattr(episode, n)}
+        return run_ticks(
+            tree,
+            self.schema,
+            {name: getattr(episode, name) for name in self.schema.vocabulary.actions},
+            episode.sense,
+            log,
+            ticks=self.world.ticks,
+            step_s=self.step_s,
+            observer=observer,
+            **has,
+        )
+
+
+def run_ticks(
+    tree: Node,
+    schema: Schema,
+    leaves: Mapping[str, Leaf],
+    sense: Callable[[], Mapping[str, float]],
+    log: EventLog,
+    *,
+    ticks: int,
+    step_s: float,
+    step: Callable[[], str] = str,
+    measures: Callable[[], Mapping[str, float]] = dict,
+    scene: Callable[[], Scene] | None = None,
+    observer: Observer | None = None,
+) -> Outcome:
+    """Runs one episode: sense, tick the tree, step the world; again and again.
+
+    Args:
+        tree: in the words of the schema's vocabulary.
+        schema: of the domain.
+        leaves: what each action of the vocabulary does in a tick.
+        sense: the value of each key now; True and False for flags.
+        log: collects the events that leaves and `step` record.
+        ticks: how many there are at most, >= 1.
+        step_s: simulated seconds of a tick.
+        step: lets time pass after a tick; returns why the episode is over, "" to go on.
+        measures: at the end, the counters that are not simply how often an event happened.
+        scene: what there is to see; None: nothing.
+        observer: as `Domain.run_episode` was given.
+
+    Returns:
+        The outcome. Its ending is "time", or what `step` returned.
+
+    Raises:
+        DomainError: a leaf returned no status, or a key or counter is missing.
+    """
+    places = schema.vocabulary.places
+    board = [0.0] * len(places)
+    watch = None if observer is None else observer.node
+    tick = compile_tree(tree, _Leaves(leaves, log), board, places, watch=watch)
+    done, ending = 0, ""
+    while not ending and done < ticks:
+        values = sense()
+        for key, place in places.items():
+            if key not in values:
+                raise DomainError(f"Expected a value of the key {key} from `sense`, found none.")
+            board[place] = float(values[key])
+        tick()
+        done += 1
+        if observer is not None:
+            observer.tick(board, None if scene is None else scene())
+        ending = step()
+    return Outcome(
+        components=log.components,
+        counters=dict(_counters(schema, log, measures())),
+        seconds=done * step_s,
+        endings=(ending or "time",),
+    )
+
+
+def _counters(
+    schema: Schema, log: EventLog, measures: Mapping[str, float]
+) -> Iterator[tuple[str, float]]:
+    for name in schema.counters:
+        if name not in measures and name not in schema.events:
+            raise DomainError(
+                f"Expected the counter {name} from `measures`, as no event has that name."
+            )
+        yield name, float(measures.get(name, log.counts[name]))
+
+
+class _Leaves(Mapping[str, Tick]):
+    """The actions of a tree. Each look-up makes a leaf of its own, with its own generator."""
+
+    def __init__(self, leaves: Mapping[str, Leaf], log: EventLog) -> None:
+        self._leaves = leaves
+        self._log = log
+
+    def __getitem__(self, name: str) -> Tick:
+        leaf, log = self._leaves[name], self._log
+        call = _generated(leaf) if isgeneratorfunction(leaf) else lambda _fresh: leaf()
+
+        def tick(fresh: bool) -> int:
+            log.action = name
+            status = call(fresh)
+            log.action = ""
+            if not isinstance(status, int) or not 0 <= status <= RUNNING:
+                raise DomainError(
+                    f"Expected True, False or RUNNING from the action {name}, found {status!r}."
+                )
+            return int(status)
+
+        return tick
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._leaves)
+
+    def __len__(self) -> int:
+        return len(self._leaves)
+
+
+def _generated(leaf: Callable[[], Generator[None, None, bool]]) -> Callable[[bool], Any]:
+    """A leaf that is a generator function: it begins anew when its node starts."""
+    going: Generator[None, None, bool] | None = None
+
+    def call(fresh: bool) -> Any:
+        nonlocal going
+        if fresh or going is None:
+            going = leaf()
+        try:
+            next(going)
+        except StopIteration as end:
+            going = None
+            return end.value
+        return RUNNING
+
+    return call

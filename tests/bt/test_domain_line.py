@@ -1,0 +1,129 @@
+"""`domain NAME` at the beginning of a tree file."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from islandgp.bt.format import format_text
+from islandgp.bt.language import domain_of, parse, to_text
+from islandgp.bt.node import Node
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.errors import DomainError, TreeError
+from tests.strategies import nodes
+
+TREE = "selector { PatrolWaypoint PickupGarbage }"
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        "domain island\n",
+        "domain island ",
+        "# a tree\n\n  domain\tisland # the paper's\n",
+        "domain # of\n# which world?\nisland\n",
+        "\ufeffdomain island\r\n",
+        "domain island subtree a = PatrolWaypoint\n",
+        "domain#\nisland\n",
+    ],
+)
+def test_a_file_may_say_its_domain(head: str) -> None:
+    """The line changes nothing about the tree, wherever comments and line ends are."""
+    assert parse(head + TREE, VOCABULARY) == parse(head + TREE) == parse(TREE)
+    assert domain_of(head + TREE) == "island"
+
+
+@pytest.mark.parametrize(
+    "text", ["", TREE, f"# domain island\n{TREE}", "domain", "domains island", "domain 3 x", "# a"]
+)
+def test_other_texts_say_none(text: str) -> None:
+    """Neither a comment nor half a line names a domain."""
+    assert domain_of(text) == ""
+
+
+def test_another_domain_is_refused() -> None:
+    """The message shows the line, and what would do."""
+    with pytest.raises(DomainError) as caught:
+        parse(f"# fast\ndomain maze\n{TREE}", VOCABULARY, name="my.bt")
+    assert str(caught.value) == (
+        "my.bt:2:8: the tree is for the domain 'maze', not for 'island'\n"
+        "    domain maze\n"
+        "           ^\n"
+        "Expected domain island, or a command with domain=maze."
+    )
+
+
+def test_another_domain_is_told_before_its_words() -> None:
+    """The names of another domain are no mistakes of their own."""
+    with pytest.raises(DomainError, match="is for the domain 'maze'"):
+        parse("domain maze when wall { Turn }", VOCABULARY)
+
+
+@pytest.mark.parametrize(
+    ("text", "column", "message"),
+    [
+        ("domain", 7, "the name of a domain"),
+        ("domain 3 PatrolWaypoint", 8, "the name of a domain"),
+        ("domain selector PatrolWaypoint", 8, "the name of a domain"),
+        ("domain island", 14, "too early"),
+        ("domain island domain island PatrolWaypoint", 15, "unexpected 'domain'"),
+        ("subtree a = PatrolWaypoint domain island use a", 28, "unexpected 'domain'"),
+        ("PatrolWaypoint domain island", 16, "unexpected 'domain'"),
+        ("domian island PatrolWaypoint", 1, "'domian'"),
+    ],
+)
+@pytest.mark.parametrize("known", [True, False])
+def test_a_wrong_line(text: str, column: int, message: str, known: bool) -> None:
+    """Each mistake is found where it is, with the domain's words and without."""
+    with pytest.raises(TreeError) as caught:
+        parse(text, VOCABULARY if known else None)
+    if known or "domian" not in text:
+        assert caught.value.column == column
+        assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "formatted"),
+    [
+        ("domain   island PatrolWaypoint", "domain island\n\nPatrolWaypoint\n"),
+        (
+            "# a\n\n# b\ndomain island # c\n# d\nPatrolWaypoint # e\n# f",
+            "# a\n\n# b\ndomain island  # c\n\n# d\nPatrolWaypoint  # e\n# f\n",
+        ),
+        (
+            "domain # which?\nisland\nsubtree a = PatrolWaypoint use a",
+            "# which?\ndomain island\n\nsubtree a = PatrolWaypoint\n\nuse a\n",
+        ),
+        ("\n\ndomain island\n\n\n\nPatrolWaypoint", "domain island\n\nPatrolWaypoint\n"),
+    ],
+)
+def test_fmt_keeps_it(text: str, formatted: str) -> None:
+    """With its comments, and a blank line below."""
+    assert format_text(text) == formatted
+    assert format_text(formatted) == formatted
+
+
+GAPS = st.sampled_from(["", "# x\n", "\n\n", "\n# x\n\n# y\n"])
+
+
+@settings(max_examples=60, deadline=None)
+@given(nodes(), GAPS, GAPS, st.sampled_from(["", "#z"]))
+def test_fmt_of_any_tree(node: Node, above: str, below: str, behind: str) -> None:
+    """The domain, the tree and each comment are there afterwards, and stay as they are."""
+    text = f"{above}domain island {behind}\n{below}{to_text(node)}"
+    found = format_text(text)
+    assert domain_of(found) == "island"
+    assert parse(found) == parse(text)
+    assert found.count("#") == text.count("#")
+    assert format_text(found) == found
+
+
+@pytest.mark.parametrize("text", [" " * 99_999, "#" * 99_999, "# \n" * 33_000, "\n" * 99_999])
+def test_hostile_text(text: str) -> None:
+    """However long the gap is, the answer comes at once."""
+    start = time.perf_counter()
+    assert domain_of(text) == domain_of("domain" + text) == ""
+    assert time.perf_counter() - start < 1

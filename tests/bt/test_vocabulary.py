@@ -1,0 +1,110 @@
+"""Vocabularies: which are refused, and what the language says with one and without."""
+
+from __future__ import annotations
+
+import pickle
+from math import inf, nan
+
+import pytest
+
+from islandgp.bt.language import parse
+from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node
+from islandgp.bt.vocabulary import (
+    NOTHING,
+    RESERVED,
+    UNKNOWN,
+    Action,
+    Condition,
+    Key,
+    Vocabulary,
+    flag,
+    number,
+)
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.errors import DomainError, UnknownNameError
+
+MAZE = Vocabulary(
+    domain="maze",
+    actions={"Step": Action("goes a step"), "Turn": Action("turns left")},
+    keys={"wall": flag("a wall is ahead"), "steps": number("steps gone", 0, 20, step=2, most=99)},
+)
+
+
+@pytest.mark.parametrize("word", sorted(RESERVED))
+@pytest.mark.parametrize("what", ["domain", "action", "key"])
+def test_words_of_the_language_are_refused(word: str, what: str) -> None:
+    """A domain, an action or a key that is called like a word could not be said."""
+    with pytest.raises(DomainError, match=f"found '{word}'.*rename it"):
+        Vocabulary(
+            word if what == "domain" else "maze",
+            {word: Action("")} if what == "action" else {},
+            {word: flag("")} if what == "key" else {},
+        )
+
+
+@pytest.mark.parametrize("name", ["", "go home", "2nd", "go-home", "größe", "a.b", "Step\n"])
+def test_names_are_letters_digits_and_underscores(name: str) -> None:
+    """A name that the lexer would not read as one word is refused."""
+    with pytest.raises(DomainError, match="letters, digits and _"):
+        Vocabulary("maze", {name: Action("")}, {})
+
+
+def test_a_name_is_either_an_action_or_a_key() -> None:
+    """The message names the one that is both."""
+    with pytest.raises(DomainError, match="'wall' as an action and as a key; rename one"):
+        Vocabulary("maze", {"wall": Action("")}, {"wall": flag("")})
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "step"),
+    [(5, 5, 1), (6, 5, 1), (0, 5, 0), (0, 5, -1), (nan, 5, 1), (0, nan, 1), (0, inf, 1)],
+)
+def test_a_range_without_numbers_is_refused(low: float, high: float, step: float) -> None:
+    """Random trees could draw no threshold from it."""
+    with pytest.raises(DomainError, match="low < high and step > 0 for the key steps"):
+        Vocabulary("maze", {}, {"steps": Key("", flag=False, low=low, high=high, step=step)})
+
+
+def test_places_are_in_the_order_of_the_keys() -> None:
+    """The index of a key on a blackboard is its place in the vocabulary."""
+    assert MAZE.places == {"wall": 0, "steps": 1}
+
+
+def test_what_always_holds() -> None:
+    """A number is at least its least value, and at most its greatest where there is one."""
+    assert MAZE.always == (Condition("steps", ">=", 0), Condition("steps", "<=", 99))
+    assert Vocabulary("maze", {}, {"steps": number("", 1, 20)}).always == (
+        Condition("steps", ">=", 1),
+    )
+
+
+def test_an_action_may_do_anything_unless_it_says_more() -> None:
+    """Of an undeclared action nothing is known, as of one that declares a meaning alone."""
+    assert MAZE.action("Fly") is UNKNOWN
+    assert MAZE.action("Step").statuses == UNKNOWN.statuses == {FAILURE, SUCCESS, RUNNING}
+    assert UNKNOWN.to_start == UNKNOWN.to_succeed == ()
+    assert UNKNOWN.changes == {}
+
+
+def test_vocabularies_are_values() -> None:
+    """Equal ones are equal, also after a journey to a worker process."""
+    assert pickle.loads(pickle.dumps(MAZE)) == MAZE != VOCABULARY
+    assert NOTHING.actions == NOTHING.keys == {}
+
+
+def test_a_tree_of_one_domain_is_not_one_of_another() -> None:
+    """Names are those of the vocabulary that is given, and of no other."""
+    text = "when wall { Step }"
+    assert parse(text, MAZE) == Node(
+        "when", ("wall", "is", 0.0, "both"), (Node("action", ("Step",)),)
+    )
+    with pytest.raises(UnknownNameError, match="a key: batteryLevel"):
+        parse(text, VOCABULARY)
+    with pytest.raises(UnknownNameError, match=r"action \(Step, Turn\)"):
+        parse("when wall { PatrolWaypoint }", MAZE)
+
+
+def test_without_a_vocabulary_any_name_will_do() -> None:
+    """Records are read so: they were checked when they were written."""
+    tree = parse("when height > 3 { sequence { Climb when high { Jump } } }")
+    assert tree.args == ("height", ">", 3.0, "both")
