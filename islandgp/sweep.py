@@ -7,23 +7,23 @@ launched, and also when its process died.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from threading import Event, Thread
 from time import monotonic, sleep
-from typing import Final
+from typing import Any, Final
 
 from omegaconf import DictConfig
 
 from islandgp.compose import Planned, is_choice
 from islandgp.errors import ConfigError, RunError
-from islandgp.resume import choose
+from islandgp.resume import choose, differences
 from islandgp.sweep_job import sweep_job
 from islandgp.sweep_progress import Start, Watch, written_since
 from islandgp.tracking.brief import brief
 from islandgp.tracking.folder import RunFolder, Status
-from islandgp.tracking.parameters import redacted
+from islandgp.tracking.parameters import redacted, shape
 from islandgp.tracking.summary import arm_lines, arms
 from islandgp.tracking.sweep_folder import SweepFolder, SweepJob
 
@@ -38,7 +38,7 @@ def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
     """Runs the jobs; returns the exit code: 0, 1 when jobs failed, 130 after Ctrl-C.
 
     Raises:
-        ConfigError: two jobs are the same run.
+        ConfigError: two jobs are the same run, or would share a folder.
         RunError: another sweep is at work in the same folder, or the launcher starts no job.
     """
     entries = _entries(jobs)
@@ -73,21 +73,45 @@ There is more than one sweep where the command sweeps over names.
 
 
 def _entries(jobs: Sequence[Planned]) -> Entries:
+    _must_differ(jobs)
     sweeps: dict[Path, dict[Path, SweepJob]] = {}
     for job in jobs:
-        own = sweeps.setdefault(job.folder.parent, {})
-        if job.folder in own:
-            raise ConfigError(
-                "Expected jobs that differ, found two that are the same run:"
-                f" {job.folder.name}; take one of them out of the sweep."
-            )
-        own[job.folder] = _entry(job)
+        sweeps.setdefault(job.folder.parent, {})[job.folder] = _entry(job)
     return {SweepFolder(path): own for path, own in sweeps.items()}
+
+
+def _must_differ(jobs: Sequence[Planned]) -> None:
+    """Raises ConfigError where two jobs are the same run, or would share a folder."""
+    configs: dict[Hashable, Planned] = {}
+    folders: dict[Path, Planned] = {}
+    for job in jobs:
+        same = configs.setdefault(_frozen(shape(redacted(job.config))), job)
+        if same is not job:
+            names = " and ".join(dict.fromkeys([same.folder.name, job.folder.name]))
+            raise ConfigError(
+                f"Expected jobs that differ, found two that are the same run: {names};"
+                " take one of them out of the sweep."
+            )
+        other = folders.setdefault(job.folder, job)
+        if other is not job:
+            changed = differences(redacted(other.config), redacted(job.config))
+            raise ConfigError(
+                f"Expected a folder for each job, found two jobs in {job.folder}, which does not"
+                f" tell {changed[0]}; sweep over another key, or give each its own name=..."
+            )
+
+
+def _frozen(value: Any) -> Hashable:
+    """Plain values, to be looked up: equal where they are, as 1 and 1.0."""
+    if isinstance(value, Mapping):
+        return frozenset((key, _frozen(below)) for key, below in value.items())
+    return tuple(map(_frozen, value)) if isinstance(value, list) else value
 
 
 def _entry(job: Planned) -> SweepJob:
     folder = choose(RunFolder(job.folder), job.settings.resume, redacted(job.config))
     return SweepJob(
+        slot=job.folder.name,
         folder=folder.path.name,
         supervisor=job.settings.supervisor.name,
         seed=job.settings.seed,

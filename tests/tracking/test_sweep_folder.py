@@ -17,9 +17,12 @@ from islandgp.tracking.sweep_folder import SweepFile, SweepFolder, SweepJob
 from tests.tracking.folders import begun, written
 
 
-def job(folder: str, *choices: str, seed: int = 0, supervisor: str = "baseline") -> SweepJob:
-    """An entry of sweep.json."""
-    return SweepJob(folder, supervisor, seed, choices, 5, f"python -m islandgp {folder}")
+def job(
+    folder: str, *choices: str, seed: int = 0, supervisor: str = "baseline", slot: str = ""
+) -> SweepJob:
+    """An entry of sweep.json; without a slot the folder is the one that its configuration names."""
+    command = f"python -m islandgp {folder}"
+    return SweepJob(slot or folder, folder, supervisor, seed, choices, 5, command)
 
 
 def opened(path: Path, *jobs: SweepJob, command: str = "python -m islandgp -m") -> SweepFolder:
@@ -50,9 +53,10 @@ def send(sweep: SweepFolder, store: Store) -> str:
 def test_later_commands_add_their_jobs(tmp_path: Path) -> None:
     """The same job again is one job, and a new folder for it takes its place."""
     opened(tmp_path / "s", job("a-seed0"), job("a-seed1"), command="first")
-    sweep = opened(tmp_path / "s", job("a-seed1.2"), job("a-seed2"), command="second")
+    again = job("a-seed1~2", slot="a-seed1")
+    sweep = opened(tmp_path / "s", again, job("a-seed2"), command="second")
     file = file_of(sweep)
-    assert [entry.folder for entry in file.jobs] == ["a-seed0", "a-seed1.2", "a-seed2"]
+    assert [entry.folder for entry in file.jobs] == ["a-seed0", "a-seed1~2", "a-seed2"]
     assert file.commands == ("first", "second")
 
 
