@@ -96,15 +96,15 @@ def _must_differ(jobs: Sequence[Planned]) -> None:
         if other is not job:
             changed = differences(redacted(other.config), redacted(job.config))
             raise ConfigError(
-                f"Expected a folder for each job, found two jobs in {job.folder}, which does not"
-                f" tell {changed[0]}; sweep over another key, or give each its own name=..."
+                f"Expected a folder for each job, found two jobs in {job.folder} that differ in"
+                f" {', '.join(changed)}; give each of them another name=..."
             )
 
 
 def _frozen(value: Any) -> Hashable:
-    """Plain values, to be looked up: equal where they are, as 1 and 1.0."""
+    """Plain values as a key to look up: 1 equals 1.0, and None a key that is not there."""
     if isinstance(value, Mapping):
-        return frozenset((key, _frozen(below)) for key, below in value.items())
+        return frozenset((key, _frozen(v)) for key, v in value.items() if v is not None)
     return tuple(map(_frozen, value)) if isinstance(value, list) else value
 
 
