@@ -14,6 +14,7 @@ from threading import Event, Thread
 from time import monotonic, sleep
 from typing import Any, Final
 
+from hydra.core.override_parser.types import Quote, QuotedString
 from omegaconf import DictConfig
 
 from islandgp.compose import Planned, is_choice
@@ -128,13 +129,14 @@ def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> No
         RunError: the launcher has not started any job.
     """
     first = next(iter(entries))
+    place = QuotedString(str(first.path), Quote.single).with_quotes()
     start = Start.now({named: job for own in entries.values() for named, job in own.items()})
     begun = _begun(start)
     how = "off" if jobs[0].launcher == "BasicLauncher" else jobs[0].settings.progress
     for _ in range(LAUNCHES):
         try:
             with Watch(start, how):
-                launch(sweep_job(start), [f"hydra.sweep.dir={first.path}"])
+                launch(sweep_job(start), [f"hydra.sweep.dir={place}"])
         except Exception as error:
             if _begun(start) == begun:
                 raise RunError(

@@ -202,6 +202,17 @@ def test_a_sweep_over_decimals_keeps_its_arms(
         assert f"sweep/baseline gp.mutation_rate_{rate} best fitness mean" in parent.points
 
 
+def test_a_sweep_may_be_started_in_any_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also in one whose name means something to Hydra."""
+    here = tmp_path / "it's a,b=[ä]"
+    here.mkdir()
+    monkeypatch.chdir(here)
+    assert main([*INSTANT, "-m"]) == 0
+    assert [path.name for path in here.iterdir()] == ["runs"]
+
+
 def test_a_run_made_anew_never_takes_the_folder_of_another(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
