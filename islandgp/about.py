@@ -13,7 +13,7 @@ from uuid import uuid4
 from islandgp.settings import Settings
 from islandgp.tracking.files import About
 from islandgp.tracking.folder import RunFolder
-from islandgp.tracking.parameters import MACHINERY
+from islandgp.tracking.parameters import shape
 from islandgp.version import code_version
 
 
@@ -22,15 +22,15 @@ def about_run(
 ) -> About:
     """The same id and start as before, where a run goes on."""
     before = target.about()
-    shape = {key: value for key, value in config.items() if key not in MACHINERY}
-    alike = {key: value for key, value in shape.items() if key not in {"seed", "name"}}
+    shaping = shape(config)
+    alike = {key: value for key, value in shaping.items() if key not in {"seed", "name"}}
     return About(
         id=before.id if before else uuid4().hex,
         title=target.path.name,
         home=str(home),
         command=command,
         started=before.started if before else int(1000 * time()),
-        identity=_hash(shape),
+        identity=_hash(shaping),
         tags={
             "supervisor": settings.supervisor.name,
             "seed": str(settings.seed),

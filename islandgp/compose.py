@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import hashlib
 import re
 import shlex
 from collections.abc import Iterator, Sequence
@@ -21,6 +20,7 @@ from islandgp.config_source import Source
 from islandgp.errors import ConfigError
 from islandgp.mistakes import MISTAKES, explain, parsed, unresolved
 from islandgp.settings import Settings, read_settings
+from islandgp.tracking.digest import ending_in_digest
 from islandgp.tracking.parameters import HIDDEN, MACHINERY, is_secret
 
 NOT_IN_FOLDER: Final = MACHINERY | {
@@ -76,25 +76,29 @@ def read(config: DictConfig) -> tuple[dict[str, Any], Settings]:
 
 
 def run_folder(settings: Settings, overrides: Sequence[str], home: Path) -> Path:
-    """Where a run keeps its records: <runs>/<name>/<supervisor>-seed<n>[-<overrides>]."""
+    """Where a run keeps its records: <runs>/<name>/<supervisor>-seed<n>[-<overrides>].
+
+    Characters that could trouble a shell or a file system become `_`. A name that lost some,
+    or was cut, ends in a digest of the whole, so that different overrides have different names.
+    """
     last = {_key(override): override for override in overrides}  # Hydra takes the last of a key
     words = [
-        re.sub(r"[^A-Za-z0-9._=,+-]+", "_", override)
+        override
         for key, override in last.items()
         if key not in NOT_IN_FOLDER
         and (key.startswith("supervisor.") or _group(key) not in NOT_IN_FOLDER)
         and not is_secret(key)
     ]
     leaf = "-".join([f"{settings.supervisor.name}-seed{settings.seed}", *sorted(words)])
-    return (home / settings.runs / settings.name / _cut(leaf)).resolve()
+    return (home / settings.runs / settings.name / _safe(leaf)).resolve()
 
 
-def _cut(name: str) -> str:
-    """The name, or its beginning and a digest of the whole where it is too long for a folder."""
-    if len(name) <= LONGEST:
+def _safe(name: str) -> str:
+    """The name as a folder's, as `run_folder` says."""
+    safe = re.sub(r"[^A-Za-z0-9._=,+-]+", "_", name)
+    if safe == name and len(name) <= LONGEST:
         return name
-    digest = hashlib.sha256(name.encode()).hexdigest()[:8]
-    return f"{name[: LONGEST - 9]}-{digest}"
+    return ending_in_digest(safe, name, LONGEST)
 
 
 def is_choice(override: str) -> bool:

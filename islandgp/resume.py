@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 from islandgp.errors import RunError
 from islandgp.tracking.folder import RunFolder
 from islandgp.tracking.parameters import MACHINERY
+
+AGAIN: Final = "~"
+"""Before the number of a run that is made anew; no folder that a configuration names holds it."""
 
 
 def choose(folder: RunFolder, resume: str, config: Mapping[str, Any]) -> RunFolder:
@@ -21,7 +24,7 @@ def choose(folder: RunFolder, resume: str, config: Mapping[str, Any]) -> RunFold
         return folder
     if resume == "never":
         n = 2
-        while (path := folder.path.with_name(f"{folder.path.name}.{n}")).exists():
+        while (path := folder.path.with_name(f"{folder.path.name}{AGAIN}{n}")).exists():
             n += 1
         return RunFolder(path)
     changed = differences(folder.configuration(), config)

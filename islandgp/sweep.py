@@ -7,23 +7,24 @@ launched, and also when its process died.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from threading import Event, Thread
 from time import monotonic, sleep
-from typing import Final
+from typing import Any, Final
 
+from hydra.core.override_parser.types import Quote, QuotedString
 from omegaconf import DictConfig
 
 from islandgp.compose import Planned, is_choice
 from islandgp.errors import ConfigError, RunError
-from islandgp.resume import choose
+from islandgp.resume import choose, differences
 from islandgp.sweep_job import sweep_job
 from islandgp.sweep_progress import Start, Watch, written_since
 from islandgp.tracking.brief import brief
 from islandgp.tracking.folder import RunFolder, Status
-from islandgp.tracking.parameters import redacted
+from islandgp.tracking.parameters import redacted, shape
 from islandgp.tracking.summary import arm_lines, arms
 from islandgp.tracking.sweep_folder import SweepFolder, SweepJob
 
@@ -38,7 +39,7 @@ def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
     """Runs the jobs; returns the exit code: 0, 1 when jobs failed, 130 after Ctrl-C.
 
     Raises:
-        ConfigError: two jobs are the same run.
+        ConfigError: two jobs are the same run, or would share a folder.
         RunError: another sweep is at work in the same folder, or the launcher starts no job.
     """
     entries = _entries(jobs)
@@ -73,21 +74,45 @@ There is more than one sweep where the command sweeps over names.
 
 
 def _entries(jobs: Sequence[Planned]) -> Entries:
+    _must_differ(jobs)
     sweeps: dict[Path, dict[Path, SweepJob]] = {}
     for job in jobs:
-        own = sweeps.setdefault(job.folder.parent, {})
-        if job.folder in own:
-            raise ConfigError(
-                "Expected jobs that differ, found two that are the same run:"
-                f" {job.folder.name}; take one of them out of the sweep."
-            )
-        own[job.folder] = _entry(job)
+        sweeps.setdefault(job.folder.parent, {})[job.folder] = _entry(job)
     return {SweepFolder(path): own for path, own in sweeps.items()}
+
+
+def _must_differ(jobs: Sequence[Planned]) -> None:
+    """Raises ConfigError where two jobs are the same run, or would share a folder."""
+    configs: dict[Hashable, Planned] = {}
+    folders: dict[Path, Planned] = {}
+    for job in jobs:
+        same = configs.setdefault(_frozen(shape(redacted(job.config))), job)
+        if same is not job:
+            names = " and ".join(dict.fromkeys([same.folder.name, job.folder.name]))
+            raise ConfigError(
+                f"Expected jobs that differ, found two that are the same run: {names};"
+                " take one of them out of the sweep."
+            )
+        other = folders.setdefault(job.folder, job)
+        if other is not job:
+            changed = differences(redacted(other.config), redacted(job.config))
+            raise ConfigError(
+                f"Expected a folder for each job, found two jobs in {job.folder} that differ in"
+                f" {', '.join(changed)}; give each of them another name=..."
+            )
+
+
+def _frozen(value: Any) -> Hashable:
+    """Plain values as a key to look up: 1 equals 1.0, and None a key that is not there."""
+    if isinstance(value, Mapping):
+        return frozenset((key, _frozen(v)) for key, v in value.items() if v is not None)
+    return tuple(map(_frozen, value)) if isinstance(value, list) else value
 
 
 def _entry(job: Planned) -> SweepJob:
     folder = choose(RunFolder(job.folder), job.settings.resume, redacted(job.config))
     return SweepJob(
+        slot=job.folder.name,
         folder=folder.path.name,
         supervisor=job.settings.supervisor.name,
         seed=job.settings.seed,
@@ -104,13 +129,14 @@ def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> No
         RunError: the launcher has not started any job.
     """
     first = next(iter(entries))
+    place = QuotedString(str(first.path), Quote.single).with_quotes()
     start = Start.now({named: job for own in entries.values() for named, job in own.items()})
     begun = _begun(start)
     how = "off" if jobs[0].launcher == "BasicLauncher" else jobs[0].settings.progress
     for _ in range(LAUNCHES):
         try:
             with Watch(start, how):
-                launch(sweep_job(start), [f"hydra.sweep.dir={first.path}"])
+                launch(sweep_job(start), [f"hydra.sweep.dir={place}"])
         except Exception as error:
             if _begun(start) == begun:
                 raise RunError(

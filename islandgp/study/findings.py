@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from math import inf
+from math import inf, nan
 
 from islandgp.study.arms import Comparison
 from islandgp.study.comparable import paired
@@ -45,6 +45,11 @@ class Finding:
         return any(v is None for sample in self.samples for v in sample)
 
     @property
+    def never(self) -> bool:
+        """Whether it happened in no run of either arm."""
+        return all(v is None for sample in self.samples for v in sample)
+
+    @property
     def numbers(self) -> tuple[list[float], list[float]]:
         """The samples as a rank test takes them; censored runs after the last generation."""
         a, b = (ranks(sample, self.generations) for sample in self.samples)
@@ -60,8 +65,11 @@ class Finding:
     def shift(self) -> Interval:
         """Mean of the first arm minus mean of the second, with its bootstrap interval.
 
-        For emergence it is that of the restricted means: of the generations without one.
+        For emergence it is that of the restricted means: of the generations without one. Nothing
+        is known (nan) where it happened in no run.
         """
+        if self.never:
+            return Interval(nan, nan, nan)
         return bootstrap(self.numbers, mean_difference)
 
 

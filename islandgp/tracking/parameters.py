@@ -20,6 +20,11 @@ def redacted(config: Mapping[str, Any]) -> dict[str, Any]:
     return {str(key): _hidden(str(key), value) for key, value in config.items()}
 
 
+def shape(config: Mapping[str, Any]) -> dict[str, Any]:
+    """The part of a configuration that shapes a run's records: all but MACHINERY."""
+    return {key: value for key, value in config.items() if key not in MACHINERY}
+
+
 def _hidden(key: str, value: Any) -> Any:
     if isinstance(value, Mapping):
         return redacted(value)

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from getpass import getuser
 from pathlib import Path
+from typing import Final
 
 from filelock import FileLock
 
 from islandgp.tracking.chart import svg
+from islandgp.tracking.digest import ending_in_digest
 from islandgp.tracking.folder import Status
 from islandgp.tracking.sent import LOCK, Sent, read_sent, write_sent
 from islandgp.tracking.store import POINTS, Store, metric
 from islandgp.tracking.summary import Arm, arm_table, arms, curves_csv, panels, sweep_note
 from islandgp.tracking.sweep_folder import SweepFile, SweepFolder
+
+LONGEST: Final = 180  # characters of an arm's name in a metric's; MLflow takes 250 for the whole
 
 
 def parent_run(folder: Path, store: Store) -> str | None:
@@ -105,11 +110,11 @@ def _curves(run: str, store: Store, found: list[Arm], at: int) -> None:
 
 
 def _points(found: list[Arm]) -> Iterator[tuple[str, float, int]]:
-    for arm in found:
+    for arm, name in zip(found, metric_names([arm.name for arm in found]), strict=True):
         for curve in arm.curves:
             for step, (mean, sd) in enumerate(zip(curve.mean, curve.sd, strict=True)):
-                yield f"sweep/{_safe(arm.name)} {curve.name} mean", mean, step
-                yield f"sweep/{_safe(arm.name)} {curve.name} sd", sd, step
+                yield f"sweep/{name} {curve.name} mean", mean, step
+                yield f"sweep/{name} {curve.name} sd", sd, step
 
 
 def _texts(
@@ -129,6 +134,16 @@ def _ended(sweep: SweepFolder, file: SweepFile) -> int:
     records = (sweep.path / job.folder / "generations.jsonl" for job in file.jobs)
     times = [int(1000 * path.stat().st_mtime) for path in records if path.exists()]
     return max(times, default=file.started)
+
+
+def metric_names(arms: Sequence[str]) -> list[str]:
+    """What the arms are called in metrics: each differently, LONGEST characters at most."""
+    safe = [_safe(arm) for arm in arms]
+    often = Counter(safe)
+    return [
+        name if often[name] == 1 and len(name) <= LONGEST else ending_in_digest(name, arm, LONGEST)
+        for arm, name in zip(arms, safe, strict=True)
+    ]
 
 
 def _safe(name: str) -> str:

@@ -143,7 +143,7 @@ def arm_rows(found: Sequence[Arm]) -> list[tuple[str, ...]]:
 def arm_table(found: Sequence[Arm]) -> str:
     """The rows in Markdown."""
     rows = arm_rows(found)
-    lines = ["| " + " | ".join(row) + " |" for row in rows]
+    lines = ["| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |" for row in rows]
     return "\n".join([lines[0], "|---" * len(rows[0]) + "|", *lines[1:]]) + "\n"
 
 
@@ -156,14 +156,15 @@ def arm_lines(found: Sequence[Arm]) -> str:
 
 
 def _row(arm: Arm, tiers: Sequence[str]) -> tuple[str, ...]:
+    name = " ".join(arm.name.split())  # a quoted text may hold line breaks
     finished = f"{len(arm.finished)} of {len(arm.jobs)}"
     if not arm.summaries:
-        return (arm.name, finished, "", *("" for _ in tiers), "")
+        return (name, finished, "", *("" for _ in tiers), "")
     best = [s["champion"]["record"]["fitness"] for s in arm.summaries]
     spread = f" ± {stdev(best):,.0f}" if len(best) > 1 else ""
     diversity = fmean(s["mean_diversity"] for s in arm.summaries)
     return (
-        arm.name,
+        name,
         finished,
         f"{fmean(best):,.0f}{spread}",
         *(_emergence(arm, tier) for tier in tiers),

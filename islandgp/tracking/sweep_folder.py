@@ -8,7 +8,6 @@ tracking.json   the MLflow run that is the parent of all of them
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -27,7 +26,8 @@ from islandgp.tracking.folder import RunFolder, Status, locked
 class SweepJob:
     """One job of a sweep."""
 
-    folder: str  # the run's folder inside the sweep's
+    slot: str  # the folder that its configuration names; "" in files of earlier versions
+    folder: str  # the run's folder inside the sweep's: the slot, or a new one beside it
     supervisor: str
     seed: int
     choices: tuple[str, ...]  # its overrides but the seed, as key=value
@@ -47,12 +47,8 @@ class SweepFile:
     def arm(self, job: SweepJob) -> str:
         """What a job has in common with those that differ from it by the seed only."""
         everywhere = set.intersection(*(set(j.choices) for j in self.jobs))
-        own = [
-            c
-            for c in job.choices
-            if c not in everywhere and not c.startswith(("supervisor=", "name="))
-        ]
-        return " ".join([job.supervisor, *own])
+        own = {*job.choices} - everywhere - {f"supervisor={job.supervisor}"}
+        return " ".join([job.supervisor, *sorted(own)])
 
     def arms(self) -> dict[str, list[SweepJob]]:
         """The jobs by arm."""
@@ -91,9 +87,8 @@ class SweepFolder:
 
     def _add(self, command: str, jobs: Sequence[SweepJob]) -> None:
         old = self.read() or SweepFile(uuid4().hex, int(1000 * time()), (), ())
-        new = {_slot(job): job for job in (*old.jobs, *jobs)}
         commands = (*(c for c in old.commands if c != command), command)
-        file = SweepFile(old.id, old.started, commands, tuple(new.values()))
+        file = SweepFile(old.id, old.started, commands, _merged(old.jobs, jobs))
         write_atomic(self.path / "sweep.json", (json.dumps(asdict(file), indent=1) + "\n").encode())
 
     def close(self) -> None:
@@ -111,7 +106,10 @@ class SweepFolder:
             return None
         try:
             plain = json.loads(path.read_text(encoding="utf-8"))
-            jobs = tuple(SweepJob(**{**j, "choices": tuple(j["choices"])}) for j in plain["jobs"])
+            jobs = tuple(
+                SweepJob(**{"slot": "", **job, "choices": tuple(job["choices"])})
+                for job in plain["jobs"]
+            )
             return SweepFile(**{**plain, "commands": tuple(plain["commands"]), "jobs": jobs})
         except (ValueError, KeyError, TypeError) as error:
             raise RunError(
@@ -139,6 +137,16 @@ class SweepFolder:
         return Status.FINISHED
 
 
-def _slot(job: SweepJob) -> str:
-    """Jobs of one slot replace each other, as `resume=never` makes `expert-seed0.2`."""
-    return re.sub(r"\.\d+$", "", job.folder)
+def _merged(old: Sequence[SweepJob], new: Sequence[SweepJob]) -> tuple[SweepJob, ...]:
+    """All jobs, a new one in the place of the old one of its slot.
+
+    An old job without a slot has that of the new job that is the same, or else its own folder.
+    """
+    slots = {_what(job): job.slot for job in new}
+    placed = {job.slot or slots.get(_what(job), job.folder): job for job in old}
+    return tuple((placed | {job.slot: job for job in new}).values())
+
+
+def _what(job: SweepJob) -> tuple[str, int, frozenset[str]]:
+    """What a job was asked to be."""
+    return job.supervisor, job.seed, frozenset(job.choices)

@@ -122,7 +122,7 @@ def test_resume_never_takes_a_new_folder(here: Path) -> None:
     assert main([*INSTANT, "resume=never"]) == 0
     assert main([*INSTANT, "resume=never"]) == 0
     first, second, third = leaf(here)
-    assert (second, third) == (f"{first}.2", f"{first}.3")
+    assert (second, third) == (f"{first}~2", f"{first}~3")
     records = [
         (here / "runs/default" / name / "generations.jsonl").read_bytes() for name in leaf(here)
     ]

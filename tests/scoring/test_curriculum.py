@@ -5,7 +5,9 @@ from __future__ import annotations
 import pytest
 from pydantic import ValidationError
 
+from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.scoring.curriculum import Curriculum
+from islandgp.scoring.rewards import worth
 from tests.composed import composed
 
 EPOCHS = [
@@ -38,7 +40,37 @@ def test_flat() -> None:
     """`curriculum=flat` has one stage in which everything counts once."""
     flat = composed("curriculum=flat").curriculum
     assert {flat.stage(g) for g in range(50)} == {0}
-    assert set(flat.multipliers(0).model_dump().values()) == {1.0}
+    assert set(flat.multipliers(0).values()) <= {1.0}
+
+
+def test_a_component_that_is_not_named_counts_once() -> None:
+    """Table 2 has five columns; the other components are not weighted."""
+    few = {"generations_per_epoch": 5, "stages": [{"epochs": [1, 2], "multipliers": {"delivery": 3}}]}
+    weights = Curriculum.model_validate(few).multipliers(0)
+    assert weights == {"delivery": 3}
+    value = worth(composed().rewards, weights)
+    assert value("delivery", 10) == ("delivery", 1200)  # 3 * (100 + 10 * 30)
+    assert value("pickup", 1) == ("garbage", 300)
+
+
+@pytest.mark.parametrize("multiplier", [-1, float("nan"), float("inf")])
+def test_multipliers_that_cannot_be(multiplier: float) -> None:
+    """A multiplier turns no reward into a penalty, and is a number."""
+    stage = {"epochs": [1, 2], "multipliers": {"garbage": multiplier}}
+    with pytest.raises(ValidationError, match="garbage"):
+        Curriculum.model_validate({"generations_per_epoch": 5, "stages": [stage]})
+
+
+def test_unknown_components_are_told_with_their_path() -> None:
+    """Which components there are is the domain's."""
+    stages = [
+        {"epochs": [1, 2], "multipliers": {"garbage": 1}},
+        {"epochs": [3, 4], "multipliers": {"garbage": 1, "trash": 2}},
+    ]
+    found = Curriculum.model_validate({"generations_per_epoch": 5, "stages": stages})
+    (line,) = found.faults(SCHEMA)
+    assert line.startswith("curriculum.stages.1.multipliers.trash: expected one of garbage, ")
+    assert line.endswith(", found 'trash'")
 
 
 @pytest.mark.parametrize(

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from islandgp.scoring.classify import Specialist
-from islandgp.scoring.diversity import diversity, working_ratio
-from tests.made import outcome
+from islandgp.domain import Outcome
+from islandgp.scoring.classes import judge
+from islandgp.scoring.snapshot import diversity, measure
+from tests.made import CLASSES, outcome
 
-PATROL, PICKUP, HUMANOID, BALANCED = Specialist
+PATROL, PICKUP, HUMANOID, BALANCED = CLASSES.specialist_names
 
 
 @pytest.mark.parametrize(
@@ -23,9 +24,18 @@ PATROL, PICKUP, HUMANOID, BALANCED = Specialist
         ([PATROL] * 8 + [PICKUP] * 8 + [HUMANOID] * 7 + [BALANCED] * 7, 22 / 30),
     ],
 )
-def test_diversity(classes: list[Specialist], expected: float) -> None:
+def test_diversity(classes: list[str], expected: float) -> None:
     """Eq. (3): one minus the share of the largest class."""
     assert diversity(classes) == pytest.approx(expected)
+
+
+def working_ratio(outcomes: list[Outcome]) -> float:
+    """Eq. (4) of a population."""
+    verdicts = [judge(o, CLASSES) for o in outcomes]
+    sizes = [1] * len(outcomes)
+    return measure(
+        outcomes, verdicts, sizes, CLASSES, generation=0, epoch=1, stage=0, rate=0.4
+    ).working
 
 
 def test_working_ratio() -> None:

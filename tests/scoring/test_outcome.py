@@ -1,50 +1,25 @@
-"""From an episode's events to an individual's outcome."""
+"""From several episodes to an individual's outcome."""
 
 from __future__ import annotations
 
 import pytest
 
-from islandgp.island.episode import Ending, Episode
-from islandgp.island.journal import Event
-from islandgp.scoring.outcome import combine
-from islandgp.scoring.outcome import outcome as outcome_of
-from tests.composed import composed
-from tests.made import outcome
+from islandgp.evolution.evaluate import combine
+from tests.made import NOTHING, outcome
 
 
-def test_outcome_counts_events() -> None:
-    """Pickups, interactions, deliveries and charges are counted, items are added up."""
-    episode = Episode(
-        events=(
-            (1, Event.PICKUP, 1),
-            (2, Event.PICKUP, 1),
-            (3, Event.INTERACTION, 7),
-            (4, Event.DELIVERY, 9),
-            (5, Event.EMPTY_DELIVERY, 1),
-            (6, Event.CHARGE, 30.0),
-            (7, Event.COLLISION, 1),
-            (10, Event.LEFTOVER, 100),
-        ),
-        steps=10,
-        ending=Ending.STAGNATION,
-        fitness=0.0,
-        battery=12.5,
-        distance=80.0,
-        inactive=0.4,
-        laps=2,
-        ticks=10,
-    )
-    settings = composed()
-    found = outcome_of(
-        episode, settings.rewards, settings.curriculum.multipliers(0), seconds_per_step=0.1
-    )
-    assert (found.pickups, found.interactions, found.deliveries) == (2, 1, 1)
-    assert (found.charges, found.collisions) == (1, 1)
-    assert (found.gathered, found.delivered) == (9, 9)
-    assert (found.battery, found.distance, found.inactive, found.laps) == (12.5, 80, 0.4, 2)
-    assert (found.seconds, found.endings) == (1.0, ("stagnation",))
-    # 2 * 600 + 1.5 * 675 + (370 - 150) + 200 - 500 - 0.8 * 2000
-    assert found.fitness == sum(found.components) == pytest.approx(532.5)
+def test_fitness_is_the_sum_of_the_components() -> None:
+    """Eq. (1)."""
+    assert NOTHING.fitness == 0
+    assert outcome(components={"garbage": 3.5, "idle": -1.0}).fitness == 2.5
+
+
+def test_measure() -> None:
+    """A counter or the fitness by name; any other name is an error, a component's too."""
+    found = outcome(7.0, pickups=2)
+    assert (found.measure("fitness"), found.measure("pickups")) == (7, 2)
+    with pytest.raises(KeyError):
+        found.measure("garbage")
 
 
 def test_combine_one() -> None:
@@ -57,10 +32,12 @@ def test_combine_is_the_mean() -> None:
     """Several episodes give the mean of each number, and all endings."""
     found = combine(
         [
-            outcome(fitness=10.0, components=(1.0,) * 8, pickups=1.0, endings=("time",)),
-            outcome(fitness=30.0, components=(4.0,) * 8, pickups=0.0, endings=("shutdown",)),
+            outcome(components={"garbage": 6.0, "idle": 4.0}, pickups=1, seconds=420),
+            outcome(components={"garbage": 31.0, "idle": -1.0}, seconds=60, endings=("shutdown",)),
         ]
     )
-    assert (found.fitness, found.pickups, found.battery) == (20, 0.5, 50)
-    assert found.components == (2.5,) * 8
+    assert (found.fitness, found.seconds) == (20, 240)
+    assert (found.counters["pickups"], found.counters["battery"]) == (0.5, 50)
+    assert (found.components["garbage"], found.components["idle"]) == (18.5, 1.5)
+    assert found.components.keys() == NOTHING.components.keys()
     assert found.endings == ("time", "shutdown")

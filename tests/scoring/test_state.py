@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from islandgp.scoring.snapshot import BEHAVIOURS, behaviours, measure
+from islandgp.scoring.classes import judge
+from islandgp.scoring.snapshot import measure
 from islandgp.scoring.state import stagnant, trend
-from tests.composed import composed
-from tests.made import outcome, snapshot, state
+from tests.made import CLASSES, outcome, snapshot, state
 
 
 @pytest.mark.parametrize(
@@ -58,17 +58,6 @@ def test_a_new_stage_counts_afresh() -> None:
     assert found == [0, 1, 0, 1, 2, 0, 0]
 
 
-def test_behaviours() -> None:
-    """The class, unless it is patrol-only, and the labels, in the order of BEHAVIOURS."""
-    classes = composed().classes
-    assert behaviours(outcome(), classes) == ()
-    assert behaviours(outcome(charges=1), classes) == ("charging",)
-    everything = outcome(pickups=2, interactions=2, charges=1, deliveries=1)
-    assert behaviours(everything, classes) == ("balanced", "charging", "clearing")
-    assert behaviours(outcome(interactions=1), classes) == ("humanoid",)
-    assert set(BEHAVIOURS) == {"pickup", "humanoid", "balanced", "charging", "clearing"}
-
-
 def test_measure() -> None:
     """A population of four in numbers, worked by hand."""
     outcomes = [
@@ -78,8 +67,9 @@ def test_measure() -> None:
         outcome(fitness=20000, pickups=2, interactions=1, deliveries=1, charges=1, gathered=9,
                 distance=400, inactive=40),
     ]  # fmt: skip
+    verdicts = [judge(o, CLASSES) for o in outcomes]
     found = measure(
-        outcomes, [3, 5, 7, 9], composed().classes, generation=12, epoch=3, stage=1, rate=0.3
+        outcomes, verdicts, [3, 5, 7, 9], CLASSES, generation=12, epoch=3, stage=1, rate=0.3
     )
     assert (found.generation, found.epoch, found.stage, found.rate) == (12, 3, 1, 0.3)
     assert (found.best, found.mean) == (20000, 5175)
@@ -90,7 +80,9 @@ def test_measure() -> None:
     assert found.specialists == {"patrol_only": 1, "pickup": 1, "humanoid": 1, "balanced": 1}
     assert found.doing == {"pickup": 2, "humanoid": 2, "clearing": 2, "charging": 2}
     assert found.tiers == {"excellent": 0, "complete": 1, "full_service": 1, "balanced_elite": 1}
-    assert (found.distance, found.inactive, found.size) == (250, 25, 6)
+    means = found.counters
+    assert (means["distance"], means["inactive"], means["pickups"], found.size) == (250, 25, 1.25, 6)
+    assert list(means) == list(outcomes[0].counters)
 
 
 def test_state_of_the_first_generation() -> None:
@@ -117,12 +109,22 @@ def test_state_after_seven_generations() -> None:
     assert found.diversity_change == pytest.approx(-0.0625)
     assert found.diversity_trend == pytest.approx(-0.0625)
     assert (found.stagnant_generations, found.stagnant_epochs) == (6, 1.2)
-    assert (found.ever_complete, found.ever_excellent) == (True, True)
+    assert found.reached == {"complete": True, "excellent": True}
+    assert (found.quality, found.ever_quality) == (0, True)
     assert (found.dominant, found.mutation_rate) == ("patrol_only", 0.4)
 
 
+def test_milestones() -> None:
+    """`reached` is of the whole history, `quality` of the first milestone and the present."""
+    found = state([snapshot(0, complete=1), snapshot(1, complete=3)])
+    assert found.reached == {"complete": True, "excellent": False}
+    assert (found.quality, found.ever_quality) == (3, True)
+    assert (state([snapshot(0)]).quality, state([snapshot(0)]).ever_quality) == (0, False)
+    assert found.targets == CLASSES.targets
+
+
 def test_lacking_is_sorted() -> None:
-    """Behaviours stand by rising number of individuals; equals keep Table 5's order."""
+    """Behaviours stand by rising number of individuals, equals in the order of configuration."""
     doing = {"pickup": 9, "humanoid": 2, "clearing": 0, "charging": 2}
     found = state([snapshot(0, doing=doing, diversity=0.29)])
     assert found.lacking == ("clearing", "humanoid", "charging", "pickup")

@@ -9,7 +9,7 @@ import pytest
 from islandgp.errors import RunError
 from islandgp.tracking.folder import Status
 from islandgp.tracking.mirror import Mirror
-from islandgp.tracking.parent import parent_run, send_sweep
+from islandgp.tracking.parent import metric_names, parent_run, send_sweep
 from islandgp.tracking.sent import read_sent
 from islandgp.tracking.store import Store
 from islandgp.tracking.summary import arm_table, arms
@@ -17,9 +17,12 @@ from islandgp.tracking.sweep_folder import SweepFile, SweepFolder, SweepJob
 from tests.tracking.folders import begun, written
 
 
-def job(folder: str, *choices: str, seed: int = 0, supervisor: str = "baseline") -> SweepJob:
-    """An entry of sweep.json."""
-    return SweepJob(folder, supervisor, seed, choices, 5, f"python -m islandgp {folder}")
+def job(
+    folder: str, *choices: str, seed: int = 0, supervisor: str = "baseline", slot: str = ""
+) -> SweepJob:
+    """An entry of sweep.json; without a slot the folder is the one that its configuration names."""
+    command = f"python -m islandgp {folder}"
+    return SweepJob(slot or folder, folder, supervisor, seed, choices, 5, command)
 
 
 def opened(path: Path, *jobs: SweepJob, command: str = "python -m islandgp -m") -> SweepFolder:
@@ -50,9 +53,10 @@ def send(sweep: SweepFolder, store: Store) -> str:
 def test_later_commands_add_their_jobs(tmp_path: Path) -> None:
     """The same job again is one job, and a new folder for it takes its place."""
     opened(tmp_path / "s", job("a-seed0"), job("a-seed1"), command="first")
-    sweep = opened(tmp_path / "s", job("a-seed1.2"), job("a-seed2"), command="second")
+    again = job("a-seed1~2", slot="a-seed1")
+    sweep = opened(tmp_path / "s", again, job("a-seed2"), command="second")
     file = file_of(sweep)
-    assert [entry.folder for entry in file.jobs] == ["a-seed0", "a-seed1.2", "a-seed2"]
+    assert [entry.folder for entry in file.jobs] == ["a-seed0", "a-seed1~2", "a-seed2"]
     assert file.commands == ("first", "second")
 
 
@@ -80,6 +84,33 @@ def test_arms_are_told_apart_by_what_differs_besides_the_seed(tmp_path: Path) ->
         "baseline gp.episodes=2": ["2"],
         "expert gp.episodes=1": ["3"],
     }
+
+
+def test_the_order_of_a_commands_overrides_does_not_matter(tmp_path: Path) -> None:
+    """Seeds that a later command adds in another order are in the same arm."""
+    first, second = ("gp.population=8", "gp.episodes=1"), ("gp.episodes=1", "gp.population=8")
+    sweep = opened(tmp_path / "s", job("1", *first), job("2", *second, seed=1), job("3"))
+    arms = {name: len(own) for name, own in file_of(sweep).arms().items()}
+    assert arms == {"baseline gp.episodes=1 gp.population=8": 2, "baseline": 1}
+
+
+def test_arms_have_metrics_of_their_own() -> None:
+    """Names that MLflow could not tell apart, or would not take, end in a digest."""
+    long = "baseline supervisor.policy.record=" + "x" * 300
+    names = metric_names(["baseline a=1", "baseline a=x/y", "baseline a=x,y", long])
+    assert names[0] == "baseline a_1"
+    assert [name[:-8] for name in names[1:3]] == ["baseline a_x_y-"] * 2
+    assert len(set(names)) == 4
+    assert len(names[3]) == 180
+
+
+def test_an_arm_is_one_row_of_the_table(tmp_path: Path) -> None:
+    """Also where a text in its name holds a bar or a line break."""
+    sweep = opened(tmp_path / "s", job("1", 'a="x|\ny"'), job("2", "a=z"))
+    head, _, *rows = arm_table(arms(sweep, file_of(sweep))).splitlines()
+    assert len(rows) == 2
+    assert rows[0].startswith(r'| baseline a="x\| y" | 0 of 1 |')
+    assert rows[0].replace(r"\|", "").count("|") == head.count("|")
 
 
 def test_a_sweeps_status_is_that_of_its_jobs(tmp_path: Path) -> None:

@@ -1,31 +1,74 @@
-"""The champions: fitness by component, and fitness on unseen worlds."""
+"""Individuals: how many show a behaviour (Table 13), and the champions of the runs."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from statistics import fmean
 
-from islandgp.scoring.rewards import Component
+from islandgp.scoring.classes import Classes
+from islandgp.scoring.snapshot import Snapshot
 from islandgp.study.arms import Comparison
 from islandgp.study.generalise import Generalisation
 from islandgp.study.notation import NONE, number, p_is, spread
+from islandgp.study.paper import Paper
 from islandgp.study.statistics import mean_sd, rank_test
 from islandgp.study.table import Table
+from islandgp.study.tables.comparisons import footnotes, published
+from islandgp.supervision.state_json import title
+
+
+def specialists_table(study: Comparison) -> Table:
+    """Table 13: how many individuals show a behaviour, over all generations of all runs."""
+    classes = study.classes
+    labels = [name for name in classes.behaviours if name not in classes.specialists.of]
+    rows = []
+    for name in classes.behaviours:
+        cells = [title(name)]
+        for arm in study.arms:
+            counts = [shown(name, s, classes) for run in arm.runs for s in run.snapshots]
+            cells += [spread(*mean_sd(counts), 1), f"{min(counts)}-{max(counts)}"]
+        rows.append((*cells, *_published_count(study.paper, name)))
+    columns = [f"{arm.name}{what}" for arm in study.arms for what in (" mean ± SD", " range")]
+    sizes = " and ".join(
+        sorted({str(run.flat.get("gp.population")) for arm in study.arms for run in arm.runs})
+    )
+    note = f"{_list(classes.specialists.of)}: individuals of that exclusive class."
+    if labels:
+        note += f" {_list(labels)}: labels that any individual can carry."
+    return Table(
+        "table-13",
+        f"Table 13. Specialists in a population of {sizes}",
+        ("Type", *columns, *published(study.paper, ("mean ± SD", "range"))),
+        tuple(rows),
+        (f"{note} SD over all generations of all runs.", *footnotes(study.paper)),
+    )
+
+
+def shown(behaviour: str, s: Snapshot, classes: Classes) -> int:
+    """Individuals of a behaviour's exclusive class, or with its label where it has no class."""
+    return (s.specialists if behaviour in classes.specialists.of else s.doing)[behaviour]
+
+
+def _published_count(paper: Paper | None, behaviour: str) -> tuple[str, ...]:
+    if paper is None:
+        return ()
+    if (row := paper.specialists.get(behaviour)) is None:
+        return NONE, NONE
+    return spread(row.mean, row.sd, 1), f"{row.least}-{row.most}"
+
+
+def _list(names: Sequence[str]) -> str:
+    return " and ".join(map(title, names))
 
 
 def components_table(study: Comparison) -> Table:
     """Where the champions' fitness comes from, Eq. (1)."""
+    champions = [[run.champion.record for run in arm.runs] for arm in study.arms]
     rows = [
-        (
-            component.name.capitalize(),
-            *(
-                spread(*mean_sd([r.champion.record.components[component] for r in arm.runs]))
-                for arm in study.arms
-            ),
-        )
-        for component in Component
+        (title(name), *(spread(*mean_sd([r.components[name] for r in mine])) for mine in champions))
+        for name in champions[0][0].components
     ]
-    total = [spread(*mean_sd([r.champion.record.fitness for r in a.runs])) for a in study.arms]
+    total = [spread(*mean_sd([r.fitness for r in mine])) for mine in champions]
     return Table(
         "components",
         "Fitness of the champions by component (points)",
@@ -45,10 +88,13 @@ def generalisation_table(found: Sequence[Generalisation], worlds: int) -> Table:
         f"Each run's champion in the same {worlds} worlds that no run used, in the last stage of"
         " the curriculum. 'Trained' is the fitness that made it champion, in one world and perhaps"
         " under an earlier stage's multipliers. ± is over runs.",
-        "The yardsticks are trees of grammar/examples, by file name: all_rounder, written by hand"
-        " to be good at everything, and the one that the supervisors injected most often. They"
-        " meet the champions' worlds, and more of them where those are few.",
     ]
+    if len(champions) < len(rows):
+        notes.append(
+            "The yardsticks are trees of the library, by file name: those that library.yardsticks"
+            " names, and the one that the supervisors injected most often. They meet the"
+            " champions' worlds, and more of them where those are few."
+        )
     samples = [(arm, [g.unseen for g in mine]) for arm, mine in champions.items()]
     real = [(arm, values) for arm, values in samples if len(values) > 1]
     for i, (a, x) in enumerate(real):
@@ -65,11 +111,10 @@ def generalisation_table(found: Sequence[Generalisation], worlds: int) -> Table:
             "Trees",
             "number",
             "worlds",
-            "trained",
-            "unseen",
-            "worst world",
-            "Complete in",
-            "Excellent in",
+            "trained (points)",
+            "unseen (points)",
+            "worst world (points)",
+            *(f"{title(tier)} in" for tier in found[0].reached),
         ),
         tuple(rows),
         tuple(notes),
@@ -85,6 +130,5 @@ def _generalisation_row(arm: str, mine: Sequence[Generalisation]) -> tuple[str, 
         spread(*mean_sd(trained)) if trained else NONE,
         spread(*mean_sd([g.unseen for g in mine])) if len(mine) > 1 else number(mine[0].unseen),
         number(min(g.worst for g in mine)),
-        f"{fmean(g.complete for g in mine):.0%} of the worlds",
-        f"{fmean(g.excellent for g in mine):.0%} of the worlds",
+        *(f"{fmean(g.reached[tier] for g in mine):.0%} of the worlds" for tier in mine[0].reached),
     )

@@ -1,28 +1,32 @@
-"""Table 11: first emergence for two arms, and run by run."""
+"""Table 11: first emergence of each milestone for two arms, and run by run."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import zip_longest
 
-from islandgp.scoring.classify import Tier
-from islandgp.study import paper
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.emergence import Summary, first, reduction, summary
 from islandgp.study.findings import Finding
 from islandgp.study.notation import NONE, interval, number, percent, probability, spread
-from islandgp.study.paper import MARK
+from islandgp.study.paper import Paper
 from islandgp.study.table import Table
-from islandgp.study.tables.cells import SIGNS, TESTS, rank_cells
+from islandgp.study.tables.comparisons import SIGNS, TESTS, footnotes, published, rank_cells
+from islandgp.supervision.state_json import title
+
+PAPER_GENERATIONS = 41  # of the runs of Table 11
 
 
-def emergence_table(key: str, title: str, findings: Sequence[Finding], *, family: int) -> Table:
-    """Section 3.4 for one pair of arms: when Complete and Excellent Robots came first."""
+def emergence_table(
+    key: str, heading: str, findings: Sequence[Finding], paper: Paper | None, *, family: int
+) -> Table:
+    """Section 3.4 for one pair of arms: when the first robot of each milestone came."""
     a, b = findings[0].arms
-    rows = [_emergence_row(f) for f in findings]
     notes = [
         SIGNS.format(n=family),
         "'Without one' is the mean number of generations lived through without one, over all runs"
-        " (restricted mean); its difference has a bootstrap interval.",
+        " (restricted mean); its difference has a bootstrap interval. 'all' and a number: no run"
+        " of the arm had one in all its generations.",
     ]
     if any(f.censored for f in findings):
         notes.append(
@@ -32,7 +36,7 @@ def emergence_table(key: str, title: str, findings: Sequence[Finding], *, family
         )
     return Table(
         key,
-        title,
+        heading,
         (
             "Tier",
             a,
@@ -44,78 +48,106 @@ def emergence_table(key: str, title: str, findings: Sequence[Finding], *, family
             *TESTS[1:],
             "log-rank p",
             "log-rank p BH",
-            f"{MARK} proposed",
-            f"{MARK} baseline",
-            f"{MARK} earlier by",
-            f"{MARK} p BH",
+            *published(paper, ("proposed", "baseline", "earlier by", "p BH")),
         ),
-        tuple(rows),
-        (*notes, paper.NOTE),
+        tuple((*_ours(f), *_theirs(paper, f.measure.key)) for f in findings),
+        (*notes, *footnotes(paper)),
     )
 
 
-def _emergence_row(f: Finding) -> tuple[str, ...]:
+def _ours(f: Finding) -> tuple[str, ...]:
     first, second = (summary(sample, f.generations) for sample in f.samples)
     earlier = reduction(first, second)
-    theirs = [summary(sample, 41) for sample in paper.TABLE_11[f.measure.key]]
-    share, p_bh = paper.EMERGENCE[f.measure.key]
     return (
         f.measure.label,
         when(first),
         when(second),
-        number(first.watched, 1),
-        number(second.watched, 1),
+        without(first),
+        without(second),
         interval(f.shift, 1),
         NONE if earlier is None else f"{percent(earlier[0]).lstrip('+')} ({earlier[1]})",
         *rank_cells(f),
         probability(f.log_rank),
         probability(f.log_rank_q),
-        *(when(s) for s in theirs),
-        percent(share).lstrip("+"),
-        probability(p_bh),
+    )
+
+
+def _theirs(paper: Paper | None, key: str) -> tuple[str, ...]:
+    if paper is None:
+        return ()
+    if (row := paper.emergence.get(key.removeprefix("first_"))) is None:
+        return (NONE,) * 4
+    return (
+        when(summary(row.proposed, PAPER_GENERATIONS)),
+        when(summary(row.baseline, PAPER_GENERATIONS)),
+        percent(row.earlier).lstrip("+"),
+        probability(row.p_bh),
     )
 
 
 def when(s: Summary) -> str:
     """An arm's time to emergence in a cell."""
+    if s.never:
+        return f"never in {s.runs} runs"
     if s.mean is not None and s.sd is not None:
         return f"{spread(s.mean, s.sd, 1)}, median {number(s.median, 1)}"
-    median_text = "not reached" if s.median is None else number(s.median, 1)
-    return f"median {median_text}, {s.emerged} of {s.runs} runs"
+    middle = "not reached" if s.median is None else number(s.median, 1)
+    return f"median {middle}, {s.emerged} of {s.runs} runs"
+
+
+def without(s: Summary) -> str:
+    """The mean number of generations without one; "all" of them where there never was one."""
+    return f"all {s.watched:g}" if s.never else number(s.watched, 1)
 
 
 def runs_table(study: Comparison) -> Table:
-    """Table 11: the generation of the first Complete and Excellent Robot in each run."""
-    tiers = (Tier.COMPLETE, Tier.EXCELLENT)
+    """Table 11: the generation of the first robot of each milestone in each run."""
+    tiers = study.milestones
     seeds = sorted({seed for arm in study.arms for seed in arm.seeds})
     rows = [
         (str(seed), *(_firsts(arm, seed, tier) for arm in study.arms for tier in tiers))
         for seed in seeds
     ]
-    columns = [f"{arm.name}: {tier.value}" for arm in study.arms for tier in tiers]
-    theirs = [
-        f"{MARK} {who}: {tier}"
-        for who in ("proposed", "baseline")
-        for tier in ("complete", "excellent")
-    ]
-    complete, excellent = paper.TABLE_11["first_complete"], paper.TABLE_11["first_excellent"]
-    printed = list(zip(complete[0], excellent[0], complete[1], excellent[1], strict=True))
-    padded = [*(tuple(map(str, row)) for row in printed), *[("",) * 4] * len(rows)]
-    return Table(
-        "table-11-runs",
-        "Table 11. Generation of the first Complete and the first Excellent Robot, run by run",
-        ("Seed", *columns, *theirs),
-        tuple((*row, *beside) for row, beside in zip(rows, padded, strict=False)),
-        (
-            "Generations count from 0, the initial population. 'never': none up to the last"
-            f" generation, {study.generations - 1}; such a run is censored, not dropped.",
+    heads = [f"{who}: {title(tier)}" for who in ("proposed", "baseline") for tier in tiers]
+    notes: tuple[str, ...] = (
+        "Generations count from 0, the initial population. 'never': none up to the last"
+        f" generation, {study.generations - 1}; such a run is censored, not dropped.",
+    )
+    if study.paper:
+        notes += (
             "The paper's five runs stand beside the first rows in its order; they share nothing"
             " with the seeds there.",
-            paper.NOTE,
+        )
+    return Table(
+        "table-11-runs",
+        "Table 11. Generation of the first"
+        f" {' and the first '.join(map(title, tiers))} Robot, run by run",
+        (
+            "Seed",
+            *(f"{arm.name}: {title(tier)}" for arm in study.arms for tier in tiers),
+            *published(study.paper, heads),
         ),
+        tuple(_beside(rows, study.paper, tiers)),
+        (*notes, *footnotes(study.paper)),
     )
 
 
-def _firsts(arm: Arm, seed: int, tier: Tier) -> str:
+def _beside(
+    rows: Sequence[tuple[str, ...]], paper: Paper | None, tiers: Sequence[str]
+) -> list[tuple[str, ...]]:
+    """The rows, the first of them with the paper's runs beside them."""
+    if paper is None:
+        return list(rows)
+    found = [paper.emergence.get(tier) for tier in tiers]
+    columns = [
+        *(row.proposed if row else () for row in found),
+        *(row.baseline if row else () for row in found),
+    ]
+    theirs = [tuple(map(str, row)) for row in zip_longest(*columns, fillvalue="")]
+    empty = ("",) * len(columns)
+    return [(*row, *(theirs[k] if k < len(theirs) else empty)) for k, row in enumerate(rows)]
+
+
+def _firsts(arm: Arm, seed: int, tier: str) -> str:
     found = [first(run, tier) for run in arm.runs if run.seed == seed]
     return ", ".join("never" if g is None else str(g) for g in found) or NONE

@@ -1,18 +1,121 @@
-"""Where champions come from, beside how common an injected ancestor is around them."""
+"""Descent: what became of newcomers, where the first robots and the champions come from."""
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from statistics import fmean
 from typing import Final
 
-from islandgp.study.ancestry import BRED, HEIR, RANDOM, provenance
+from islandgp.evolution.population import Origin
 from islandgp.study.arms import Arm, Comparison
-from islandgp.study.lineage import final_elite, injected_shares
+from islandgp.study.emergence import first
+from islandgp.study.lineage import (
+    BRED,
+    HEIR,
+    RANDOM,
+    Descent,
+    Newcomer,
+    alive,
+    descent_of_first,
+    elite_share,
+    final_elite,
+    injected_shares,
+    median_life,
+    newcomers,
+    provenance,
+)
+from islandgp.study.notation import NONE, number
 from islandgp.study.table import Table
+from islandgp.supervision.state_json import title
+
+LATER: Final = 5  # generations after which the lineage table asks who is alive
 
 EVOLVED: Final = (RANDOM, BRED, HEIR)
 """The rows that are always there."""
+
+
+def lineage_table(study: Comparison) -> Table:
+    """What became of injected trees, beside the random ones of the diversity slots."""
+    rows = []
+    for arm in study.arms:
+        found = [n for run in arm.runs for n in newcomers(run)]
+        for origin in (Origin.INJECTED, Origin.RANDOM):
+            mine = [n for n in found if n.origin == origin]
+            if not mine:
+                continue
+            rows.append(
+                (
+                    f"{arm.name}: {origin.value}",
+                    number(len(mine)),
+                    number(fmean(n.fitness for n in mine)),
+                    _median_life(mine, study.generations),
+                    f"{alive(mine, LATER + 1)[LATER]:.0%}",
+                    number(fmean(n.descendants for n in mine), 1),
+                    f"{fmean(elite_share(run, origin) for run in arm.runs):.0%}",
+                )
+            )
+    return Table(
+        "lineage",
+        "What became of newcomers",
+        (
+            "Arm and origin",
+            "newcomers",
+            "mean fitness on arrival",
+            "median generations lived",
+            f"alive after {LATER} generations",
+            "mean descendants",
+            "share of the final elite",
+        ),
+        tuple(rows),
+        (
+            "A newcomer is a supervisor's tree, or a random tree of a diversity slot. It is alive"
+            " as long as an individual descends from it by any chain of parents; of its own tree"
+            " there may be little left. Life and survival are Kaplan-Meier estimates: a line that"
+            " lives at the end of its run is censored. The final elite is the best tenth of the"
+            " last generation; an individual can descend from newcomers of both kinds.",
+        ),
+    )
+
+
+def _median_life(found: Sequence[Newcomer], generations: int) -> str:
+    life = median_life(found, generations)
+    return "not reached" if life is None else str(life)
+
+
+def sources_table(study: Comparison) -> Table:
+    """Whether the first robots of the milestones were given or evolved."""
+    tiers = study.milestones
+    counts = [
+        Counter(descent_of_first(run, tier) for run in arm.runs)
+        for arm in study.arms
+        for tier in tiers
+    ]
+    return Table(
+        "sources",
+        f"Where the first {' and the first '.join(map(title, tiers))} Robot came from (runs)",
+        ("Source", *(f"{arm.name}: {title(tier)}" for arm in study.arms for tier in tiers)),
+        (
+            *((descent.value, *(str(c[descent]) for c in counts)) for descent in Descent),
+            (
+                "for comparison: that generation with an injected ancestor",
+                *(_rate_at_first(arm, tier) for arm in study.arms for tier in tiers),
+            ),
+        ),
+        (
+            f"An injected tree that is a {title(tiers[0])} Robot as it was given shows what the supervisor"
+            " knows, not what evolution found; a descendant may hold any part of it, all of it"
+            " included. The last row is the base rate: the share of the individuals of the first"
+            " one's generation that descend from an injected tree or are one, mean over the runs"
+            " that had one. Where nearly everybody descends from one, that the first one does says"
+            " little.",
+        ),
+    )
+
+
+def _rate_at_first(arm: Arm, tier: str) -> str:
+    came = [(run, g) for run in arm.runs if (g := first(run, tier)) is not None]
+    return f"{fmean(injected_shares(run)[g] for run, g in came):.0%}" if came else NONE
 
 
 def champion_sources_table(study: Comparison) -> Table:
@@ -38,7 +141,7 @@ def champion_sources_table(study: Comparison) -> Table:
         (
             "Best: the run's individual with the highest fitness ever; final elite: the best tenth"
             " of the last generation, all runs together. An unchanged copy is what it was copied"
-            " from. A tree that is injected as it is has the name of the file in grammar/examples"
+            " from. A tree that is injected as it is has the name of the library's file"
             " that it is, else of the supervisor that wrote it. The last row is the base rate:"
             " the share of the best one's generation, and of the last one, that descends from an"
             " injected tree or is one, mean over runs.",

@@ -1,0 +1,93 @@
+"""From an episode's events to its outcome: counts, and points by component."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from islandgp.bt.language import parse
+from islandgp.domains.island.domain import Island
+from islandgp.domains.island.episode import Ending, Episode
+from islandgp.domains.island.journal import Event
+from islandgp.domains.island.vocabulary import SCHEMA
+from islandgp.scoring.rewards import worth
+from tests.composed import composed
+
+EPISODE = Episode(
+    events=(
+        (1, Event.PICKUP, 1),
+        (2, Event.PICKUP, 1),
+        (3, Event.INTERACTION, 7),
+        (4, Event.DELIVERY, 9),
+        (5, Event.EMPTY_DELIVERY, 1),
+        (6, Event.CHARGE, 30.0),
+        (7, Event.COLLISION, 1),
+        (10, Event.LEFTOVER, 100),
+    ),
+    steps=10,
+    ending=Ending.STAGNATION,
+    fitness=0.0,
+    battery=12.5,
+    distance=80.0,
+    inactive=0.4,
+    laps=2,
+    ticks=10,
+)
+
+
+def test_outcome_counts_events(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pickups, interactions, deliveries and charges are counted, items are added up."""
+    monkeypatch.setattr("islandgp.domains.island.domain.run_episode", lambda *_: EPISODE)
+    settings = composed()
+    island = Island.make(settings.world, settings.rewards)
+    found = island.run_episode(None, 0, settings.curriculum.multipliers(0))  # type: ignore[arg-type]
+    assert found.counters == {
+        "pickups": 2,
+        "interactions": 1,
+        "deliveries": 1,
+        "charges": 1,
+        "gathered": 9,
+        "delivered": 9,
+        "collisions": 1,
+        "distance": 80,
+        "inactive": 0.4,
+        "laps": 2,
+        "battery": 12.5,
+    }
+    assert (found.seconds, found.endings) == (1.0, ("stagnation",))
+    assert found.components == pytest.approx(
+        {
+            "garbage": 1200,  # 2 * 2 * 300
+            "battery": 200,
+            "humanoid": 1012.5,  # 1.5 * (360 + 7 * 45)
+            "delivery": 220,  # 100 + 9 * 30 - 150
+            "leftover": -1600,  # 0.8 * 100 * -20
+            "patrol": 0,
+            "idle": 0,
+            "collision": -500,
+        }
+    )
+    assert found.fitness == pytest.approx(532.5)
+    quiet = replace(EPISODE, events=())
+    monkeypatch.setattr("islandgp.domains.island.domain.run_episode", lambda *_: quiet)
+    assert island.run_episode(None, 0, {}).components == dict.fromkeys(SCHEMA.components, 0)  # type: ignore[arg-type]
+
+
+def test_outcomes_are_in_the_order_of_the_schema() -> None:
+    """Records and tables show components and counters as the schema declares them."""
+    settings = composed("world.episode.length=1")
+    found = settings.make_domain().run_episode(parse("PatrolWaypoint"), 3, {})
+    assert list(found.components) == list(SCHEMA.components)
+    assert list(found.counters) == list(SCHEMA.counters)
+
+
+def test_every_event_has_a_row_of_table_3() -> None:
+    """No event is worth nothing by omission, and the schema declares what the journal knows."""
+    assert set(composed().rewards.events) == set(Event) == set(SCHEMA.events)
+
+
+def test_what_the_journal_counts_is_what_is_scored() -> None:
+    """Fitness while an episode runs, by which it may end, is the outcome's."""
+    value = worth(composed().rewards, {})
+    assert value(Event.DELIVERY, 4) == value("delivery", 4) == ("delivery", 220)

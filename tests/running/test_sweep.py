@@ -1,0 +1,253 @@
+"""Sweeps over any values: no job is lost, and each has a folder of its own."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import pytest
+from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
+from hydra._internal.utils import get_args_parser
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from islandgp.app import main
+from islandgp.compose import Planned, planned, run_folder
+from islandgp.errors import ConfigError
+from islandgp.sweep import run_sweep
+from islandgp.tracking.sweep_folder import SweepFile, SweepFolder
+from tests.composed import composed
+from tests.running.commands import TINY, fake
+from tests.running.histories import store, tracked
+
+INSTANT = (*TINY, "tracking=off", "progress=off", *fake("Instant"))
+
+
+def jobs_of(home: Path, *words: str) -> list[Planned]:
+    """The jobs of a sweep, without running them."""
+    args = get_args_parser().parse_args([*words, "tracking=off", "progress=off", "-m"])
+    return list(planned(args, words, home))
+
+
+def file_in(folder: Path) -> SweepFile:
+    """What a sweep's folder says was asked for."""
+    file = SweepFolder(folder).read()
+    assert file is not None
+    return file
+
+
+def spellings(number: float) -> list[str]:
+    """Ways to write a number that Hydra reads as a number."""
+    return [repr(number), f"{number:.3f}", f"{number:.3e}", f"+{number!r}"]
+
+
+def numbers() -> st.SearchStrategy[list[str]]:
+    """Mutation rates that differ, each spelled in some way."""
+    thousandths = st.lists(st.integers(0, 1000), min_size=2, max_size=3, unique=True)
+    spelled = thousandths.flatmap(
+        lambda found: st.tuples(*(st.sampled_from(spellings(n / 1000)) for n in found))
+    )
+    return spelled.map(lambda found: [f"gp.mutation_rate={','.join(found)}"])
+
+
+def lists() -> st.SearchStrategy[list[str]]:
+    """Lists that differ."""
+    pairs = st.tuples(st.integers(), st.integers())
+    return st.lists(pairs, min_size=2, max_size=3, unique=True).map(
+        lambda found: [f"gp.trees.depth={','.join(f'[{a}, {b}]' for a, b in found)}"]
+    )
+
+
+def texts() -> st.SearchStrategy[list[str]]:
+    """Texts that differ: with spaces, quotes, slashes, any script, and too long for a folder."""
+    signs = st.sampled_from("aA0 .,-_=/|[](){}'\"$~:;#%&*?<>!äß東")
+    text = st.text(signs, min_size=1, max_size=20) | st.integers(300, 302).map("x".__mul__)
+    return st.lists(text.map(str.strip).filter(bool), min_size=2, max_size=3, unique=True).map(
+        lambda found: [
+            "supervisor=yoked",
+            f"supervisor.policy.record={','.join(map(quoted, found))}",
+        ]
+    )
+
+
+def quoted(text: str) -> str:
+    """A text as Hydra reads it."""
+    return '"' + text.replace('"', '\\"') + '"'
+
+
+def split(home: Path, *words: str) -> list[Planned]:
+    """The jobs of a sweep as `planned` gives them, but not composed, which takes long.
+
+    Their configurations hold the overrides alone.
+    """
+    (batch,) = BasicSweeper.split_arguments(OverridesParser.create().parse_overrides(words), None)
+    return [
+        Planned(
+            tuple(overrides),
+            {"overrides": overrides},
+            composed(overrides[-1]),
+            run_folder(composed(overrides[-1]), overrides, home),
+            " ".join(overrides),
+            "BasicLauncher",
+        )
+        for overrides in batch
+    ]
+
+
+def check_all_there(jobs: list[Planned], said: str, file: SweepFile) -> None:
+    """Each job once, in a folder of its own, and two seeds in each arm."""
+    assert [job.slot for job in file.jobs] == [job.folder.name for job in jobs]
+    assert [job.folder for job in file.jobs] == [job.slot for job in file.jobs]
+    assert len({job.folder for job in file.jobs}) == len(jobs)
+    arms = file.arms()
+    assert {tuple(job.seed for job in own) for own in arms.values()} == {(0, 1)}
+    assert sum(map(len, arms.values())) == len(jobs)
+    assert all(" ".join(arm.split()) in said for arm in arms)
+
+
+@settings(
+    max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(numbers() | lists() | texts())
+def test_every_job_of_a_sweep_is_in_its_file_and_in_an_arm(
+    capsys: pytest.CaptureFixture[str], words: list[str]
+) -> None:
+    """Whatever the values are."""
+    with TemporaryDirectory() as name:
+        jobs = split(Path(name), *words, "seed=0,1")
+        run_sweep(jobs, "c", lambda _job, _extra: None)
+        file = file_in(jobs[0].folder.parent)
+    check_all_there(jobs, capsys.readouterr().out, file)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["gp.mutation_rate=1e-1,+0.30,0"],
+        ["gp.mutation_rate=range(0.1,0.4,0.1)"],
+        ["gp.trees.depth=[2,3],[2, 4]"],
+        ["supervisor=choice(baseline,expert)"],
+        ["supervisor=glob(*e*,exclude=[yoked,replay])"],
+        ["supervisor=llm", "supervisor.policy.prompts=null,'a b',a_b,a/b,'ä'"],
+    ],
+)
+def test_the_same_of_composed_jobs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str]
+) -> None:
+    """As a command plans them."""
+    jobs = jobs_of(tmp_path, *words, "seed=0,1")
+    run_sweep(jobs, "c", lambda _job, _extra: None)
+    check_all_there(jobs, capsys.readouterr().out, file_in(jobs[0].folder.parent))
+
+
+@given(st.lists(st.text(min_size=1, max_size=100), min_size=2, max_size=2, unique=True))
+def test_different_overrides_have_different_folders_that_any_file_system_takes(
+    values: list[str],
+) -> None:
+    """Letters, digits and a few signs, 180 of them at most."""
+    names = [run_folder(composed(), [f"a={value}"], Path("/h")).name for value in values]
+    assert len(set(names)) == 2
+    for name in names:
+        assert set(name) <= set(
+            "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._=,+-"
+        )
+        assert len(name) <= 180
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "gp.mutation_rate=0.30,0.3",
+        "gp.mutation_rate=1e-1,0.1",
+        "gp.population=12,12.0",
+        "gp.trees.depth=[2,3],[2, 3]",
+        "evaluator=serial,processes",
+    ],
+)
+def test_one_run_in_two_spellings_is_refused(tmp_path: Path, words: str) -> None:
+    """It would count twice; the message names it, before anything is written."""
+    with pytest.raises(ConfigError, match="found two that are the same run: expert-seed0"):
+        run_sweep(jobs_of(tmp_path, words), "c", lambda _job, _extra: None)
+    assert not list(tmp_path.iterdir())
+
+
+def test_jobs_that_differ_in_what_no_folder_tells_are_refused(tmp_path: Path) -> None:
+    """With the key in which they differ, and a remedy."""
+    words = ["supervisor=llm", "supervisor.policy.base_url='http://a','http://b'"]
+    expected = r"supervisor.policy.base_url: http://a -> http://b; give each of them another name="
+    with pytest.raises(ConfigError, match=expected):
+        run_sweep(jobs_of(tmp_path, *words), "c", lambda _job, _extra: None)
+
+
+def test_a_sweep_over_decimals_keeps_its_arms(
+    home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Four runs are four jobs in two arms: in the file, the table and MLflow."""
+    monkeypatch.chdir(home)
+    words = [*TINY, *fake("Instant"), "gp.mutation_rate=0.1,0.3", "seed=range(2)", "name=d"]
+    assert main([*words, "progress=off", "-m"]) == 0
+    said = capsys.readouterr().out
+    file = file_in(home / "runs/d")
+    assert {arm: [job.seed for job in jobs] for arm, jobs in file.arms().items()} == {
+        "baseline gp.mutation_rate=0.1": [0, 1],
+        "baseline gp.mutation_rate=0.3": [0, 1],
+    }
+    assert all(f"{arm}  2 of 2 " in said for arm in file.arms())
+    found = tracked(store(home))
+    (parent,) = (run for run in found if run.parent is None)
+    assert [run.parent for run in found if run is not parent] == [parent.id] * 4
+    for rate in ("0.1", "0.3"):
+        assert f"sweep/baseline gp.mutation_rate_{rate} best fitness mean" in parent.points
+
+
+def test_a_sweep_may_be_started_in_any_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also in one whose name means something to Hydra."""
+    here = tmp_path / "it's a,b=[ä]"
+    here.mkdir()
+    monkeypatch.chdir(here)
+    assert main([*INSTANT, "-m"]) == 0
+    assert [path.name for path in here.iterdir()] == ["runs"]
+
+
+def test_a_run_made_anew_never_takes_the_folder_of_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second run of rate 0 is not in the folder of rate 0.2, which comes later."""
+    monkeypatch.chdir(tmp_path)
+    words = [*INSTANT, "name=d.2", "-m"]
+    assert main([*words, "gp.mutation_rate=0"]) == 0
+    assert main([*words, "gp.mutation_rate=0,0.2", "resume=never"]) == 0
+    jobs = file_in(tmp_path / "runs/d.2").jobs
+    assert [job.choices[-1] for job in jobs] == ["gp.mutation_rate=0", "gp.mutation_rate=0.2"]
+    assert [job.folder.removeprefix(job.slot) for job in jobs] == ["~2", ""]
+
+
+def test_a_sweeps_file_of_an_earlier_version_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its jobs are known by what they were asked to be; a later command adds what was lost."""
+    monkeypatch.chdir(tmp_path)
+    words = [*INSTANT, "gp.mutation_rate=0.1,0.3", "-m"]
+    assert main([*words, "seed=0,1"]) == 0
+    path = tmp_path / "runs/default/sweep.json"
+    plain = json.loads(path.read_text())
+    for job in plain["jobs"]:
+        del job["slot"]
+    plain["jobs"] = plain["jobs"][2:]
+    path.write_text(json.dumps(plain))
+    assert [job.slot for job in file_in(path.parent).jobs] == ["", ""]
+    assert main([*words, "seed=1,2", "resume=never"]) == 0
+    jobs = file_in(path.parent).jobs
+    assert sorted(
+        (job.choices[-1], job.seed, job.slot != "", "~" in job.folder) for job in jobs
+    ) == [
+        ("gp.mutation_rate=0.1", 1, True, True),
+        ("gp.mutation_rate=0.1", 2, True, False),
+        ("gp.mutation_rate=0.3", 0, False, False),
+        ("gp.mutation_rate=0.3", 1, True, True),
+        ("gp.mutation_rate=0.3", 2, True, False),
+    ]
