@@ -18,6 +18,7 @@ COMMANDS: Final[dict[str, str]] = {
     "show": "draw a tree",
     "simplify": "shorten a tree without changing what it does",
     "diff": "compare two trees",
+    "domain": "show what a domain declares, or check its contract",
     "play": "run a tree on the island",
     "trace": "see which nodes of a tree did what in one episode",
     "replay": "write an episode as a page to watch in a browser",

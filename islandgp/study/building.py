@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 from islandgp.study.arms import Comparison
@@ -12,93 +13,178 @@ from islandgp.study.figures import fitness as fitness_figures
 from islandgp.study.figures import population as population_figures
 from islandgp.study.figures import supervision as supervision_figures
 from islandgp.study.figures import trees as tree_figures
-from islandgp.study.findings import family
+from islandgp.study.findings import Finding, family
 from islandgp.study.generalise import Generalisation
-from islandgp.study.measures import FAMILY, FURTHER
-from islandgp.study.pairs import PairTables
+from islandgp.study.measures import FURTHER, TABLE_9, TABLE_10, Measure, main_family
 from islandgp.study.report import Item, Report, Section
-from islandgp.study.select import spans
+from islandgp.study.select import in_short
 from islandgp.study.table import Table
-from islandgp.study.tables.champions import components_table, generalisation_table
-from islandgp.study.tables.decisions import decisions_table
-from islandgp.study.tables.emergence import runs_table
-from islandgp.study.tables.lineage import lineage_table, sources_table
-from islandgp.study.tables.origins import champion_sources_table
-from islandgp.study.tables.overhead import overhead_table
-from islandgp.study.tables.power import power_table
-from islandgp.study.tables.specialists import specialists_table
-
-METHODS: Final = (
-    "Two arms are compared by the Mann-Whitney U test, two-sided: exact, with ties by counting"
-    " every split of the ranks; only beyond 100 values with ties it is the normal approximation"
-    " corrected for ties and continuity, which the paper takes for all of them (section 3.1). The"
-    " nine comparisons of Tables 9, 10 and 11, times the pairs of arms, are one family for"
-    " Benjamini and Hochberg; what the paper does not test (diversity, mutation rate) is a second"
-    " one. Tests of another kind of the same comparisons (paired, log-rank) are adjusted among"
-    " themselves.",
-    "Generations count from 0, the initial population. Early, mid and late training are epochs"
-    " 1-2, 3-5 and 6-8.",
+from islandgp.study.tables.champions import (
+    components_table,
+    generalisation_table,
+    specialists_table,
 )
+from islandgp.study.tables.claims import claims_table
+from islandgp.study.tables.comparisons import (
+    diversity_table,
+    fitness_table,
+    median_table,
+    power_table,
+)
+from islandgp.study.tables.emergence import emergence_table, runs_table
+from islandgp.study.tables.origins import champion_sources_table, lineage_table, sources_table
+from islandgp.study.tables.supervision import decisions_table, overhead_table
+from islandgp.supervision.state_json import title
+
+SPLIT: Final = (
+    "Generations count from 0, the initial population. Early, mid and late training are epochs"
+    " 1-2, 3-5 and 6-8."
+)
+
+
+def methods(family: int) -> str:
+    """How arms are compared; `family` comparisons of a pair of arms belong together."""
+    return (
+        "Two arms are compared by the Mann-Whitney U test, two-sided: exact, with ties by counting"
+        " every split of the ranks; only beyond 100 values with ties it is the normal approximation"
+        " corrected for ties and continuity, which the paper takes for all of them (section 3.1)."
+        f" The {family} comparisons of Tables 9, 10 and 11, times the pairs of arms, are one family"
+        " for Benjamini and Hochberg; what the paper does not test (diversity, mutation rate) is a"
+        " second one. Tests of another kind of the same comparisons (paired, log-rank) are adjusted"
+        " among themselves."
+    )
 
 
 def build(study: Comparison, unseen: Sequence[Generalisation], worlds: int) -> Report:
     """The report; `unseen` may be empty when generalisation was left out."""
-    main, more = family(study, FAMILY), family(study, FURTHER)
-    pairs = PairTables(study, main, more)
+    measures = main_family(study.milestones)
+    main, more = family(study, measures), family(study, FURTHER)
+    tables = PairTables(study, main, more)
+    sections = (
+        Section("What was compared", tuple(_compared(study))),
+        Section("The paper's claims", tables.claims()),
+        Section(
+            "Fitness (section 3.2)", (*tables.fitness(9, TABLE_9), fitness_figures.figure_4(study))
+        ),
+        Section(
+            "Convergence (section 3.3)",
+            (*tables.fitness(10, TABLE_10), fitness_figures.figure_5(study)),
+        ),
+        Section(
+            f"{' and '.join(map(title, study.milestones))} Robots (section 3.4)",
+            (
+                *tables.emergence(),
+                runs_table(study),
+                emergence_figures.figure_6(study),
+                emergence_figures.emergence_curves(study),
+            ),
+        ),
+        Section(
+            "Diversity (section 3.5)",
+            (
+                *tables.diversity(),
+                population_figures.diversity(study),
+                population_figures.classes(study),
+            ),
+        ),
+        Section("Supervision (sections 3.6 and 3.7)", tuple(_supervision(study))),
+        Section("Specialists (section 3.8)", (specialists_table(study),)),
+        Section("Overhead (section 3.9)", (overhead_table(study),)),
+        Section("Trees (section 3.10)", tuple(_trees(study))),
+        Section("Beyond the paper", tuple(_beyond(study, tuple(unseen), worlds))),
+        Section(
+            "How the statistics are done",
+            (methods(len(measures)), SPLIT, *tables.medians(), power_table(study, len(main))),
+        ),
+    )
     return Report(
         title=" against ".join(arm.name for arm in study.arms),
         doubts=study.doubts,
-        sections=(
-            Section("What was compared", tuple(_compared(study))),
-            Section("The paper's claims", pairs.each(pairs.claims)),
-            Section(
-                "Fitness (section 3.2)",
-                (*pairs.each(pairs.table_9), fitness_figures.figure_4(study)),
-            ),
-            Section(
-                "Convergence (section 3.3)",
-                (*pairs.each(pairs.table_10), fitness_figures.figure_5(study)),
-            ),
-            Section(
-                "Complete and Excellent Robots (section 3.4)",
-                (
-                    *pairs.each(pairs.table_11),
-                    runs_table(study),
-                    emergence_figures.figure_6(study),
-                    emergence_figures.emergence_curves(study),
-                ),
-            ),
-            Section(
-                "Diversity (section 3.5)",
-                (
-                    *pairs.each(pairs.table_12),
-                    population_figures.diversity(study),
-                    population_figures.classes(study),
-                ),
-            ),
-            Section(
-                "Supervision (sections 3.6 and 3.7)",
-                _there(
-                    supervision_figures.figure_7(study),
-                    supervision_figures.figure_8(study),
-                    decisions_table(study),
-                ),
-            ),
-            Section("Specialists (section 3.8)", (specialists_table(study),)),
-            Section("Overhead (section 3.9)", (overhead_table(study),)),
-            Section("Trees (section 3.10)", tuple(_trees(study))),
-            Section("Beyond the paper", tuple(_beyond(study, tuple(unseen), worlds))),
-            Section(
-                "How the statistics are done",
-                (
-                    *METHODS,
-                    *pairs.each(pairs.medians),
-                    power_table(study, len(main)),
-                ),
-            ),
-        ),
+        sections=tuple(section for section in sections if section.items),
         findings=(*main, *more),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class PairTables:
+    """The tables that exist once for each pair of arms."""
+
+    study: Comparison
+    main: tuple[Finding, ...]  # the rows of Tables 9 to 11, for all pairs
+    more: tuple[Finding, ...]  # the rows of Table 12, for all pairs
+
+    def fitness(self, number: int, measures: Sequence[Measure]) -> tuple[Table, ...]:
+        """Table 9 or 10."""
+        heading = {9: "Fitness performance", 10: "Fitness by training stage"}[number]
+        return tuple(
+            fitness_table(
+                f"table-{number}{key}",
+                f"Table {number}. {heading}{of}",
+                self._findings(pair, measures),
+                self.study.paper,
+                family=len(self.main),
+            )
+            for pair, key, of in self._pairs()
+        )
+
+    def emergence(self) -> tuple[Table, ...]:
+        """Table 11."""
+        measures = [f.measure for f in self.main if f.measure.emergence]
+        return tuple(
+            emergence_table(
+                f"table-11{key}",
+                f"Table 11. First emergence{of}",
+                self._findings(pair, measures),
+                self.study.paper,
+                family=len(self.main),
+            )
+            for pair, key, of in self._pairs()
+        )
+
+    def diversity(self) -> tuple[Table, ...]:
+        """Table 12."""
+        return tuple(
+            diversity_table(
+                f"table-12{key}",
+                f"Table 12. Behavioural diversity and mutation rate{of}",
+                self._findings(pair, FURTHER),
+                self.study.paper,
+                family=len(self.more),
+            )
+            for pair, key, of in self._pairs()
+        )
+
+    def claims(self) -> tuple[Table, ...]:
+        """The claims of a paper; none where there is no paper of the kind."""
+        if (paper := self.study.paper) is None:
+            return ()
+        every = (*self.main, *self.more)
+        return tuple(
+            claims_table(f"claims{key}", f"The paper's claims{of}", every, pair, paper)
+            for pair, key, of in self._pairs()
+        )
+
+    def medians(self) -> tuple[Table, ...]:
+        """Medians, intervals and paired tests of every measure."""
+        measures = [f.measure for f in (*self.main, *self.more)]
+        return tuple(
+            median_table(
+                f"medians{key}",
+                f"Medians, intervals and paired tests{of}",
+                self._findings(pair, measures),
+            )
+            for pair, key, of in self._pairs()
+        )
+
+    def _pairs(self) -> Iterator[tuple[tuple[str, str], str, str]]:
+        """Each pair, and what names it at the end of keys and of titles where there are several."""
+        pairs = [(a.name, b.name) for a, b in self.study.pairs]
+        for a, b in pairs:
+            yield ((a, b), f"-{a}-{b}", f": {a} against {b}") if len(pairs) > 1 else ((a, b), "", "")
+
+    def _findings(self, pair: tuple[str, str], measures: Sequence[Measure]) -> list[Finding]:
+        keys = {m.key for m in measures}
+        return [f for f in (*self.main, *self.more) if f.arms == pair and f.measure.key in keys]
 
 
 def _compared(study: Comparison) -> Iterator[Item]:
@@ -111,7 +197,7 @@ def _compared(study: Comparison) -> Iterator[Item]:
                 arm.name,
                 arm.selection,
                 str(len(arm.runs)),
-                spans(sorted(set(arm.seeds))),
+                in_short(sorted(set(arm.seeds))),
                 ", ".join(sorted({run.supervisor for run in arm.runs})),
                 str(arm.generations),
                 ", ".join(sorted({str(run.flat.get("gp.population")) for run in arm.runs})),
@@ -153,5 +239,9 @@ def _beyond(study: Comparison, unseen: tuple[Generalisation, ...], worlds: int) 
         yield population_figures.generalisation(unseen, study)
 
 
-def _there(*items: Item | None) -> tuple[Item, ...]:
-    return tuple(item for item in items if item is not None)
+def _supervision(study: Comparison) -> Iterator[Item]:
+    yield supervision_figures.figure_7(study)
+    patterns = supervision_figures.figure_8(study)
+    if patterns is not None:
+        yield patterns
+    yield decisions_table(study)

@@ -10,8 +10,8 @@ from statistics import fmean
 from islandgp.study.arms import Comparison
 from islandgp.study.emergence import quantile
 from islandgp.study.findings import Finding
-from islandgp.study.measures import FAMILY, FURTHER
-from islandgp.study.overhead import supervision
+from islandgp.study.measures import FURTHER, main_family
+from islandgp.study.overhead import bill
 from islandgp.study.statistics import mean_sd
 from islandgp.study.table import to_csv
 
@@ -51,16 +51,15 @@ TEST_COLUMNS = (
 
 def runs_csv(study: Comparison) -> str:
     """Every run's measures; an empty cell is a tier that never emerged."""
-    measures = (*FAMILY, *FURTHER)
+    measures = (*main_family(study.milestones), *FURTHER)
     rows = []
     for arm in study.arms:
         for run in arm.runs:
-            bill = asdict(supervision(run))
+            costs = asdict(bill(run))
             numbers = [m.of(run) for m in measures]
-            rows.append([arm.name, run.seed, run.supervisor, run.name, *numbers, *bill.values()])
-    bill_names = list(bill)
+            rows.append([arm.name, run.seed, run.supervisor, run.name, *numbers, *costs.values()])
     return to_csv(
-        ("arm", "seed", "supervisor", "name", *(m.key for m in measures), *bill_names), rows
+        ("arm", "seed", "supervisor", "name", *(m.key for m in measures), *costs), rows
     )
 
 

@@ -1,7 +1,7 @@
 """How the best trees do on worlds that no run has seen.
 
-A champion's fitness is the highest of 1,230 episodes and so partly luck with its
-world. Here each run's champion meets the same unseen worlds, in the last stage.
+A champion's fitness is the highest of all episodes of its run (1,230 in the paper's), and so
+partly luck with its world. Here each run's champion meets the same unseen worlds, in the last stage.
 """
 
 from __future__ import annotations
@@ -10,21 +10,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count, islice
 from statistics import fmean
-from typing import Any, Final
+from typing import Final
 
+from islandgp.domain import Outcome
 from islandgp.evaluation.base import Evaluator, Job, Setting
-from islandgp.island.world import World
-from islandgp.scoring.classify import Classes, Tier, tiers
-from islandgp.scoring.curriculum import Curriculum
-from islandgp.scoring.outcome import Outcome
-from islandgp.scoring.rewards import Rewards
+from islandgp.evaluation.recorded import setting_of
+from islandgp.scoring.classes import Classes, tiers
 from islandgp.seeding import Stream, stream
-from islandgp.study.ancestry import most_injected
-from islandgp.study.arms import Comparison, Run
-from islandgp.study.library import library
-
-ALL_ROUNDER: Final = "all_rounder"
-"""The tree of grammar/examples that was written to be good at everything."""
+from islandgp.study import library
+from islandgp.study.arms import Comparison
+from islandgp.study.lineage import most_injected
 
 YARDSTICK_WORLDS: Final = 100
 """How many worlds a yardstick meets at least: it is one tree, so more of them cost little."""
@@ -40,8 +35,7 @@ class Generalisation:
     worlds: int  # unseen ones that it met, >= 1
     unseen: float  # points, mean over the worlds
     worst: float  # points, the least of the worlds
-    complete: float  # share of the worlds in which it is a Complete Robot
-    excellent: float  # share in which it is an Excellent Robot
+    reached: Mapping[str, float]  # by milestone: share of the worlds in which it is such a robot
 
 
 def unseen_worlds(study: Comparison, n: int) -> tuple[int, ...]:
@@ -55,26 +49,17 @@ def unseen_worlds(study: Comparison, n: int) -> tuple[int, ...]:
 
 
 def yardsticks(study: Comparison) -> dict[str, str]:
-    """The hand-written all_rounder, and the library tree that was injected most often, if any.
+    """The library's yardsticks, and the library tree that was injected most often, if any.
 
-    Their names hold a colon, so that no arm can have the same one.
+    Their canonical texts by names that hold a colon, so that no arm can have the same one.
     """
-    by_name = {name: text for text, name in library().items()}
-    found = {f"hand-written: {ALL_ROUNDER}": by_name[ALL_ROUNDER]}
+    config = study.arms[0].runs[0].config
+    found = {f"library: {name}": text for name, text in library.yardsticks(config).items()}
     often = most_injected(study.arms)
     if often is not None:
         name, text, times = often
         found[f"injected {times:,} times: {name}"] = text
     return found
-
-
-def setting_of(run: Run) -> tuple[Setting, Classes]:
-    """The world and the rules in which a run's trees were evaluated."""
-    config: Any = run.config
-    setting = Setting(
-        World(**config["world"]), Rewards(**config["rewards"]), Curriculum(**config["curriculum"])
-    )
-    return setting, Classes(**config["classes"])
 
 
 def generalise(
@@ -94,7 +79,7 @@ def generalise(
     Raises:
         EvaluationError: an episode cannot be run.
     """
-    setting, classes = setting_of(study.arms[0].runs[0])
+    setting = setting_of(study.arms[0].runs[0].config)
     seeds = unseen_worlds(study, max(worlds, yardstick_worlds))
     stage = len(setting.curriculum.stages) - 1
     trees: list[tuple[str, int | None, float | None, list[Job]]] = [
@@ -118,7 +103,7 @@ def generalise(
     finally:
         evaluator.close()
     return tuple(
-        _summary(arm, seed, trained, [outcomes[job] for job in mine], classes)
+        _summary(arm, seed, trained, [outcomes[job] for job in mine], study.classes)
         for arm, seed, trained, mine in trees
     )
 
@@ -130,7 +115,7 @@ def _summary(
     outcomes: Sequence[Outcome],
     classes: Classes,
 ) -> Generalisation:
-    reached = [tiers(o, classes) for o in outcomes]
+    found = [tiers(o, classes) for o in outcomes]
     return Generalisation(
         arm=arm,
         seed=seed,
@@ -138,6 +123,5 @@ def _summary(
         trained=trained,
         unseen=fmean(o.fitness for o in outcomes),
         worst=min(o.fitness for o in outcomes),
-        complete=fmean(Tier.COMPLETE in t for t in reached),
-        excellent=fmean(Tier.EXCELLENT in t for t in reached),
+        reached={name: fmean(name in t for t in found) for name in classes.milestones},
     )

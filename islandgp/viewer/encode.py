@@ -1,69 +1,47 @@
-"""A recording as compact plain values for the page: numbers rounded, repeated, told as changes."""
+"""A recording as compact plain values for the page: rounded, and only what changes."""
 
 from __future__ import annotations
 
+from base64 import b64encode
 from collections.abc import Iterable, Sequence
 from itertools import groupby
+from math import inf, isfinite
 from typing import Any, Final
 
 from islandgp.bt.condition import thresholds
-from islandgp.bt.node import KEYS
+from islandgp.bt.node import walk
 from islandgp.bt.render.label import label
 from islandgp.bt.render.layout import lay_out
-from islandgp.scoring.rewards import Component
-from islandgp.viewer.recording import Recording
+from islandgp.bt.vocabulary import Key
+from islandgp.domain import Thing
+from islandgp.viewer.recording import Film, Look, Mover, Recording, digits
 
 LETTERS: Final = ".fsrx"  # a letter per code: idle, failed, succeeded, runs, stopped
-PRECISION: Final = 10  # positions are told in tenths of a metre
-ROBOT_EVERY: Final = 2  # ticks between two told positions
-HUMANOIDS_EVERY: Final = 5
+GRID: Final = 3000  # places are told in so many parts of the picture's longer side
+MOST_FRAMES: Final = 4_000_000  # bytes of PNG in a page; of more, evenly spread ones are left out
 
 
 def encode(recording: Recording, *, title: str) -> dict[str, Any]:
     """What the page's script reads; `page/data.js` is its counterpart."""
-    world, episode = recording.world, recording.episode
+    schema = recording.schema
+    components = [*schema.components]
     return {
         "title": title,
+        "domain": schema.vocabulary.domain,
         "seed": recording.seed,
         "stage": recording.stage + 1,
         "ticks": recording.ticks,
-        "step": world.episode.step,
-        "ending": episode.ending.value,
-        "fitness": episode.fitness,
-        "side": world.side,
-        "perception": world.robot.perception,
-        "radius": {"robot": world.robot.radius, "humanoid": world.humanoids.radius},
-        "reach": world.robot.station_reach,
-        "capacity": world.robot.capacity,
-        "asks": world.humanoids.ask_from,
-        "rocks": [[round(v, 2) for v in rock] for rock in recording.rocks],
-        "chargers": world.chargers,
-        "clearing": world.clearing_points,
-        "waypoints": world.waypoints,
-        "robot": _way(recording.robot, ROBOT_EVERY),
-        "goals": _changes(
-            None if goal is None else [round(goal.real, 1), round(goal.imag, 1)]
-            for goal in recording.goals
-        ),
-        "humanoids": [_way(column.tolist(), HUMANOIDS_EVERY) for column in recording.humanoids.T],
-        "carried": [_changes(line) for line in zip(*recording.carried, strict=True)],
-        "garbage": [
-            [round(x * PRECISION), round(y * PRECISION), begin, end]
-            for x, y, begin, end in recording.garbage
-        ],
-        "board": [
-            {
-                "key": name,
-                "flag": key.flag,
-                "meaning": key.meaning,
-                "marks": [] if key.flag else thresholds(recording.tree, name),
-                "changes": _changes(round(board[place], 1) for board in recording.boards),
-            }
-            for place, (name, key) in enumerate(KEYS.items())
-        ],
-        "components": [component.name.lower() for component in Component],
+        "step": recording.step_s,
+        "seconds": recording.outcome.seconds,
+        "ending": ", ".join(recording.outcome.endings),
+        "fitness": recording.outcome.fitness,
+        "digits": recording.digits,
+        "scene": None if recording.film is None else _Scene(recording, recording.film).plain(),
+        "board": _board(recording),
+        "components": [{"name": c, "meaning": schema.components[c]} for c in components],
+        "paints": _paints(recording),
         "credits": [
-            [c.tick, int(c.component), round(c.points, 2), c.event.name.lower()]
+            [c.tick, components.index(c.component), round(c.points, recording.digits + 2)]
             for c in recording.credits
             if c.points
         ],
@@ -84,21 +62,35 @@ def runs(codes: bytes) -> str:
     return "".join(told)
 
 
-def _way(positions: Sequence[complex], every: int) -> dict[str, Any]:
-    """Every so many-th position and the last one, as differences in tenths of a metre."""
-    told = [*positions[::every], positions[-1]]
-    return {
-        "every": every,
-        "x": _differences([round(at.real * PRECISION) for at in told]),
-        "y": _differences([round(at.imag * PRECISION) for at in told]),
-    }
+def path(xs: Sequence[float], ys: Sequence[float]) -> list[int]:
+    """A way as [tick, x, y, ticks since then, dx, dy, ...], straight and even in between.
+
+    At each tick it is at most 1 off in x and in y.
+    """
+    at_x, at_y, start = round(xs[0]), round(ys[0]), 0
+    told = [0, at_x, at_y]
+    low_x = low_y = -inf  # of the slopes that stay near all places since `start`
+    high_x = high_y = inf
+    for tick in range(1, len(xs) + 1):
+        if tick < len(xs):
+            past = tick - start
+            x, y = xs[tick] - at_x, ys[tick] - at_y
+            to_x, to_y = (round(xs[tick]) - at_x) / past, (round(ys[tick]) - at_y) / past
+            if low_x <= to_x <= high_x and low_y <= to_y <= high_y:
+                low_x, high_x = max(low_x, (x - 1) / past), min(high_x, (x + 1) / past)
+                low_y, high_y = max(low_y, (y - 1) / past), min(high_y, (y + 1) / past)
+                continue
+        if (end := tick - 1) > start:
+            x, y = round(xs[end]), round(ys[end])
+            told += [end - start, x - at_x, y - at_y]
+            at_x, at_y, start = x, y, end
+        if tick < len(xs):
+            x, y = xs[tick] - at_x, ys[tick] - at_y
+            low_x, high_x, low_y, high_y = x - 1, x + 1, y - 1, y + 1
+    return told
 
 
-def _differences(values: list[int]) -> list[int]:
-    return [after - before for before, after in zip([0, *values], values, strict=False)]
-
-
-def _changes(values: Iterable[Any]) -> list[Any]:
+def changes(values: Iterable[Any]) -> list[Any]:
     """[tick, value, ticks since then, value, ...]: only where the value changes."""
     told: list[Any] = []
     last, before = 0, object()
@@ -107,3 +99,124 @@ def _changes(values: Iterable[Any]) -> list[Any]:
             told += [tick - last, value]
             last, before = tick, value
     return told
+
+
+def _board(recording: Recording) -> list[dict[str, Any]]:
+    return [
+        {
+            "key": name,
+            "flag": key.flag,
+            "meaning": key.meaning,
+            "low": key.low,
+            "most": key.most,
+            "marks": [] if key.flag else thresholds(recording.tree, name),
+            "changes": changes(_rounded(board[place], key) for board in recording.boards),
+        }
+        for place, (name, key) in enumerate(recording.schema.vocabulary.keys.items())
+    ]
+
+
+def _rounded(value: float, key: Key) -> float | None:
+    """To a tenth, or finer where thresholds are; None for what is no finite number."""
+    return round(value, max(1, digits([key.step]) - 1)) if isfinite(value) else None
+
+
+def _paints(recording: Recording) -> dict[str, int]:
+    """For each action the component that it earned most of, -1: none; its colour on the timeline.
+
+    An action that earned nothing has that of the action behind it in the same sequence.
+    """
+    components = [*recording.schema.components]
+    earned: dict[str, dict[int, float]] = {}
+    for credit in recording.credits:
+        of_action = earned.setdefault(credit.action, {})
+        place = components.index(credit.component)
+        of_action[place] = of_action.get(place, 0.0) + abs(credit.points)
+    paints: dict[str, int] = {}
+    for node in walk(recording.tree):
+        if node.kind == "action":
+            action = str(node.args[0])
+            points = earned.get(action) or {-1: 0.0}
+            paints[action] = max(points, key=lambda place: points[place])
+    for node in walk(recording.tree):
+        if node.kind == "sequence":
+            names = [str(c.args[0]) if c.kind == "action" else "" for c in node.children]
+            for name, behind in reversed([*zip(names, names[1:], strict=False)]):
+                if paints.get(name) == -1:
+                    paints[name] = paints.get(behind, -1)
+    return paints
+
+
+class _Scene:
+    """A film as plain values. Places are told on a grid whose zero is the lower left corner."""
+
+    def __init__(self, recording: Recording, film: Film) -> None:
+        self.film = film
+        self.x, self.y, right, top = film.bounds
+        self.width, self.height = right - self.x, top - self.y
+        self.unit = max(self.width, self.height) / GRID or 1.0
+        self.shapes = {n: f for n, f in recording.schema.forms.items() if n in film.forms()}
+        self.forms = [*self.shapes]
+        self.looks: dict[tuple[int, float, str], int] = {}  # with the index of each
+
+    def plain(self) -> dict[str, Any]:
+        film = self.film
+        found = {
+            "width": round(self.width / self.unit, 3),
+            "height": round(self.height / self.unit, 3),
+            "forms": [[f.meaning, f.shape, f.colour] for f in self.shapes.values()],
+            "fixed": [self._thing(thing) for thing in film.fixed],
+            "items": [[*self._thing(stay.thing), stay.begin, stay.end] for stay in film.items],
+            "movers": self._movers(film.movers),
+            **self._frames(film.frames),
+        }
+        return {**found, "looks": [*self.looks]}
+
+    def _look(self, look: Look) -> int:
+        plain = (self.forms.index(look.form), round(look.size / self.unit, 1), look.text)
+        return self.looks.setdefault(plain, len(self.looks))
+
+    def _thing(self, thing: Thing) -> list[int]:
+        look = self._look(Look(thing.form, thing.size, thing.text))
+        return [look, *self._place(thing.x, thing.y)]
+
+    def _place(self, x: float, y: float) -> tuple[int, int]:
+        return round((x - self.x) / self.unit), round((y - self.y) / self.unit)
+
+    def _movers(self, movers: Sequence[Mover]) -> list[dict[str, Any]]:
+        ways = [(mover.xs, mover.ys) for mover in movers]
+        return [
+            {
+                # What moves as one with another is told once.
+                "way": first if (first := ways.index(way)) < place else self._way(*way),
+                "looks": self._changes(mover.looks),
+            }
+            for place, (way, mover) in enumerate(zip(ways, movers, strict=True))
+        ]
+
+    def _way(self, xs: Sequence[float], ys: Sequence[float]) -> list[int]:
+        return path(
+            [(x - self.x) / self.unit for x in xs], [(y - self.y) / self.unit for y in ys]
+        )
+
+    def _changes(self, looks: Sequence[tuple[int, Look]]) -> list[int]:
+        told, last = [], 0
+        for tick, look in looks:
+            told += [tick - last, self._look(look)]
+            last = tick
+        return told
+
+    @staticmethod
+    def _frames(frames: Sequence[tuple[int, bytes]]) -> dict[str, Any]:
+        """Each picture once, and which is shown from which tick on."""
+        every = max(1, -(-len({*frames}) * _mean(frames) // MOST_FRAMES))
+        places: dict[bytes, int] = {}
+        told, last = [], 0
+        for tick, frame in frames[::every]:
+            told += [tick - last, places.setdefault(frame, len(places))]
+            last = tick
+        return {"frames": [b64encode(frame).decode() for frame in places], "shown": told}
+
+
+def _mean(frames: Sequence[tuple[int, bytes]]) -> int:
+    return sum(len(frame) for _, frame in frames) // max(1, len(frames))

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from islandgp.domain import Counter, Event, Outcome, Schema
 from islandgp.bt.vocabulary import NOTHING
+from islandgp.domain import Counter, Event, Outcome, Schema
 from islandgp.scoring.classes import AIMS, Classes, does, judge, specialist, tiers
 from tests.composed import composed
 from tests.made import CLASSES, outcome

@@ -81,7 +81,12 @@ def test_measure() -> None:
     assert found.doing == {"pickup": 2, "humanoid": 2, "clearing": 2, "charging": 2}
     assert found.tiers == {"excellent": 0, "complete": 1, "full_service": 1, "balanced_elite": 1}
     means = found.counters
-    assert (means["distance"], means["inactive"], means["pickups"], found.size) == (250, 25, 1.25, 6)
+    assert (means["distance"], means["inactive"], means["pickups"], found.size) == (
+        250,
+        25,
+        1.25,
+        6,
+    )
     assert list(means) == list(outcomes[0].counters)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import pytest
-
 from islandgp.island import state
 from islandgp.island.script import Circle, Script, Spawn, Turn
 from islandgp.island.world import FAR

@@ -6,13 +6,14 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
-from islandgp.bt.language import parse
-from islandgp.bt.node import STATUS_NAMES
 from islandgp.island.episode import Episode, run_episode
 from islandgp.island.journal import Award, Event
 from islandgp.island.robot import MICRO
 from islandgp.island.state import Island
 from islandgp.island.world import World
+
+from islandgp.bt.language import parse
+from islandgp.bt.node import STATUS_NAMES
 from islandgp.scoring.rewards import award
 from tests.composed import composed
 

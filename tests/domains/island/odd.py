@@ -6,11 +6,11 @@ from typing import Any
 
 from hypothesis import assume
 from hypothesis import strategies as st
+from islandgp.island.script import obstacles
+from islandgp.island.world import World
 from pydantic import ValidationError
 
 from islandgp.errors import ConfigError
-from islandgp.island.script import obstacles
-from islandgp.island.world import World
 from tests.island.days import world
 
 SIDE = 90  # m

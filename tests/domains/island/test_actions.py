@@ -5,10 +5,10 @@ from __future__ import annotations
 from itertools import pairwise
 
 import pytest
-
 from islandgp.island.journal import Event
 from islandgp.island.script import Turn
 from islandgp.island.world import World
+
 from tests.island.conftest import Lay
 from tests.island.days import day, world
 

@@ -14,10 +14,10 @@ from types import FrameType
 from typing import Any
 
 import pytest
-
-from islandgp.bt.language import parse
 from islandgp.island import sensing
 from islandgp.island.episode import Episode, run_episode
+
+from islandgp.bt.language import parse
 from islandgp.resources import resource
 from tests.island.days import points, world
 

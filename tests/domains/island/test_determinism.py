@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.limits import Limits, within
-from islandgp.bt.node import ACTIONS, Node
 from islandgp.evolution.generation import random_tree
 from islandgp.island import engine
 from islandgp.island.episode import Episode, run_episode
 from islandgp.island.world import World
+
+from islandgp.bt.language import parse, to_text
+from islandgp.bt.limits import Limits, within
+from islandgp.bt.node import ACTIONS, Node
 from tests.composed import composed
 from tests.goldens import check_golden
 from tests.island.days import points, world

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pytest
-
-from islandgp.bt.language import parse
 from islandgp.island.episode import Ending, Episode, run_episode
 from islandgp.island.journal import Event
 from islandgp.island.world import World
+
+from islandgp.bt.language import parse
 from tests.island.conftest import Lay
 from tests.island.days import day, points, world
 

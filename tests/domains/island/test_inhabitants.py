@@ -6,9 +6,9 @@ from itertools import pairwise
 from math import hypot
 
 import pytest
-
 from islandgp.island.journal import Event
 from islandgp.island.script import write_script
+
 from tests.island.conftest import Lay
 from tests.island.days import day, world
 
