@@ -85,6 +85,10 @@ def _read(folder: Path, name: str) -> str:
     path = folder / f"{name}.bt"
     try:
         return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ConfigError(
+            f"library: expected UTF-8 text in {path}, found {error.reason}."
+        ) from None
     except OSError as error:
         known = ", ".join(sorted(p.stem for p in folder.glob("*.bt"))) or "none"
         raise ConfigError(

@@ -160,6 +160,7 @@ class _Scene:
         self.looks: dict[tuple[int, float, str], int] = {}  # with the index of each
 
     def plain(self) -> dict[str, Any]:
+        """What the page's script draws."""
         film = self.film
         found = {
             "width": round(self.width / self.unit, 3),
@@ -209,7 +210,7 @@ class _Scene:
     @staticmethod
     def _frames(frames: Sequence[tuple[int, bytes]]) -> dict[str, Any]:
         """Each picture once, and which is shown from which tick on."""
-        every = max(1, -(-len({*frames}) * _mean(frames) // MOST_FRAMES))
+        every = max(1, -(-sum(map(len, {frame for _, frame in frames})) // MOST_FRAMES))
         places: dict[bytes, int] = {}
         told, last = [], 0
         for tick, frame in frames[::every]:
@@ -217,6 +218,3 @@ class _Scene:
             last = tick
         return {"frames": [b64encode(frame).decode() for frame in places], "shown": told}
 
-
-def _mean(frames: Sequence[tuple[int, bytes]]) -> int:
-    return sum(len(frame) for _, frame in frames) // max(1, len(frames))

@@ -5,13 +5,14 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
 import pytest
 
+from islandgp.domain import Outcome
 from islandgp.errors import EvaluationError
 from islandgp.evaluation.base import Evaluator, Job, Setting
 from islandgp.evaluation.cache import Cached
@@ -19,8 +20,6 @@ from islandgp.evaluation.processes import Processes
 from islandgp.evaluation.ray import Ray
 from islandgp.evaluation.serial import Serial
 from islandgp.scoring.curriculum import Curriculum
-from islandgp.scoring.outcome import Outcome
-from islandgp.scoring.rewards import Multipliers
 from tests.composed import composed
 
 TREES = (
@@ -35,7 +34,7 @@ JOBS = [Job(tree, stage, seed) for tree in TREES for stage in (0, 3) for seed in
 def setting() -> Setting:
     """The default world, with short episodes."""
     s = composed("world.episode.length=30")
-    return Setting(s.world, s.rewards, s.curriculum)
+    return Setting(s.make_domain(), s.curriculum)
 
 
 @cache
@@ -117,7 +116,7 @@ class Deadly:
     inner: Curriculum
     once: Path | None = None  # written at the first death; with it the stage is harmless
 
-    def multipliers(self, stage: int) -> Multipliers:
+    def multipliers(self, stage: int) -> Mapping[str, float]:
         """See `Curriculum`."""
         if stage == DEADLY and not (self.once and self.once.exists()):
             if self.once:

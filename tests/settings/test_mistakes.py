@@ -59,7 +59,10 @@ ONE_LINE = [
     (["gp.crossover_rate=1.5"], "gp.crossover_rate=1.5: input should be less than or equal to 1"),
     (["world.robot.speed=0"], "world.robot.speed=0: input should be greater than 0"),
     (["world.side=nan"], "world.side=nan: input should be"),
-    (["rewards.collision=inf"], "rewards.collision=inf: input should be a finite number"),
+    (["rewards.events.collision.base=inf"],
+     "rewards.events.collision.base=inf: input should be a finite number"),
+    (["rewards.events.collision.bas=1"],
+     "rewards.events.collision.bas: unknown key; did you mean rewards.events.collision.base?"),
     (["seed=-1"], "seed=-1: input should be greater than or equal to 0"),
     (["name=a/b"], "name='a/b': string should match pattern"),
     (["resume=perhaps"], "resume='perhaps': input should be 'auto', 'never' or 'force'"),
@@ -79,8 +82,44 @@ ONE_LINE = [
     (["world.robot.radius=true"], "world.robot.radius=true: input should be a number, found true"),
     (["supervisor=baseline", "supervisor.policy.rates=[0.1,true]"],
      "supervisor.policy.rates.1=true: input should be a number, found true"),
-    (["classes.tiers.complete.pickups=true"],
-     "classes.tiers.complete.pickups=true: input should be a number, found true"),
+    (["classes.tiers.complete.at_least.pickups=true"],
+     "classes.tiers.complete.at_least.pickups=true: input should be a number, found true"),
+    (["rewards.events.pickup.base=true"],
+     "rewards.events.pickup.base=true: input should be a number, found true"),
+    (["curriculum.stages.0.multipliers.garbage=true"],
+     "curriculum.stages.0.multipliers.garbage=true: input should be a number, found true"),
+    # names that the domain does not declare
+    (["+rewards.events.picknick={component: garbage}"],
+     "rewards.events.picknick: expected one of pickup, interaction, charge, shutdown, delivery,"),
+    (["rewards.events.pickup.component=trash"],
+     "rewards.events.pickup.component: expected one of garbage, battery, humanoid, delivery,"),
+    (["+rewards.maxima.fun=3"], "rewards.maxima.fun: expected one of garbage, battery, humanoid,"),
+    (["rewards.normalize=true", "rewards.maxima.idle=0"],
+     "rewards.maxima.idle: expected a number above 0, as normalize is on"),
+    (["+curriculum.stages.2.multipliers.trash=3"],
+     "curriculum.stages.2.multipliers.trash: expected one of garbage, battery, humanoid, delivery,"),
+    (["classes.behaviours.charging=chargings"],
+     "classes.behaviours.charging: expected one of pickups, interactions, deliveries, charges,"),
+    (["+classes.tiers.complete.above.metres=3"],
+     "classes.tiers.complete.above.metres: expected one of pickups, interactions, deliveries,"),
+    (["+classes.tiers.excellent.at_least.fun=3"],
+     "classes.tiers.excellent.at_least.fun: expected one of pickups, interactions, deliveries,"),
+    # names that do not fit together
+    (["classes.milestones=[perfect]"],
+     "classes.milestones: expected one of excellent, complete, full_service, balanced_elite, found"
+     " 'perfect'"),
+    (["classes.specialists.of=[pickup,flying]"],
+     "classes.specialists.of: expected one of pickup, humanoid, charging, clearing, found"
+     " 'flying'"),
+    (["classes.specialists.mixed=pickup"],
+     "classes.behaviours: expected each name once, found 'pickup' twice"),
+    (["classes.specialists.dominance_ratio=0.5"],
+     "classes.specialists.dominance_ratio=0.5: input should be greater than or equal to 1"),
+    (["domain.factory=nowhere"], "domain.factory='nowhere': invalid python path"),
+    (["domain.factory=islandgp.run:run"],
+     "domain.factory: expected a class with World, Rewards, make and run_episode, found <function"),
+    (["domain=atlantis"], "domain=atlantis: unknown option; there are "),
+    (["domain=null"], "domain=null: expected the name of an option, found null; there are "),
     (["supervisor=fixed", "supervisor.policy.rate=false"],
      "supervisor.policy.rate=false: input should be a number, found false"),
     (["world.episode.step=1e-9"],
@@ -95,7 +134,8 @@ ONE_LINE = [
     (["allocation.tournament=[25,18]"],
      "allocation.tournament: expected 1 <= least <= most, found [25, 18]"),
     (["~classes.tiers.complete"],
-     "classes.tiers: expected a threshold for each tier, missing complete"),
+     "classes.milestones: expected one of excellent, full_service, balanced_elite, found"
+     " 'complete'"),
     (["~gp.state.window"], "gp.state.window: expected a value, found none"),
     (["supervisor=baseline", "supervisor.policy.rates=[0.5,0.1]"],
      "supervisor.policy.rates: expected 0 <= least <= most <= 1, found [0.5, 0.1]"),
@@ -299,8 +339,8 @@ def test_the_right_ones_run(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_run_errors_have_no_traceback(capsys: pytest.CaptureFixture[str]) -> None:
     """What only the run finds out is one message, too: a tree that is not there."""
-    assert main([*OFF, "experiment=smoke", "supervisor.policy.trees.pickup=[nope]"]) == 2
+    assert main([*OFF, "experiment=smoke", "library.trees.pickup=[nope]"]) == 2
     found = capsys.readouterr()
-    assert "found 'nope'; there are all_rounder" in found.err
+    assert "nope.bt, found none (No such file or directory); there are all_rounder" in found.err
     assert "Traceback" not in found.err
     assert list(Path.cwd().iterdir()) == []

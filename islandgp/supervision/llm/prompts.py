@@ -154,7 +154,14 @@ def _examples(part: str, library: Library) -> str:
     if names is None:
         names = () if part == "poor" else tuple(dict.fromkeys(n for t in library.targets.values() for n in t))
     lead = "And one to learn from, not to follow:\n\n" if part == "poor" and names else ""
-    return lead + "\n".join(f"```\n{library.texts[name].strip()}\n```\n" for name in names)
+    return lead + "\n".join(_example(name, library) for name in names)
+
+
+def _example(name: str, library: Library) -> str:
+    """A tree as it is written, with what it is for."""
+    targets = [target for target, names in library.targets.items() if name in names]
+    lead = f"For {', '.join(targets)}:\n\n" if targets else ""
+    return f"{lead}```\n{library.texts[name].strip()}\n```\n"
 
 
 def urgency(state: PopulationState, rare: float) -> str:
