@@ -204,10 +204,10 @@ def test_a_generation_that_cannot_be_written_down_ends_the_run(
 ) -> None:
     """Told in a line; what was written before is kept, and the same command goes on from there."""
 
-    def append(lines: Lines, value: dict[str, Any]) -> None:
+    def append(lines: Lines, value: dict[str, Any]) -> bytes:
         if "snapshot" in value and value["snapshot"]["generation"] == generation:
             raise OSError(reason, os.strerror(reason))
-        before(lines, value)
+        return before(lines, value)
 
     before = Lines.append
     with monkeypatch.context() as full:
