@@ -205,7 +205,8 @@ class RunFolder:
                 damage.append(str(error))
                 continue
             if damage:
-                tell(f"{damage[0]}\nGoing on from {file}, generation {state.generation}.")
+                why = damage[0].partition(";")[0].rstrip(".")
+                tell(f"{why}; going on from the checkpoint of generation {state.generation}.")
                 file.replace(self._checkpoint)
             if not checked:
                 tell(f"{self._generations.path}: not verified: written by an older version.")

@@ -159,7 +159,7 @@ def test_a_damaged_checkpoint_costs_one_generation(tmp_path: Path) -> None:
     (folder.path / "checkpoint.json").write_text("{")
     generation, (line,) = told(folder)
     assert generation == 3
-    assert re.search(r"checkpoint\.json, found a damaged file.*\nGoing on from .*previous", line)
+    assert re.search(r"checkpoint\.json, found a damaged file.*; going on from .* 3\.$", line)
     folder.append(steps()[3])
     assert told(folder) == (4, [])
     assert (folder.path / "generations.jsonl").read_bytes() == records
@@ -172,7 +172,7 @@ def test_a_newest_checkpoint_that_is_missing_costs_one_generation(tmp_path: Path
     assert folder.settled() == 3
     generation, (line,) = told(folder)
     assert generation == 3
-    assert line.startswith(f"There is no {folder.path / 'checkpoint.json'}.")
+    assert line.startswith(f"There is no {folder.path / 'checkpoint.json'};")
 
 
 def test_two_damaged_checkpoints_are_an_error(tmp_path: Path) -> None:
