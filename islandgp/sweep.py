@@ -18,6 +18,7 @@ from omegaconf import DictConfig
 
 from islandgp.compose import Planned, is_choice
 from islandgp.errors import ConfigError, RunError
+from islandgp.joblib_workers import tie_joblib_workers
 from islandgp.resume import choose
 from islandgp.sweep_job import sweep_job
 from islandgp.sweep_progress import Start, Watch, written_since
@@ -107,10 +108,13 @@ def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> No
     start = Start.now({named: job for own in entries.values() for named, job in own.items()})
     begun = _begun(start)
     how = "off" if jobs[0].launcher == "BasicLauncher" else jobs[0].settings.progress
+    if jobs[0].launcher == "JoblibLauncher":
+        tie_joblib_workers()
     for _ in range(LAUNCHES):
         try:
             with Watch(start, how):
                 launch(sweep_job(start), [f"hydra.sweep.dir={first.path}"])
+            break
         except Exception as error:
             if _begun(start) == begun:
                 raise RunError(
@@ -183,7 +187,9 @@ def _report_unfinished(entries: Entries) -> int:
     total = sum(len(own) for own in entries.values())
     print(f"\n{len(bad)} of {total} jobs not finished:", file=sys.stderr)
     for run, job in bad:
-        print(f"\n  {job.folder}: {run.reason() or 'its process died'}", file=sys.stderr)
+        busy = run.status() is Status.RUNNING
+        why = "another process is at work on it" if busy else run.reason() or "its process died"
+        print(f"\n  {job.folder}: {why}", file=sys.stderr)
         if run.error():
             print(f"    error:  {run.path / 'error.txt'}", file=sys.stderr)
         print(f"    again:  {job.command}", file=sys.stderr)

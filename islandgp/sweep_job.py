@@ -12,6 +12,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from islandgp.compose import read, run_folder
+from islandgp.errors import BusyError
 from islandgp.evaluation.processes import cores
 from islandgp.part import Part
 from islandgp.run import run
@@ -54,6 +55,8 @@ def _run(config: dict[str, Any], settings: Settings, start: Start, named: Path, 
         print(sweep_line(start), file=sys.stderr, flush=True)
     try:
         run(settings, config, target.path, home=home, command=job.command, keep_display=False)
+    except BusyError as error:  # the folder is the other process's: nothing is written there
+        print(f"islandgp: {error}", file=sys.stderr)
     except Exception as error:  # whatever it is, it must not end the other jobs
         if not target.error():  # the run came too short to write it down itself
             target.fail(error)

@@ -69,6 +69,8 @@ def written_since(run: RunFolder, at: float) -> bool:
 def job_line(run: RunFolder) -> str:
     """What one job came to."""
     if not run.finished():
+        if run.status() is Status.RUNNING:
+            return f"{run.path.name}: another process is at work on it"
         why = run.reason()
         return f"{run.path.name}: {f'failed: {why}' if why else 'stopped'}"
     s = run.summary()

@@ -23,6 +23,7 @@ from pydantic import BaseModel, Field
 
 from islandgp.errors import EvaluationError
 from islandgp.evaluation.base import Job, Setting, blame, simulate
+from islandgp.parent_death import killed_with_parent
 from islandgp.scoring.outcome import Outcome
 
 ENDING: Final = 1.0  # s that workers may take to end by themselves
@@ -38,6 +39,7 @@ def cores() -> int:
 def _start(setting: Setting) -> None:
     global _setting
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
+    killed_with_parent()  # the server of forks, which ends with the run
     Thread(target=_end_with_parent, daemon=True).start()
     _setting = setting
 

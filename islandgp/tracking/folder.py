@@ -29,7 +29,7 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from islandgp.errors import IslandError, RunError
+from islandgp.errors import BusyError, IslandError, RunError
 from islandgp.evolution.checkpoint import (
     read_checkpoint,
     save_state,
@@ -89,7 +89,8 @@ class RunFolder:
         A run that is finished keeps what is written there.
 
         Raises:
-            RunError: another process is writing here, or nobody can.
+            BusyError: another process is writing here.
+            RunError: nobody can.
         """
         with usable(self.path):
             self._take()
@@ -104,7 +105,7 @@ class RunFolder:
         try:
             self._lock.acquire(timeout=1, poll_interval=0.05)  # a look at it may hold it
         except Timeout:
-            raise RunError(
+            raise BusyError(
                 f"Expected to be the only one who writes to {self.path}, found another run at work"
                 " there; wait for it, or give this one another name=..."
             ) from None

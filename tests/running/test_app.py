@@ -331,6 +331,30 @@ def test_a_failed_job_is_reported_at_the_end_and_the_others_go_on(
     assert done == set(leaf(here))
 
 
+def test_a_job_on_which_another_process_works_is_not_failed(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is left as it is, nothing is written into its folder, and the others go on."""
+    words = [*TINY, "tracking=off", *fake("Breaks", after=2, how="error")]
+    assert main(words) == 2
+    (name,) = leaf(here)
+    folder = RunFolder(here / "runs/default" / name)
+    (folder.path / "error.txt").unlink()
+    before = {file.name: file.read_bytes() for file in folder.path.iterdir()}
+    about = folder.about()
+    assert about is not None
+    folder.open((folder.path / "config.yaml").read_text(), about)
+    capsys.readouterr()
+    try:
+        assert main([*INSTANT, "seed=0,1", "-m"]) == 1
+    finally:
+        folder.close()
+    said = capsys.readouterr().err
+    assert said.count(f"{name}: another process is at work on it") == 2  # then, and at the end
+    assert "1 of 2 jobs not finished" in said
+    assert {file.name: file.read_bytes() for file in folder.path.iterdir()} == before
+
+
 def test_ctrl_c_in_a_sweep_stops_it(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Exit code 130; the job after it was not started."""
     words = [*TINY, "tracking=off", *fake("Breaks", after=1, how="interrupt")]

@@ -210,6 +210,22 @@ def test_ctrl_c_stops_a_joblib_sweep_and_the_same_command_finishes_it(tmp_path: 
     assert {run.parent for run in found if run is not parent} == {parent.id}
 
 
+def test_a_joblib_sweep_that_is_killed_leaves_no_worker(tmp_path: Path) -> None:
+    """`kill -9` of its process alone: jobs, their workers and idle workers end with it."""
+    pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
+    launcher = ("hydra/launcher=local", "hydra.launcher.n_jobs=3", "seed=0,1", "-m")
+    words = (*TINY, "gp.generations=60", "tracking=off", *TWO_WORKERS, *launcher)
+    process = start(tmp_path, *words)
+    wait_until(lambda: len(list(tmp_path.rglob("checkpoint.json"))) == 2, process)
+    process.kill()
+    process.wait()
+    assert_all_end(process.pid)
+    process.communicate()
+    code, said = finish(start(tmp_path, *words))
+    assert code == 0, said
+    assert list(tmp_path.rglob("error.txt")) == []
+
+
 @pytest.mark.slow
 def test_ctrl_c_stops_a_sweep_on_ray(tmp_path: Path) -> None:
     """Ray's workers do not hear of Ctrl-C; they are ended, and nothing stays RUNNING."""
