@@ -26,7 +26,7 @@ from islandgp.compose import command_line, planned, read, run_folder
 from islandgp.config_source import Source
 from islandgp.errors import ConfigError, IslandError, PartError
 from islandgp.mistakes import MISTAKES, explain, parsed
-from islandgp.printing import printed
+from islandgp.printing import printed, say, shown
 from islandgp.resources import resource
 from islandgp.resume import choose
 from islandgp.run import check_ready, run
@@ -41,6 +41,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     0: all is done; 1: a job failed; 2: the user's error; 130: stopped by Ctrl-C or SIGTERM.
     """
+    with shown():
+        return _main(arguments)
+
+
+def _main(arguments: Sequence[str] | None) -> int:
     # What is there at the end goes with the process; to look for garbage in it takes long.
     atexit.register(gc.freeze)
     try:
@@ -127,7 +132,7 @@ def _run_single(words: Sequence[str]) -> None:
         home, overrides = Path(found.runtime.cwd), list(found.overrides.task)
         folder = run_folder(settings, overrides, home)
         try:
-            print(run(settings, plain, folder, home=home, command=command_line(words)))
+            say(run(settings, plain, folder, home=home, command=command_line(words)))
         except Exception as error:  # Hydra would print the overrides, and any secret in them
             errors.append(error)
 

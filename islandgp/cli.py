@@ -9,7 +9,7 @@ from typing import Final
 import click
 
 from islandgp.errors import IslandError
-from islandgp.printing import printed
+from islandgp.printing import printed, shown
 
 COMMANDS: Final[dict[str, str]] = {
     "run": "evolve trees: the same as python -m islandgp",
@@ -60,6 +60,11 @@ def islandgp() -> None:
 
 def main() -> None:
     """The console script: a user's error is one message and exit code 2, Ctrl-C 130."""
+    with shown():
+        _main()
+
+
+def _main() -> None:
     try:
         with printed():
             sys.exit(islandgp.main(standalone_mode=False) or 0)

@@ -19,6 +19,7 @@ from omegaconf import DictConfig
 from islandgp.compose import Planned, is_choice
 from islandgp.errors import ConfigError, RunError
 from islandgp.joblib_workers import tie_joblib_workers
+from islandgp.printing import say
 from islandgp.resume import choose
 from islandgp.sweep_job import sweep_job
 from islandgp.sweep_progress import Start, Watch, written_since
@@ -59,7 +60,7 @@ def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
         interrupted = True
     for sweep in entries:
         if (file := sweep.read()) is not None:
-            print(f"\n{arm_lines(arms(sweep, file))}\n\nResults: {sweep.path}")
+            say(f"\n{arm_lines(arms(sweep, file))}\n\nResults: {sweep.path}")
     if interrupted:
         print("islandgp: stopped; the same command goes on from here", file=sys.stderr)
         return 130

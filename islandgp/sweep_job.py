@@ -15,6 +15,7 @@ from islandgp.compose import read, run_folder
 from islandgp.errors import BusyError
 from islandgp.evaluation.processes import cores
 from islandgp.part import Part
+from islandgp.printing import shown
 from islandgp.run import run
 from islandgp.settings import Settings
 from islandgp.sweep_progress import Start, job_line, sweep_line, written_since
@@ -41,7 +42,8 @@ def sweep_job(start: Start) -> Callable[[DictConfig], None]:
         hydra = HydraConfig.get()
         home = Path(hydra.runtime.cwd)
         named = run_folder(settings, list(hydra.overrides.task), home)
-        _run(plain, _fitted(settings, hydra.launcher, len(start.jobs)), start, named, home)
+        with shown():  # in a process of its own the command's is not known
+            _run(plain, _fitted(settings, hydra.launcher, len(start.jobs)), start, named, home)
 
     return job
 
