@@ -16,6 +16,7 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from islandgp.errors import ConfigError
 from islandgp.evolution.allocation import Allocation
+from islandgp.evolution.growth import check_growth
 from islandgp.evolution.plan import GP, Plan, Switches
 from islandgp.island.script import obstacles
 from islandgp.island.world import World
@@ -77,6 +78,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
                 f"supervisor.lag: expected less than gp.generations={self.gp.generations},"
                 f" found {self.supervisor.lag}"
             )
+        check_growth(self.gp)
         try:
             obstacles(self.world)
         except ConfigError as error:

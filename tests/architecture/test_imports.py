@@ -44,6 +44,7 @@ LAYERS: list[tuple[str, ...]] = [
     ("evaluation",),
     (
         "evolution.plan",
+        "evolution.growth",
         "evolution.evaluate",
         "evolution.observe",
         "evolution.decide",
