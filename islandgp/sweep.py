@@ -22,7 +22,7 @@ from islandgp.joblib_workers import tie_joblib_workers
 from islandgp.printing import say
 from islandgp.resume import choose
 from islandgp.sweep_job import sweep_job
-from islandgp.sweep_progress import Start, Watch, written_since
+from islandgp.sweep_progress import Start, Watch
 from islandgp.tracking.brief import brief
 from islandgp.tracking.folder import RunFolder, Status
 from islandgp.tracking.parameters import redacted
@@ -126,7 +126,7 @@ def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> No
         finally:
             # Hydra writes the whole command into it, with any secret that it holds.
             (first.path / "multirun.yaml").unlink(missing_ok=True)
-        if all(run.finished() or written_since(run, start.at) for run in start.runs()):
+        if all(run.finished() or start.failed(run) for run in start.runs()):
             break
 
 

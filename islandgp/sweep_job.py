@@ -18,7 +18,7 @@ from islandgp.part import Part
 from islandgp.printing import shown
 from islandgp.run import run
 from islandgp.settings import Settings
-from islandgp.sweep_progress import Start, job_line, sweep_line, written_since
+from islandgp.sweep_progress import Start, job_line, sweep_line
 
 ALONE: Final = frozenset({"BasicLauncher", "SlurmLauncher"})
 """Launchers whose jobs have a terminal, or a log, to themselves."""
@@ -50,7 +50,7 @@ def sweep_job(start: Start) -> Callable[[DictConfig], None]:
 
 def _run(config: dict[str, Any], settings: Settings, start: Start, named: Path, home: Path) -> None:
     target, job = start.run(named), start.jobs[named]
-    if written_since(target, start.at):
+    if start.failed(target):
         return  # it failed in this sweep before a launcher broke down
     alone = settings.progress != "off"
     if alone:
