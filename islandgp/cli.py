@@ -9,7 +9,7 @@ from typing import Final
 import click
 
 from islandgp.errors import IslandError
-from islandgp.printing import printed
+from islandgp.printing import printed, shown
 
 COMMANDS: Final[dict[str, str]] = {
     "run": "evolve trees: the same as python -m islandgp",
@@ -26,6 +26,7 @@ COMMANDS: Final[dict[str, str]] = {
     "import": "turn JSON or BehaviorTree.CPP XML into a tree",
     "compare": "compare arms of runs: tables, figures, statistics",
     "estimate": "tell what supervision by a language model will cost",
+    "verify": "compare runs with the checksums of their records",
     "sync": "send records to the tracking server that it has not got yet",
     "ui": "start the MLflow UI and print the address of the right page",
 }
@@ -60,6 +61,11 @@ def islandgp() -> None:
 
 def main() -> None:
     """The console script: a user's error is one message and exit code 2, Ctrl-C 130."""
+    with shown():
+        _main()
+
+
+def _main() -> None:
     try:
         with printed():
             sys.exit(islandgp.main(standalone_mode=False) or 0)

@@ -12,9 +12,7 @@ from islandgp.tracking.fallbacks import answers, fallback_words
 from islandgp.tracking.folder import RunFolder
 
 
-def summary(
-    target: RunFolder, champion: Champion, milestones: Sequence[str]
-) -> dict[str, Any]:
+def summary(target: RunFolder, champion: Champion, milestones: Sequence[str]) -> dict[str, Any]:
     """What a run came to, from its records; `seconds` are those spent in its generations."""
     first: dict[str, int | None] = dict.fromkeys(milestones)
     snapshots = [record["snapshot"] for record in target.records()]

@@ -164,6 +164,7 @@ def run(
 
 def _complete(target: RunFolder, tracker: Tracker) -> str:
     """A finished run as it is; the tracker sends what is missing of it."""
+    target.restore()
     tracker.start(target)
     where = tracker.finish(Status.FINISHED)
     again = "This run was complete already; resume=never runs it again."
@@ -206,7 +207,7 @@ def _evolve(
             line = supervisor.start()
         if line:
             print(line, file=sys.stderr)
-    start = target.resume()
+    start = target.resume(lambda line: print(f"islandgp: {line}", file=sys.stderr))
     done = start.generation if start is not None else 0
     evaluator = make_evaluator(settings)
     champion: Champion | None = None

@@ -15,7 +15,17 @@ from tests.architecture.sources import PACKAGE, ROOT, imports, module_name, modu
 
 LAYERS: list[tuple[str, ...]] = [
     # A module imports from its own layer and those above it in this list, never from below.
-    ("errors", "seeding", "resources", "version", "api_key", "part", "stopping", "printing"),
+    (
+        "errors",
+        "seeding",
+        "resources",
+        "version",
+        "api_key",
+        "part",
+        "stopping",
+        "printing",
+        "parent_death",
+    ),
     ("bt",),
     ("island",),
     ("scoring",),
@@ -34,6 +44,7 @@ LAYERS: list[tuple[str, ...]] = [
     ("evaluation",),
     (
         "evolution.plan",
+        "evolution.growth",
         "evolution.evaluate",
         "evolution.observe",
         "evolution.decide",
@@ -49,7 +60,7 @@ LAYERS: list[tuple[str, ...]] = [
     ("config_source", "mistakes", "compose"),
     ("about",),
     ("run",),
-    ("sweep_progress", "sweep_job", "sweep"),
+    ("joblib_workers", "sweep_progress", "sweep_job", "sweep"),
     ("app",),
     ("commands", "testing"),
     ("cli", "__main__"),

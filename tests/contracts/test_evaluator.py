@@ -5,10 +5,12 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from threading import Timer
 
 import pytest
 
@@ -168,6 +170,50 @@ def test_workers_that_die_between_batches_are_replaced() -> None:
         assert pool.evaluate(JOBS[:4]) == list(expected()[:4])
     finally:
         pool.close()
+
+
+def test_a_stopped_worker_beside_a_dead_one_is_replaced() -> None:
+    """It cannot be ended gently; the jobs have their outcomes all the same."""
+    pool = Processes(setting(), 2)
+    try:
+        pool.evaluate(JOBS)
+        one, other = multiprocessing.active_children()
+        assert one.pid is not None
+        os.kill(one.pid, signal.SIGSTOP)
+        other.kill()
+        assert tuple(pool.evaluate(JOBS)) == expected()
+    finally:
+        pool.close()
+
+
+@dataclass(frozen=True)
+class Endless:
+    """A curriculum in which an episode takes half a minute, in C code."""
+
+    inner: Curriculum
+
+    def multipliers(self, stage: int) -> Multipliers:
+        """See `Curriculum`."""
+        time.sleep(30)
+        return self.inner.multipliers(stage)
+
+
+def endless() -> Setting:
+    """The setting with such a curriculum."""
+    return replace(setting(), curriculum=Endless(setting().curriculum))  # type: ignore[arg-type]
+
+
+def test_closing_does_not_wait_for_long_episodes() -> None:
+    """After Ctrl-C their workers are killed within seconds."""
+    pool = Processes(endless(), 2)
+    ctrl_c = Timer(2, os.kill, (os.getpid(), signal.SIGINT))
+    ctrl_c.start()
+    with pytest.raises(KeyboardInterrupt):
+        pool.evaluate(JOBS)
+    began = time.monotonic()
+    pool.close()
+    assert time.monotonic() - began < 10
+    assert multiprocessing.active_children() == []
 
 
 @pytest.mark.slow

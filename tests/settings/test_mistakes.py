@@ -175,7 +175,63 @@ ONE_LINE = [
     (["compare", "--help"], "compare: expected KEY=VALUE, found a command; write islandgp compare"),
     (["gp.populaton=3", "--help"], "gp.populaton: unknown key; did you mean gp.population?"),
     (["supervisor=expet", "--cfg", "job"], "supervisor=expet: unknown option; did you mean expert"),
+    (["world@x=island"],
+     "world@x: expected GROUP=OPTION, found a package behind the group; write world=OPTION"),
+    (["+hydra.callbacks.x._target_=builtins.print"],
+     "hydra.callbacks.x: expected no callbacks, found one; leave it out,"),
+    (["hydra.run.dir=/proc/x"], "Expected Hydra to start the run, found that it cannot: [Errno 2]"),
 ]  # fmt: skip
+
+HUGE = {
+    # settings that would take for ever, or more memory than there is: words, the line
+    "deep trees": (["gp.max_nodes=1000", "gp.max_depth=50", "gp.trees.depth=[50,50]"],
+     "gp.trees.depth: expected random trees of at most 2,000 nodes on average, found larger ones;"),
+    "broad trees": (["gp.trees.children=[1,100000]"],
+     "gp.trees.children: expected at most gp.max_nodes=50 children, found 100000"),
+    "trees both deep and broad":
+    (["gp.max_nodes=1000", "gp.trees.children=[1,1000]", "gp.trees.depth=[3,3]"],
+     "gp.trees.depth: expected random trees of at most 2,000 nodes on average"),
+    "endless levels": (["gp.trees.depth=[2,1000000000000000000000]"],
+     "gp.trees.depth: expected at most 1000 levels, found 1000000000000000000000"),
+    "a deep subtree": (["gp.mutation.subtree_depth=1000000000"],
+     "gp.mutation.subtree_depth: expected at most gp.max_depth=8, found 1000000000"),
+    "a long sweep": (["seed=range(100000000)", "-m"],
+     "seed=range(100000000): expected at most 1,000 jobs of a command, found 100,000,000; give"),
+    "a long sweep, shuffled": (["seed=shuffle(range(100000000))", "-m"],
+     "seed=shuffle(range(100000000)): expected at most 1,000 jobs of a command,"),
+    "a fine sweep": (["gp.crossover_rate=range(0,1,0.0000000000001)", "-m"],
+     "gp.crossover_rate=range(0,1,0.0000000000001): expected at most 1,000 jobs of a command,"),
+    "a product": (["seed=range(100)", "gp.population=range(10,30)", "-m"],
+     "gp.population=range(10,30): expected at most 1,000 jobs of a command, found 2,000;"),
+    "no step": (["seed=range(0,10,0)", "-m"],
+     "seed=range(0,10,0): expected a range with an end and a step that is not 0, found the step 0"),
+    "an interval": (["seed=interval(0,3)", "-m"],
+     "seed=interval(0,3): expected values to sweep over, found an interval; write seed=range("),
+    "digits": ([f"seed={'1' * 5000}"],
+     "seed: expected a number of at most 1000 digits, found 5000; write a shorter one"),
+    "levels": ([f"gp.trees.depth={'[' * 400}{']' * 400}"],
+     "gp.trees.depth: expected a value of at most 50 levels of brackets, found 400; write"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("words_line", HUGE.values(), ids=HUGE)
+def test_what_would_never_end_is_one_line(
+    words_line: tuple[list[str], str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """At once, before anything of the size is made."""
+    words, line = words_line
+    (found,) = errors(capsys, *words)
+    assert found.startswith(line)
+
+
+def test_a_deleted_working_folder_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    """Whatever the command is."""
+    Path.cwd().rmdir()
+    assert main([*OFF]) == 2
+    assert capsys.readouterr().err == (
+        "islandgp: Expected a folder to work in, found that it was deleted; change to another"
+        " one.\n"
+    )
 
 
 @pytest.mark.parametrize(
