@@ -1,9 +1,9 @@
 """Experiments in Python: composed like on the command line, run generation by generation.
 
-    experiment = islandgp.compose("gp.population=12", "supervisor=baseline")
-    for step in experiment:
-        print(step.record.snapshot.best)
-    experiment.evaluate(step.champion.record.tree, worlds=range(10))
+experiment = islandgp.compose("gp.population=12", "supervisor=baseline")
+for step in experiment:
+    print(step.record.snapshot.best)
+experiment.evaluate(step.champion.record.tree, worlds=range(10))
 """
 
 from __future__ import annotations

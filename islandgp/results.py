@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from islandgp.errors import RunError
 from islandgp.evaluation.recorded import check_version
+from islandgp.tracking.files import score
 from islandgp.tracking.folder import RunFolder
 from islandgp.tracking.sweep_folder import SweepFolder
 
@@ -33,12 +34,13 @@ COLUMNS: Final[dict[str, dict[str, tuple[str, str]]]] = {
         "seed": ("int64", "of every draw of the run"),
         "status": ("string", "FINISHED, RUNNING, KILLED or FAILED"),
         "generations": ("Int64", "generations of a finished run"),
-        "best": ("float64", "fitness of the champion, points"),
+        "best": ("float64", "mean fitness of the best robot in validation worlds, points"),
+        "trained": ("float64", "its fitness in training, points"),
         "final_best": ("float64", "highest fitness of the last generation, points"),
         "final_mean": ("float64", "mean fitness of the last generation, points"),
         "mean_diversity": ("float64", "Eq. (3), mean over the generations"),
         "seconds": ("float64", "spent in the generations, s"),
-        "tree": ("string", "the champion's text"),
+        "tree": ("string", "the best robot's text"),
     },
     "generations": {
         "run": ("string", "as in the runs"),
@@ -120,7 +122,8 @@ class Results:
         kept = ("generations", "final_best", "final_mean", "mean_diversity", "seconds")
         return {
             **row,
-            "best": best["fitness"],
+            "best": score(summary),
+            "trained": best["fitness"],
             "tree": best["tree"],
             **{name: summary[name] for name in kept},
             **{f"first.{tier}": g for tier, g in summary["first"].items()},

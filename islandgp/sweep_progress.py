@@ -12,6 +12,7 @@ from typing import Final, Literal, Self
 
 from islandgp.progress import duration
 from islandgp.supervision.state_json import title
+from islandgp.tracking.files import score
 from islandgp.tracking.folder import RunFolder, Status
 from islandgp.tracking.sweep_folder import SweepJob
 
@@ -91,7 +92,7 @@ def job_line(run: RunFolder) -> str:
     tier, first = next(iter(s["first"].items()))  # the easiest milestone
     robot = f"{title(tier)} Robot"
     emerged = f"no {robot}" if first is None else f"first {robot} in generation {first}"
-    best = s["champion"]["record"]["fitness"]
+    best = score(s)
     return f"{run.path.name}: best fitness {best:,.0f}, {emerged}, {duration(s['seconds'])}"
 
 

@@ -236,9 +236,7 @@ def _table(columns: Sequence[Column]) -> Table:
 
     table = Table(box=None, padding=(0, GAP, 0, 0), pad_edge=False, header_style="bold")
     for column in columns:
-        table.add_column(
-            column.heading, justify="right" if column.right else "left", no_wrap=True
-        )
+        table.add_column(column.heading, justify="right" if column.right else "left", no_wrap=True)
     for row in zip(*(column.cells for column in columns), strict=True):
         table.add_row(*row)
     return table

@@ -140,7 +140,9 @@ def default_domain() -> str:
     import yaml
 
     first = yaml.safe_load((resource("conf") / "config.yaml").read_text(encoding="utf-8"))
-    return next(str(e["domain"]) for e in first["defaults"] if isinstance(e, dict) and "domain" in e)
+    return next(
+        str(e["domain"]) for e in first["defaults"] if isinstance(e, dict) and "domain" in e
+    )
 
 
 def _given(overrides: Sequence[str]) -> set[str]:

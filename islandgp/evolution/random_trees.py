@@ -15,7 +15,6 @@ from islandgp.bt.limits import Limits, within
 from islandgp.bt.node import ABORTS, FLAG_OPERATORS, KINDS, OPERATORS, POLICIES, Node
 from islandgp.bt.vocabulary import Vocabulary
 
-
 MOST_NODES: Final = 2000.0  # expected of a random tree; a run takes at most 1,000
 
 

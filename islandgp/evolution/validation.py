@@ -50,6 +50,15 @@ class Validation:
     difference_high: float = 0.0
 
 
+@dataclass(frozen=True, slots=True)
+class Best:
+    """A run's best robot."""
+
+    generation: int
+    record: Mapping[str, Any]  # the individual's, as plain values
+    validation: Validation | None  # None: it was not validated
+
+
 def candidates(records: Sequence[Mapping[str, Any]], classes: Classes) -> list[Candidate]:
     """The most promising trees of the last stage, each once, at most MOST.
 
@@ -92,7 +101,9 @@ def _ordered(
 
 def worlds_of(seed: int, used: frozenset[int], n: int) -> tuple[int, ...]:
     """The first `n` validation worlds of a run that none of its generations used."""
-    drawn = (int(stream(seed, Stream.VALIDATION, slot=i).integers(2**32)) for i in range(n + len(used)))
+    drawn = (
+        int(stream(seed, Stream.VALIDATION, slot=i).integers(2**32)) for i in range(n + len(used))
+    )
     return tuple(world for world in drawn if world not in used)[:n]
 
 

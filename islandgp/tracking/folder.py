@@ -293,6 +293,7 @@ class RunFolder:
             RunError: as `append`.
         """
         with usable(self.path):
+            self._restore_best(summary["champion"]["record"]["tree"])
             write_lineage(self.path / "lineage.csv", self.records())
             write_atomic(self.path / "summary.json", pretty({**summary, "records": self._digest}))
             self._checkpoint.unlink(missing_ok=True)

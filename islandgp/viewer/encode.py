@@ -196,9 +196,7 @@ class _Scene:
         ]
 
     def _way(self, xs: Sequence[float], ys: Sequence[float]) -> list[int]:
-        return path(
-            [(x - self.x) / self.unit for x in xs], [(y - self.y) / self.unit for y in ys]
-        )
+        return path([(x - self.x) / self.unit for x in xs], [(y - self.y) / self.unit for y in ys])
 
     def _changes(self, looks: Sequence[tuple[int, Look]]) -> list[int]:
         told, last = [], 0
@@ -217,4 +215,3 @@ class _Scene:
             told += [tick - last, places.setdefault(frame, len(places))]
             last = tick
         return {"frames": [b64encode(frame).decode() for frame in places], "shown": told}
-

@@ -111,9 +111,7 @@ def _map(recording: Recording, film: Film, tick: int) -> Text:
     for mover in film.movers:
         style = " bold reverse" if mover is film.movers[-1] else " bold"
         put(_form(mover, tick), mover.xs[tick], mover.ys[tick], style)
-    return Text("\n").join(
-        Text.assemble(*((sign, style) for sign, style in row)) for row in cells
-    )
+    return Text("\n").join(Text.assemble(*((sign, style) for sign, style in row)) for row in cells)
 
 
 def _form(mover: Mover, tick: int) -> str:

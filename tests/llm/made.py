@@ -17,7 +17,7 @@ from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Reques
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.supervisor import LLM
 from tests.composed import composed
-from tests.made import CLASSES, EARLY, NOTHING
+from tests.made import CLASSES, EARLY
 
 DECISION = {
     "mutation_rate": 0.42,
@@ -28,6 +28,19 @@ DECISION = {
     "reasoning": "b",
 }
 PROPOSAL = {"tree": "selector { PatrolWaypoint }", "target": "rare", "rationale": "c"}
+MEANS = {
+    "pickups": 1.25,
+    "interactions": 0.5,
+    "deliveries": 0.1,
+    "charges": 0.2,
+    "gathered": 2.72,
+    "delivered": 1.1,
+    "collisions": 0.7,
+    "distance": 812.42,
+    "inactive": 96.6,
+    "laps": 0.4,
+    "battery": 31.0,
+}
 USAGE = Usage(input=1000, output=100)
 
 
@@ -65,7 +78,7 @@ def snapshot(generation: int, best: float, *, complete: int = 0, excellent: int 
             "full_service": complete + 1,
             "balanced_elite": complete + 2,
         },
-        counters={**NOTHING.counters, "distance": 812.4, "inactive": 96.6},
+        counters=MEANS,
         size=17.25,
         rate=0.4,
     )

@@ -97,7 +97,7 @@ ONE_LINE = [
     (["rewards.normalize=true", "rewards.maxima.idle=0"],
      "rewards.maxima.idle: expected a number above 0, as normalize is on"),
     (["+curriculum.stages.2.multipliers.trash=3"],
-     "curriculum.stages.2.multipliers.trash: expected one of garbage, battery, humanoid, delivery,"),
+     "curriculum.stages.2.multipliers.trash: expected one of garbage, battery, humanoid,"),
     (["classes.behaviours.charging=chargings"],
      "classes.behaviours.charging: expected one of pickups, interactions, deliveries, charges,"),
     (["+classes.tiers.complete.above.metres=3"],
@@ -319,7 +319,7 @@ def test_several_errors_several_lines(capsys: pytest.CaptureFixture[str]) -> Non
         "gp.population=1",
         "gp.generations=none",
         "world.robot.speed=-2",
-        "+rewards.pickup.bonus=3",
+        "+rewards.events.pickup.bonus=3",
         "supervisor=baseline",
         "supervisor.policy.patience=0",
         "supervisor.policy.up=0.5",
@@ -327,10 +327,27 @@ def test_several_errors_several_lines(capsys: pytest.CaptureFixture[str]) -> Non
     assert [line.partition(":")[0] for line in found] == [
         "gp.generations='none'",
         "gp.population=1",
-        "rewards.pickup.bonus",
+        "rewards.events.pickup.bonus",
         "supervisor.policy.patience=0",
         "supervisor.policy.up=0.5",
         "world.robot.speed=-2",
+    ]
+
+
+def test_several_unknown_names_several_lines(capsys: pytest.CaptureFixture[str]) -> None:
+    """What the domain does not declare is told at once, too: rewards, curriculum, classes."""
+    found = errors(
+        capsys,
+        "rewards.events.pickup.component=trash",
+        "+curriculum.stages.0.multipliers.trash=3",
+        "classes.behaviours.charging=chargings",
+        "+classes.tiers.complete.above.fun=3",
+    )
+    assert [line.partition(":")[0] for line in found] == [
+        "rewards.events.pickup.component",
+        "curriculum.stages.0.multipliers.trash",
+        "classes.behaviours.charging",
+        "classes.tiers.complete.above.fun",
     ]
 
 
