@@ -140,9 +140,8 @@ def default_domain() -> str:
     import yaml
 
     first = yaml.safe_load((resource("conf") / "config.yaml").read_text(encoding="utf-8"))
-    return next(
-        str(e["domain"]) for e in first["defaults"] if isinstance(e, dict) and "domain" in e
-    )
+    chosen = [group for group in first["defaults"] if isinstance(group, dict)]
+    return next(str(group["domain"]) for group in chosen if "domain" in group)
 
 
 def _given(overrides: Sequence[str]) -> set[str]:

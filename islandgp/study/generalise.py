@@ -1,7 +1,7 @@
 """How the best trees do on worlds that no run has seen.
 
-A champion's fitness is the highest of all episodes of its run, and so partly luck with
-its world. Here each run's champion meets the same unseen worlds, in the last stage.
+A run chooses its champion, its best robot, in worlds of its own. Here the champions of all
+runs meet the same unseen worlds, in the last stage.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Generalisation:
 
     arm: str  # or what a yardstick is called
     seed: int | None  # of the run whose champion it is; None: a yardstick, a tree from elsewhere
-    trained: float | None  # points, the fitness that made it champion
+    trained: float | None  # points, its fitness in the generation in which it lived
     worlds: int  # unseen ones that it met, >= 1
     unseen: float  # points, mean over the worlds
     worst: float  # points, the least of the worlds
@@ -43,7 +43,9 @@ def unseen_worlds(study: Comparison, n: int) -> tuple[int, ...]:
 
     Nobody tunes a tree on them: `islandgp play` counts its worlds from 0.
     """
-    used = {w for arm in study.arms for run in arm.runs for r in run.records for w in r.worlds}
+    runs = [run for arm in study.arms for run in arm.runs]
+    used = {world for run in runs for record in run.records for world in record.worlds}
+    used |= {world for run in runs for world in run.validation}
     drawn = (int(stream(0, Stream.UNSEEN, slot=k).integers(2**32)) for k in count())
     return tuple(islice((seed for seed in drawn if seed not in used), n))
 

@@ -79,6 +79,7 @@ def read(found: Found) -> Run:
             records=tuple(_record(plain) for plain in folder.records()),
             costs=tuple(_cost(plain) for plain in folder.costs()),
             champion=Champion(champion["generation"], individual_record(champion["record"])),
+            validation=tuple((champion["validation"] or {"worlds": ()})["worlds"]),
         )
     except (OSError, json.JSONDecodeError, KeyError, TypeError) as error:
         raise StudyError(

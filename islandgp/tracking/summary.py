@@ -188,9 +188,10 @@ def sweep_note(sweep: SweepFolder, file: SweepFile, found: Sequence[Arm], status
     lines = [
         arm_table(found),
         f"{len(file.jobs)} runs, {status.value.lower()}: {len(found)} arm{'s' * (len(found) != 1)},"
-        f" seeds {', '.join(map(str, seeds))}. Best robot: its points in validation worlds, mean ± standard deviation over runs."
-        " Tiers: median generation of the first such robot over all runs, one"
-        " without it counted as later than any, and how many runs had one. Diversity: mean.",
+        f" seeds {', '.join(map(str, seeds))}. Best robot: its points in validation worlds, mean ±"
+        " standard deviation over runs. Tiers: median generation of the first such robot over all"
+        " runs, one without it counted as later than any, and how many runs had one."
+        " Diversity: mean.",
         "",
         *(f"    {command}" for command in file.commands),
         "",

@@ -15,7 +15,6 @@ from urllib.request import urlopen
 
 import pytest
 
-from islandgp.report import summary
 from islandgp.tracking.folder import Status
 from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.mlflow import MLflow
@@ -24,7 +23,7 @@ from islandgp.tracking.store import MLflowSettings, Place, Store
 from islandgp.tracking.sync import sync
 from tests.running.commands import finish, start
 from tests.tracking import servers
-from tests.tracking.folders import begun, history, place, steps, written
+from tests.tracking.folders import begun, finished, history, place, steps, written
 from tests.trees.shell import Cli
 
 
@@ -95,7 +94,7 @@ def test_a_store_deleted_under_way_is_made_again(
     for step in done[1:]:
         folder.append(step)
         follows.generation()
-    folder.finish(summary(folder, done[-1].champion))
+    folder.finish(finished(folder, done[-1].champion))
     assert follows.finish(Status.FINISHED).endswith("islandgp ui shows it")
     folder.close()
     store = Store(place(home))

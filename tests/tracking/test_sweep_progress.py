@@ -19,7 +19,10 @@ def test_a_clock_that_differs_from_the_file_systems(ahead: int, tmp_path: Path) 
     folder = written(tmp_path / "one", tmp_path, 2)
     other = written(tmp_path / "two", tmp_path, 2)
     folder.fail(EvaluationError("before"))
-    jobs = {run.path: SweepJob(run.path.name, "baseline", 1, (), 5, "") for run in (folder, other)}
+    jobs = {
+        run.path: SweepJob(run.path.name, run.path.name, "baseline", 1, (), 5, "")
+        for run in (folder, other)
+    }
     start = Start.now(jobs)
     assert not start.failed(folder)
     assert not start.failed(other)
