@@ -252,6 +252,7 @@ def test_the_dialect_shapes_the_requests() -> None:
         (FailureKind.UNAUTHORISED, "set another ANTHROPIC_API_KEY"),
         (FailureKind.NOT_FOUND, "set supervisor.policy.model"),
         (FailureKind.UNREACHABLE, "start the server, or set supervisor.policy.base_url"),
+        (FailureKind.UNTRUSTED, "set SSL_CERT_FILE"),
         (FailureKind.REJECTED, "supervisor=expert"),
     ],
 )
@@ -259,6 +260,17 @@ def test_a_hopeless_probe_stops_the_run_before_it_starts(kind: FailureKind, reme
     """A wrong key or model would fail in each of 80 calls: it is told at once, with the remedy."""
     llm, _ = supervisor(lambda request, n: failed(kind))  # noqa: ARG005
     with pytest.raises(SupervisionError, match=remedy):
+        llm.start()
+
+
+@pytest.mark.parametrize("address", ["http://here:1/v1", "http://here:1/v1/"])
+def test_an_address_with_a_version_too_many(address: str) -> None:
+    """The client adds /v1 itself: a 404 there is told with the address as it should be."""
+    llm, _ = supervisor(
+        lambda request, n: failed(FailureKind.NOT_FOUND),  # noqa: ARG005
+        f"base_url={address}",
+    )
+    with pytest.raises(SupervisionError, match=r"drop /v1 from the address, as in http://here:1\."):
         llm.start()
 
 
@@ -318,6 +330,8 @@ def test_without_key_and_address_three_ways_are_named() -> None:
         (("api_key=abc",), {}, "abc", None),
         (("base_url=http://here:1",), {}, None, "http://here:1"),
         ((), {"ANTHROPIC_API_KEY": "def"}, "def", None),
+        ((), {"ANTHROPIC_AUTH_TOKEN": "ghi"}, "ghi", None),
+        ((), {"ANTHROPIC_API_KEY": "def", "ANTHROPIC_AUTH_TOKEN": "ghi"}, "def", None),
         ((), {"ANTHROPIC_BASE_URL": "http://there:2"}, None, "http://there:2"),
         (("api_key=abc",), {"ANTHROPIC_API_KEY": "def"}, "abc", None),
         (

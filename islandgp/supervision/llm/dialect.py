@@ -63,7 +63,7 @@ def find_dialect(calls: Calls, settings: LLMSettings) -> Dialect:
             if settings.output == "auto" and structured:
                 structured = find_object(answer.text, ["greeting"]) is not None
             return Dialect(structured, temperature, "as the probe found")
-        if answer.kind is FailureKind.UNREACHABLE:
+        if answer.kind in (FailureKind.UNREACHABLE, FailureKind.UNTRUSTED):
             raise _hopeless(answer, settings)
         if answer.kind in TRANSIENT or answer.kind is FailureKind.BUDGET:
             # The plainest dialect is understood everywhere. The run does not wait.
@@ -87,10 +87,16 @@ def _about_temperature(failure: Failure) -> bool:
 
 def _hopeless(failure: Failure, settings: LLMSettings) -> SupervisionError:
     where = settings.address or "the Anthropic API"
+    address = settings.address or ""
     remedy = {
         FailureKind.UNAUTHORISED: "set another ANTHROPIC_API_KEY",
-        FailureKind.NOT_FOUND: "set supervisor.policy.model, or supervisor.policy.base_url",
+        FailureKind.NOT_FOUND: (
+            f"drop /v1 from the address, as in {address.rstrip('/').removesuffix('/v1')}"
+            if address.rstrip("/").endswith("/v1")
+            else "set supervisor.policy.model, or supervisor.policy.base_url"
+        ),
         FailureKind.UNREACHABLE: "start the server, or set supervisor.policy.base_url",
+        FailureKind.UNTRUSTED: "set SSL_CERT_FILE to the certificate of whoever signed it",
     }.get(failure.kind, "see what it says, or use supervisor=expert, which asks nobody")
     return SupervisionError(
         f"Expected an answer of the model {settings.model} from {where}, found"

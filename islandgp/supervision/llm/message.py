@@ -22,6 +22,7 @@ class FailureKind(StrEnum):
 
     TIMEOUT = "timeout"  # no whole answer before the deadline
     UNREACHABLE = "unreachable"  # no connection at all; nothing was sent
+    UNTRUSTED = "untrusted"  # the certificate is not signed by anybody known; nothing was sent
     CUT = "cut"  # the connection broke off
     RATE_LIMITED = "rate_limited"  # 429
     OVERLOADED = "overloaded"  # 529
@@ -115,6 +116,7 @@ class Failure:
     kind: FailureKind
     message: str  # one line for people
     retry_after: float | None = None  # s that the server asks to wait
+    should_retry: bool | None = None  # what the server says about another attempt; None: nothing
 
 
 class Client(Protocol):

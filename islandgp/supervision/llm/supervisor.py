@@ -22,7 +22,7 @@ from islandgp.supervision.llm.transcript import NAME, Transcript
 
 _WAYS = """\
 Expected a key or an address for supervisor=llm, found none. There are three ways:
-  1. the Anthropic API: set ANTHROPIC_API_KEY in the environment;
+  1. the Anthropic API: set ANTHROPIC_API_KEY (or ANTHROPIC_AUTH_TOKEN) in the environment;
   2. a local server that speaks its language (Ollama, vLLM, llama.cpp):
      supervisor.policy.base_url=http://localhost:11434 supervisor.policy.model=<its model>;
   3. no model: supervisor=expert works offline and free of charge, and
@@ -110,5 +110,7 @@ class LLM:
 
 
 def _key(settings: LLMSettings) -> str | None:
+    """The credential, None where there is none; the API takes keys and tokens in one header."""
     given = settings.api_key.get_secret_value() if settings.api_key is not None else ""
-    return given or os.environ.get("ANTHROPIC_API_KEY") or None
+    found = os.environ.get
+    return given or found("ANTHROPIC_API_KEY") or found("ANTHROPIC_AUTH_TOKEN") or None

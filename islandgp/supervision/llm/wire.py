@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import time
 from collections.abc import Callable
 from email.utils import parsedate_to_datetime
@@ -12,7 +13,7 @@ from typing import Any, Final
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage, clean
 
 HEADERS: Final = {
-    "accept-encoding": "identity",  # else a small body could unpack to a huge one
+    "accept-encoding": "identity",  # a body that is compressed all the same is refused
     "anthropic-version": "2023-06-01",  # later ones refuse `temperature`
 }
 
@@ -102,3 +103,16 @@ def retry_after(said: str | None) -> float | None:
         except (ValueError, TypeError, OverflowError):
             return None
     return max(0.0, seconds) if math.isfinite(seconds) else None
+
+
+def should_retry(said: str | None) -> bool | None:
+    """Whether a server says that another attempt is of use; None: it says nothing."""
+    return {"true": True, "false": False}.get((said or "").strip().lower())
+
+
+def spellings(key: str) -> str:
+    """A pattern of every way in which a JSON string can spell a key.
+
+    An answer's text is JSON of its own: "sk" is a key's beginning as "\\u0073k", too.
+    """
+    return "".join(rf"\\*(?:{re.escape(c)}|(?<=\\)u(?i:{ord(c):04x}))" for c in key)
