@@ -149,6 +149,10 @@ class _Handler(BaseHTTPRequestHandler):
                 self.wfile.write(body[: len(body) // 2])
             case Fault.REFUSAL:
                 self._send(200, {**_message(request, "", "refusal"), "content": []})
+            case Fault.THOUGHT:
+                thought = {"type": "thinking", "thinking": "Let me think.", "signature": "s"}
+                message = _message(request, "", "max_tokens")
+                self._send(200, {**message, "content": [thought]})
             case Fault.WRONG_BODY:
                 wrong = {"content": 7, "usage": "many", "stop_reason": ["end_turn"]}
                 self._send(200, {**_message(request, ""), **wrong})

@@ -12,6 +12,7 @@ import time
 import zlib
 from collections.abc import AsyncIterator, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 
 import httpx2
@@ -195,14 +196,33 @@ def test_odd_text_is_made_storable() -> None:
     assert found.text == "a?b [31m\nc"
 
 
+def test_thinking_and_effort_are_sent() -> None:
+    """As the API takes them, beside the schema; more fields of the body as they are."""
+    asked = replace(
+        ASK,
+        schema={"type": "object"},
+        thinking={"type": "adaptive"},
+        effort="low",
+        extra={"top_k": 3},
+        temperature=0.7,
+    )
+    with MessagesServer() as server, client_of(server.url) as client:
+        client.send(asked, seconds=5)
+    (sent,) = server.requests
+    assert sent["thinking"] == {"type": "adaptive"}
+    assert sent["output_config"]["effort"] == "low"
+    assert sent["output_config"]["format"]["schema"] == {"type": "object"}
+    assert (sent["top_k"], sent["temperature"]) == (3, 0.7)
+
+
 def test_only_text_blocks_are_read() -> None:
-    """A model that thinks aloud in blocks of their own does not spoil its answer."""
+    """What a model thinks is no part of its answer, and is kept beside it."""
     body = (
         b'{"content": [{"type": "thinking", "thinking": "hm"}, {"type": "text", "text": "yes"}],'
         b' "stop_reason": "end_turn", "usage": {"input_tokens": 3, "output_tokens": 4,'
         b' "cache_read_input_tokens": 5, "cache_creation_input_tokens": 6}}'
     )
-    assert mocked(body) == Reply("yes", "end_turn", Usage(3, 4, 5, 6))
+    assert mocked(body) == Reply("yes", "end_turn", Usage(3, 4, 5, 6), "hm")
 
 
 @pytest.mark.parametrize(

@@ -101,6 +101,43 @@ def test_repairs_are_a_setting(repairs: int) -> None:
     assert len(client.asked("rate")) == 1 + repairs
 
 
+def test_a_thought_without_an_answer_is_repaired() -> None:
+    """The tokens ran out before the first word: no turn may be empty."""
+    llm, client = supervisor(answering(tree=lambda n: [said("", "max_tokens"), PROPOSAL][n]))
+    found = advise(llm)
+    assert found.notes["tree"] == "llm, repaired"
+    _, repair = client.asked("tree")
+    assert repair.turns[1] == "(no text)"
+    assert "think much less" in repair.turns[2]
+
+
+@pytest.mark.parametrize(
+    ("overrides", "tokens"),
+    [
+        ((), 2048),
+        (("max_tokens=512",), 512),
+        (("model=claude-haiku-5-5",), 16_000),
+        (("model=claude-haiku-5-5", "thinking={type: disabled}"), 2048),
+        (("thinking={type: enabled, budget_tokens: 4000}",), 6048),
+    ],
+)
+def test_the_tokens_of_an_answer_follow_the_model(overrides: tuple[str, ...], tokens: int) -> None:
+    """What a model thinks counts as part of its answer, so there is room for it."""
+    llm, client = supervisor(answering(), *overrides)
+    advise(llm)
+    assert {r.max_tokens for r in client.requests} == {tokens}
+
+
+def test_thinking_settings_reach_the_request() -> None:
+    """Also the probe's: a model that takes none of them is found at once."""
+    llm, client = supervisor(
+        answering(), "thinking={type: adaptive}", "effort=low", "extra_body={top_k: 3}"
+    )
+    advise(llm)
+    found = {(str(r.thinking), r.effort, str(r.extra)) for r in client.requests}
+    assert found == {("{'type': 'adaptive'}", "low", "{'top_k': 3}")}
+
+
 def test_a_refusal_is_not_argued_with() -> None:
     """There is no text to repair; the fallback answers at once."""
     llm, client = supervisor(answering(tree=said("", "refusal")))

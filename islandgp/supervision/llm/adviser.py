@@ -26,7 +26,13 @@ from islandgp.supervision.llm.answers import DECISION, PROPOSAL, Decision, Propo
 from islandgp.supervision.llm.calls import Calls
 from islandgp.supervision.llm.conversation import Outcome, converse
 from islandgp.supervision.llm.dialect import Dialect
-from islandgp.supervision.llm.funnel import Check, Rejection, check_decision, check_proposal
+from islandgp.supervision.llm.funnel import (
+    Check,
+    Reading,
+    Rejection,
+    check_decision,
+    check_proposal,
+)
 from islandgp.supervision.llm.message import Request
 from islandgp.supervision.llm.prompts import fixed_values, load_prompt, render, urgency
 from islandgp.supervision.llm.settings import LLMSettings, TreeSize
@@ -98,22 +104,27 @@ class Adviser:
         adapt, inject = self.setup.adapt_mutation, self.setup.inject
         for_rate = self.rate_request(state, dialect)
         for_tree = self.tree_request(state, dialect)
+        how = dialect.reading
         if adapt and inject and calls.room_for((for_rate, for_tree), self.settings.repairs):
-            aside = _aside(lambda: self._tree(state, calls, for_tree))
-            return self._rate(state, calls, for_rate), aside.result()
+            aside = _aside(lambda: self._tree(state, calls, for_tree, how))
+            return self._rate(state, calls, for_rate, how), aside.result()
         return (
-            self._rate(state, calls, for_rate) if adapt else None,
-            self._tree(state, calls, for_tree) if inject else None,
+            self._rate(state, calls, for_rate, how) if adapt else None,
+            self._tree(state, calls, for_tree, how) if inject else None,
         )
 
-    def _rate(self, state: PopulationState, calls: Calls, request: Request) -> Outcome[Decision]:
-        return self._ask(calls, state, "rate", request, check_decision(self.settings.rate))
+    def _rate(
+        self, state: PopulationState, calls: Calls, request: Request, how: Reading
+    ) -> Outcome[Decision]:
+        return self._ask(calls, state, "rate", request, check_decision(self.settings.rate, how))
 
-    def _tree(self, state: PopulationState, calls: Calls, request: Request) -> Outcome[Proposal]:
+    def _tree(
+        self, state: PopulationState, calls: Calls, request: Request, how: Reading
+    ) -> Outcome[Proposal]:
         _, size = self._tree_phase(state)
         most = self.setup.limits
         limits = Limits(min(size.most_depth, most.max_depth), min(size.most_nodes, most.max_nodes))
-        return self._ask(calls, state, "tree", request, check_proposal(limits))
+        return self._ask(calls, state, "tree", request, check_proposal(limits, how))
 
     def _ask(
         self, calls: Calls, state: PopulationState, part: str, request: Request, check: Check[T]
@@ -157,10 +168,13 @@ class Adviser:
             model=how.model,
             system=system,
             turns=(user,),
-            max_tokens=how.max_tokens,
+            max_tokens=how.answer_tokens,
             temperature=dialect.temperature,
             schema=answer if dialect.structured else None,
             cache=how.cache,
+            thinking=how.thinking_value,
+            effort=how.effort,
+            extra=how.extra_body,
         )
 
     def _repair(self, rejection: Rejection) -> str:

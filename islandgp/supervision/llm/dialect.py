@@ -13,7 +13,7 @@ from typing import Any, Final
 from islandgp.errors import SupervisionError
 from islandgp.supervision.llm.attempt import Call
 from islandgp.supervision.llm.calls import Calls
-from islandgp.supervision.llm.funnel import find_object
+from islandgp.supervision.llm.funnel import Reading, find_object
 from islandgp.supervision.llm.message import TRANSIENT, Failure, FailureKind, Reply, Request
 from islandgp.supervision.llm.settings import LLMSettings
 
@@ -34,6 +34,7 @@ class Dialect:
     structured: bool  # with a JSON schema; else a JSON object is looked for in the text
     temperature: float | None  # None: not sent
     note: str  # one line for people: what the probe found
+    reading: Reading = "first"  # which JSON object of a text counts; older transcripts lack it
 
     def __str__(self) -> str:
         output = "structured output" if self.structured else "JSON found in text"
@@ -54,22 +55,25 @@ def find_dialect(calls: Calls, settings: LLMSettings) -> Dialect:
             settings.model,
             _SYSTEM,
             (_QUESTION,),
-            settings.max_tokens,
+            settings.answer_tokens,
             temperature,
             _SCHEMA if structured else None,
+            thinking=settings.thinking_value,
+            effort=settings.effort,
+            extra=settings.extra_body,
         )
         answer = calls.ask(Call(-1, "probe", turn), request)
         if isinstance(answer, Reply):
-            if settings.output == "auto" and structured:
+            if settings.output == "auto" and structured and answer.text:
                 structured = find_object(answer.text, ["greeting"]) is not None
-            return Dialect(structured, temperature, "as the probe found")
+            return Dialect(structured, temperature, "as the probe found", "last")
         if answer.kind in (FailureKind.UNREACHABLE, FailureKind.UNTRUSTED):
             raise _hopeless(answer, settings)
         if answer.kind in TRANSIENT or answer.kind is FailureKind.BUDGET:
             # The plainest dialect is understood everywhere. The run does not wait.
             plain = settings.output == "structured"
             why = f"no answer yet: {answer.message}; the fallback stands in until there is one"
-            return Dialect(plain, None, why)
+            return Dialect(plain, None, why, "last")
         if answer.kind is not FailureKind.REJECTED or not (structured or temperature is not None):
             raise _hopeless(answer, settings)
         if structured and settings.output == "auto" and not _about_temperature(answer):

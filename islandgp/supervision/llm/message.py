@@ -14,6 +14,8 @@ from typing import Any, Final, Protocol
 
 SANE: Final = 100_000  # characters of an answer that are looked at; 2048 tokens have about 8,000
 
+NO_TEXT: Final = "(no text)"  # stands for an empty answer in a repair turn
+
 QUOTED: Final = 6000  # characters of a useless answer that a repair turn sends back
 
 
@@ -71,7 +73,10 @@ class Request:
     max_tokens: int
     temperature: float | None = None  # None: not sent
     schema: dict[str, Any] | None = field(default=None)  # JSON schema; None: not sent
-    cache: bool = False  # ask the server to keep the prompt
+    cache: bool = False  # ask the server to keep the system prompt
+    thinking: dict[str, Any] | None = None  # as the API takes it; None: not sent
+    effort: str | None = None  # None: not sent
+    extra: dict[str, Any] | None = None  # more fields of the request's body; None: none
 
     @property
     def digest(self) -> str:
@@ -84,7 +89,8 @@ class Request:
         return _sha256([self.system, *self.turns])
 
     def plain(self) -> dict[str, Any]:
-        """As JSON values."""
+        """As JSON values. Fields that came later stand there only where they say something."""
+        later = {"thinking": self.thinking, "effort": self.effort, "extra": self.extra}
         return {
             "model": self.model,
             "system": self.system,
@@ -93,11 +99,12 @@ class Request:
             "temperature": self.temperature,
             "schema": self.schema,
             "cache": self.cache,
+            **{name: value for name, value in later.items() if value is not None},
         }
 
     def followed_by(self, answer: str, question: str) -> Request:
-        """The request that goes on after an answer."""
-        return replace(self, turns=(*self.turns, answer, question))
+        """The request that goes on after an answer; the API takes no empty turn."""
+        return replace(self, turns=(*self.turns, answer if answer.strip() else NO_TEXT, question))
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +114,7 @@ class Reply:
     text: str
     stop_reason: str  # "end_turn", "max_tokens", "refusal", ..., or "" where none is given
     usage: Usage
+    thinking: str = ""  # what the model thought before, as far as the server tells it
 
 
 @dataclass(frozen=True, slots=True)

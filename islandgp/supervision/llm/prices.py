@@ -26,6 +26,7 @@ class Prices(BaseModel, frozen=True, extra="forbid"):
     date: str = Field(pattern=r"^\d{4}-\d\d-\d\d$")  # when they were read
     source: str
     models: dict[str, Price]
+    think: tuple[str, ...] = ()  # models that think before each answer if nothing else is said
 
 
 def cost(usage: Usage, price: Price) -> float:

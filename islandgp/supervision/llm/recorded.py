@@ -61,6 +61,6 @@ def difference(recorded: Request, now: Request) -> str:
 def _lines(request: Request) -> list[str]:
     plain = request.plain()
     turns = [line for turn in request.turns for line in turn.splitlines()]
-    rest = {key: plain[key] for key in ("model", "max_tokens", "temperature", "schema", "cache")}
+    rest = {key: value for key, value in plain.items() if key not in ("system", "turns")}
     settings = [f"{key}: {json.dumps(value)}" for key, value in rest.items()]
     return [*settings, *request.system.splitlines(), *turns]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import Literal
+from typing import Annotated, Any, Final, Literal
 from urllib.parse import urlsplit
 
 from pydantic import BaseModel, Field, SecretStr, field_validator, model_validator
@@ -15,6 +15,9 @@ from islandgp.supervision.llm.ledger import Caps
 from islandgp.supervision.llm.prices import Price, Prices
 from islandgp.supervision.llm.retry import RetrySettings
 
+ANSWER_TOKENS: Final = 2048  # section 2.4.5
+THINKING_TOKENS: Final = 16_000  # of an answer with what the model thinks before it
+
 
 class TreeSize(BaseModel, frozen=True, extra="forbid"):
     """How large a tree is asked for, and how large a one is taken."""
@@ -23,6 +26,23 @@ class TreeSize(BaseModel, frozen=True, extra="forbid"):
     nodes: str  # about how many, asked for
     most_depth: int = Field(ge=1)  # taken; the run's own limits hold besides
     most_nodes: int = Field(ge=1)
+
+
+class Thinking(BaseModel, frozen=True, extra="forbid"):
+    """Whether a model thinks before it answers, as the Messages API takes it."""
+
+    type: Literal["adaptive", "enabled", "disabled", "between_tools"]
+    budget_tokens: int | None = Field(default=None, ge=1024)  # of "enabled"
+    display: Literal["summarized", "omitted"] | None = None  # what of it comes back
+
+    @model_validator(mode="after")
+    def _budgeted(self) -> Thinking:
+        if (self.type == "enabled") != (self.budget_tokens is not None):
+            raise ValueError(
+                f"budget_tokens: expected a number with type=enabled and with no other, found"
+                f" {self.budget_tokens} with type={self.type}"
+            )
+        return self
 
 
 class Fallback(Part, frozen=True, extra="ignore"):
@@ -37,9 +57,12 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     model: str = Field(min_length=1)
     base_url: str | None  # None: ANTHROPIC_BASE_URL, else the Anthropic API
     api_key: SecretStr | None = None  # None: ANTHROPIC_API_KEY; never written anywhere
-    max_tokens: int = Field(ge=64, le=200_000)  # of an answer
+    max_tokens: Annotated[int, Field(ge=64, le=200_000)] | Literal["auto"]  # of an answer
     temperature: float | None = Field(ge=0, le=2)  # sent where the model takes one
     output: Literal["auto", "structured", "text"]  # auto: as the probe at the start finds
+    thinking: Thinking | None = None  # None: as the model does by itself
+    effort: Literal["low", "medium", "high", "xhigh", "max"] | None = None  # None: the model's own
+    extra_body: dict[str, Any] | None = None  # more fields of each request's body
     cache: bool  # ask the server to keep the system prompts
     retry: RetrySettings
     repairs: int = Field(ge=0, le=5)  # further turns after an answer that cannot be used
@@ -85,6 +108,21 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
                 " prices.models, or set caps.usd=null"
             )
         return self
+
+    @property
+    def thinking_value(self) -> dict[str, Any] | None:
+        """`thinking` as a request has it."""
+        return None if self.thinking is None else self.thinking.model_dump(exclude_none=True)
+
+    @property
+    def answer_tokens(self) -> int:
+        """The most tokens of an answer; what a model thinks is among them."""
+        if self.max_tokens != "auto":
+            return self.max_tokens
+        if self.thinking is not None and self.thinking.budget_tokens is not None:
+            return self.thinking.budget_tokens + ANSWER_TOKENS
+        thinks = self.thinking is None or self.thinking.type == "adaptive"
+        return THINKING_TOKENS if thinks and self.model in self.prices.think else ANSWER_TOKENS
 
     @property
     def address(self) -> str | None:

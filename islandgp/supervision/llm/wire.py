@@ -30,10 +30,18 @@ def arguments(request: Request) -> dict[str, Any]:
         ],
         "extra_headers": HEADERS,
     }
+    output: dict[str, Any] = {}
     if request.schema is not None:
-        found["output_config"] = {"format": {"type": "json_schema", "schema": request.schema}}
-    if request.temperature is not None:
-        found["extra_body"] = {"temperature": request.temperature}
+        output["format"] = {"type": "json_schema", "schema": request.schema}
+    if request.effort is not None:
+        output["effort"] = request.effort
+    if output:
+        found["output_config"] = output
+    if request.thinking is not None:
+        found["thinking"] = request.thinking
+    extra = {} if request.temperature is None else {"temperature": request.temperature}
+    if extra := {**extra, **(request.extra or {})}:
+        found["extra_body"] = extra
     if request.cache:
         found["cache_control"] = {"type": "ephemeral"}
     return found
@@ -49,9 +57,11 @@ def read_message(
     try:
         message = json.loads(body)
         text = "".join(b["text"] for b in message["content"] if b["type"] == "text")
+        thoughts = [b.get("thinking") for b in message["content"] if b["type"] == "thinking"]
+        thinking = "\n".join(thought for thought in thoughts if isinstance(thought, str))
         stop = message.get("stop_reason") or ""
         usage = _usage(message.get("usage") or {})
-        return Reply(clean(hide(text)), line(str(stop)), usage)
+        return Reply(clean(hide(text)), line(str(stop)), usage, clean(hide(thinking)))
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         start = line(body.decode("utf-8", "replace"))[:80]
         return Failure(
