@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from islandgp.errors import ConfigError
+from islandgp.supervision.llm.attempt import Call, Sent
+from islandgp.supervision.llm.client import AnthropicClient
 from islandgp.supervision.llm.ledger import Caps, Ledger, known_usage
-from islandgp.supervision.llm.message import Failure, FailureKind, Request, Usage
+from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage
 from islandgp.supervision.llm.prices import Price, cost, most_tokens
 from islandgp.supervision.llm.supervisor import LLM
 from islandgp.supervision.llm.transcript import Transcript
+from islandgp.testing.server import MessagesServer
 from tests.composed import composed
 from tests.llm.made import (
     DECISION,
@@ -22,6 +26,7 @@ from tests.llm.made import (
     failed,
     said,
     settings,
+    setup,
     state,
     supervisor,
 )
@@ -215,3 +220,64 @@ def test_cache_reads_are_counted_and_priced() -> None:
     assert llm.spent()["cache_read_tokens"] == 5000
     assert isinstance(client, FakeClient)
     assert [r.cache for r in client.requests] == [False, True, True]
+
+
+def test_requests_of_a_killed_run_count(tmp_path: Path) -> None:
+    """Each kill loses an answer that was asked for: the cap holds over all processes together."""
+    sent = []
+
+    def killed(request: Request, n: int) -> Reply | Failure:
+        sent.append(n)
+        if len(sent) in (2, 3, 4):
+            raise KeyboardInterrupt
+        return answering()(request, n)
+
+    given = setup(tmp_path, "supervisor.adapt_mutation=false")
+    for _ in range(4):
+        llm, _ = supervisor(killed, "caps.requests=5", given=given)
+        with suppress(KeyboardInterrupt):
+            run_of(llm, 8)
+    assert len(sent) == 5
+    assert llm.spent()["requests"] == 5
+    assert llm.spent()["uncounted_requests"] == 3
+
+
+def test_a_lost_request_counts_as_the_most_it_can_be(tmp_path: Path) -> None:
+    """In tokens and dollars, too."""
+    transcript = Transcript(tmp_path / "transcript.jsonl")
+    call = Call(3, "rate", 0)
+    transcript.announce(Sent(call, 1, Usage(700, 2048)))
+    again = Transcript(tmp_path / "transcript.jsonl")
+    assert again.lost() == [Sent(call, 1, Usage(700, 2048))]
+    price = Price(input=1, output=5, cache_read=0.1, cache_write=1.25)
+    caps = Caps(requests=None, input_tokens=700, output_tokens=None, usd=None, seconds=None)
+    ledger = Ledger(again, price, caps)
+    assert ledger.totals()["cost_usd_at_most"] == pytest.approx((700 + 5 * 2048) / 1e6)
+    assert "input_tokens=700" in ledger.over(Usage(1, 0))
+
+
+def test_a_server_that_counts_nothing_does_not_escape_the_caps() -> None:
+    """What it took is unknown, so it is the most that it can be."""
+    with MessagesServer(usage=False) as server:
+        client = AnthropicClient(key=None, base_url=server.url)
+        llm = LLM(settings("caps.output_tokens=9000"), setup(), client)
+        sources = run_of(llm, 12)
+        llm.close()
+        assert len(server.requests) == 9000 // 2048
+    assert sources[-1] == "fallback"
+    assert llm.spent()["output_tokens"] == 0
+    assert llm.spent()["uncounted_requests"] == 4
+
+
+def test_loading_the_sdk_is_not_charged_to_the_model() -> None:
+    """It takes seconds, and none of an attempt's, nor of the cap on them."""
+
+    class Loading(FakeClient):
+        def open(self) -> None:
+            clock.append(clock[-1] + 2.5)
+
+    clock = [0.0]
+    llm = LLM(settings(), setup(), Loading(answering()))
+    llm._open().clock = lambda: clock[-1]
+    advise(llm)
+    assert llm.spent()["latency_s"] == 0

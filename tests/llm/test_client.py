@@ -31,6 +31,7 @@ DEADLINE = 0.4  # s
 @contextmanager
 def client_of(url: str) -> Iterator[AnthropicClient]:
     client = AnthropicClient(key=KEY, base_url=url)
+    client.open()
     try:
         yield client
     finally:
@@ -422,3 +423,23 @@ def tls_server(folder: Path) -> Iterator[str]:
         thread.start()
         yield f"https://127.0.0.1:{server.getsockname()[1]}"
         thread.join()
+
+
+@pytest.mark.parametrize(
+    ("usage", "known"),
+    [
+        ({"input_tokens": 3, "output_tokens": 4}, True),
+        ({"input_tokens": 0, "output_tokens": 4, "cache_read_input_tokens": 3}, True),
+        ({"output_tokens": 4}, False),
+        ({"input_tokens": 3}, False),
+        ({"input_tokens": 0, "output_tokens": 0}, False),
+        ({}, False),
+        (None, False),
+    ],
+)
+def test_a_server_that_does_not_count_is_told_apart(usage: object, known: bool) -> None:
+    """Some count no tokens, or none of one sort: what they took is unknown, not nothing."""
+    message = {"content": [{"type": "text", "text": "yes"}], "usage": usage}
+    found = mocked(json.dumps(message).encode())
+    assert isinstance(found, Reply)
+    assert (found.usage is not None) == known

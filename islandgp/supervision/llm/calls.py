@@ -13,7 +13,7 @@ from typing import Final, Protocol
 
 from islandgp.errors import SupervisionError
 from islandgp.seeding import Stream, stream
-from islandgp.supervision.llm.attempt import Attempt, Call, Part
+from islandgp.supervision.llm.attempt import Attempt, Call, Part, Sent
 from islandgp.supervision.llm.ledger import Ledger, known_usage
 from islandgp.supervision.llm.message import (
     QUOTED,
@@ -127,11 +127,13 @@ class LiveCalls:
     def _attempt(self, call: Call, number: int, request: Request, waited: float) -> Reply | Failure:
         self._check_open()
         most = most_tokens(request)
+        self.client.open()
         at, began = datetime.now(UTC).isoformat(timespec="milliseconds"), self.clock()
         answer: Reply | Failure
         if why := self.ledger.over(most):
             answer = Failure(FailureKind.BUDGET, why)
         else:
+            self.transcript.announce(Sent(call, number, most))
             answer = self.client.send(request, seconds=self.retry.deadline)
         self._check_open()
         usage, price = known_usage(answer), self.ledger.price

@@ -56,14 +56,19 @@ class AnthropicClient:
         self._closed = False
         self._lock = Lock()
 
+    def open(self) -> None:
+        """See `Client`: importing the SDK takes seconds."""
+        with self._lock:  # `close` may be called by another thread
+            if not self._closed and self._running is None:
+                self._running = self._run()
+
     def send(self, request: Request, *, seconds: float) -> Reply | Failure:
         """See `Client`."""
         late = Failure(FailureKind.TIMEOUT, f"no whole answer within {seconds:g} s")
-        with self._lock:  # `close` may be called by another thread
-            if self._closed:
-                return Failure(FailureKind.CUT, "the client is closed")
+        self.open()
+        with self._lock:
             if self._running is None:
-                self._running = self._run()  # before the clock starts: the import takes seconds
+                return Failure(FailureKind.CUT, "the client is closed")
             loop, _, sdk = self._running
             attempt = asyncio.run_coroutine_threadsafe(
                 asyncio.wait_for(self._attempt(sdk, request), seconds), loop
@@ -92,6 +97,7 @@ class AnthropicClient:
 
     def _run(self) -> tuple[asyncio.AbstractEventLoop, Thread, anthropic.AsyncAnthropic]:
         sdk = _sdk(self._key or "none", self._base_url, self._transport)
+        assert sdk.messages  # it is imported when it is first asked for
         loop = asyncio.new_event_loop()
         # A daemon: a hanging name lookup must not keep the process from ending.
         thread = Thread(target=loop.run_forever, name="llm", daemon=True)

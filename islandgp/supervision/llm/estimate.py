@@ -76,9 +76,11 @@ def as_recorded(settings: LLMSettings, setup: Setup, record: Transcript) -> Bill
     generations = len({a.call.generation for a in attempts if a.call.generation >= 0}) or 1
     share = (setup.generations - 1) / generations
     usages = [a.usage for a in attempts if a.usage is not None]
+    requests = len(attempts) * share
+    share *= len(attempts) / (len(usages) or 1)  # those that nobody has counted took as much
     return _bill(
         settings,
-        len(attempts) * share,
+        requests,
         sum(u.input + u.cache_read + u.cache_write for u in usages) * share,
         sum(u.output for u in usages) * share,
     )

@@ -42,7 +42,8 @@ class Sums:
 def known_usage(answer: Reply | Failure) -> Usage | None:
     """The tokens of an answer; None where a request was perhaps charged and nobody says how much.
 
-    A server that turns a request away does not charge it.
+    That is so for a lost answer and for a server that counts no tokens. A server that turns
+    a request away does not charge it.
     """
     if isinstance(answer, Reply):
         return answer.usage
@@ -98,16 +99,22 @@ class Ledger:
             sums.output += a.at_most.output
             sums.usd += self._usd(a.at_most)
             sums.seconds += a.seconds + a.waited
+        for sent in self.transcript.lost():
+            sums.requests += 1
+            sums.input += _input(sent.at_most)
+            sums.output += sent.at_most.output
+            sums.usd += self._usd(sent.at_most)
         return sums
 
     def totals(self) -> dict[str, float]:
         """Sums from the run's start by name, for the costs of a generation and for MLflow."""
         attempts, parts = _sent(self.transcript.attempts), list(self.transcript.parts)
+        lost = len(self.transcript.lost())
         usages = [a.usage for a in attempts if a.usage is not None]
         failures = Counter(a.answer.kind for a in attempts if isinstance(a.answer, Failure))
         rejected = Counter(stage for part in parts for stage in part.rejected)
         found: dict[str, float] = {
-            "requests": len(attempts),
+            "requests": len(attempts) + lost,
             "calls": len({a.call for a in attempts}),
             "input_tokens": sum(u.input for u in usages),
             "output_tokens": sum(u.output for u in usages),
@@ -115,7 +122,7 @@ class Ledger:
             "cache_write_tokens": sum(u.cache_write for u in usages),
             "latency_s": sum(a.seconds for a in attempts),
             "waited_s": sum(a.waited for a in attempts),
-            "uncounted_requests": len(attempts) - len(usages),
+            "uncounted_requests": len(attempts) + lost - len(usages),
             "failures": failures.total(),
             "rejections": rejected.total(),
             "repaired": sum("repaired" in part.source for part in parts),

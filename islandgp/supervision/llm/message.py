@@ -113,7 +113,7 @@ class Reply:
 
     text: str
     stop_reason: str  # "end_turn", "max_tokens", "refusal", ..., or "" where none is given
-    usage: Usage
+    usage: Usage | None  # None: the server does not say
     thinking: str = ""  # what the model thought before, as far as the server tells it
 
 
@@ -129,6 +129,10 @@ class Failure:
 
 class Client(Protocol):
     """One attempt at one request. Never raises for anything the other side does."""
+
+    def open(self) -> None:
+        """Loads what is needed, which may take seconds: they are no part of an attempt."""
+        ...
 
     def send(self, request: Request, *, seconds: float) -> Reply | Failure:
         """Returns after at most `seconds`, whatever the other side does."""

@@ -6,6 +6,7 @@ objects with a field `line` that says of which sort they are:
 
 start    the settings and the dialect that the requests were made with
 system   a system prompt, once, under its hash
+sent     an attempt is about to be made; without its attempt line, nobody knows what it came to
 attempt  one attempt at a call: where, request, reply or failure, tokens, dollars, seconds
 part     what became of one part of the guidance: its source, and the stages that rejected it
 """
@@ -15,6 +16,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -22,7 +24,8 @@ from threading import Lock
 from typing import Any, Final
 
 from islandgp.errors import SupervisionError
-from islandgp.supervision.llm.attempt import Attempt, Call, Part, from_line, to_line
+from islandgp.supervision.llm.attempt import Attempt, Call, Part, Sent, from_line, to_line
+from islandgp.supervision.llm.message import Usage
 
 NAME: Final = "transcript.jsonl"
 FORMAT: Final = 1
@@ -41,6 +44,7 @@ class Transcript:
         self.start: dict[str, Any] | None = None
         self.attempts: list[Attempt] = []
         self.parts: list[Part] = []
+        self.sent: list[Sent] = []
         self._systems: dict[str, str] = {}
         self._lock = Lock()  # the two questions of a generation are asked at the same time
         self._whole: int | None = None  # bytes of whole lines, where a piece of one follows
@@ -59,6 +63,24 @@ class Transcript:
         """Writes how the requests are made."""
         self.start = {"format": FORMAT, **start}
         self._write({"line": "start", **self.start})
+
+    def announce(self, sent: Sent) -> None:
+        """Writes down that an attempt is about to be made."""
+        with self._lock:
+            self.sent.append(sent)
+            self._write({"line": "sent", **asdict(sent)})
+
+    def lost(self) -> list[Sent]:
+        """What was sent and never heard of again, e.g. because the process was killed."""
+        with self._lock:
+            heard = Counter((a.call, a.number) for a in self.attempts)
+            found = []
+            for sent in reversed(self.sent):  # of two with one number the later was heard of
+                if heard[sent.call, sent.number]:
+                    heard[sent.call, sent.number] -= 1
+                else:
+                    found.append(sent)
+        return found
 
     def add(self, attempt: Attempt) -> None:
         """Writes an attempt down before it returns."""
@@ -98,6 +120,10 @@ class Transcript:
                     self.start = line
                 elif kind == "system":
                     self._systems[line["sha256"]] = line["text"]
+                elif kind == "sent":
+                    self.sent.append(
+                        Sent(Call(**line["call"]), line["number"], Usage(**line["at_most"]))
+                    )
                 elif kind == "attempt":
                     self.attempts.append(from_line(line, self._systems))
                 elif kind == "part":

@@ -61,7 +61,10 @@ def read_message(
         thinking = "\n".join(thought for thought in thoughts if isinstance(thought, str))
         stop = message.get("stop_reason") or ""
         usage = _usage(message.get("usage") or {})
-        return Reply(clean(hide(text)), line(str(stop)), usage, clean(hide(thinking)))
+        told = _counts(usage, text)
+        return Reply(
+            clean(hide(text)), line(str(stop)), usage if told else None, clean(hide(thinking))
+        )
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         start = line(body.decode("utf-8", "replace"))[:80]
         return Failure(
@@ -72,7 +75,7 @@ def read_message(
 
 
 def _usage(found: dict[str, Any]) -> Usage:
-    """Local servers leave some of it out. Raises TypeError where it is no usage."""
+    """Servers may leave some of it out. Raises TypeError where it is no usage."""
 
     def tokens(value: Any) -> int:
         if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 1e9:
@@ -85,6 +88,12 @@ def _usage(found: dict[str, Any]) -> Usage:
         tokens(found.get("cache_read_input_tokens") or 0),
         tokens(found.get("cache_creation_input_tokens") or 0),
     )
+
+
+def _counts(usage: Usage, text: str) -> bool:
+    """Whether a server has counted: a request has tokens, and a text has some, too."""
+    asked = usage.input + usage.cache_read + usage.cache_write
+    return asked > 0 and (usage.output > 0 or not text)
 
 
 def kind_of(status: int) -> FailureKind:
