@@ -11,7 +11,6 @@ from islandgp.commands.here import import_from_here
 from islandgp.supervision.base import Setup
 from islandgp.supervision.llm.estimate import (
     ANSWER,
-    CHARACTERS,
     Bill,
     as_recorded,
     at_most,
@@ -44,10 +43,13 @@ def command(overrides: tuple[str, ...], record: Path | None) -> None:
         return
     first = jobs[0][0]
     prices = f"prices of {first.prices.date}"
-    models = ", ".join(sorted({settings.model for settings, _ in jobs}))
+    models = ", ".join(sorted({settings.model_name for settings, _ in jobs}))
+    characters = " or ".join(
+        sorted({f"{settings.facts.characters:g}" for settings, _ in jobs}, reverse=True)
+    )
     click.echo(f"Supervision by {models}, {prices}.\n")
     rows: list[tuple[str, Callable[[Job], Bill]]] = [
-        (f"expected, {CHARACTERS} characters a token, {ANSWER} tokens an answer", _of(expected)),
+        (f"expected, {characters} characters a token, {ANSWER} tokens an answer", _of(expected)),
         ("at most: failures, repairs and the longest answers", _of(at_most)),
     ]
     if record is not None:

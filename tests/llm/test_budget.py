@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
 from contextlib import suppress
+from datetime import datetime
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
@@ -50,6 +53,36 @@ def test_the_price_table_is_dated_and_knows_the_default_model() -> None:
     assert found.price == Price(input=1, output=5, cache_read=0.1, cache_write=1.25)
     assert found.prices.date.startswith("20")
     assert found.prices.source.startswith("https://")
+
+
+def test_the_table_knows_every_model_of_the_sdk() -> None:
+    """Each has a price or is listed as one without; its retirement is the SDK's."""
+    from anthropic.resources.messages.messages import DEPRECATED_MODELS
+    from anthropic.types.model import Model
+
+    table = settings().prices
+    named = set(get_args(get_args(Model)[0]))
+    assert len(named) > 15
+    assert named == set(table.models) | set(table.unknown)
+    assert not set(table.models) & set(table.unknown)
+    assert set(table.facts) == named
+    assert set(table.aliases.values()) <= set(table.models)
+    retires = {name: facts.retires for name, facts in table.facts.items() if facts.retires}
+    days = {name: day for name, day in DEPRECATED_MODELS.items() if name in named}
+    assert retires == {name: iso(day) for name, day in days.items()}
+
+
+def iso(day: str) -> str:
+    """A day such as "June 1st, 2026" as 2026-06-01."""
+    plain = re.sub(r"(\d)(st|nd|rd|th)", r"\1", day)
+    return datetime.strptime(f"{plain} +0000", "%B %d, %Y %z").date().isoformat()
+
+
+@pytest.mark.parametrize("model", ["claude-fable-5-2", "current-large"])
+def test_a_price_that_nobody_knows_is_not_made_up(model: str) -> None:
+    """A cap in dollars cannot be kept with it, and the error says so."""
+    with pytest.raises(ConfigError, match=f"expected a model with a known price, found '{model}'"):
+        settings(f"model={model}", "caps.usd=1")
 
 
 def test_the_ledger_adds_up() -> None:

@@ -68,7 +68,10 @@ def test_an_answer_comes_back_with_its_usage() -> None:
 
 
 def test_what_is_sent() -> None:
-    """Schema, temperature and a cache mark are sent where the request has them, turns alternate."""
+    """Schema and temperature are sent where the request has them, turns alternate.
+
+    The cache mark is on the system prompt, the only part that is the same each time.
+    """
     schema = {"type": "object"}
     full = Request("m", "s", ("a", "b", "c"), 9, temperature=0.7, schema=schema, cache=True)
     with MessagesServer() as server, client_of(server.url) as client:
@@ -77,7 +80,7 @@ def test_what_is_sent() -> None:
     sent, plain = server.requests
     assert sent == {
         "model": "m",
-        "system": "s",
+        "system": [{"type": "text", "text": "s", "cache_control": {"type": "ephemeral"}}],
         "max_tokens": 9,
         "messages": [
             {"role": "user", "content": "a"},
@@ -86,8 +89,8 @@ def test_what_is_sent() -> None:
         ],
         "temperature": 0.7,
         "output_config": {"format": {"type": "json_schema", "schema": schema}},
-        "cache_control": {"type": "ephemeral"},
     }
+    assert plain["system"] == ASK.system
     assert set(plain) == {"model", "system", "max_tokens", "messages"}
 
 

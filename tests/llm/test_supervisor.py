@@ -116,7 +116,8 @@ def test_a_thought_without_an_answer_is_repaired() -> None:
     [
         ((), 2048),
         (("max_tokens=512",), 512),
-        (("model=claude-haiku-5-5",), 16_000),
+        (("model=claude-haiku-5-5",), 16_048),
+        (("model=claude-haiku-5-5", "thinking_tokens=1000"), 3048),
         (("model=claude-haiku-5-5", "thinking={type: disabled}"), 2048),
         (("thinking={type: enabled, budget_tokens: 4000}",), 6048),
     ],
@@ -347,6 +348,36 @@ def test_a_resumed_run_asks_as_before(tmp_path: object) -> None:
     again, client = supervisor([], folder=tmp_path)  # type: ignore[arg-type]
     assert again.start() == line
     assert client.requests == []
+
+
+@pytest.mark.parametrize(
+    ("overrides", "told"),
+    [
+        ((), ""),
+        (
+            ("cache=true",),
+            "from 4,096 tokens on; too short, or nearly so, are mutation_rate (about",
+        ),
+        (("cache=true", "model=claude-haiku-5-5"), ""),
+        (("cache=true", "model=mine"), ""),
+        (("model=claude-sonnet-4-5",), "claude-sonnet-4-5 retires on 2026-11-30"),
+    ],
+)
+def test_what_is_known_of_a_model_is_told(overrides: tuple[str, ...], told: str) -> None:
+    """That it keeps no prompts as short as these, or that it is about to go."""
+    llm, _ = supervisor(answering(), *overrides)
+    _, *more = llm.start().splitlines()
+    assert len(more) == bool(told)
+    assert told in "".join(more)
+
+
+def test_an_alias_of_a_model() -> None:
+    """It is the model that is asked, paid and told."""
+    llm, client = supervisor(answering(), "model=current-small", "caps.usd=1")
+    assert llm.start().startswith("Supervised by claude-haiku-5-5 at ")
+    advise(llm)
+    assert {r.model for r in client.requests} == {"claude-haiku-5-5"}
+    assert llm.spent()["cost_usd"] == pytest.approx(3 * (1000 * 0.1 + 100 * 0.5) / 1e6)
 
 
 # What is needed to start.

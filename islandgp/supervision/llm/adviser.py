@@ -39,6 +39,7 @@ from islandgp.supervision.llm.settings import LLMSettings, TreeSize
 from islandgp.supervision.state_json import state_text
 
 T = TypeVar("T")
+NEAR: Final = 1.2  # times a prompt's least length; tokens are only guessed here
 REASON: Final = 600  # characters of a fallback's reason that the record keeps
 _FILES: Final = ("mutation_rate", "tree_explore", "tree_exploit", "repair")
 _LATER: Final = ("generation", "state", "urgency", "stage", "error")  # known only in a generation
@@ -87,6 +88,26 @@ class Adviser:
                 rationale=proposal.rationale,
             )
         return guidance
+
+    def too_short(self) -> str:
+        """Which system prompts the model will not keep, in words; "" for none, or unknown."""
+        least = self.settings.facts.caches_from
+        if not self.settings.cache or least is None:
+            return ""
+        size = _size(self.settings.explore)
+        values = {**self.values, **size, **dict.fromkeys(_LATER, "")}
+        tokens = {
+            name: round(len(render(prompt, values)[0]) / self.settings.facts.characters, -2)
+            for name, prompt in self.prompts.items()
+            if name != "repair"
+        }
+        short = [f"{name} (about {n:,.0f})" for name, n in tokens.items() if n < NEAR * least]
+        if not short:
+            return ""
+        return (
+            f"cache=true: {self.settings.model_name} keeps prompts from {least:,} tokens on;"
+            f" too short, or nearly so, are {', '.join(short)}"
+        )
 
     def rate_request(self, state: PopulationState, dialect: Dialect) -> Request:
         """The question for a mutation rate."""
@@ -165,10 +186,10 @@ class Adviser:
         )
         how = self.settings
         return Request(
-            model=how.model,
+            model=how.model_name,
             system=system,
             turns=(user,),
-            max_tokens=how.answer_tokens,
+            max_tokens=how.reply_tokens,
             temperature=dialect.temperature,
             schema=answer if dialect.structured else None,
             cache=how.cache,

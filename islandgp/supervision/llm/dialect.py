@@ -52,10 +52,10 @@ def find_dialect(calls: Calls, settings: LLMSettings) -> Dialect:
     structured, temperature = settings.output != "text", settings.temperature
     for turn in range(3):
         request = Request(
-            settings.model,
+            settings.model_name,
             _SYSTEM,
             (_QUESTION,),
-            settings.answer_tokens,
+            settings.reply_tokens,
             temperature,
             _SCHEMA if structured else None,
             thinking=settings.thinking_value,
@@ -103,6 +103,6 @@ def _hopeless(failure: Failure, settings: LLMSettings) -> SupervisionError:
         FailureKind.UNTRUSTED: "set SSL_CERT_FILE to the certificate of whoever signed it",
     }.get(failure.kind, "see what it says, or use supervisor=expert, which asks nobody")
     return SupervisionError(
-        f"Expected an answer of the model {settings.model} from {where}, found"
+        f"Expected an answer of the model {settings.model_name} from {where}, found"
         f" {failure.kind} ({failure.message}); {remedy}."
     )

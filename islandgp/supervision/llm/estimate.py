@@ -16,7 +16,6 @@ from islandgp.supervision.llm.prices import cost, most_tokens
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.transcript import Transcript
 
-CHARACTERS: Final = 3.5  # of a token; an assumption: English and JSON have three to four
 ANSWER: Final = 300  # tokens of an answer; an assumption: a paragraph, or a tree of 20 nodes
 
 
@@ -40,14 +39,14 @@ class Bill:
 
 
 def expected(settings: LLMSettings, setup: Setup) -> Bill:
-    """The bill where every question is answered at once, by CHARACTERS and ANSWER."""
+    """The bill where every question is answered at once, with ANSWER tokens."""
     asked = _requests(settings, setup)
     times = setup.generations - 1
     sizes = [sum(map(len, (r.system, *r.turns))) for r in asked]
     return _bill(
         settings,
         times * len(asked) + 1,  # and the probe
-        times * sum(sizes) / CHARACTERS,
+        times * sum(sizes) / settings.facts.characters,
         times * len(asked) * ANSWER,
     )
 

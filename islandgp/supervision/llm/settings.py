@@ -12,11 +12,10 @@ from islandgp.part import Part
 from islandgp.supervision.base import SUPERVISES, Phase
 from islandgp.supervision.llm.funnel import RateSettings
 from islandgp.supervision.llm.ledger import Caps
-from islandgp.supervision.llm.prices import Price, Prices
+from islandgp.supervision.llm.prices import Facts, Price, Prices
 from islandgp.supervision.llm.retry import RetrySettings
 
-ANSWER_TOKENS: Final = 2048  # section 2.4.5
-THINKING_TOKENS: Final = 16_000  # of an answer with what the model thinks before it
+THINKING_TOKENS: Final = 14_000  # room for what a model thinks before an answer
 
 
 class TreeSize(BaseModel, frozen=True, extra="forbid"):
@@ -57,7 +56,8 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     model: str = Field(min_length=1)
     base_url: str | None  # None: ANTHROPIC_BASE_URL, else the Anthropic API
     api_key: SecretStr | None = None  # None: ANTHROPIC_API_KEY; never written anywhere
-    max_tokens: Annotated[int, Field(ge=64, le=200_000)] | Literal["auto"]  # of an answer
+    max_tokens: int = Field(ge=64, le=200_000)  # of an answer
+    thinking_tokens: Annotated[int, Field(ge=0, le=200_000)] | Literal["auto"] = 0  # before it
     temperature: float | None = Field(ge=0, le=2)  # sent where the model takes one
     output: Literal["auto", "structured", "text"]  # auto: as the probe at the start finds
     thinking: Thinking | None = None  # None: as the model does by itself
@@ -103,9 +103,9 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
             )
         if self.caps.usd is not None and self.price is None:
             raise ValueError(
-                f"caps.usd: expected a model with a known price, found {self.model!r}; the prices"
-                f" of {self.prices.date} know {', '.join(self.prices.models)}. Add the model to"
-                " prices.models, or set caps.usd=null"
+                f"caps.usd: expected a model with a known price, found {self.model_name!r}; the"
+                f" prices of {self.prices.date} know {', '.join(self.prices.models)}. Add the"
+                " model to prices.models, or set caps.usd=null"
             )
         return self
 
@@ -115,14 +115,15 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
         return None if self.thinking is None else self.thinking.model_dump(exclude_none=True)
 
     @property
-    def answer_tokens(self) -> int:
-        """The most tokens of an answer; what a model thinks is among them."""
-        if self.max_tokens != "auto":
-            return self.max_tokens
+    def reply_tokens(self) -> int:
+        """The most tokens of a reply: of the answer, and of what the model thinks before it."""
+        if self.thinking_tokens != "auto":
+            return self.max_tokens + self.thinking_tokens
         if self.thinking is not None and self.thinking.budget_tokens is not None:
-            return self.thinking.budget_tokens + ANSWER_TOKENS
-        thinks = self.thinking is None or self.thinking.type == "adaptive"
-        return THINKING_TOKENS if thinks and self.model in self.prices.think else ANSWER_TOKENS
+            return self.max_tokens + self.thinking.budget_tokens
+        by_itself = self.thinking is None and self.facts.thinks
+        thinks = by_itself or (self.thinking is not None and self.thinking.type == "adaptive")
+        return self.max_tokens + (THINKING_TOKENS if thinks else 0)
 
     @property
     def address(self) -> str | None:
@@ -132,4 +133,14 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     @property
     def price(self) -> Price | None:
         """The model's price, None where nobody knows it."""
-        return self.prices.models.get(self.model)
+        return self.prices.models.get(self.model_name)
+
+    @property
+    def model_name(self) -> str:
+        """The model as the server knows it: what an alias stands for."""
+        return self.prices.aliases.get(self.model, self.model)
+
+    @property
+    def facts(self) -> Facts:
+        """What is known of the model."""
+        return self.prices.facts.get(self.model_name, Facts())

@@ -66,7 +66,13 @@ class LLM:
         else:
             self._dialect = Dialect(**start["dialect"])
         place = self.settings.address or "the Anthropic API"
-        return f"Supervised by {self.settings.model} at {place}: {self._dialect}"
+        name, retires = self.settings.model_name, self.settings.facts.retires
+        lines = [
+            f"Supervised by {name} at {place}: {self._dialect}",
+            f"{name} retires on {retires}" if retires else "",
+            self.adviser.too_short(),
+        ]
+        return "\n".join(line for line in lines if line)
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """See `Supervisor`. A failure of any kind ends in the fallback, never in an error."""

@@ -24,7 +24,7 @@ def arguments(request: Request) -> dict[str, Any]:
     found: dict[str, Any] = {
         "model": request.model,
         "max_tokens": request.max_tokens,
-        "system": request.system,
+        "system": _system(request),
         "messages": [
             {"role": roles[i % 2], "content": text} for i, text in enumerate(request.turns)
         ],
@@ -42,9 +42,14 @@ def arguments(request: Request) -> dict[str, Any]:
     extra = {} if request.temperature is None else {"temperature": request.temperature}
     if extra := {**extra, **(request.extra or {})}:
         found["extra_body"] = extra
-    if request.cache:
-        found["cache_control"] = {"type": "ephemeral"}
     return found
+
+
+def _system(request: Request) -> str | list[dict[str, Any]]:
+    """The system prompt, marked where it is to be kept: what follows it changes each time."""
+    if not request.cache:
+        return request.system
+    return [{"type": "text", "text": request.system, "cache_control": {"type": "ephemeral"}}]
 
 
 def read_message(
