@@ -27,9 +27,10 @@ from islandgp.config_source import Source
 from islandgp.errors import ConfigError, IslandError, PartError
 from islandgp.mistakes import MISTAKES, explain, parsed
 from islandgp.printing import printed
+from islandgp.report import MOSTLY_FALLBACK
 from islandgp.resources import resource
 from islandgp.resume import choose
-from islandgp.run import check_ready, run
+from islandgp.run import End, check_ready, run
 from islandgp.stopping import as_ctrl_c
 from islandgp.sweep import run_sweep
 from islandgp.tracking.folder import RunFolder
@@ -39,7 +40,8 @@ from islandgp.tracking.parameters import redacted
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command line; returns the exit code.
 
-    0: all is done; 1: a job failed; 2: the user's error; 130: stopped by Ctrl-C or SIGTERM.
+    0: all is done; 1: a job failed; 2: the user's error; 3: all is done, but a language model's
+    fallback gave more of the answers than allowed; 130: stopped by Ctrl-C or SIGTERM.
     """
     # What is there at the end goes with the process; to look for garbage in it takes long.
     atexit.register(gc.freeze)
@@ -64,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                     command_line(words),
                     lambda job, extra: _start([*extra, *words], job),
                 )
-            _run_single(words)
+            return _run_single(words)
     except PartError as error:
         traceback.print_exception(error.__cause__)
         print(f"islandgp: {error}", file=sys.stderr)
@@ -79,7 +81,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         traceback.print_exc()
         print("islandgp: this is a fault of the program; what the run has is kept", file=sys.stderr)
         return 1
-    return 0
 
 
 def _start(words: Sequence[str], job: Callable[[DictConfig], None]) -> None:
@@ -117,9 +118,10 @@ def _parsed(words: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
     return args, [*args.overrides, *options]
 
 
-def _run_single(words: Sequence[str]) -> None:
-    """The only job of a command. Raises what the run raises."""
+def _run_single(words: Sequence[str]) -> int:
+    """The only job of a command; returns the exit code. Raises what the run raises."""
     errors: list[Exception] = []
+    ends: list[End] = []
 
     def job(config: DictConfig) -> None:
         plain, settings = read(config)
@@ -127,10 +129,16 @@ def _run_single(words: Sequence[str]) -> None:
         home, overrides = Path(found.runtime.cwd), list(found.overrides.task)
         folder = run_folder(settings, overrides, home)
         try:
-            print(run(settings, plain, folder, home=home, command=command_line(words)))
+            end = run(settings, plain, folder, home=home, command=command_line(words))
+            ends.append(end)
+            print(end.text)
         except Exception as error:  # Hydra would print the overrides, and any secret in them
             errors.append(error)
 
     _start(words, job)
     if errors:
         raise errors[0]
+    if any(end.mostly_fallback for end in ends):
+        print(f"islandgp: {MOSTLY_FALLBACK}", file=sys.stderr)
+        return 3
+    return 0

@@ -17,6 +17,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from islandgp.bt.limits import Limits
+from islandgp.errors import SupervisionError
 from islandgp.part import blaming, path_of
 from islandgp.resources import resource
 from islandgp.scoring.state import PopulationState
@@ -24,7 +25,7 @@ from islandgp.supervision.asking import ask
 from islandgp.supervision.base import Guidance, Setup, Supervisor
 from islandgp.supervision.llm.answers import DECISION, PROPOSAL, Decision, Proposal, schema
 from islandgp.supervision.llm.calls import Calls
-from islandgp.supervision.llm.conversation import Outcome, converse
+from islandgp.supervision.llm.conversation import Outcome, converse, unasked
 from islandgp.supervision.llm.dialect import Dialect
 from islandgp.supervision.llm.funnel import (
     Check,
@@ -33,7 +34,7 @@ from islandgp.supervision.llm.funnel import (
     check_decision,
     check_proposal,
 )
-from islandgp.supervision.llm.message import Request
+from islandgp.supervision.llm.message import Failure, FailureKind, Request
 from islandgp.supervision.llm.prompts import fixed_values, load_prompt, render, urgency
 from islandgp.supervision.llm.settings import LLMSettings, TreeSize
 from islandgp.supervision.state_json import state_text
@@ -62,10 +63,25 @@ class Adviser:
             self.fallback: Supervisor = part.factory.make(part.settings(), setup)
 
     def advise(
-        self, state: PopulationState, rng: np.random.Generator, calls: Calls, dialect: Dialect
+        self,
+        state: PopulationState,
+        rng: np.random.Generator,
+        calls: Calls,
+        dialect: Callable[[int], Dialect | Failure],
     ) -> Guidance:
-        """Guidance from the answers; the fallback, which consumes `rng`, fills in what lacks."""
-        rate, tree = self._both(state, calls, dialect)
+        """Guidance from the answers; the fallback, which consumes `rng`, fills in what lacks.
+
+        `dialect` tells how requests are made in a generation, or why none can be.
+
+        Raises:
+            SupervisionError: the answers were of no use for too long, and the run is to stop.
+        """
+        generation = state.now.generation
+        how = self._given_up(calls, generation) or dialect(generation)
+        if isinstance(how, Failure):
+            rate, tree = self._unasked(calls, generation, how)
+        else:
+            rate, tree = self._both(state, calls, how)
         asked = [outcome for outcome in (rate, tree) if outcome is not None]
         missing = sum(outcome.value is None for outcome in asked)
         backup = ask(self.fallback, state, rng) if missing else None
@@ -117,6 +133,31 @@ class Adviser:
         """The question for a tree."""
         name, size = self._tree_phase(state)
         return self._request(name, state, dialect, schema(PROPOSAL), _size(size))
+
+    def _given_up(self, calls: Calls, generation: int) -> Failure | None:
+        """Why the model is not asked any more; None: it is."""
+        how = self.settings.useless
+        if how is None or (found := calls.useless_before(generation)) < how.most:
+            return None
+        if how.then == "stop":
+            raise SupervisionError(
+                f"Expected a usable answer of {self.settings.model_name}, found none to the last"
+                f" {found} questions; set another supervisor.policy.model, or raise"
+                " supervisor.policy.useless.most."
+            )
+        return Failure(FailureKind.USELESS, f"no usable answer to {found} questions in a row")
+
+    def _unasked(
+        self, calls: Calls, generation: int, why: Failure
+    ) -> tuple[Outcome[Decision] | None, Outcome[Proposal] | None]:
+        """Nobody can be asked: the fallback answers what would be asked."""
+        rate: Outcome[Decision] | None = None
+        tree: Outcome[Proposal] | None = None
+        if self.setup.adapt_mutation:
+            rate = unasked(calls, generation, "rate", why)
+        if self.setup.inject:
+            tree = unasked(calls, generation, "tree", why)
+        return rate, tree
 
     def _both(
         self, state: PopulationState, calls: Calls, dialect: Dialect
@@ -231,7 +272,8 @@ def _notes(rate: Outcome[Decision] | None, tree: Outcome[Proposal] | None) -> di
         if outcome is not None:
             why = f": {outcome.why[:REASON]}" if outcome.why else ""
             notes[name] = outcome.source + why
-            notes[f"{name}_prompts"] = " ".join(outcome.prompts)
+            if outcome.prompts:
+                notes[f"{name}_prompts"] = " ".join(outcome.prompts)
             if outcome.rejected:
                 notes[f"{name}_rejected"] = " ".join(outcome.rejected)
     return notes

@@ -7,7 +7,7 @@ them. What a server refuses is left out the next time.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 from islandgp.errors import SupervisionError
@@ -16,6 +16,7 @@ from islandgp.supervision.llm.calls import Calls
 from islandgp.supervision.llm.funnel import Reading, find_object
 from islandgp.supervision.llm.message import TRANSIENT, Failure, FailureKind, Reply, Request
 from islandgp.supervision.llm.settings import LLMSettings
+from islandgp.supervision.llm.transcript import Transcript
 
 _SYSTEM: Final = "Answer in one short sentence."
 _QUESTION: Final = "Please greet me."
@@ -42,12 +43,48 @@ class Dialect:
         return f"{output}, {heat} ({self.note})"
 
 
-def find_dialect(calls: Calls, settings: LLMSettings) -> Dialect:
-    """Asks the server; at most three calls.
+class Dialects:
+    """How the server wants to be asked, from the generation on in which it said so.
+
+    What a probe learns from a server that is busy is nothing: the next generation probes again.
+    """
+
+    def __init__(self, settings: LLMSettings, transcript: Transcript, calls: Calls) -> None:
+        self.settings, self.transcript, self.calls = settings, transcript, calls
+
+    def start(self) -> Dialect | Failure:
+        """The dialect at a run's start, from the transcript or by a probe."""
+        if self.transcript.start is not None:
+            known = self._known(self.transcript.learnt[0] if self.transcript.learnt else 0)
+            return known or Failure(FailureKind.OVERLOADED, "none when the run was stopped")
+        return find_dialect(self.calls, self.settings)
+
+    def at(self, generation: int) -> Dialect | Failure:
+        """The dialect for a generation's questions; a failure where there is still no answer.
+
+        Raises:
+            SupervisionError: as `find_dialect`.
+        """
+        if (known := self._known(generation)) is not None:
+            return known
+        found = find_dialect(self.calls, self.settings, generation)
+        if isinstance(found, Dialect) and self.transcript.learnt is None:
+            self.calls.learn(generation, asdict(found))
+        return found
+
+    def _known(self, generation: int) -> Dialect | None:
+        start, learnt = self.transcript.start, self.transcript.learnt
+        if start is not None and start["dialect"] is not None:
+            return Dialect(**start["dialect"])
+        return Dialect(**learnt[1]) if learnt is not None and learnt[0] <= generation else None
+
+
+def find_dialect(calls: Calls, settings: LLMSettings, generation: int = -1) -> Dialect | Failure:
+    """Asks the server, with at most three calls; a failure where it does not answer just now.
 
     Raises:
         SupervisionError: no request of this run would ever be answered: the key, the model or
-            the address is wrong, or nobody listens there.
+            the address is wrong, or nobody listens there at the run's start.
     """
     structured, temperature = settings.output != "text", settings.temperature
     for turn in range(3):
@@ -62,18 +99,15 @@ def find_dialect(calls: Calls, settings: LLMSettings) -> Dialect:
             effort=settings.effort,
             extra=settings.extra_body,
         )
-        answer = calls.ask(Call(-1, "probe", turn), request)
+        answer = calls.ask(Call(generation, "probe", turn), request)
         if isinstance(answer, Reply):
             if settings.output == "auto" and structured and answer.text:
                 structured = find_object(answer.text, ["greeting"]) is not None
             return Dialect(structured, temperature, "as the probe found", "last")
-        if answer.kind in (FailureKind.UNREACHABLE, FailureKind.UNTRUSTED):
+        if generation < 0 and answer.kind is FailureKind.UNREACHABLE:
             raise _hopeless(answer, settings)
         if answer.kind in TRANSIENT or answer.kind is FailureKind.BUDGET:
-            # The plainest dialect is understood everywhere. The run does not wait.
-            plain = settings.output == "structured"
-            why = f"no answer yet: {answer.message}; the fallback stands in until there is one"
-            return Dialect(plain, None, why, "last")
+            return answer
         if answer.kind is not FailureKind.REJECTED or not (structured or temperature is not None):
             raise _hopeless(answer, settings)
         if structured and settings.output == "auto" and not _about_temperature(answer):

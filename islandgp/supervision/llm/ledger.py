@@ -7,6 +7,7 @@ made: a cap is never passed, not even by an answer that never arrived.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import dataclass
 
@@ -61,14 +62,22 @@ class Ledger:
         """`price` is None where nobody knows it; then no dollars are counted."""
         self.transcript, self.price, self.caps = transcript, price, caps
 
-    def over(self, next_at_most: Usage) -> str:
-        """Which cap another request could pass, in words; "" for none."""
+    def over(self, next_at_most: Usage, waited: float = 0.0) -> str:
+        """Which cap another request could pass, in words; "" for none.
+
+        `waited` are the seconds before it that stand in no attempt yet.
+        """
         for name, found, cap in self._after(1, next_at_most):
             if cap is not None and found > cap:
                 return f"another request could pass the cap {name}={cap}"
-        if self.caps.seconds is not None and self._most().seconds >= self.caps.seconds:
+        if self.seconds_left() <= waited:
             return f"the cap seconds={self.caps.seconds:g} is reached"
         return ""
+
+    def seconds_left(self) -> float:
+        """Until the cap on seconds is reached, >= 0; infinite without one."""
+        most = self.caps.seconds
+        return math.inf if most is None else max(0.0, most - self._most().seconds)
 
     def room_for(self, requests: int, at_most: Usage, *, seconds: float) -> bool:
         """Whether so much more keeps every cap, in whatever order it comes."""
@@ -98,7 +107,8 @@ class Ledger:
             sums.input += _input(a.at_most)
             sums.output += a.at_most.output
             sums.usd += self._usd(a.at_most)
-            sums.seconds += a.seconds + a.waited
+        # Waiting counts also where a cap ended it.
+        sums.seconds = sum(a.seconds + a.waited for a in list(self.transcript.attempts))
         for sent in self.transcript.lost():
             sums.requests += 1
             sums.input += _input(sent.at_most)

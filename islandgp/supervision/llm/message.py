@@ -34,6 +34,7 @@ class FailureKind(StrEnum):
     UNAUTHORISED = "unauthorised"  # 401, 403: the key is refused
     NOT_FOUND = "not_found"  # 404: no such model, or no such address
     BUDGET = "budget"  # a cap is reached; nothing was sent
+    USELESS = "useless"  # too many useless answers in a row; nothing was sent
 
 
 TRANSIENT: Final = frozenset(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from islandgp.errors import SupervisionError
 from islandgp.supervision.llm.attempt import Call, Part
@@ -43,6 +44,13 @@ class RecordedCalls:
 
     def conclude(self, part: Part) -> None:
         """See `Calls`."""
+
+    def learn(self, generation: int, dialect: Mapping[str, Any]) -> None:
+        """See `Calls`."""
+
+    def useless_before(self, generation: int) -> int:
+        """See `Calls`."""
+        return self.transcript.useless_before(generation)
 
     def room_for(self, requests: Sequence[Request], repairs: int) -> bool:  # noqa: ARG002 -- the protocol's
         """See `Calls`: nothing is gained by it."""

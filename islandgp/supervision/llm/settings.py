@@ -44,6 +44,13 @@ class Thinking(BaseModel, frozen=True, extra="forbid"):
         return self
 
 
+class Useless(BaseModel, frozen=True, extra="forbid"):
+    """When a model whose answers cannot be used is not asked any more."""
+
+    most: int = Field(ge=1)  # questions in a row, repairs included, without a usable answer
+    then: Literal["fallback", "stop"]  # the fallback goes on, or the run ends
+
+
 class Fallback(Part, frozen=True, extra="ignore"):
     """The supervisor that answers where the model does not; its switches and lag do not count."""
 
@@ -72,6 +79,9 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     exploit: TreeSize  # phase 2
     exploit_from: Literal["complete", "excellent"]  # the tier whose first robot begins phase 2
     rare: float = Field(ge=0, le=1)  # share of the population below which a behaviour is rare
+    on_outage: Literal["fallback", "wait", "stop"] = "fallback"  # where nobody answers
+    useless: Useless | None = None  # None: asked to the end, whatever the answers are
+    most_fallback: float | None = Field(default=None, ge=0, le=1)  # share; None: any
     caps: Caps
     prices: Prices
     prompts: str | None  # a folder of prompts; None: the project's own

@@ -4,7 +4,8 @@ It is what a resumed run and a replay read instead of asking again, what the
 ledger counts, and what a person reads to see who said what. Its lines are JSON
 objects with a field `line` that says of which sort they are:
 
-start    the settings and the dialect that the requests were made with
+start    the settings and the dialect that the requests were made with; null: not yet known
+dialect  the dialect, and the generation from which on it was known
 system   a system prompt, once, under its hash
 sent     an attempt is about to be made; without its attempt line, nobody knows what it came to
 attempt  one attempt at a call: where, request, reply or failure, tokens, dollars, seconds
@@ -45,6 +46,7 @@ class Transcript:
         self.attempts: list[Attempt] = []
         self.parts: list[Part] = []
         self.sent: list[Sent] = []
+        self.learnt: tuple[int, dict[str, Any]] | None = None  # a dialect, and since when
         self._systems: dict[str, str] = {}
         self._lock = Lock()  # the two questions of a generation are asked at the same time
         self._whole: int | None = None  # bytes of whole lines, where a piece of one follows
@@ -63,6 +65,25 @@ class Transcript:
         """Writes how the requests are made."""
         self.start = {"format": FORMAT, **start}
         self._write({"line": "start", **self.start})
+
+    def learn(self, generation: int, dialect: Mapping[str, Any]) -> None:
+        """Writes down how requests are made from a generation on."""
+        with self._lock:
+            self.learnt = (generation, dict(dialect))
+            self._write({"line": "dialect", "generation": generation, "dialect": self.learnt[1]})
+
+    def useless_before(self, generation: int) -> int:
+        """How many questions in a row, up to a generation, had answers of no use.
+
+        One that nobody answered is passed over.
+        """
+        count = 0
+        for part in sorted(self.parts, key=lambda part: (part.generation, part.part)):
+            if part.generation < generation and part.source != "fallback":
+                count = 0
+            elif part.generation < generation and part.rejected:
+                count += 1
+        return count
 
     def announce(self, sent: Sent) -> None:
         """Writes down that an attempt is about to be made."""
@@ -120,6 +141,8 @@ class Transcript:
                     self.start = line
                 elif kind == "system":
                     self._systems[line["sha256"]] = line["text"]
+                elif kind == "dialect":
+                    self.learnt = (line["generation"], line["dialect"])
                 elif kind == "sent":
                     self.sent.append(
                         Sent(Call(**line["call"]), line["number"], Usage(**line["at_most"]))
