@@ -38,10 +38,10 @@ class Bill:
         )
 
 
-def expected(settings: LLMSettings, setup: Setup) -> Bill:
+def expected(settings: LLMSettings, setup: Setup, lag: int = 0) -> Bill:
     """The bill where every question is answered at once, with ANSWER tokens."""
     asked = _requests(settings, setup)
-    times = setup.generations - 1
+    times = _times(setup, lag)
     sizes = [sum(map(len, (r.system, *r.turns))) for r in asked]
     return _bill(
         settings,
@@ -51,13 +51,13 @@ def expected(settings: LLMSettings, setup: Setup) -> Bill:
     )
 
 
-def at_most(settings: LLMSettings, setup: Setup) -> Bill:
+def at_most(settings: LLMSettings, setup: Setup, lag: int = 0) -> Bill:
     """The bill where everything fails late, is repaired, and is as long as it may be.
 
     Caps cut it short.
     """
     asked = _requests(settings, setup)
-    times = (setup.generations - 1) * settings.retry.attempts
+    times = _times(setup, lag) * settings.retry.attempts
     turns = 1 + settings.repairs
     most = [most_tokens(request, longer=QUOTED * settings.repairs) for request in asked]
     bill = _bill(
@@ -69,11 +69,11 @@ def at_most(settings: LLMSettings, setup: Setup) -> Bill:
     return _capped(bill, settings.caps)
 
 
-def as_recorded(settings: LLMSettings, setup: Setup, record: Transcript) -> Bill:
+def as_recorded(settings: LLMSettings, setup: Setup, record: Transcript, lag: int = 0) -> Bill:
     """The bill where each generation takes what it took in a recorded run, on the mean."""
     attempts = record.attempts
     generations = len({a.call.generation for a in attempts if a.call.generation >= 0}) or 1
-    share = (setup.generations - 1) / generations
+    share = _times(setup, lag) / generations
     usages = [a.usage for a in attempts if a.usage is not None]
     requests = len(attempts) * share
     share *= len(attempts) / (len(usages) or 1)  # those that nobody has counted took as much
@@ -83,6 +83,11 @@ def as_recorded(settings: LLMSettings, setup: Setup, record: Transcript) -> Bill
         sum(u.input + u.cache_read + u.cache_write for u in usages) * share,
         sum(u.output for u in usages) * share,
     )
+
+
+def _times(setup: Setup, lag: int) -> int:
+    """Generations that are asked about: an answer after the last one would come too late."""
+    return max(0, setup.generations - 1 - lag)
 
 
 def _bill(settings: LLMSettings, requests: float, tokens: float, output: float) -> Bill:
