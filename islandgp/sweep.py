@@ -21,6 +21,7 @@ from islandgp.compose import Planned, is_choice
 from islandgp.errors import ConfigError, RunError
 from islandgp.joblib_workers import tie_joblib_workers
 from islandgp.printing import say
+from islandgp.report import MOSTLY_FALLBACK, is_mostly_fallback
 from islandgp.resume import choose, differences
 from islandgp.sweep_job import sweep_job
 from islandgp.sweep_progress import Start, Watch
@@ -38,7 +39,9 @@ LAUNCHES: Final = 3  # starts of a launcher that breaks down, the first one incl
 
 
 def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
-    """Runs the jobs; returns the exit code: 0, 1 when jobs failed, 130 after Ctrl-C.
+    """Runs the jobs; returns the exit code.
+
+    0: all is done; 1: jobs failed; 3: a fallback gave too many answers; 130: Ctrl-C.
 
     Raises:
         ConfigError: two jobs are the same run, or would share a folder.
@@ -65,7 +68,7 @@ def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
     if interrupted:
         print("islandgp: stopped; the same command goes on from here", file=sys.stderr)
         return 130
-    return _report_unfinished(entries)
+    return _report_unfinished(entries) or _report_fallbacks(entries)
 
 
 Entries = dict[SweepFolder, dict[Path, SweepJob]]
@@ -221,3 +224,15 @@ def _report_unfinished(entries: Entries) -> int:
             print(f"    error:  {run.path / 'error.txt'}", file=sys.stderr)
         print(f"    again:  {job.command}", file=sys.stderr)
     return 1
+
+
+def _report_fallbacks(entries: Entries) -> int:
+    """Lists each job in which a language model's fallback gave too many of the answers."""
+    runs = [sweep.run(job) for sweep, own in entries.items() for job in own.values()]
+    bad = [run for run in runs if is_mostly_fallback(run.summary())]
+    if not bad:
+        return 0
+    print(f"\nislandgp: in {len(bad)} of {len(runs)} jobs {MOSTLY_FALLBACK}", file=sys.stderr)
+    for run in bad:
+        print(f"  {run.path.name}", file=sys.stderr)
+    return 3

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from functools import cache
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from islandgp.bt.builder import MAX_LEVELS, MAX_NODES, MAX_NUMBER, Builder
 from islandgp.bt.diagnosis import syntax_error
@@ -75,7 +75,8 @@ def parse(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<tree
         tree = parser.parse(text)
     except UnexpectedInput as error:
         raise syntax_error(source, error, parser.lex(text), vocabulary) from None
-    *head, root = tree.children
+    head: list[Any]
+    *head, root = tree.children  # trees, as the grammar says
     if head and head[0].data == "domain":
         _check_domain(source, head.pop(0).children[0], vocabulary)
     return Builder(source, vocabulary).build(head, root)

@@ -54,9 +54,7 @@ class Recorder:
         """What the replay says to a state that a live supervisor has answered."""
         live = llm()
         live.advise(state, deepcopy(rng))
-        calls = live._open()
-        assert live._dialect is not None
-        return Replay(live.adviser, calls.transcript, live._dialect).advise(state, rng)
+        return Replay(live.adviser, live._open().transcript).advise(state, rng)
 
 
 def yoked() -> Yoked:

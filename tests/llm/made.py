@@ -149,6 +149,9 @@ class FakeClient:
             n = len(self.requests) - 1
             return self.script(request, n) if callable(self.script) else self.script[n]
 
+    def open(self) -> None:
+        """See `Client`."""
+
     def asked(self, kind: str) -> list[Request]:
         """The requests of one kind, in their order; questions of two kinds go out together."""
         return [request for request in self.requests if kind_of(request) == kind]

@@ -14,6 +14,7 @@ from time import monotonic, perf_counter, sleep
 from urllib.request import urlopen
 
 import pytest
+import yaml
 
 from islandgp.tracking.folder import Status
 from islandgp.tracking.mirror import Mirror
@@ -21,9 +22,10 @@ from islandgp.tracking.mlflow import MLflow
 from islandgp.tracking.sent import read_sent
 from islandgp.tracking.store import MLflowSettings, Place, Store
 from islandgp.tracking.sync import sync
+from tests.composed import plain
 from tests.running.commands import finish, start
 from tests.tracking import servers
-from tests.tracking.folders import begun, finished, history, place, steps, written
+from tests.tracking.folders import SMALL, begun, finished, history, place, steps, written
 from tests.trees.shell import Cli
 
 
@@ -159,6 +161,16 @@ def test_a_damaged_folder_is_told_and_stops_no_other(
     assert home / "runs/a/one" in done.sent
     assert [*done.failed] == ([] if file == "tracking.json" else [bad.path])
     assert len(store.client.search_runs([store.experiment])) == 2
+
+
+def test_a_run_of_version_0_1_is_told_in_a_line(home: Path, store: Store) -> None:
+    """It names no domain, and its records hold other things than the store is sent."""
+    folder = written(home / "runs/a/one", home)
+    text = plain(*SMALL)
+    del text["domain"]
+    (folder.path / "config.yaml").write_text(yaml.safe_dump(text))
+    (error,) = sync(home / "runs", store.place).failed.values()
+    assert "found one of version 0.1" in str(error)
 
 
 def test_a_damaged_sweep_is_told_and_stops_no_other(home: Path) -> None:

@@ -64,6 +64,12 @@ def converse(
     return _concluded(calls, generation, part, outcome)
 
 
+def unasked(calls: Calls, generation: int, part: str, why: Failure) -> Outcome[T]:
+    """A question that is not asked, and why."""
+    outcome: Outcome[T] = Outcome(None, "fallback", f"{why.kind}: {why.message}", (), ())
+    return _concluded(calls, generation, part, outcome)
+
+
 def _concluded(calls: Calls, generation: int, part: str, outcome: Outcome[T]) -> Outcome[T]:
     calls.conclude(Part(generation, part, outcome.source, outcome.why, outcome.rejected))
     return outcome
