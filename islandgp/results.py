@@ -22,7 +22,7 @@ from islandgp.tracking.folder import RunFolder
 from islandgp.tracking.sweep_folder import SweepFolder
 
 if TYPE_CHECKING:
-    from pandas import DataFrame  # type: ignore[import-untyped] -- its stubs are a package apart
+    from pandas import DataFrame  # type: ignore[import-untyped] # its stubs are a package apart
 
 COLUMNS: Final[dict[str, dict[str, tuple[str, str]]]] = {
     "runs": {

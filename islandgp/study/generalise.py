@@ -12,13 +12,16 @@ from itertools import count, islice
 from statistics import fmean
 from typing import Final
 
+from pydantic import ValidationError
+
 from islandgp.domain import Outcome
+from islandgp.errors import StudyError
 from islandgp.evaluation.base import Evaluator, Job, Setting
 from islandgp.evaluation.recorded import setting_of
 from islandgp.scoring.classes import Classes, tiers
 from islandgp.seeding import Stream, stream
 from islandgp.study import library
-from islandgp.study.arms import Comparison
+from islandgp.study.arms import Comparison, Run
 from islandgp.study.lineage import most_injected
 
 YARDSTICK_WORLDS: Final = 100
@@ -80,8 +83,9 @@ def generalise(
 
     Raises:
         EvaluationError: an episode cannot be run.
+        StudyError: the domain's class cannot be imported.
     """
-    setting = setting_of(study.arms[0].runs[0].config)
+    setting = _setting(study.arms[0].runs[0])
     seeds = unseen_worlds(study, max(worlds, yardstick_worlds))
     stage = len(setting.curriculum.stages) - 1
     trees: list[tuple[str, int | None, float | None, list[Job]]] = [
@@ -108,6 +112,17 @@ def generalise(
         _summary(arm, seed, trained, [outcomes[job] for job in mine], study.classes)
         for arm, seed, trained, mine in trees
     )
+
+
+def _setting(run: Run) -> Setting:
+    try:
+        return setting_of(run.config)
+    except ValidationError as error:
+        raise StudyError(
+            f"Expected to find the domain {run.flat['domain.factory']} here, found"
+            f" {error.errors()[0]['msg']}; install it, or leave the unseen worlds out with"
+            " --worlds 0."
+        ) from error
 
 
 def _summary(
