@@ -104,7 +104,8 @@ def measure(effort: Effort) -> list[Figure]:
 
 
 def _evolve(chosen: Settings, workers: int) -> Evolution:
-    setting = Setting(chosen.world, chosen.rewards, chosen.curriculum)
+    domain = chosen.make_domain()
+    setting = Setting(domain, chosen.curriculum)
     supervisor = make_supervisor(chosen, None)
     tree = to_text(example("all_rounder"))
     began = perf_counter()
@@ -113,7 +114,7 @@ def _evolve(chosen: Settings, workers: int) -> Evolution:
         processes.evaluate([Job(tree, STAGE, seed) for seed in range(WARM_UP * workers)])
         started, simulated = perf_counter(), processes.simulated
         evaluator = Cached(processes)
-        costs = [s.cost for s in evolve(chosen.plan, SEED, supervisor, evaluator)]
+        costs = [s.cost for s in evolve(chosen.plan(domain), SEED, supervisor, evaluator)]
         ended = perf_counter()
     finally:
         processes.close()

@@ -75,8 +75,8 @@ def parse(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<tree
         tree = parser.parse(text)
     except UnexpectedInput as error:
         raise syntax_error(source, error, parser.lex(text), vocabulary) from None
-    head: list[Any]
-    *head, root = tree.children  # trees, as the grammar says
+    parts: list[Any] = list(tree.children)  # trees, as the grammar says
+    *head, root = parts
     if head and head[0].data == "domain":
         _check_domain(source, head.pop(0).children[0], vocabulary)
     return Builder(source, vocabulary).build(head, root)

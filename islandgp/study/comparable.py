@@ -49,7 +49,7 @@ def compare_arms(
 
     Raises:
         StudyError: fewer than two arms, two of one name, a run in two arms, runs too
-            short; or the arms are not comparable and `force` is not set.
+            short, or of two domains; or the arms are not comparable and `force` is not set.
     """
     _check_names(arms)
     _check_vocabulary(arms)

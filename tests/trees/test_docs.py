@@ -44,7 +44,11 @@ def test_language_is_up_to_date() -> None:
     """docs/language.md has the tables that the declarations give (python docs/generate.py)."""
     text = generate.LANGUAGE.read_text(encoding="utf-8")
     assert generate.filled(text, generate.tables()) == text
-    for name in (*VOCABULARY.actions, *VOCABULARY.keys, *(kind for kind in KINDS if kind != "action")):
+    for name in (
+        *VOCABULARY.actions,
+        *VOCABULARY.keys,
+        *(kind for kind in KINDS if kind != "action"),
+    ):
         assert name in text
 
 
