@@ -18,6 +18,7 @@ from omegaconf import DictConfig
 
 from islandgp.compose import Planned, is_choice
 from islandgp.errors import ConfigError, RunError
+from islandgp.evolution.checkpoint import remove_leftovers
 from islandgp.joblib_workers import tie_joblib_workers
 from islandgp.printing import say
 from islandgp.resume import choose
@@ -49,6 +50,7 @@ def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
         for sweep, own in entries.items():
             sweep.open(command, list(own.values()))
             stack.callback(sweep.close)
+            remove_leftovers(sweep.path, "sweep.json.*")
         try:
             _launch_all(jobs, entries, launch)
         except KeyboardInterrupt:

@@ -25,13 +25,14 @@ from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from time import time
-from typing import Any
+from typing import Any, Final
 
 from filelock import FileLock, Timeout
 
 from islandgp.errors import BusyError, IslandError, RunError
 from islandgp.evolution.checkpoint import (
     read_checkpoint,
+    remove_leftovers,
     save_state,
     snapshot,
     state_of,
@@ -59,6 +60,19 @@ from islandgp.tracking.files import (
 )
 from islandgp.tracking.lineage import write_lineage
 from islandgp.tracking.lines import Lines
+
+OWN: Final = (
+    "about.json",
+    "config.yaml",
+    "generations.jsonl",
+    "generations.sha256",
+    "costs.jsonl",
+    "checkpoint.json",
+    "best.bt",
+    "summary.json",
+    "error.txt",
+)
+"""The files that only the process writes that holds the folder."""
 
 
 class Status(StrEnum):
@@ -94,6 +108,8 @@ class RunFolder:
         """
         with usable(self.path):
             self._take()
+            for name in OWN:
+                remove_leftovers(self.path, f"{name}.*")
             if self.finished():
                 return
             write_atomic(self.path / "about.json", pretty(asdict(about)))
