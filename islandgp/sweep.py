@@ -26,7 +26,7 @@ from islandgp.sweep_job import sweep_job
 from islandgp.sweep_progress import Start, Watch
 from islandgp.tracking.brief import brief
 from islandgp.tracking.folder import RunFolder, Status
-from islandgp.tracking.parameters import redacted
+from islandgp.tracking.parameters import redacted, without_credentials
 from islandgp.tracking.summary import arm_lines, arms
 from islandgp.tracking.sweep_folder import SweepFolder, SweepJob
 
@@ -95,7 +95,7 @@ def _entry(job: Planned) -> SweepJob:
         folder=folder.path.name,
         supervisor=job.settings.supervisor.name,
         seed=job.settings.seed,
-        choices=tuple(o for o in job.overrides if is_choice(o)),
+        choices=tuple(without_credentials(o) for o in job.overrides if is_choice(o)),
         generations=job.settings.gp.generations,
         command=job.command,
     )

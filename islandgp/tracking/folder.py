@@ -60,6 +60,7 @@ from islandgp.tracking.files import (
 )
 from islandgp.tracking.lineage import write_lineage
 from islandgp.tracking.lines import Lines
+from islandgp.tracking.parameters import without_credentials
 
 OWN: Final = (
     "about.json",
@@ -139,7 +140,7 @@ class RunFolder:
         text = f"{error}\n\n{trace}" if isinstance(error, IslandError) else trace
         with suppress(OSError):
             self.path.mkdir(parents=True, exist_ok=True)
-            write_atomic(self.path / "error.txt", text.encode())
+            write_atomic(self.path / "error.txt", without_credentials(text).encode())
 
     def error(self) -> str:
         """Why the run failed, or ""."""
