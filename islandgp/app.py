@@ -35,7 +35,7 @@ from islandgp.stopping import as_ctrl_c
 from islandgp.sweep import run_sweep
 from islandgp.tracking.brief import brief
 from islandgp.tracking.folder import RunFolder
-from islandgp.tracking.parameters import redacted
+from islandgp.tracking.parameters import redacted, without_credentials
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -76,10 +76,10 @@ def _main(arguments: Sequence[str] | None) -> int:
             return _run_single(words)
     except PartError as error:
         traceback.print_exception(error.__cause__)
-        print(f"islandgp: {error}", file=sys.stderr)
+        print(f"islandgp: {without_credentials(str(error))}", file=sys.stderr)
         return 2
     except IslandError as error:
-        print(f"islandgp: {error}", file=sys.stderr)
+        print(f"islandgp: {without_credentials(str(error))}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("islandgp: stopped; the same command goes on from here", file=sys.stderr)

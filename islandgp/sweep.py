@@ -19,6 +19,7 @@ from omegaconf import DictConfig
 
 from islandgp.compose import Planned, is_choice
 from islandgp.errors import ConfigError, RunError
+from islandgp.evolution.checkpoint import remove_leftovers
 from islandgp.joblib_workers import tie_joblib_workers
 from islandgp.printing import say
 from islandgp.report import MOSTLY_FALLBACK, is_mostly_fallback
@@ -27,7 +28,7 @@ from islandgp.sweep_job import sweep_job
 from islandgp.sweep_progress import Start, Watch
 from islandgp.tracking.brief import brief
 from islandgp.tracking.folder import RunFolder, Status
-from islandgp.tracking.parameters import redacted, shape
+from islandgp.tracking.parameters import redacted, shape, without_credentials
 from islandgp.tracking.summary import arm_lines, arms
 from islandgp.tracking.sweep_folder import SweepFolder, SweepJob
 
@@ -53,6 +54,7 @@ def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
         for sweep, own in entries.items():
             sweep.open(command, list(own.values()))
             stack.callback(sweep.close)
+            remove_leftovers(sweep.path, "sweep.json.*")
         try:
             _launch_all(jobs, entries, launch)
         except KeyboardInterrupt:
@@ -121,7 +123,7 @@ def _entry(job: Planned) -> SweepJob:
         folder=folder.path.name,
         supervisor=job.settings.supervisor.name,
         seed=job.settings.seed,
-        choices=tuple(o for o in job.overrides if is_choice(o)),
+        choices=tuple(without_credentials(o) for o in job.overrides if is_choice(o)),
         generations=job.settings.gp.generations,
         command=job.command,
     )

@@ -25,13 +25,14 @@ from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from time import time
-from typing import Any
+from typing import Any, Final
 
 from filelock import FileLock, Timeout
 
 from islandgp.errors import BusyError, IslandError, RunError
 from islandgp.evolution.checkpoint import (
     read_checkpoint,
+    remove_leftovers,
     save_state,
     snapshot,
     state_of,
@@ -59,6 +60,20 @@ from islandgp.tracking.files import (
 )
 from islandgp.tracking.lineage import write_lineage
 from islandgp.tracking.lines import Lines
+from islandgp.tracking.parameters import without_credentials
+
+OWN: Final = (
+    "about.json",
+    "config.yaml",
+    "generations.jsonl",
+    "generations.sha256",
+    "costs.jsonl",
+    "checkpoint.json",
+    "best.bt",
+    "summary.json",
+    "error.txt",
+)
+"""The files that only the process writes that holds the folder."""
 
 
 class Status(StrEnum):
@@ -94,6 +109,8 @@ class RunFolder:
         """
         with usable(self.path):
             self._take()
+            for name in OWN:
+                remove_leftovers(self.path, f"{name}.*")
             if self.finished():
                 return
             write_atomic(self.path / "about.json", pretty(asdict(about)))
@@ -123,7 +140,7 @@ class RunFolder:
         text = f"{error}\n\n{trace}" if isinstance(error, IslandError) else trace
         with suppress(OSError):
             self.path.mkdir(parents=True, exist_ok=True)
-            write_atomic(self.path / "error.txt", text.encode())
+            write_atomic(self.path / "error.txt", without_credentials(text).encode())
 
     def error(self) -> str:
         """Why the run failed, or ""."""

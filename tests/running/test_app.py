@@ -44,7 +44,7 @@ def test_a_run_leaves_its_records_and_says_where(
     said = capsys.readouterr().out
     (folder,) = leaf(here)
     assert f"Results: {here}/runs/default/{folder}" in said
-    assert "Best fitness" in said
+    assert "Best robot" in said
     assert {path.name for path in here.iterdir()} == {"runs"}
 
 

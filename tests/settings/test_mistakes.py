@@ -406,7 +406,7 @@ def test_the_right_ones_run(capsys: pytest.CaptureFixture[str]) -> None:
     words = [*OFF, "experiment=smoke", "gp.population=4", "gp.generations=2", "supervisor=baseline"]
     assert main([*words, "gp.tournament=2", "world.episode.length=5"]) == 0
     found = capsys.readouterr()
-    assert "Best fitness" in found.out
+    assert "Best robot" in found.out
     assert [path.name for path in Path.cwd().iterdir()] == ["runs"]
 
 
