@@ -104,7 +104,7 @@ class Scene:
     bounds: tuple[float, float, float, float]  # least x, least y, greatest x, greatest y
     fixed: tuple[Thing, ...] = ()  # the same in each tick of an episode
     items: tuple[Thing, ...] = ()  # they come and go, and do not move
-    movers: tuple[Thing, ...] = ()  # as many in each tick, in the same order
+    movers: tuple[Thing, ...] = ()  # as many in each tick, in the same order; the robot is the last
     frame: bytes = b""  # a PNG instead, as a simulator renders it
 
 
