@@ -10,7 +10,7 @@ from benchmarks.figure import Effort, Figure, at_most
 from benchmarks.pinned import endless, example, points, settings
 from benchmarks.turns import medians, ratio, turns
 from islandgp.domains.island.episode import run_episode
-from islandgp.domains.island.script import write_script
+from islandgp.domains.island.schedule import write_script
 from islandgp.domains.island.space import build_space
 from islandgp.domains.island.world import World
 

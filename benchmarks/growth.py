@@ -18,7 +18,7 @@ from islandgp.domains.island.world import World
 from islandgp.evaluation.base import Setting
 from islandgp.evaluation.serial import Serial
 from islandgp.evolution.loop import evolve
-from islandgp.run import make_supervisor
+from islandgp.running.run import make_supervisor
 
 ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 2, Effort.FULL: 5}
 DOUBLINGS: Final = {Effort.TINY: 1, Effort.QUICK: 3, Effort.FULL: 4}

@@ -9,13 +9,13 @@ from omegaconf import OmegaConf
 
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node
+from islandgp.config.settings import Settings, read_settings
 from islandgp.domains.island.journal import Award
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.domains.island.world import World
 from islandgp.evaluation.base import Setting
 from islandgp.resources import resource
 from islandgp.scoring.rewards import worth
-from islandgp.settings import Settings, read_settings
 
 STAGE = 0  # of Table 2
 SEED = 0  # of a run

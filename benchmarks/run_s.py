@@ -10,12 +10,12 @@ from benchmarks.figure import Effort, Figure, at_least, at_most
 from benchmarks.pinned import SEED, STAGE, example, settings
 from benchmarks.waiting import episode_seconds, limit
 from islandgp.bt.language import to_text
+from islandgp.config.settings import Settings
 from islandgp.evaluation.base import Job, Setting
 from islandgp.evaluation.cache import Cached
 from islandgp.evaluation.processes import Processes, cores
 from islandgp.evolution.loop import evolve
-from islandgp.run import make_supervisor
-from islandgp.settings import Settings
+from islandgp.running.run import make_supervisor
 
 PAPER_S: Final = 36_000  # a run of the paper: ten hours
 WORKERS: Final = (1, 2, 4)

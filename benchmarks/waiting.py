@@ -7,12 +7,12 @@ from heapq import heapreplace
 from time import process_time
 
 from benchmarks.pinned import SEED
+from islandgp.config.settings import Settings
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Job, Setting, simulate
 from islandgp.evaluation.cache import Cached
 from islandgp.evolution.loop import evolve
-from islandgp.run import make_supervisor
-from islandgp.settings import Settings
+from islandgp.running.run import make_supervisor
 
 
 class _Timed:

@@ -25,7 +25,7 @@ from islandgp.bt.vocabulary import Vocabulary
 class Counter:
     """Something that an episode counts or measures."""
 
-    meaning: str  # one line, e.g. "garbage items picked up from the ground"
+    meaning: str  # one line, e.g. "blocks placed"
     unit: str = ""  # e.g. "m"; "" for a number of things
     heading: str = ""  # of a column of `islandgp play`; "": the counter's name
 

@@ -8,7 +8,7 @@ import numpy as np
 from pymunk import Vec2d
 
 from islandgp.domains.island.journal import Award, Event, Journal
-from islandgp.domains.island.script import write_script
+from islandgp.domains.island.schedule import write_script
 from islandgp.domains.island.space import build_space
 from islandgp.domains.island.steering import steer
 from islandgp.domains.island.world import ROCK_MARGIN, Point, World

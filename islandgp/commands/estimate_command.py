@@ -89,8 +89,8 @@ def _jobs(overrides: Sequence[str]) -> tuple[list[Job], int]:
     """The jobs that ask a model, and how many do not."""
     from hydra._internal.utils import get_args_parser
 
-    from islandgp.compose import planned
-    from islandgp.run import setup_of
+    from islandgp.config.compose import planned
+    from islandgp.running.run import setup_of
 
     import_from_here()
     args = get_args_parser().parse_args(list(overrides))

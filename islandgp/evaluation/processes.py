@@ -24,7 +24,7 @@ from pydantic import BaseModel, Field
 from islandgp.domain import Outcome
 from islandgp.errors import EvaluationError
 from islandgp.evaluation.base import Job, Setting, blame, simulate
-from islandgp.parent_death import killed_with_parent
+from islandgp.evaluation.parent_death import killed_with_parent
 
 ENDING: Final = 1.0  # s that workers may take to end by themselves
 

@@ -9,10 +9,10 @@ from itertools import combinations
 from typing import Any, Final
 
 from islandgp.errors import StudyError
+from islandgp.records.parameters import MACHINERY
 from islandgp.study.arms import Arm, Comparison, Run, cut
 from islandgp.study.paper import Paper, paper_of
 from islandgp.study.select import Selection, in_short, parse_selection
-from islandgp.tracking.parameters import MACHINERY
 
 IRRELEVANT: Final = MACHINERY | {"seed", "name"}
 """Groups that do not change a record, or that are looked at by themselves (the seed)."""

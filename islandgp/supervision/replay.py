@@ -16,7 +16,7 @@ from islandgp.errors import SupervisionError
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Setup
 from islandgp.supervision.llm.adviser import Adviser
-from islandgp.supervision.llm.dialect import Dialect, Dialects
+from islandgp.supervision.llm.capabilities import Dialect, Dialects
 from islandgp.supervision.llm.recorded import RecordedCalls
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.transcript import Transcript, find_transcript

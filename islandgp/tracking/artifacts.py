@@ -13,11 +13,11 @@ import yaml
 
 from islandgp.bt.language import parse
 from islandgp.evaluation.recorded import setting_of
+from islandgp.records.fallbacks import fallback_words
+from islandgp.records.files import RunMetadata, score
+from islandgp.records.folder import RunFolder, Status
 from islandgp.supervision.state_json import title
 from islandgp.tracking.chart import Line, Panel, svg
-from islandgp.tracking.fallbacks import fallback_words
-from islandgp.tracking.files import About, score
-from islandgp.tracking.folder import RunFolder, Status
 
 FILES: Final = (
     "best.bt",
@@ -136,7 +136,7 @@ def _where(champion: Mapping[str, Any]) -> str:
     return f" in validation worlds, {champion['record']['fitness']:,.0f} in training"
 
 
-def note(folder: RunFolder, about: About, status: Status) -> str:
+def note(folder: RunFolder, about: RunMetadata, status: Status) -> str:
     """What MLflow shows as the run's description, in Markdown."""
     lines = [f"**{about.title}** ({status.value.lower()})", ""]
     if folder.finished():

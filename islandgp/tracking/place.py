@@ -8,8 +8,8 @@ from typing import Final
 from pydantic import ValidationError
 
 from islandgp.errors import TrackingError
-from islandgp.tracking.folder import RunFolder
-from islandgp.tracking.parameters import without_credentials
+from islandgp.records.folder import RunFolder
+from islandgp.records.parameters import without_credentials
 from islandgp.tracking.store import MLflowSettings, Place
 
 FACTORY: Final = "islandgp.tracking.mlflow:MLflow"

@@ -17,7 +17,7 @@ from filelock import FileLock
 from pydantic import BaseModel, Field
 
 from islandgp.errors import TrackingError
-from islandgp.tracking.parameters import CREDENTIALS, HIDDEN
+from islandgp.records.parameters import CREDENTIALS, HIDDEN
 
 if TYPE_CHECKING:
     from mlflow.entities import Metric

@@ -15,7 +15,8 @@ from islandgp.bt.limits import Limits, within
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.supervision.base import Pattern, Phase
 from islandgp.supervision.llm.answers import DECISION, LONGEST, faults, proposal_shape, schema
-from islandgp.supervision.llm.funnel import (
+from islandgp.supervision.llm.message import SANE, Reply
+from islandgp.supervision.llm.validation import (
     Accepted,
     RateSettings,
     Rejection,
@@ -24,7 +25,6 @@ from islandgp.supervision.llm.funnel import (
     check_proposal,
     find_object,
 )
-from islandgp.supervision.llm.message import SANE, Reply
 from tests.llm.made import DECISION as GOOD
 from tests.llm.made import PROPOSAL as GOOD_TREE
 from tests.llm.made import USAGE, said

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from islandgp.app import main
+from islandgp.running.app import main
 from islandgp.testing.answers import scripted_answer
 from islandgp.testing.faults import Fault
 from islandgp.testing.server import MessagesServer

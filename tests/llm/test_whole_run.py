@@ -17,10 +17,10 @@ import pytest
 from islandgp.domain import Outcome
 from islandgp.errors import SupervisionError
 from islandgp.evaluation.base import Job
-from islandgp.evolution.checkpoint import dump
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import RunState, Step
-from islandgp.run import make_supervisor, setup_of
+from islandgp.records.checkpoint import dump
+from islandgp.running.run import make_supervisor, setup_of
 from islandgp.supervision.base import Service
 from islandgp.supervision.decisions import decisions
 from islandgp.supervision.replay import Replay

@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from islandgp.app import main
 from islandgp.cli import islandgp
-from islandgp.progress import columns
+from islandgp.records.parameters import MACHINERY
+from islandgp.running.app import main
+from islandgp.running.progress import columns
 from islandgp.tracking.artifacts import FILES
 from islandgp.tracking.metrics import final_metrics, metrics
-from islandgp.tracking.parameters import MACHINERY
 from islandgp.tracking.sent import FILE
 from tests.made import CLASSES
 from tests.running.commands import ROOT, finish, start

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from islandgp.progress import Progress, columns, duration, row
+from islandgp.running.progress import Progress, columns, duration, row
 from tests.made import CLASSES
 from tests.tracking.folders import steps
 

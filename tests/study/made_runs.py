@@ -18,8 +18,8 @@ from islandgp.evolution.record import (
     GuidanceRecord,
     IndividualRecord,
 )
+from islandgp.records.parameters import flatten
 from islandgp.study.arms import Arm, Run
-from islandgp.tracking.parameters import flatten
 from tests.composed import plain
 from tests.made import ANY, NOTHING, snapshot
 

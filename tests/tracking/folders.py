@@ -11,10 +11,10 @@ import yaml
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import Champion, Step
 from islandgp.evolution.validation import Best
-from islandgp.report import summary
+from islandgp.records.files import RunMetadata
+from islandgp.records.folder import RunFolder
+from islandgp.running.report import summary
 from islandgp.supervision.baseline import Baseline, BaselineSettings
-from islandgp.tracking.files import About
-from islandgp.tracking.folder import RunFolder
 from islandgp.tracking.store import MLflowSettings, Place, Store
 from tests.composed import composed, composed_plan, plain
 from tests.evolution.fake import Fake
@@ -23,10 +23,10 @@ MILESTONES = ("complete", "excellent")
 SMALL = ("supervisor=baseline", "gp.population=8", "gp.generations=5", "tracking=mlflow")
 
 
-def about(name: str, home: Path, **changes: str) -> About:
+def about(name: str, home: Path, **changes: str) -> RunMetadata:
     """What is known of a run of that name."""
     told = {"id": f"id-{name}", "identity": "i1", "command": "python -m islandgp", **changes}
-    return About(
+    return RunMetadata(
         title=name,
         home=str(home),
         started=1_700_000_000_000,

@@ -16,7 +16,7 @@ from urllib.request import urlopen
 import pytest
 import yaml
 
-from islandgp.tracking.folder import Status
+from islandgp.records.folder import Status
 from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.mlflow import MLflow
 from islandgp.tracking.sent import read_sent

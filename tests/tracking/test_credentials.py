@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from islandgp.tracking.parameters import redacted, without_credentials
+from islandgp.records.parameters import redacted, without_credentials
 from islandgp.tracking.store import MLflowSettings, Place
 from tests.running.commands import TINY, fake, finish, start
 from tests.tracking import servers

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from islandgp.errors import EvaluationError, RunError
-from islandgp.evolution.checkpoint import save_state
-from islandgp.tracking.folder import RunFolder, Status, locked
+from islandgp.records.checkpoint import save_state
+from islandgp.records.folder import RunFolder, Status, locked
 from tests.tracking.folders import about, begun, steps, written
 
 

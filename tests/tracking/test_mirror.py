@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from islandgp.errors import TrackingError
-from islandgp.tracking.folder import RunFolder, Status
+from islandgp.records.folder import RunFolder, Status
 from islandgp.tracking.mirror import Mirror, up_to_date
 from islandgp.tracking.sent import read_sent, write_sent
 from islandgp.tracking.store import Store

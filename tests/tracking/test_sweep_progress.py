@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from islandgp.errors import EvaluationError
-from islandgp.sweep_progress import Start
-from islandgp.tracking.sweep_folder import SweepJob
+from islandgp.records.sweep_folder import SweepJob
+from islandgp.running.sweep_progress import Start
 from tests.tracking.folders import written
 
 

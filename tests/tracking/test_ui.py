@@ -18,7 +18,7 @@ from click.testing import CliRunner
 
 from islandgp.cli import islandgp
 from islandgp.errors import TrackingError
-from islandgp.tracking.folder import Status
+from islandgp.records.folder import Status
 from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.place import place_from, place_of_latest
 from islandgp.tracking.store import Place, Store

@@ -6,11 +6,11 @@ from typing import TypeAlias
 
 from islandgp.bt.engine import ABORTED
 from islandgp.bt.node import Node, walk
+from islandgp.config.settings import Settings
 from islandgp.domain import Outcome
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.evolution.random_trees import TreeSpace, random_tree
 from islandgp.seeding import Stream, stream
-from islandgp.settings import Settings
 
 Tick: TypeAlias = tuple[tuple[tuple[str, bool, int], ...], tuple[str, ...], int]
 Trace: TypeAlias = list[Tick]  # per tick: calls (action, fresh, status), aborted actions, status

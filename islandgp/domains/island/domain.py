@@ -14,7 +14,7 @@ from islandgp.domains.island import world as settings
 from islandgp.domains.island.episode import Episode, run_episode
 from islandgp.domains.island.garbage import Item
 from islandgp.domains.island.journal import Event
-from islandgp.domains.island.script import obstacles
+from islandgp.domains.island.schedule import obstacles
 from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.scoring.rewards import RewardTable, Worth, worth

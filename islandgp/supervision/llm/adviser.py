@@ -18,7 +18,7 @@ import numpy as np
 
 from islandgp.bt.limits import Limits
 from islandgp.errors import SupervisionError
-from islandgp.part import blaming, path_of
+from islandgp.plugin import blaming, path_of
 from islandgp.resources import resource
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.asking import ask
@@ -31,18 +31,18 @@ from islandgp.supervision.llm.answers import (
     schema,
 )
 from islandgp.supervision.llm.calls import Calls
+from islandgp.supervision.llm.capabilities import Dialect
 from islandgp.supervision.llm.conversation import Outcome, converse, unasked
-from islandgp.supervision.llm.dialect import Dialect
-from islandgp.supervision.llm.funnel import (
+from islandgp.supervision.llm.message import Failure, FailureKind, Request
+from islandgp.supervision.llm.prompts import fixed_values, load_prompt, render, urgency
+from islandgp.supervision.llm.settings import LLMSettings, TreeSize
+from islandgp.supervision.llm.validation import (
     Check,
     Reading,
     Rejection,
     check_decision,
     check_proposal,
 )
-from islandgp.supervision.llm.message import Failure, FailureKind, Request
-from islandgp.supervision.llm.prompts import fixed_values, load_prompt, render, urgency
-from islandgp.supervision.llm.settings import LLMSettings, TreeSize
 from islandgp.supervision.state_json import state_text
 
 T = TypeVar("T")

@@ -8,8 +8,8 @@ from typing import Generic, TypeVar
 
 from islandgp.supervision.llm.attempt import Call, Part
 from islandgp.supervision.llm.calls import Calls
-from islandgp.supervision.llm.funnel import Check, Rejection, Stage
 from islandgp.supervision.llm.message import QUOTED, Failure, Request
+from islandgp.supervision.llm.validation import Check, Rejection, Stage
 
 T = TypeVar("T")
 

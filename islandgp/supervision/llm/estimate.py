@@ -9,7 +9,7 @@ from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Setup
 from islandgp.supervision.llm.adviser import Adviser
-from islandgp.supervision.llm.dialect import Dialect
+from islandgp.supervision.llm.capabilities import Dialect
 from islandgp.supervision.llm.ledger import Caps
 from islandgp.supervision.llm.message import QUOTED, Request, Usage
 from islandgp.supervision.llm.prices import cost, most_tokens

@@ -8,12 +8,12 @@ from urllib.parse import urlsplit
 
 from pydantic import BaseModel, Field, SecretStr, field_validator, model_validator
 
-from islandgp.part import Part
+from islandgp.plugin import Part
 from islandgp.supervision.base import SUPERVISES, Phase
-from islandgp.supervision.llm.funnel import RateSettings
 from islandgp.supervision.llm.ledger import Caps
 from islandgp.supervision.llm.prices import Facts, Price, Prices
 from islandgp.supervision.llm.retry import RetrySettings
+from islandgp.supervision.llm.validation import RateSettings
 
 THINKING_TOKENS: Final = 14_000  # room for what a model thinks before an answer
 

@@ -13,8 +13,8 @@ from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Setup
 from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.calls import LiveCalls
+from islandgp.supervision.llm.capabilities import Dialect, Dialects
 from islandgp.supervision.llm.client import AnthropicClient
-from islandgp.supervision.llm.dialect import Dialect, Dialects
 from islandgp.supervision.llm.ledger import Ledger
 from islandgp.supervision.llm.message import Client
 from islandgp.supervision.llm.settings import LLMSettings

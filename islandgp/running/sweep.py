@@ -17,20 +17,20 @@ from typing import Any, Final
 from hydra.core.override_parser.types import Quote, QuotedString
 from omegaconf import DictConfig
 
-from islandgp.compose import Planned, is_choice
+from islandgp.config.compose import Planned, is_choice
 from islandgp.errors import ConfigError, RunError
-from islandgp.evolution.checkpoint import remove_leftovers
-from islandgp.joblib_workers import tie_joblib_workers
-from islandgp.printing import say
-from islandgp.report import MOSTLY_FALLBACK, is_mostly_fallback
-from islandgp.resume import choose, differences
-from islandgp.sweep_job import sweep_job
-from islandgp.sweep_progress import Start, Watch
-from islandgp.tracking.brief import brief
-from islandgp.tracking.folder import RunFolder, Status
-from islandgp.tracking.parameters import redacted, shape, without_credentials
+from islandgp.records.brief import brief
+from islandgp.records.checkpoint import remove_leftovers
+from islandgp.records.folder import RunFolder, Status
+from islandgp.records.parameters import redacted, shape, without_credentials
+from islandgp.records.sweep_folder import SweepFolder, SweepJob
+from islandgp.running.joblib_workers import tie_joblib_workers
+from islandgp.running.printing import say
+from islandgp.running.report import MOSTLY_FALLBACK, is_mostly_fallback
+from islandgp.running.resume import choose, differences
+from islandgp.running.sweep_job import sweep_job
+from islandgp.running.sweep_progress import Start, Watch
 from islandgp.tracking.summary import arm_lines, arms
-from islandgp.tracking.sweep_folder import SweepFolder, SweepJob
 
 Launch = Callable[[Callable[[DictConfig], None], list[str]], None]
 """Hands a job function to Hydra, with overrides besides the command's own."""

@@ -1,7 +1,7 @@
 """A run's own folder: the truth about the run, whatever becomes of a tracking server.
 
 config.yaml         the resolved configuration, secrets left out
-about.json          what the run is called and where it was started (About)
+about.json          what the run is called and where it was started (RunMetadata)
 generations.jsonl   one generation record a line (evolution.record.GenerationRecord)
 generations.sha256  a checksum for each of these lines (tracking.checksums)
 costs.jsonl         what each generation took, and when; differs from machine to machine
@@ -30,7 +30,9 @@ from typing import Any, Final
 from filelock import FileLock, Timeout
 
 from islandgp.errors import BusyError, IslandError, RunError
-from islandgp.evolution.checkpoint import (
+from islandgp.evolution.record import RunState, Step
+from islandgp.records.brief import brief
+from islandgp.records.checkpoint import (
     read_checkpoint,
     remove_leftovers,
     save_state,
@@ -39,9 +41,7 @@ from islandgp.evolution.checkpoint import (
     usable,
     write_atomic,
 )
-from islandgp.evolution.record import RunState, Step
-from islandgp.tracking.brief import brief
-from islandgp.tracking.checksums import (
+from islandgp.records.checksums import (
     append_digest,
     chained,
     digests,
@@ -49,8 +49,8 @@ from islandgp.tracking.checksums import (
     write_digests,
     wrong_record,
 )
-from islandgp.tracking.files import (
-    About,
+from islandgp.records.files import (
+    RunMetadata,
     check_summary,
     damaged,
     pretty,
@@ -58,9 +58,9 @@ from islandgp.tracking.files import (
     read_configuration,
     read_summary,
 )
-from islandgp.tracking.lineage import write_lineage
-from islandgp.tracking.lines import Lines
-from islandgp.tracking.parameters import without_credentials
+from islandgp.records.lineage import write_lineage
+from islandgp.records.lines import Lines
+from islandgp.records.parameters import without_credentials
 
 OWN: Final = (
     "about.json",
@@ -98,7 +98,7 @@ class RunFolder:
         self._previous = path / "checkpoint.previous.json"
         self._digest = ""  # of the records that this object has found or written
 
-    def open(self, config: str, about: About) -> None:
+    def open(self, config: str, about: RunMetadata) -> None:
         """Takes the folder for this process and writes down whose it is.
 
         A run that is finished keeps what is written there.
@@ -160,7 +160,7 @@ class RunFolder:
             return Status.RUNNING
         return Status.FAILED if self.error() else Status.KILLED
 
-    def about(self) -> About | None:
+    def about(self) -> RunMetadata | None:
         """As `read_about`."""
         return read_about(self.path / "about.json")
 

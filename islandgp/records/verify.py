@@ -9,11 +9,11 @@ from enum import StrEnum
 from typing import Any
 
 from islandgp.errors import RunError
-from islandgp.evolution.checkpoint import read_checkpoint
-from islandgp.tracking.brief import brief
-from islandgp.tracking.checksums import digests, read_digests, wrong_record
-from islandgp.tracking.folder import RunFolder
-from islandgp.tracking.lines import Lines
+from islandgp.records.brief import brief
+from islandgp.records.checkpoint import read_checkpoint
+from islandgp.records.checksums import digests, read_digests, wrong_record
+from islandgp.records.folder import RunFolder
+from islandgp.records.lines import Lines
 
 
 class Verdict(StrEnum):

@@ -13,28 +13,28 @@ from typing import Any
 
 import yaml
 
-from islandgp.about import about_run
 from islandgp.bt.language import parse, to_text
+from islandgp.config.settings import Settings
 from islandgp.domain import Domain
 from islandgp.errors import ConfigError
 from islandgp.evaluation.base import Evaluator, Setting
 from islandgp.evaluation.cache import Cached
-from islandgp.evolution.checkpoint import write_atomic
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import Champion, Step
 from islandgp.evolution.single_behaviours import single_behaviours
 from islandgp.evolution.validation import Best, Validation, candidates, validate
 from islandgp.evolution.validation import worlds_of as validation_worlds
-from islandgp.part import blaming, path_of
-from islandgp.progress import Progress
-from islandgp.report import is_mostly_fallback, report, summary
-from islandgp.resume import choose
-from islandgp.settings import Settings
+from islandgp.plugin import blaming, path_of
+from islandgp.records.checkpoint import write_atomic
+from islandgp.records.folder import RunFolder, Status
+from islandgp.records.parameters import redacted
+from islandgp.running.about import about_run
+from islandgp.running.progress import Progress
+from islandgp.running.report import is_mostly_fallback, report, summary
+from islandgp.running.resume import choose
 from islandgp.supervision.base import Service, Setup, Supervisor
 from islandgp.supervision.library import Library, library_folder, read_library, read_tree
 from islandgp.tracking.base import Tracker
-from islandgp.tracking.folder import RunFolder, Status
-from islandgp.tracking.parameters import redacted
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,9 @@ from typing import Any, Final
 
 from islandgp.evolution.record import Champion
 from islandgp.evolution.validation import Best
+from islandgp.records.fallbacks import answers, fallback_share
+from islandgp.records.folder import RunFolder
 from islandgp.supervision.state_json import title
-from islandgp.tracking.fallbacks import answers, fallback_share
-from islandgp.tracking.folder import RunFolder
 
 MOSTLY_FALLBACK: Final = (
     "expected the language model to supervise, found that the fallback gave more of the answers"

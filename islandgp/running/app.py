@@ -21,21 +21,21 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
 from omegaconf import DictConfig
 
-from islandgp.api_key import NONE, key_in, without_key
-from islandgp.compose import Planned, command_line, planned, read, run_folder
-from islandgp.config_source import Source
+from islandgp.config.api_key import NONE, key_in, without_key
+from islandgp.config.compose import Planned, command_line, planned, read, run_folder
+from islandgp.config.errors import MISTAKES, explain, parsed
+from islandgp.config.sources import Source
 from islandgp.errors import ConfigError, IslandError, PartError
-from islandgp.mistakes import MISTAKES, explain, parsed
-from islandgp.printing import printed, say, shown
-from islandgp.report import MOSTLY_FALLBACK
+from islandgp.records.brief import brief
+from islandgp.records.folder import RunFolder
+from islandgp.records.parameters import redacted, without_credentials
 from islandgp.resources import resource
-from islandgp.resume import choose
-from islandgp.run import End, check_ready, run
-from islandgp.stopping import as_ctrl_c
-from islandgp.sweep import run_sweep
-from islandgp.tracking.brief import brief
-from islandgp.tracking.folder import RunFolder
-from islandgp.tracking.parameters import redacted, without_credentials
+from islandgp.running.printing import printed, say, shown
+from islandgp.running.report import MOSTLY_FALLBACK
+from islandgp.running.resume import choose
+from islandgp.running.run import End, check_ready, run
+from islandgp.running.stopping import as_ctrl_c
+from islandgp.running.sweep import run_sweep
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
