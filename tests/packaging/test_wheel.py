@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.domains.test_tutorial import follow
+
 ROOT = Path(__file__).parents[2]
 FOLDERS = ("conf", "grammar", "prompts")
 
@@ -86,7 +88,7 @@ def test_a_run_from_another_folder(python: Path, tmp_path: Path) -> None:
 
 def test_the_command(python: Path, tmp_path: Path) -> None:
     """The `islandgp` command is there, and tells its version."""
-    assert "0.1.0" in call(python.with_name("islandgp"), "--version", cwd=tmp_path)
+    assert "0.2.0" in call(python.with_name("islandgp"), "--version", cwd=tmp_path)
 
 
 def test_same_records_as_the_checkout(python: Path, tmp_path: Path) -> None:
@@ -99,3 +101,20 @@ def test_same_records_as_the_checkout(python: Path, tmp_path: Path) -> None:
     one, two = (tmp_path / name for name in ("installed", "checkout"))
     (first,), (second,) = (list(p.rglob("generations.jsonl")) for p in (one, two))
     assert first.read_bytes() == second.read_bytes()
+
+
+def test_a_domain_of_your_own(python: Path, tmp_path: Path) -> None:
+    """docs/domains.md, each command of it, with the wheel alone."""
+    env = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    assert "First Placed One Robot" in follow(tmp_path, python, env)
+
+
+def test_other_rewards(python: Path, tmp_path: Path) -> None:
+    """Another reward table is a file in a folder of one's own."""
+    folder = tmp_path / "mine" / "rewards"
+    folder.mkdir(parents=True)
+    text = "defaults: [paper, _self_]\nevents:\n  patrol: {component: patrol, base: 500}\n"
+    (folder / "patrol.yaml").write_text(text, encoding="utf-8")
+    words = ("--config-dir", "mine", "rewards=patrol", "experiment=smoke", "tracking=off")
+    found = call(python, "-m", "islandgp", *words, "progress=off", cwd=tmp_path)
+    assert "Best robot" in found
