@@ -1,0 +1,64 @@
+"""Evolves robot Behaviour Trees with genetic programming under a supervisor.
+
+compose     an experiment from configuration: iterate over its generations, evaluate trees
+run         composes an experiment, runs it with its records, and gives its results
+load        runs from their folders, as pandas frames
+parse       a tree from its text
+to_text     the canonical text of a tree
+IslandError what a user can do wrong, in one clear message; TreeError: a text is not a tree
+
+Imported names are loaded when they are first used, as some take seconds.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from islandgp.bt.language import parse, to_text
+    from islandgp.errors import IslandError, TreeError
+    from islandgp.experiment import Experiment, compose, run
+    from islandgp.results import Results, load
+
+__all__ = [
+    "Experiment",
+    "IslandError",
+    "Results",
+    "TreeError",
+    "__version__",
+    "compose",
+    "load",
+    "parse",
+    "run",
+    "to_text",
+]
+
+try:
+    __version__ = version("islandgp")
+except PackageNotFoundError:  # a checkout that was never installed
+    __version__ = "0"
+
+_HOMES = {
+    "Experiment": "islandgp.experiment",
+    "IslandError": "islandgp.errors",
+    "Results": "islandgp.results",
+    "TreeError": "islandgp.errors",
+    "compose": "islandgp.experiment",
+    "load": "islandgp.results",
+    "parse": "islandgp.bt.language",
+    "run": "islandgp.experiment",
+    "to_text": "islandgp.bt.language",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Loads a public name where it is first used."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'islandgp' has no attribute {name!r}")
+    return getattr(import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -32,6 +32,7 @@ def about_run(
         started=before.started if before else int(1000 * time()),
         identity=_hash(shaping),
         tags={
+            "domain": settings.make_domain().schema.vocabulary.domain,
             "supervisor": settings.supervisor.name,
             "seed": str(settings.seed),
             "sweep": settings.name,

@@ -22,16 +22,17 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig
 
 from islandgp.api_key import NONE, key_in, without_key
-from islandgp.compose import command_line, planned, read, run_folder
+from islandgp.compose import Planned, command_line, planned, read, run_folder
 from islandgp.config_source import Source
 from islandgp.errors import ConfigError, IslandError, PartError
 from islandgp.mistakes import MISTAKES, explain, parsed
-from islandgp.printing import printed
+from islandgp.printing import printed, say, shown
 from islandgp.resources import resource
 from islandgp.resume import choose
 from islandgp.run import check_ready, run
 from islandgp.stopping import as_ctrl_c
 from islandgp.sweep import run_sweep
+from islandgp.tracking.brief import brief
 from islandgp.tracking.folder import RunFolder
 from islandgp.tracking.parameters import redacted
 
@@ -41,19 +42,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     0: all is done; 1: a job failed; 2: the user's error; 130: stopped by Ctrl-C or SIGTERM.
     """
+    with shown():
+        return _main(arguments)
+
+
+def _main(arguments: Sequence[str] | None) -> int:
     # What is there at the end goes with the process; to look for garbage in it takes long.
     atexit.register(gc.freeze)
     try:
         words = without_key(sys.argv[1:] if arguments is None else arguments)
         args, words = _parsed(words)
         with printed(), as_ctrl_c("SIGTERM"):  # by which clusters end a job
+            _must_be_somewhere()
             if args.help or args.hydra_help or args.info or args.cfg or args.shell_completion:
                 _show(args, words)
                 return 0
-            jobs = list(planned(args, words, Path.cwd()))
+            jobs = _planned(args, words)
             if key_in(job.config for job in jobs):
                 args, words = _parsed([NONE, *words])
-                jobs = list(planned(args, words, Path.cwd()))
+                jobs = _planned(args, words)
             for n, job in enumerate(jobs):
                 folder = RunFolder(job.folder)
                 if not choose(folder, job.settings.resume, redacted(job.config)).finished():
@@ -80,6 +87,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("islandgp: this is a fault of the program; what the run has is kept", file=sys.stderr)
         return 1
     return 0
+
+
+def _must_be_somewhere() -> None:
+    """Raises ConfigError where the working folder has been deleted."""
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        raise ConfigError(
+            "Expected a folder to work in, found that it was deleted; change to another one."
+        ) from None
+
+
+def _planned(args: argparse.Namespace, words: Sequence[str]) -> list[Planned]:
+    """The command's jobs; many take a while, and it says so."""
+    jobs: list[Planned] = []
+    for job in planned(args, words, Path.cwd()):
+        jobs.append(job)
+        if len(jobs) % 100 == 0:
+            print(f"islandgp: {len(jobs)} configurations checked", file=sys.stderr)
+    return jobs
 
 
 def _start(words: Sequence[str], job: Callable[[DictConfig], None]) -> None:
@@ -118,19 +145,35 @@ def _parsed(words: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
 
 
 def _run_single(words: Sequence[str]) -> None:
-    """The only job of a command. Raises what the run raises."""
+    """The only job of a command.
+
+    Raises:
+        ConfigError: Hydra cannot start it.
+        Exception: what the run raises.
+    """
     errors: list[Exception] = []
+    begun = False
 
     def job(config: DictConfig) -> None:
+        nonlocal begun
+        begun = True
         plain, settings = read(config)
         found = HydraConfig.get()
         home, overrides = Path(found.runtime.cwd), list(found.overrides.task)
         folder = run_folder(settings, overrides, home)
         try:
-            print(run(settings, plain, folder, home=home, command=command_line(words)))
+            say(run(settings, plain, folder, home=home, command=command_line(words)))
         except Exception as error:  # Hydra would print the overrides, and any secret in them
             errors.append(error)
 
-    _start(words, job)
+    try:
+        _start(words, job)
+    except Exception as error:
+        if begun:
+            raise
+        raise ConfigError(
+            f"Expected Hydra to start the run, found that it cannot: {brief(error)}; change"
+            " what the command sets below hydra."
+        ) from None
     if errors:
         raise errors[0]

@@ -9,7 +9,7 @@ from typing import Final
 import click
 
 from islandgp.errors import IslandError
-from islandgp.printing import printed
+from islandgp.printing import printed, shown
 
 COMMANDS: Final[dict[str, str]] = {
     "run": "evolve trees: the same as python -m islandgp",
@@ -19,13 +19,14 @@ COMMANDS: Final[dict[str, str]] = {
     "simplify": "shorten a tree without changing what it does",
     "diff": "compare two trees",
     "domain": "show what a domain declares, or check its contract",
-    "play": "run a tree on the island",
+    "play": "run a tree in worlds of its domain",
     "trace": "see which nodes of a tree did what in one episode",
     "replay": "write an episode as a page to watch in a browser",
     "export": "turn a tree into JSON, BehaviorTree.CPP XML or py_trees",
     "import": "turn JSON or BehaviorTree.CPP XML into a tree",
     "compare": "compare arms of runs: tables, figures, statistics",
     "estimate": "tell what supervision by a language model will cost",
+    "verify": "compare runs with the checksums of their records",
     "sync": "send records to the tracking server that it has not got yet",
     "ui": "start the MLflow UI and print the address of the right page",
 }
@@ -60,6 +61,11 @@ def islandgp() -> None:
 
 def main() -> None:
     """The console script: a user's error is one message and exit code 2, Ctrl-C 130."""
+    with shown():
+        _main()
+
+
+def _main() -> None:
     try:
         with printed():
             sys.exit(islandgp.main(standalone_mode=False) or 0)

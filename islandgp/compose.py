@@ -7,11 +7,14 @@ import re
 import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
+from itertools import islice
+from math import ceil, isfinite
 from pathlib import Path
 from typing import Any, Final
 
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
-from hydra.core.override_parser.types import Override
+from hydra.core.override_parser.types import Override, RangeSweep
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
@@ -34,6 +37,8 @@ NOT_IN_FOLDER: Final = MACHINERY | {
 """Overrides that a run's folder name leaves out, or says otherwise."""
 
 
+MOST_JOBS: Final = 1000  # of a command; each is checked before the first one starts
+
 LONGEST: Final = 180  # characters of a folder's name; file systems take 255 bytes
 
 
@@ -55,6 +60,7 @@ def planned(args: argparse.Namespace, words: Sequence[str], home: Path) -> Itera
     for overrides in _jobs(args, source):
         composed = _composed(overrides, source)
         launcher = _launcher(composed.hydra)
+        _must_have_no_callbacks(composed.hydra)
         with open_dict(composed):
             del composed["hydra"]  # what it holds is known only when Hydra runs
         config, settings = read(composed)
@@ -152,12 +158,41 @@ def _must_be_no_sweep(sweeps: Sequence[Override]) -> None:
 
 
 def _must_have_values(sweeps: Sequence[Override]) -> None:
+    """Raises ConfigError where there is nothing to sweep over, or more than can be looked at."""
+    jobs = 1
     for sweep in sweeps:
-        if sweep.is_discrete_sweep() and not any(True for _ in sweep.sweep_string_iterator()):
+        if not sweep.is_discrete_sweep():
+            raise ConfigError(
+                f"{sweep.input_line}: expected values to sweep over, found an interval; write"
+                f" {sweep.key_or_group}=range(START,STOP,STEP)."
+            )
+        n = _values(sweep)
+        if not n:
             raise ConfigError(
                 f"{sweep.input_line}: expected a sweep over at least one value, found none;"
                 " give it some, or leave it out."
             )
+        jobs *= n
+        if jobs > MOST_JOBS:
+            found = f"{jobs:,}" if jobs < 10**12 else "far more"
+            raise ConfigError(
+                f"{sweep.input_line}: expected at most {MOST_JOBS:,} jobs of a command, found"
+                f" {found}; give them in parts: commands with the same name are one sweep."
+            )
+
+
+def _values(sweep: Override) -> int:
+    """How many values a sweep goes over, without making them."""
+    found = sweep.value()
+    if not isinstance(found, RangeSweep):
+        return sum(1 for _ in islice(sweep.sweep_string_iterator(), MOST_JOBS + 1))
+    start, stop, step = found.start or 0, found.stop or 0, found.step
+    if not step or not all(isfinite(number) for number in (start, stop, step)):
+        raise ConfigError(
+            f"{sweep.input_line}: expected a range with an end and a step that is not 0, found"
+            f" the step {step}; write range(START,STOP,STEP)."
+        )
+    return max(0, ceil(Fraction(stop) / Fraction(step) - Fraction(start) / Fraction(step)))
 
 
 def _composed(overrides: list[str], source: Source) -> DictConfig:
@@ -175,6 +210,16 @@ def _launcher(hydra: DictConfig) -> str:
             " hydra/launcher=NAME."
         )
     return str(_resolved(hydra.launcher)["_target_"]).rpartition(".")[2]
+
+
+def _must_have_no_callbacks(hydra: DictConfig) -> None:
+    """Raises ConfigError for callbacks: Hydra would run whatever code a command names there."""
+    if hydra.callbacks:
+        first = f"hydra.callbacks.{next(iter(hydra.callbacks))}"
+        raise ConfigError(
+            f"{first}: expected no callbacks, found one; leave it out, or write a supervisor or"
+            " an evaluator of your own"
+        )
 
 
 def _resolved(config: DictConfig) -> dict[str, Any]:

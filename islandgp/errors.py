@@ -10,6 +10,7 @@ IslandError            one clear message: expected, found, remedy; exit code 2 a
 |-- EvaluationError    an episode could not be run (names the tree and the world seed)
 |-- SupervisionError   a supervisor cannot do its work
 |-- RunError           a run's folder, checkpoint or record cannot be used
+|   `-- BusyError      another process is at work there
 |-- TrackingError      a tracking store cannot be used
 `-- StudyError         runs cannot be compared
 """
@@ -65,6 +66,10 @@ class SupervisionError(IslandError):
 
 class RunError(IslandError):
     """A run's folder, checkpoint or record cannot be used."""
+
+
+class BusyError(RunError):
+    """Another process is at work in a run's folder."""
 
 
 class TrackingError(IslandError):

@@ -26,8 +26,18 @@ from islandgp.errors import ConfigError
 from islandgp.settings import unknown_key
 from islandgp.tracking.parameters import HIDDEN, flatten, is_secret
 
-MISTAKES: Final = (HydraException, OmegaConfBaseException, yaml.YAMLError, ValueError, OSError)
+MISTAKES: Final = (
+    HydraException,
+    OmegaConfBaseException,
+    yaml.YAMLError,
+    ValueError,
+    OSError,
+    RecursionError,
+)
 """What composing raises for a user's error."""
+
+LEVELS: Final = 50  # of brackets in a value
+DIGITS: Final = 1000  # of a number
 
 EXTRAS: Final = {"joblib": "joblib", "ray": "ray", "submitit": "submitit"}
 """What to install for a launcher of Hydra's that is not there."""
@@ -40,11 +50,32 @@ def parsed(overrides: Sequence[str], loader: ConfigLoader) -> list[Override]:
     for override in overrides:
         if not override.lstrip("+~").partition("=")[0]:
             raise ConfigError(f"{override}: expected KEY=VALUE, found no key; write KEY=VALUE")
+        _must_be_readable(override)
         try:
             found += parser.parse_overrides([override])
         except HydraException:
             raise ConfigError(_unreadable(override, parser)) from None
     return found
+
+
+def _must_be_readable(override: str) -> None:
+    """Raises ConfigError for a value that Hydra's parser, or Python, gives up on."""
+    key, _, value = override.partition("=")
+    level = deepest = 0
+    for character in value:
+        level += (character in "[{(") - (character in "]})")
+        deepest = max(deepest, level)
+    if deepest > LEVELS:
+        raise ConfigError(
+            f"{key}: expected a value of at most {LEVELS} levels of brackets, found {deepest};"
+            " write a flatter one"
+        )
+    digits = max(map(len, re.findall(r"\d+", value)), default=0)
+    if digits > DIGITS:
+        raise ConfigError(
+            f"{key}: expected a number of at most {DIGITS} digits, found {digits}; write a"
+            " shorter one"
+        )
 
 
 def _unreadable(override: str, parser: OverridesParser) -> str:
@@ -72,12 +103,20 @@ def explain(error: Exception, overrides: Sequence[str], source: Source) -> str:
     text = str(error)
     if isinstance(error, yaml.YAMLError):
         return _yaml(error)
+    if isinstance(error, RecursionError):
+        return "Expected a configuration of a few levels, found a nesting too deep to be read."
     if isinstance(error, UnicodeDecodeError):
         return _no_text(source) or _short(error)
     if "with ListConfig" in text:
         return _no_mapping(source) or _short(error)
     if "Config group override must be" in text:
         return _no_option(overrides, source) or _short(error)
+    if match := re.search(r"Could not override '([^'@]+)@([^']*)'", text):
+        group, package = match.groups()
+        return (
+            f"{group}@{package}: expected GROUP=OPTION, found a package behind the group; write"
+            f" {group}=OPTION"
+        )
     if match := re.search(r"Could not override '([^']+)'", text):
         return _unknown(match[1], _chosen(overrides, source))
     if match := re.search(r"(?:load|find) 'hydra/launcher/(joblib|ray|submitit)\w*'", text):

@@ -1,4 +1,8 @@
-"""The standard output, which may be full, closed, or in an encoding that lacks characters."""
+"""The standard streams, which may be full, closed, or in an encoding that lacks characters.
+
+What goes to the standard output is a result: where it cannot arrive, that is an error. What
+goes to the error stream is for people who look on: where nobody can, the work goes on.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +12,8 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import Final
+from pathlib import Path
+from typing import Any, Final, TextIO
 
 from islandgp.errors import IslandError
 
@@ -48,3 +53,65 @@ def _drop() -> None:
     """What is not written yet goes nowhere: else the interpreter tries again at its end."""
     with suppress(OSError, ValueError):  # an output without a file
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def say(text: str) -> None:
+    """Prints what is also kept elsewhere: that nobody reads it any more is no error."""
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        _drop()
+
+
+class Display:
+    """An error stream that never fails: what it does not take is lost."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        """As a stream's."""
+        try:
+            return self._stream.write(text)
+        except (OSError, ValueError):  # ValueError: it is closed
+            self._lose()
+            return len(text)
+
+    def flush(self) -> None:
+        """As a stream's."""
+        try:
+            self._stream.flush()
+        except (OSError, ValueError):
+            self._lose()
+
+    def __getattr__(self, name: str) -> Any:
+        """Everything else is the stream's own."""
+        return getattr(self._stream, name)
+
+    def _lose(self) -> None:
+        """Whatever is written from now on goes nowhere."""
+        self._stream = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 -- until the end
+
+
+@contextmanager
+def shown() -> Iterator[None]:
+    """In this context the error stream is a `Display`, also where there was none."""
+    _fill_standard_files()
+    before = sys.stderr
+    with Path(os.devnull).open("w", encoding="utf-8") as nowhere:
+        display: Any = Display(before or nowhere)
+        sys.stderr = display
+        try:
+            yield
+        finally:
+            if sys.stderr is display:  # else somebody has put another one there
+                sys.stderr = before
+
+
+def _fill_standard_files() -> None:
+    """Opens what is closed of the files 0 to 2: else another file would get such a number."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free

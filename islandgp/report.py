@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
 from islandgp.evolution.record import Champion
+from islandgp.evolution.validation import Best
 from islandgp.supervision.state_json import title
 from islandgp.tracking.fallbacks import answers, fallback_words
 from islandgp.tracking.folder import RunFolder
 
 
 def summary(
-    target: RunFolder, champion: Champion, milestones: Sequence[str]
+    target: RunFolder, fittest: Champion, best: Best, milestones: Sequence[str]
 ) -> dict[str, Any]:
     """What a run came to, from its records; `seconds` are those spent in its generations."""
     first: dict[str, int | None] = dict.fromkeys(milestones)
@@ -22,7 +23,12 @@ def summary(
     for tier in first:
         first[tier] = next((s["generation"] for s in snapshots if s["tiers"][tier]), None)
     return {
-        "champion": asdict(champion),
+        "champion": {
+            "generation": best.generation,
+            "record": dict(best.record),
+            "validation": None if best.validation is None else asdict(best.validation),
+        },
+        "fittest": asdict(fittest),
         "first": first,
         "final_best": snapshots[-1]["best"],
         "final_mean": snapshots[-1]["mean"],
@@ -46,8 +52,10 @@ def report(target: RunFolder) -> str:
     ]
     return "\n".join(
         (
-            f"Best fitness {best['fitness']:,.0f} in generation {s['champion']['generation']}:"
-            f" {came_from}",
+            *validated(s["champion"]),
+            f"Its fitness in training: {best['fitness']:,.0f} ({came_from})",
+            f"Highest fitness in training: {s['fittest']['record']['fitness']:,.0f} in generation"
+            f" {s['fittest']['generation']}",
             _sentence("; ".join(first)),
             *([f"Supervision: {fallback} answers were the fallback's"] if fallback else []),
             f"Results: {target.path}",
@@ -56,6 +64,27 @@ def report(target: RunFolder) -> str:
             "",
         )
     )
+
+
+def validated(champion: Mapping[str, Any]) -> Iterator[str]:
+    """What the run's best robot is worth in worlds that trained nobody, in lines for people."""
+    best = f"Best robot: individual {champion['record']['id']}"
+    v = champion["validation"]
+    if v is None:
+        yield f"{best}, not validated in other worlds"
+        return
+    yield (
+        f"{best}: {v['mean']:,.0f} points on {len(v['worlds'])} unseen worlds"
+        f" (95 %: {v['low']:,.0f} to {v['high']:,.0f})"
+    )
+    shares = [f"{title(tier)} in {share:.0%}" for tier, share in v["reached"].items() if share]
+    if shares:
+        yield f"In these worlds it is {', '.join(shares)}"
+    if v["yardstick"]:
+        yield (
+            f"Against the tree {v['yardstick']} in the same worlds: {v['difference']:+,.0f} points"
+            f" (95 %: {v['difference_low']:+,.0f} to {v['difference_high']:+,.0f})"
+        )
 
 
 def _sentence(text: str) -> str:

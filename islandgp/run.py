@@ -19,17 +19,19 @@ from islandgp.domain import Domain
 from islandgp.errors import ConfigError
 from islandgp.evaluation.base import Evaluator, Setting
 from islandgp.evaluation.cache import Cached
-from islandgp.evolution.loop import evolve
 from islandgp.evolution.checkpoint import write_atomic
+from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import Champion, Step
 from islandgp.evolution.single_behaviours import single_behaviours
+from islandgp.evolution.validation import Best, Validation, candidates, validate
+from islandgp.evolution.validation import worlds_of as validation_worlds
 from islandgp.part import blaming, path_of
 from islandgp.progress import Progress
 from islandgp.report import report, summary
 from islandgp.resume import choose
 from islandgp.settings import Settings
 from islandgp.supervision.base import Service, Setup, Supervisor
-from islandgp.supervision.library import Library, library_folder, read_library
+from islandgp.supervision.library import Library, library_folder, read_library, read_tree
 from islandgp.tracking.base import Tracker
 from islandgp.tracking.folder import RunFolder, Status
 from islandgp.tracking.parameters import redacted
@@ -164,6 +166,7 @@ def run(
 
 def _complete(target: RunFolder, tracker: Tracker) -> str:
     """A finished run as it is; the tracker sends what is missing of it."""
+    target.restore()
     tracker.start(target)
     where = tracker.finish(Status.FINISHED)
     again = "This run was complete already; resume=never runs it again."
@@ -206,10 +209,10 @@ def _evolve(
             line = supervisor.start()
         if line:
             print(line, file=sys.stderr)
-    start = target.resume()
+    start = target.resume(lambda line: print(f"islandgp: {line}", file=sys.stderr))
     done = start.generation if start is not None else 0
     evaluator = make_evaluator(settings)
-    champion: Champion | None = None
+    fittest: Champion | None = None
     plan = settings.plan(settings.make_domain())
     steps = evolve(plan, settings.seed, supervisor, evaluator, start=start)
     written: Future[None] = Future()
@@ -231,13 +234,50 @@ def _evolve(
                 written.result()
                 written = writer.submit(_write, target, step, tracker)
                 progress.show(step)
-                champion = step.champion
+                fittest = step.champion
             written.result()
+        assert fittest is not None
+        best = best_robot(settings, target, evaluator)
     finally:
         steps.close()  # now, and not when the interpreter ends
         evaluator.close()
-    assert champion is not None
-    target.finish(summary(target, champion, settings.classes.milestones))
+    target.finish(summary(target, fittest, best, settings.classes.milestones))
+
+
+def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> Best:
+    """The run's best robot: its most promising trees race in worlds that trained nobody.
+
+    With gp.validation=0 it is the fittest individual of the last stage.
+    """
+    records = list(target.records())
+    found = candidates(records, settings.classes)
+    episodes = round(settings.gp.validation * settings.gp.episodes_in_all)
+    verdict: Validation | None = None
+    if episodes < len(found):
+        winner = max(found, key=lambda c: c.trained)
+    else:
+        used = frozenset(world for record in records for world in record["worlds"])
+        winner, verdict = validate(
+            found,
+            validation_worlds(settings.seed, used, episodes),
+            evaluator,
+            records[-1]["snapshot"]["stage"],
+            settings.classes,
+            episodes=episodes,
+            yardstick=_yardstick(settings),
+        )[0]
+    record = next(i for i in records[winner.generation]["individuals"] if i["id"] == winner.id)
+    return Best(winner.generation, record, verdict)
+
+
+def _yardstick(settings: Settings) -> tuple[str, str] | None:
+    """Name and canonical text of the tree that best robots are compared with, if there is one."""
+    how, domain = settings.library, settings.make_domain()
+    if how.folder is None or not how.yardsticks:
+        return None
+    name = how.yardsticks[0]
+    text = read_tree(library_folder(how.folder, domain), name)
+    return name, to_text(parse(text, domain.schema.vocabulary, name=name))
 
 
 def _write(target: RunFolder, step: Step, tracker: Tracker) -> None:

@@ -25,6 +25,7 @@ class Stream(IntEnum):
     NETWORK = 8  # jitter between attempts of a call, by generation
     UNSEEN = 9  # a comparison's worlds for champions, by slot; the run seed is 0
     LIBRARY = 10  # the search for single behaviours, by behaviour and slot; the run seed is 0
+    VALIDATION = 11  # worlds in which a run chooses its best robot, by slot
 
 
 def stream(

@@ -25,6 +25,7 @@ from islandgp.domain import Domain
 from islandgp.errors import ConfigError
 from islandgp.evolution.allocation import Allocation
 from islandgp.evolution.plan import GP, Plan, Switches
+from islandgp.evolution.random_trees import check_growth
 from islandgp.part import Part, Plugin, blaming, path_of
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.curriculum import Curriculum
@@ -101,6 +102,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
                 f"supervisor.lag: expected less than gp.generations={self.gp.generations},"
                 f" found {self.supervisor.lag}"
             )
+        check_growth(self.gp.trees, self.gp.limits, self.gp.mutation.subtree_depth)
         return self
 
     def make_domain(self) -> Domain:

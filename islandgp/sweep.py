@@ -19,9 +19,11 @@ from omegaconf import DictConfig
 
 from islandgp.compose import Planned, is_choice
 from islandgp.errors import ConfigError, RunError
+from islandgp.joblib_workers import tie_joblib_workers
+from islandgp.printing import say
 from islandgp.resume import choose, differences
 from islandgp.sweep_job import sweep_job
-from islandgp.sweep_progress import Start, Watch, written_since
+from islandgp.sweep_progress import Start, Watch
 from islandgp.tracking.brief import brief
 from islandgp.tracking.folder import RunFolder, Status
 from islandgp.tracking.parameters import redacted, shape
@@ -59,7 +61,7 @@ def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
         interrupted = True
     for sweep in entries:
         if (file := sweep.read()) is not None:
-            print(f"\n{arm_lines(arms(sweep, file))}\n\nResults: {sweep.path}")
+            say(f"\n{arm_lines(arms(sweep, file))}\n\nResults: {sweep.path}")
     if interrupted:
         print("islandgp: stopped; the same command goes on from here", file=sys.stderr)
         return 130
@@ -133,10 +135,13 @@ def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> No
     start = Start.now({named: job for own in entries.values() for named, job in own.items()})
     begun = _begun(start)
     how = "off" if jobs[0].launcher == "BasicLauncher" else jobs[0].settings.progress
+    if jobs[0].launcher == "JoblibLauncher":
+        tie_joblib_workers()
     for _ in range(LAUNCHES):
         try:
             with Watch(start, how):
                 launch(sweep_job(start), [f"hydra.sweep.dir={place}"])
+            break
         except Exception as error:
             if _begun(start) == begun:
                 raise RunError(
@@ -147,7 +152,7 @@ def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> No
         finally:
             # Hydra writes the whole command into it, with any secret that it holds.
             (first.path / "multirun.yaml").unlink(missing_ok=True)
-        if all(run.finished() or written_since(run, start.at) for run in start.runs()):
+        if all(run.finished() or start.failed(run) for run in start.runs()):
             break
 
 
@@ -209,7 +214,9 @@ def _report_unfinished(entries: Entries) -> int:
     total = sum(len(own) for own in entries.values())
     print(f"\n{len(bad)} of {total} jobs not finished:", file=sys.stderr)
     for run, job in bad:
-        print(f"\n  {job.folder}: {run.reason() or 'its process died'}", file=sys.stderr)
+        busy = run.status() is Status.RUNNING
+        why = "another process is at work on it" if busy else run.reason() or "its process died"
+        print(f"\n  {job.folder}: {why}", file=sys.stderr)
         if run.error():
             print(f"    error:  {run.path / 'error.txt'}", file=sys.stderr)
         print(f"    again:  {job.command}", file=sys.stderr)

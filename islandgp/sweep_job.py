@@ -12,11 +12,13 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from islandgp.compose import read, run_folder
+from islandgp.errors import BusyError
 from islandgp.evaluation.processes import cores
 from islandgp.part import Part
+from islandgp.printing import shown
 from islandgp.run import run
 from islandgp.settings import Settings
-from islandgp.sweep_progress import Start, job_line, sweep_line, written_since
+from islandgp.sweep_progress import Start, job_line, sweep_line
 
 ALONE: Final = frozenset({"BasicLauncher", "SlurmLauncher"})
 """Launchers whose jobs have a terminal, or a log, to themselves."""
@@ -40,20 +42,23 @@ def sweep_job(start: Start) -> Callable[[DictConfig], None]:
         hydra = HydraConfig.get()
         home = Path(hydra.runtime.cwd)
         named = run_folder(settings, list(hydra.overrides.task), home)
-        _run(plain, _fitted(settings, hydra.launcher, len(start.jobs)), start, named, home)
+        with shown():  # in a process of its own the command's is not known
+            _run(plain, _fitted(settings, hydra.launcher, len(start.jobs)), start, named, home)
 
     return job
 
 
 def _run(config: dict[str, Any], settings: Settings, start: Start, named: Path, home: Path) -> None:
     target, job = start.run(named), start.jobs[named]
-    if written_since(target, start.at):
+    if start.failed(target):
         return  # it failed in this sweep before a launcher broke down
     alone = settings.progress != "off"
     if alone:
         print(sweep_line(start), file=sys.stderr, flush=True)
     try:
         run(settings, config, target.path, home=home, command=job.command, keep_display=False)
+    except BusyError as error:  # the folder is the other process's: nothing is written there
+        print(f"islandgp: {error}", file=sys.stderr)
     except Exception as error:  # whatever it is, it must not end the other jobs
         if not target.error():  # the run came too short to write it down itself
             target.fail(error)

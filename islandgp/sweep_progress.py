@@ -11,6 +11,8 @@ from time import time
 from typing import Final, Literal, Self
 
 from islandgp.progress import duration
+from islandgp.supervision.state_json import title
+from islandgp.tracking.files import score
 from islandgp.tracking.folder import RunFolder, Status
 from islandgp.tracking.sweep_folder import SweepJob
 
@@ -21,15 +23,20 @@ PERIOD: Final = 1.0  # s between two looks
 class Start:
     """A sweep at its start; jobs get it wherever they run, so it holds plain values only."""
 
-    at: float  # s since 1970
+    at: float  # s since 1970, by this process's clock
     jobs: dict[Path, SweepJob]  # by the folder that their configuration names
     before: int  # generations that were there already
+    errors: dict[str, tuple[int, int]]  # the error files that were there already, by path
 
     @classmethod
     def now(cls, jobs: dict[Path, SweepJob]) -> Self:
         """The sweep starts now."""
-        start = cls(time(), jobs, 0)
-        return replace(start, before=sum(run.settled() for run in start.runs()))
+        start = cls(time(), jobs, 0, {})
+        return replace(
+            start,
+            before=sum(run.settled() for run in start.runs()),
+            errors={str(run.path): file for run in start.runs() if (file := _error_file(run))},
+        )
 
     def run(self, named: Path) -> RunFolder:
         """The folder of the job whose configuration names the folder `named`."""
@@ -39,13 +46,18 @@ class Start:
         """All jobs' folders."""
         return (self.run(named) for named in self.jobs)
 
+    def failed(self, run: RunFolder) -> bool:
+        """Whether a job has failed since. The file system's clock may differ from this one's."""
+        file = _error_file(run)
+        return file is not None and file != self.errors.get(str(run.path))
+
 
 def sweep_line(start: Start) -> str:
     """Jobs done, running and failed, and the time left."""
     found = [(run.status(), run.settled()) for run in start.runs()]
     states = [status for status, _ in found]
     failed = sum(
-        status is Status.FAILED and written_since(run, start.at)
+        status is Status.FAILED and start.failed(run)
         for run, status in zip(start.runs(), states, strict=True)
     )
     generations = sum(settled for _, settled in found)
@@ -60,23 +72,27 @@ def sweep_line(start: Start) -> str:
     )
 
 
-def written_since(run: RunFolder, at: float) -> bool:
-    """Whether a run's error was written after a time, s since 1970."""
-    file = run.path / "error.txt"
-    return file.exists() and file.stat().st_mtime >= at
+def _error_file(run: RunFolder) -> tuple[int, int] | None:
+    """What tells a run's error file from another one in its place; None if there is none."""
+    try:
+        found = (run.path / "error.txt").stat()
+    except OSError:
+        return None
+    return found.st_ino, found.st_mtime_ns
 
 
 def job_line(run: RunFolder) -> str:
     """What one job came to."""
     if not run.finished():
+        if run.status() is Status.RUNNING:
+            return f"{run.path.name}: another process is at work on it"
         why = run.reason()
         return f"{run.path.name}: {f'failed: {why}' if why else 'stopped'}"
     s = run.summary()
-    first = s["first"]["complete"]
-    emerged = (
-        "no Complete Robot" if first is None else f"first Complete Robot in generation {first}"
-    )
-    best = s["champion"]["record"]["fitness"]
+    tier, first = next(iter(s["first"].items()))  # the easiest milestone
+    robot = f"{title(tier)} Robot"
+    emerged = f"no {robot}" if first is None else f"first {robot} in generation {first}"
+    best = score(s)
     return f"{run.path.name}: best fitness {best:,.0f}, {emerged}, {duration(s['seconds'])}"
 
 
@@ -135,4 +151,4 @@ class Watch:
                 live.update(sweep_line(self.start), refresh=True)
 
     def _ended(self, run: RunFolder) -> bool:
-        return run.finished() or written_since(run, self.start.at)
+        return run.finished() or self.start.failed(run)

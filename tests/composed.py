@@ -8,6 +8,7 @@ from typing import Any
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
+from islandgp.evolution.plan import Plan
 from islandgp.resources import resource
 from islandgp.settings import Settings, read_settings
 
@@ -25,3 +26,9 @@ def plain(*overrides: str) -> dict[str, Any]:
 def composed(*overrides: str) -> Settings:
     """The validated settings. Frozen, so that tests may share them."""
     return read_settings(plain(*overrides))
+
+
+def composed_plan(*overrides: str) -> Plan:
+    """What evolution needs of those settings."""
+    settings = composed(*overrides)
+    return settings.plan(settings.make_domain())

@@ -11,6 +11,7 @@ from islandgp.bt.limits import Limits, check_limits
 from islandgp.bt.lint import warnings
 from islandgp.bt.node import depth, size
 from islandgp.commands.files import FILE, called, read_text
+from islandgp.commands.setting import vocabulary_of, with_domain_options
 from islandgp.errors import TreeError
 
 
@@ -20,12 +21,15 @@ from islandgp.errors import TreeError
 @click.option("--max-depth", type=click.IntRange(1), help="Most levels; default: any.")
 @click.option("--max-nodes", type=click.IntRange(1), help="Most nodes; default: any.")
 @click.option("-q", "--quiet", is_flag=True, help="Say nothing about files that are right.")
+@with_domain_options
 def command(
     files: tuple[str, ...],
     strict: bool,
     max_depth: int | None,
     max_nodes: int | None,
     quiet: bool,
+    overrides: tuple[str, ...],
+    config_dir: str | None,
 ) -> None:
     """Look for errors and doubtful places in FILES.
 
@@ -35,15 +39,16 @@ def command(
     wrong = doubtful = 0
     for file in files:
         text, name = read_text(file), called(file)
+        vocabulary = vocabulary_of(text, overrides, config_dir, name=name)
         try:
-            tree = parse(text, name=name)
+            tree = parse(text, vocabulary, name=name)
             check_limits(tree, limits)
         except TreeError as error:
             message = str(error)
             click.echo(message if message.startswith(name) else f"{name}: {message}")
             wrong += 1
             continue
-        found = warnings(text, name=name)
+        found = warnings(text, vocabulary, name=name)
         for finding in found:
             click.echo(finding.text(text, name=name))
         doubtful += bool(found)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -104,7 +105,7 @@ def command(
         raise _unusable(folder, error.strerror or str(error)) from error
     said = [f"not comparable: {doubt}" for doubt in study.doubts]
     said += [f"note: {note}" for note in study.notes]
-    click.echo("\n".join([*said, *_claims(report)]))
+    click.echo("\n".join([*said, *_results(report)]))
     click.echo(f"\n{folder / 'index.html'}: the page; beside it report.md, tables/, figures/")
     if mlflow:
         click.echo(_publish(report, study, place, folder, files))
@@ -176,8 +177,8 @@ def _unseen(study: Comparison, worlds: int, workers: int) -> tuple[Generalisatio
     )
 
 
-def _claims(report: Report) -> list[str]:
-    """The claims table in lines for a terminal."""
+def _results(report: Report) -> list[str]:
+    """The claims in lines for a terminal; where no paper makes any, the tests of the family."""
     lines = []
     for table in report.tables:
         if table.key.startswith("claims"):
@@ -186,7 +187,21 @@ def _claims(report: Report) -> list[str]:
                 f"  {claim:<47} {here:>34}  p BH {p:<8} {verdict}"
                 for claim, here, _, p, *_, verdict in table.rows
             ]
-    return lines
+    return lines or list(_tests(report))
+
+
+def _tests(report: Report) -> Iterator[str]:
+    from islandgp.study.measures import FURTHER
+    from islandgp.study.tables.claims import difference
+
+    arms = None
+    for f in report.findings:
+        if f.measure in FURTHER:
+            continue
+        if f.arms != arms:
+            arms = f.arms
+            yield from ("", f"{arms[0]} against {arms[1]}")
+        yield f"  {f.measure.label:<47} {difference(f):>34}  p BH {f.rank_q:.3f}"
 
 
 def _publish(
@@ -202,5 +217,7 @@ def _publish(
         files=files,
         params={f"arm.{arm.name}": arm.selection for arm in study.arms},
         metrics=metrics(report.findings),
-        note="\n".join([f"**{report.title}**", "", *report.doubts, "```", *_claims(report), "```"]),
+        note="\n".join(
+            [f"**{report.title}**", "", *report.doubts, "```", *_results(report), "```"]
+        ),
     )

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import difflib
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Final
 
 import click
 
 from islandgp.bt.compare import MOST_NODES, Mark, compare
-from islandgp.bt.language import to_text
+from islandgp.bt.language import parse, to_text
 from islandgp.bt.node import Node, size
 from islandgp.bt.render.label import label
 from islandgp.bt.simplify import simplify
-from islandgp.commands.files import FILE, read_tree
+from islandgp.bt.vocabulary import Vocabulary
+from islandgp.commands.files import FILE, called, read_text, read_tree
+from islandgp.commands.setting import vocabulary_of, with_domain_options
+from islandgp.errors import DomainError
 
 COLOURS: Final = {Mark.DELETED: "red", Mark.INSERTED: "green", Mark.CHANGED: "yellow"}
 
@@ -23,20 +26,35 @@ COLOURS: Final = {Mark.DELETED: "red", Mark.INSERTED: "green", Mark.CHANGED: "ye
 @click.argument("old", type=FILE)
 @click.argument("new", type=FILE)
 @click.option("--all", "whole", is_flag=True, help="Show the unchanged nodes as well.")
-def command(old: str, new: str, whole: bool) -> None:
+@with_domain_options
+def command(
+    old: str, new: str, whole: bool, overrides: tuple[str, ...], config_dir: str | None
+) -> None:
     """Compare the trees in OLD and NEW, node by node.
 
     Marks: - deleted, + inserted, ~ changed. Exit code 1 when they differ.
     """
-    a, b = read_tree(old), read_tree(new)
+    text = read_text(new)
+    a, b = read_tree(old), parse(text, name=called(new))
     if a == b:
         click.echo("The same tree.")
         return
     for line in _by_nodes(a, b, whole) if max(size(a), size(b)) <= MOST_NODES else _by_text(a, b):
         click.echo(line)
-    if simplify(a).tree == simplify(b).tree:
+    if _do_the_same(a, b, lambda: vocabulary_of(text, overrides, config_dir, name=new)):
         click.echo("Written differently, but they do the same.")
     sys.exit(1)
+
+
+def _do_the_same(a: Node, b: Node, words: Callable[[], Vocabulary]) -> bool:
+    """Whether both have one simplified form; what their domain says of actions is of help."""
+    if simplify(a).tree == simplify(b).tree:
+        return True
+    try:
+        vocabulary = words()
+    except DomainError:  # it is not configured: no more is known
+        return False
+    return simplify(a, vocabulary).tree == simplify(b, vocabulary).tree
 
 
 def _by_nodes(a: Node, b: Node, whole: bool) -> Iterator[str]:

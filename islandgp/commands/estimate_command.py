@@ -94,7 +94,8 @@ def _jobs(overrides: Sequence[str]) -> tuple[list[Job], int]:
     for job in planned(args, overrides, Path.cwd()):
         settings = job.settings.supervisor.settings()
         if isinstance(settings, LLMSettings):
-            jobs.append((settings, setup_of(job.settings, None)))
+            setup = setup_of(job.settings, job.settings.make_domain(), None)
+            jobs.append((settings, setup))
         else:
             free += 1
     return jobs, free

@@ -43,7 +43,7 @@ def read_text(file: str) -> str:
 
 
 def read_tree(file: str) -> Node:
-    """The tree in a file. Raises TreeError, IslandError."""
+    """The tree in a file, of whatever domain. Raises TreeError, IslandError."""
     return parse(read_text(file), name=called(file))
 
 

@@ -8,18 +8,29 @@ from islandgp.bt.export.import_cpp import from_xml
 from islandgp.bt.export.json import from_json
 from islandgp.bt.language import to_text
 from islandgp.commands.files import FILE, OUTPUT, STDIN, called, read_text, write_text
+from islandgp.commands.setting import default_domain, vocabulary_of, with_domain_options
 
 
 @click.command()
 @click.argument("file", type=FILE)
 @click.option("--from", "form", type=click.Choice(["json", "btcpp"]), help="Default: by content.")
 @click.option("-o", "--output", type=OUTPUT, default=STDIN, help="File to write.")
-def command(file: str, form: str | None, output: str) -> None:
+@with_domain_options
+def command(
+    file: str,
+    form: str | None,
+    output: str,
+    overrides: tuple[str, ...],
+    config_dir: str | None,
+) -> None:
     """Turn JSON or BehaviorTree.CPP XML in FILE into a tree of the language.
 
-    A node that the language does not have is refused, with its place.
+    A node that the language does not have is refused, with its place. The result
+    names its domain, unless that is the project's default.
     """
     text, name = read_text(file), called(file)
     form = form or ("btcpp" if text.lstrip("\ufeff \t\r\n").startswith("<") else "json")
-    tree = (from_xml if form == "btcpp" else from_json)(text, name=name)
-    write_text(output, to_text(tree))
+    vocabulary = vocabulary_of("", overrides, config_dir, name=name)
+    tree = (from_xml if form == "btcpp" else from_json)(text, vocabulary, name=name)
+    named = vocabulary.domain != default_domain()
+    write_text(output, (f"domain {vocabulary.domain}\n\n" if named else "") + to_text(tree))

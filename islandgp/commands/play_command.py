@@ -1,4 +1,4 @@
-"""`islandgp play`: a tree on the island, in many worlds or in one to watch."""
+"""`islandgp play`: a tree in many worlds of its domain, or in one to watch."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import json
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import dataclass
+from math import isfinite
 from statistics import fmean, stdev
 from typing import TYPE_CHECKING, Any, Final
 
@@ -14,24 +15,22 @@ import click
 
 from islandgp.bt.language import to_text
 from islandgp.bt.node import Node
-from islandgp.commands.files import FILE, read_tree
-from islandgp.commands.setting import configured, stage_index, with_island_options
-from islandgp.settings import Settings
+from islandgp.commands.files import FILE
+from islandgp.commands.setting import (
+    stage_index,
+    tree_in_domain,
+    with_domain_options,
+    with_stage_option,
+)
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from islandgp.scoring.outcome import Outcome
+    from islandgp.domain import Outcome, Schema
+    from islandgp.settings import Settings
 
-_COUNTS: Final = {
-    "pickups": "picked up",
-    "interactions": "humanoids",
-    "deliveries": "delivered",
-    "charges": "charged",
-    "collisions": "collided",
-    "laps": "laps",
-}
-"""Fields of an outcome, and what the table calls them."""
+GAP: Final = 2  # letters between two columns
+ENDLESS: Final = 100_000  # letters of a line where the output is a file or a pipe
 
 
 @click.command()
@@ -45,7 +44,8 @@ _COUNTS: Final = {
     "--speed", type=click.FloatRange(0), default=10.0, help="Of --watch; 0: without waiting."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the outcomes as JSON.")
-@with_island_options
+@with_domain_options
+@with_stage_option
 def command(
     file: str,
     seeds: int,
@@ -59,24 +59,33 @@ def command(
 ) -> None:
     """Run the tree in FILE in the worlds 0, 1, 2, ...
 
-    Tells what it achieved in each, its quality tiers (Table 4), and where its
-    fitness came from. Worlds of evolution have other seeds.
+    Tells what it achieved in each, where its fitness came from, and its quality
+    tiers (Table 4). Worlds of evolution have other seeds.
     """
-    tree = read_tree(file)
-    settings = configured(overrides, config_dir)
+    tree, settings, setting = tree_in_domain(file, overrides, config_dir)
     index = stage_index(settings, stage)
     if watch:
         from islandgp.viewer.recording import record
         from islandgp.viewer.watch import watch as show
 
-        recording = record(tree, settings, seed=seed, stage=index)
+        recording = record(tree, setting, seed=seed, stage=index)
         show(recording, speed=speed or 10.0, pause=time.sleep if speed else lambda _: None)
         return
     outcomes = _outcomes(tree, settings, seeds, index)
     if as_json:
-        click.echo(json.dumps([asdict(outcome) for outcome in outcomes], indent=2))
+        click.echo(json.dumps([_plain(outcome) for outcome in outcomes], indent=2))
         return
-    _print(outcomes, settings, index)
+    _print(outcomes, setting.domain.schema, settings, index)
+
+
+def _plain(outcome: Outcome) -> dict[str, Any]:
+    return {
+        "fitness": outcome.fitness,
+        "components": dict(outcome.components),
+        "counters": dict(outcome.counters),
+        "seconds": outcome.seconds,
+        "endings": list(outcome.endings),
+    }
 
 
 def _outcomes(tree: Node, settings: Settings, seeds: int, stage: int) -> list[Outcome]:
@@ -107,67 +116,127 @@ def _outcomes(tree: Node, settings: Settings, seeds: int, stage: int) -> list[Ou
     return outcomes
 
 
-def _print(outcomes: Sequence[Outcome], settings: Settings, stage: int) -> None:
+def _print(outcomes: Sequence[Outcome], schema: Schema, settings: Settings, stage: int) -> None:
     from rich.console import Console
 
-    from islandgp.scoring.classify import Tier, tiers
+    from islandgp.scoring.classes import tiers
 
-    # Where the output is a file or a pipe, lines are as long as they must be.
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else 140)
-    console.print(_worlds(outcomes, settings))
-    console.print(_means(outcomes, stage))
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else ENDLESS)
+    columns, left_out = fitting(_columns(outcomes, schema, settings), console.width)
+    console.width = max(console.width, sum(column.width + GAP for column in columns))
+    console.print(_table(columns))
+    if left_out:
+        console.print(f"Not shown, for want of room: {', '.join(left_out)}.", style="dim")
+    console.print()
+    console.print(_table(_summary(f"points, stage {stage + 1}", _points(outcomes))))
+    if schema.counters:
+        console.print()
+        console.print(_table(_summary("counters", _counts(outcomes, schema))))
+    console.print()
     reached = [tiers(outcome, settings.classes) for outcome in outcomes]
-    counts = [f"{tier.value} {sum(tier in r for r in reached)}" for tier in Tier]
+    counts = [f"{tier} {sum(tier in r for r in reached)}" for tier in settings.classes.tiers]
     console.print(f"Tiers, of {len(outcomes)} worlds: {', '.join(counts)}")
 
 
-def _worlds(outcomes: Sequence[Outcome], settings: Settings) -> Table:
-    from rich.table import Table
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of a table."""
 
-    from islandgp.scoring.classify import specialist, tiers
+    heading: str
+    cells: tuple[str, ...]
+    right: bool = True  # the side to which it is set
+    must: bool = True  # it is shown however narrow the terminal is
 
-    table = Table(box=None, padding=(0, 1), header_style="bold")
-    for column in ("world", "fitness", *_COUNTS.values(), "battery", "seconds"):
-        table.add_column(column, justify="right", no_wrap=True)
-    for column in ("ended by", "class", "best tier"):
-        table.add_column(column, no_wrap=True)
-    for seed, o in enumerate(outcomes):
-        reached = tiers(o, settings.classes)
-        table.add_row(
-            str(seed),
-            f"{o.fitness:,.0f}",
-            *(f"{getattr(o, name):.0f}" for name in _COUNTS),
-            f"{o.battery:.0f} %",
-            f"{o.seconds:.0f}",
-            o.endings[0],
-            specialist(o, settings.classes).value,
-            reached[0].value if reached else "",
-        )
-    return table
+    @property
+    def width(self) -> int:
+        """Letters that it takes."""
+        return max(len(text) for text in (self.heading, *self.cells))
 
 
-def _means(outcomes: Sequence[Outcome], stage: int) -> Table:
-    from rich.table import Table
+def _columns(outcomes: Sequence[Outcome], schema: Schema, settings: Settings) -> list[Column]:
+    """What happened in each world, a row each."""
+    from islandgp.scoring.classes import specialist, tiers
 
-    from islandgp.scoring.rewards import Component
-
-    table = Table(
-        title=f"Fitness by component, stage {stage + 1}",
-        title_justify="left",
-        box=None,
-        padding=(0, 1),
-        header_style="bold",
-    )
-    table.add_column("")
-    for column in ("mean", "sd", "least", "most"):
-        table.add_column(column, justify="right")
-    rows: list[tuple[str, list[float]]] = [
-        (component.name.lower(), [o.components[component] for o in outcomes])
-        for component in Component
+    classes = settings.classes
+    best = [tiers(outcome, classes)[:1] for outcome in outcomes]
+    return [
+        Column("world", tuple(map(str, range(len(outcomes))))),
+        Column("fitness", tuple(numbers([outcome.fitness for outcome in outcomes]))),
+        *(
+            Column(_heading(name, schema), tuple(numbers(values)), must=False)
+            for name, values in _by_name(outcomes, schema).items()
+        ),
+        Column("seconds", tuple(numbers([outcome.seconds for outcome in outcomes]))),
+        Column("ended by", tuple(", ".join(o.endings) for o in outcomes), right=False),
+        Column("class", tuple(specialist(o, classes) for o in outcomes), right=False),
+        Column("best tier", tuple("".join(tier) for tier in best), right=False),
     ]
-    rows.append(("fitness", [o.fitness for o in outcomes]))
-    for name, values in rows:
-        told: list[Any] = [fmean(values), stdev(values) if len(values) > 1 else 0.0]
-        told += [min(values), max(values)]
-        table.add_row(name, *(f"{value:,.0f}" for value in told))
+
+
+def fitting(columns: Sequence[Column], width: int) -> tuple[list[Column], list[str]]:
+    """The columns that a line of `width` letters has room for, and the headings of the others."""
+    room = width - sum(column.width + GAP for column in columns if column.must)
+    shown, left_out = [], []
+    for column in columns:
+        if not column.must:
+            room -= column.width + GAP
+            if room < 0:
+                left_out.append(column.heading)
+                continue
+        shown.append(column)
+    return shown, left_out
+
+
+def numbers(values: Sequence[float]) -> list[str]:
+    """Numbers of one kind with the same digits: none behind the point if all of them are whole."""
+    from islandgp.viewer.recording import digits
+
+    told = [value for value in values if isfinite(value)]
+    places = 0 if all(value == int(value) for value in told) else digits(told)
+    return [f"{value:,.{places}f}" for value in values]
+
+
+def _heading(name: str, schema: Schema) -> str:
+    counter = schema.counters[name]
+    unit = f" {counter.unit}" if counter.unit else ""
+    return f"{counter.heading or name}{unit}"
+
+
+def _by_name(outcomes: Sequence[Outcome], schema: Schema) -> dict[str, list[float]]:
+    """The values of each counter in the worlds."""
+    return {name: [outcome.counters[name] for outcome in outcomes] for name in schema.counters}
+
+
+def _points(outcomes: Sequence[Outcome]) -> dict[str, list[float]]:
+    names = outcomes[0].components
+    points = {name: [outcome.components[name] for outcome in outcomes] for name in names}
+    return {**points, "fitness": [outcome.fitness for outcome in outcomes]}
+
+
+def _counts(outcomes: Sequence[Outcome], schema: Schema) -> dict[str, list[float]]:
+    return {_heading(n, schema): values for n, values in _by_name(outcomes, schema).items()}
+
+
+def _summary(title: str, rows: dict[str, list[float]]) -> list[Column]:
+    """Mean and spread over the worlds, a row for each name."""
+    told = [
+        numbers([fmean(v), stdev(v) if len(v) > 1 else 0.0, min(v), max(v)]) for v in rows.values()
+    ]
+    return [
+        Column(title, tuple(rows), right=False),
+        *(
+            Column(heading, tuple(row[i] for row in told))
+            for i, heading in enumerate(("mean", "sd", "least", "most"))
+        ),
+    ]
+
+
+def _table(columns: Sequence[Column]) -> Table:
+    from rich.table import Table
+
+    table = Table(box=None, padding=(0, GAP, 0, 0), pad_edge=False, header_style="bold")
+    for column in columns:
+        table.add_column(column.heading, justify="right" if column.right else "left", no_wrap=True)
+    for row in zip(*(column.cells for column in columns), strict=True):
+        table.add_row(*row)
     return table

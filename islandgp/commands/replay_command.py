@@ -6,8 +6,13 @@ from pathlib import Path
 
 import click
 
-from islandgp.commands.files import FILE, OUTPUT, STDIN, called, read_tree, write_text
-from islandgp.commands.setting import configured, stage_index, with_island_options
+from islandgp.commands.files import FILE, OUTPUT, STDIN, called, write_text
+from islandgp.commands.setting import (
+    stage_index,
+    tree_in_domain,
+    with_domain_options,
+    with_stage_option,
+)
 
 
 @click.command()
@@ -15,7 +20,8 @@ from islandgp.commands.setting import configured, stage_index, with_island_optio
 @click.option("--seed", type=click.IntRange(0), default=0, help="Of the world; default: 0.")
 @click.option("-o", "--output", type=OUTPUT, default="replay.html", show_default=True)
 @click.option("--title", help="Default: the file's name.")
-@with_island_options
+@with_domain_options
+@with_stage_option
 def command(
     file: str,
     seed: int,
@@ -32,10 +38,9 @@ def command(
     """
     from islandgp.viewer.page import replay_page
 
-    tree = read_tree(file)
-    settings = configured(overrides, config_dir)
+    tree, settings, setting = tree_in_domain(file, overrides, config_dir)
     name = title or Path(called(file)).stem
-    text = replay_page(tree, settings, seed, stage_index(settings, stage), name)
+    text = replay_page(tree, setting, seed, stage_index(settings, stage), name)
     write_text(output, text)
     if output != STDIN:
         click.echo(f"{output}: {len(text.encode()) / 1000:.0f} kB", err=True)

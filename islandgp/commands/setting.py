@@ -1,29 +1,38 @@
-"""The island on which commands run a tree: the project's configuration, with changes."""
+"""The domain in which commands read and run a tree: the project's configuration, with changes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import cache
+from importlib import import_module
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from islandgp.bt.language import domain_of, parse
+from islandgp.commands.files import called, read_text
 from islandgp.commands.here import import_from_here
-from islandgp.errors import ConfigError
-from islandgp.settings import Settings
+from islandgp.errors import ConfigError, DomainError
+from islandgp.resources import resource
+
+if TYPE_CHECKING:
+    from islandgp.bt.node import Node
+    from islandgp.bt.vocabulary import Vocabulary
+    from islandgp.evaluation.base import Setting
+    from islandgp.settings import Settings
 
 _QUICK: Final = {"tracking": "off", "supervisor": "fixed"}
 """Parts that no episode needs: the ones that are quick to load."""
 
+_CHOOSES: Final = frozenset({"domain", "experiment", "domain.factory"})
+"""Keys of the configuration that choose the domain."""
 
-def with_island_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Adds --set, --config-dir and --stage; `configured` and `stage_index` read them."""
+
+def with_domain_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Adds --set and --config-dir: `configured` and `vocabulary_of` read them."""
     for option in (
-        click.option(
-            "--stage",
-            type=click.IntRange(1),
-            help="Row of Table 2 whose multipliers score the episode, from 1; default: the last.",
-        ),
         click.option(
             "--config-dir",
             type=click.Path(exists=True, file_okay=False),
@@ -34,11 +43,22 @@ def with_island_options(command: Callable[..., None]) -> Callable[..., None]:
             "overrides",
             multiple=True,
             metavar="KEY=VALUE",
-            help="Another configuration, as for a run: --set world.robot.speed=6.",
+            help="Another configuration, as for a run, e.g. --set domain=NAME."
+            " Default: the domain that the tree's file names, or the project's.",
         ),
     ):
         command = option(command)
     return command
+
+
+def with_stage_option(command: Callable[..., None]) -> Callable[..., None]:
+    """Adds --stage: `stage_index` reads it."""
+    return click.option(
+        "--stage",
+        type=click.IntRange(1),
+        help="Stage of the curriculum (Table 2) that scores the episode, from 1; default: the"
+        " last.",
+    )(command)
 
 
 def configured(overrides: Sequence[str], config_dir: str | None = None) -> Settings:
@@ -48,10 +68,7 @@ def configured(overrides: Sequence[str], config_dir: str | None = None) -> Setti
     from islandgp.compose import planned
 
     import_from_here()
-    given = {override.lstrip("+").partition("=")[0] for override in overrides}
-    wrong = [override for override in overrides if "=" not in override]
-    if wrong:
-        raise ConfigError(f"--set: expected KEY=VALUE, found {wrong[0]!r}")
+    given = _given(overrides)
     words = [f"{group}={part}" for group, part in _QUICK.items() if group not in given]
     words += overrides
     flags = ["--config-dir", config_dir] if config_dir is not None else []
@@ -65,3 +82,114 @@ def stage_index(settings: Settings, stage: int | None) -> int:
     if stage is not None and stage > stages:
         raise ConfigError(f"--stage: expected 1 to {stages}, found {stage}")
     return (stage or stages) - 1
+
+
+def tree_in_domain(
+    file: str, overrides: Sequence[str], config_dir: str | None
+) -> tuple[Node, Settings, Setting]:
+    """The tree in a file, the settings of its domain, and what its episodes need.
+
+    Raises:
+        ConfigError, DomainError: the domain is not configured so, or is not the tree's.
+        TreeError: the file holds no tree in the words of the domain.
+    """
+    from islandgp.evaluation.base import Setting
+
+    text, name = read_text(file), called(file)
+    settings = configured(for_tree(text, overrides, config_dir, name=name), config_dir)
+    domain = settings.make_domain()
+    tree = parse(text, domain.schema.vocabulary, name=name)
+    return tree, settings, Setting(domain, settings.curriculum)
+
+
+def vocabulary_of(
+    text: str, overrides: Sequence[str], config_dir: str | None, *, name: str
+) -> Vocabulary:
+    """The words of the domain that the overrides choose, or the text of a tree.
+
+    Raises:
+        ConfigError, DomainError: the domain is not configured so.
+    """
+    return _vocabulary(for_tree(text, overrides, config_dir, name=name), config_dir)
+
+
+def for_tree(
+    text: str, overrides: Sequence[str], config_dir: str | None, *, name: str
+) -> tuple[str, ...]:
+    """The overrides with the domain that the text of a tree names, unless they choose one.
+
+    Raises:
+        ConfigError: an override is not KEY=VALUE.
+        DomainError: no configuration has the domain of the text.
+    """
+    domain = domain_of(text)
+    if not domain or _given(overrides) & _CHOOSES:
+        return tuple(overrides)
+    if _domain_file(domain, config_dir) is None:
+        known = ", ".join(sorted({f.stem for d in _folders(config_dir) for f in d.glob("*.yaml")}))
+        raise DomainError(
+            f"{name}: expected a tree for a domain that is configured ({known}), found one for"
+            f" {domain!r}; give --config-dir FOLDER with a file domain/{domain}.yaml in it, or"
+            " choose a domain by --set domain=NAME."
+        )
+    return (*overrides, f"domain={domain}")
+
+
+def default_domain() -> str:
+    """The domain of a command that chooses none."""
+    import yaml
+
+    first = yaml.safe_load((resource("conf") / "config.yaml").read_text(encoding="utf-8"))
+    return next(
+        str(e["domain"]) for e in first["defaults"] if isinstance(e, dict) and "domain" in e
+    )
+
+
+def _given(overrides: Sequence[str]) -> set[str]:
+    """The keys of overrides. Raises ConfigError."""
+    for override in overrides:
+        if "=" not in override:
+            raise ConfigError(f"--set: expected KEY=VALUE, found {override!r}")
+    return {override.lstrip("+").partition("=")[0] for override in overrides}
+
+
+def _folders(config_dir: str | None) -> list[Path]:
+    """Where files of domains are, in the order in which Hydra looks."""
+    return [resource("conf") / "domain", *([Path(config_dir) / "domain"] if config_dir else [])]
+
+
+def _domain_file(domain: str, config_dir: str | None) -> Path | None:
+    files = (folder / f"{domain}.yaml" for folder in _folders(config_dir))
+    return next((file for file in files if file.is_file()), None)
+
+
+@cache
+def _vocabulary(overrides: tuple[str, ...], config_dir: str | None) -> Vocabulary:
+    quick = None
+    if _given(overrides) <= {"domain"}:
+        import_from_here()
+        name = overrides[-1].partition("=")[2] if overrides else default_domain()
+        # Whatever is wrong with the class or its file, the whole configuration tells it better.
+        with suppress(Exception):
+            quick = _declared(name, config_dir)
+    if quick is not None:
+        return quick
+    return configured(overrides, config_dir).make_domain().schema.vocabulary
+
+
+def _declared(domain: str, config_dir: str | None) -> Vocabulary | None:
+    """The vocabulary that the class of a domain declares, without composing a configuration.
+
+    None where its schema depends on settings.
+    """
+    import yaml
+
+    from islandgp.domain import Schema
+
+    file = _domain_file(domain, config_dir)
+    if file is None:
+        return None
+    found = yaml.safe_load(file.read_text(encoding="utf-8"))
+    module, _, attribute = found.get("domain", found)["factory"].partition(":")
+    schema = getattr(getattr(import_module(module), attribute), "schema", None)
+    return schema.vocabulary if isinstance(schema, Schema) else None

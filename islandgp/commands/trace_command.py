@@ -6,8 +6,13 @@ from math import inf
 
 import click
 
-from islandgp.commands.files import FILE, read_tree
-from islandgp.commands.setting import configured, stage_index, with_island_options
+from islandgp.commands.files import FILE
+from islandgp.commands.setting import (
+    stage_index,
+    tree_in_domain,
+    with_domain_options,
+    with_stage_option,
+)
 
 
 @click.command()
@@ -17,7 +22,8 @@ from islandgp.commands.setting import configured, stage_index, with_island_optio
     "--from", "begin", type=click.FloatRange(0), default=0.0, help="Start of the timeline, in s."
 )
 @click.option("--to", "end", type=click.FloatRange(0), default=inf, help="End of it, in s.")
-@with_island_options
+@with_domain_options
+@with_stage_option
 def command(
     file: str,
     seed: int,
@@ -37,30 +43,22 @@ def command(
         raise click.UsageError(f"expected --from before --to, found {begin:g} and {end:g}")
     from rich.console import Console
 
-    from islandgp.scoring.rewards import Component
     from islandgp.viewer.recording import record
-    from islandgp.viewer.trace import courses, drawn, timeline
+    from islandgp.viewer.trace import components, courses, drawn, timeline
 
-    tree = read_tree(file)
-    settings = configured(overrides, config_dir)
-    recording = record(tree, settings, seed=seed, stage=stage_index(settings, stage))
+    tree, settings, setting = tree_in_domain(file, overrides, config_dir)
+    recording = record(tree, setting, seed=seed, stage=stage_index(settings, stage))
     console = Console(soft_wrap=True, highlight=False)
-    episode = recording.episode
+    outcome = recording.outcome
     console.print(
-        f"World {seed}, stage {recording.stage + 1}: {episode.fitness:,.0f} points in"
-        f" {recording.seconds:.0f} s, ended by {episode.ending.value}\n"
+        f"World {seed}, stage {recording.stage + 1}: {outcome.fitness:,.{recording.digits}f}"
+        f" points in {outcome.seconds:,g} s, ended by {', '.join(outcome.endings)}\n"
     )
     console.print(drawn(recording))
-    console.print("\n  start     lasted    action                 result               points")
-    for line in timeline(recording):
-        at = float(line.plain.split()[0])
-        if begin <= at <= end:
-            console.print(line)
     console.print()
-    for course in courses(recording):
-        console.print(course)
-    console.print()
-    for component in Component:
-        won = sum(c.points for c in recording.credits if c.component is component)
-        if won:
-            console.print(f"{component.name.lower():<12}{won:+10,.0f}")
+    for line in timeline(recording, begin, end):
+        console.print(line)
+    for part in (courses(recording), components(recording)):
+        console.print()
+        for text in part:
+            console.print(text)

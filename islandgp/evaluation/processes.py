@@ -2,7 +2,8 @@
 
 Results do not depend on the number of workers: an episode is a function of its
 job. A worker that dies is replaced, and the unfinished jobs are run again one
-at a time; a job that kills its worker twice is named and ends the run.
+at a time; a job that kills its worker twice is named and ends the run. Closing takes a few
+seconds at most: a worker that does not end by itself is killed.
 """
 
 from __future__ import annotations
@@ -13,14 +14,19 @@ import signal
 from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from multiprocessing.connection import wait
 from threading import Thread
+from typing import Final
 
 from pydantic import BaseModel, Field
 
 from islandgp.domain import Outcome
 from islandgp.errors import EvaluationError
 from islandgp.evaluation.base import Job, Setting, blame, simulate
+from islandgp.parent_death import killed_with_parent
+
+ENDING: Final = 1.0  # s that workers may take to end by themselves
 
 _setting: Setting | None = None  # a worker's own copy
 
@@ -33,6 +39,7 @@ def cores() -> int:
 def _start(setting: Setting) -> None:
     global _setting
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
+    killed_with_parent()  # the server of forks, which ends with the run
     Thread(target=_end_with_parent, daemon=True).start()
     _setting = setting
 
@@ -113,9 +120,42 @@ class Processes:
         return [done[job] for job in jobs]
 
     def _renew(self) -> None:
-        self._pool.shutdown(wait=True)
+        _end(self._pool)
         self._pool = self._new_pool()
 
     def close(self) -> None:
         """See `Evaluator`."""
-        self._pool.shutdown(wait=True, cancel_futures=True)
+        _end(self._pool)
+
+
+def _end(pool: ProcessPoolExecutor) -> None:
+    """Shuts the pool down; kills its workers where they are at work, stopped or stuck."""
+    # Python has a public `kill_workers` from 3.14 on.
+    workers = list((pool._processes or {}).values())
+    closing = Thread(target=pool.shutdown, kwargs={"cancel_futures": True}, daemon=True)
+    closing.start()
+    try:
+        closing.join(ENDING)
+    finally:  # also when Ctrl-C is pressed again
+        for worker in workers if closing.is_alive() else ():
+            worker.kill()
+    closing.join(ENDING)
+    if closing.is_alive():
+        _kill_fork_server()
+        closing.join(ENDING)
+
+
+def _kill_fork_server() -> None:
+    """Ends the process that starts workers: stopped, it never tells that they have ended.
+
+    A new one is started when it is needed.
+    """
+    if os.name != "posix":
+        return
+    from multiprocessing import forkserver  # which other systems lack
+
+    server = getattr(forkserver, "_forkserver", None)
+    pid: int | None = getattr(server, "_forkserver_pid", None)
+    if pid is not None:
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)

@@ -147,9 +147,7 @@ def next_population(
             new.append(Individual(f"{generation}.{slot}", injected, Origin.INJECTED))
             continue
         rng = stream(seed, Stream.DIVERSITY, generation=generation, slot=slot)
-        new.append(
-            Individual(f"{generation}.{slot}", random_tree(rng, space), Origin.RANDOM)
-        )
+        new.append(Individual(f"{generation}.{slot}", random_tree(rng, space), Origin.RANDOM))
     supplied: Counter[str] = Counter()
     most = allocation.niche_share * (n - len(new)) * (1 + crossover_rate)
     for slot in range(len(new), n):

@@ -1,6 +1,7 @@
 """A run's state on disk: written in one piece or not at all, and checked when read.
 
-Its history is not in it: that stands in the records beside it, a line a generation.
+Its history is not in it: that stands in the records beside it, a line a generation. The
+checkpoint holds their digest, so that it belongs to these records and to no others.
 """
 
 from __future__ import annotations
@@ -35,8 +36,11 @@ def usable(folder: Path) -> Iterator[None]:
         ) from error
 
 
-def write_atomic(path: Path, data: bytes) -> None:
-    """The whole file or the old one, whatever happens in between; who may read it stays."""
+def write_atomic(path: Path, data: bytes, *, previous: Path | None = None) -> None:
+    """The whole file or the old one, whatever happens in between; who may read it stays.
+
+    The old file stays as `previous`, if that is given.
+    """
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         with temporary.open("wb") as file:
@@ -45,6 +49,8 @@ def write_atomic(path: Path, data: bytes) -> None:
             os.fsync(file.fileno())
         if path.exists():
             copymode(path, temporary)
+            if previous is not None:
+                path.replace(previous)
         temporary.replace(path)
     except BaseException:
         temporary.unlink(missing_ok=True)
@@ -56,11 +62,21 @@ def dump(value: Any) -> str:
     return json.dumps(value, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 
 
-def save_state(path: Path, state: RunState) -> None:
-    """Writes a checkpoint with its checksum."""
-    body = dump(_plain(state))
+def save_state(
+    path: Path, state: RunState, *, records: str = "", previous: Path | None = None
+) -> None:
+    """Writes a checkpoint with its checksum.
+
+    Args:
+        path: the file.
+        state: what it holds.
+        records: the digest of the generations' records before it.
+        previous: where the checkpoint that stood in `path` is kept.
+    """
+    body = dump(_plain(state, records))
     digest = hashlib.sha256(body.encode()).hexdigest()
-    write_atomic(path, f'{{"sha256":"{digest}","state":{body}}}\n'.encode())
+    data = f'{{"sha256":"{digest}","state":{body}}}\n'.encode()
+    write_atomic(path, data, previous=previous)
 
 
 def load_state(path: Path, history: Iterable[Snapshot]) -> RunState:
@@ -73,15 +89,25 @@ def load_state(path: Path, history: Iterable[Snapshot]) -> RunState:
     Raises:
         RunError: the file is damaged.
     """
+    return state_of(read_checkpoint(path), history)
+
+
+def read_checkpoint(path: Path) -> dict[str, Any]:
+    """A checkpoint as plain values, among them `generation`, and `records` as in `save_state`.
+
+    Raises:
+        RunError: the file is damaged.
+    """
     try:
         whole = json.loads(path.read_text(encoding="utf-8"))
         body, digest = whole["state"], whole["sha256"]
         intact = hashlib.sha256(dump(body).encode()).hexdigest() == digest
+        plain = dict(body)
     except (ValueError, KeyError, TypeError) as error:
         raise _damaged(path, str(error)) from error
     if not intact:
         raise _damaged(path, "its checksum differs")
-    return _state(body, history)
+    return plain
 
 
 def _damaged(path: Path, why: str) -> RunError:
@@ -91,10 +117,11 @@ def _damaged(path: Path, why: str) -> RunError:
     )
 
 
-def _plain(state: RunState) -> dict[str, Any]:
+def _plain(state: RunState, records: str) -> dict[str, Any]:
     champion = state.champion
     return {
         "generation": state.generation,
+        **({"records": records} if records else {}),
         "population": [
             {
                 "id": i.id,
@@ -114,7 +141,8 @@ def _plain(state: RunState) -> dict[str, Any]:
     }
 
 
-def _state(plain: dict[str, Any], history: Iterable[Snapshot]) -> RunState:
+def state_of(plain: dict[str, Any], history: Iterable[Snapshot]) -> RunState:
+    """The state that `read_checkpoint` has read; `history` as in `load_state`."""
     champion = plain["champion"]
     return RunState(
         generation=plain["generation"],

@@ -33,6 +33,8 @@ class GP(BaseModel, frozen=True, extra="forbid"):
     max_depth: int = Field(ge=2, le=50)
     max_nodes: int = Field(ge=3, le=1000)
     episodes: int = Field(ge=1, le=1000)  # an individual
+    validation: float = Field(ge=0, le=1)
+    """Episodes in which a run chooses its best robot, as a share of those of the run."""
     new_worlds: Literal["generation", "epoch", "never"]  # when the worlds change
     common_world: bool  # one world a generation for all, or one for each individual
     trees: TreeSettings
@@ -49,6 +51,11 @@ class GP(BaseModel, frozen=True, extra="forbid"):
             if name not in table:
                 raise ValueError(f"{key}: expected one of {', '.join(table)}, found {name!r}")
         return self
+
+    @property
+    def episodes_in_all(self) -> int:
+        """Episodes of a whole run."""
+        return self.population * self.generations * self.episodes
 
     @property
     def limits(self) -> Limits:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf
+from typing import Final
 
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
@@ -13,6 +14,8 @@ from pydantic import BaseModel, Field, model_validator
 from islandgp.bt.limits import Limits, within
 from islandgp.bt.node import ABORTS, FLAG_OPERATORS, KINDS, OPERATORS, POLICIES, Node
 from islandgp.bt.vocabulary import Vocabulary
+
+MOST_NODES: Final = 2000.0  # expected of a random tree; a run takes at most 1,000
 
 
 class TreeSettings(BaseModel, frozen=True, extra="forbid"):
@@ -139,3 +142,46 @@ def random_tree(rng: np.random.Generator, space: TreeSpace) -> Node:
         if within(tree, space.limits):
             return tree
     return random_action(rng, space)
+
+
+def expected_nodes(trees: TreeSettings, depth: int) -> float:
+    """Mean nodes of `grow` with this depth, >= 1; counted up to MOST_NODES."""
+    weight = sum(trees.kinds.values())
+    several = sum(w for kind, w in trees.kinds.items() if KINDS[kind].children[1] != 1) / weight
+    children = 1 - several + several * sum(trees.children) / 2
+    nodes = 1.0
+    for _ in range(1, depth):
+        before, nodes = nodes, trees.leaf + (1 - trees.leaf) * (1 + children * nodes)
+        if nodes > MOST_NODES or nodes == before:
+            break
+    return nodes
+
+
+def check_growth(trees: TreeSettings, limits: Limits, subtree_depth: int) -> None:
+    """Raises ValueError where making random trees would take for ever.
+
+    A tree that is too large is made all the same before another one is tried.
+    """
+    most = trees.depth[1]
+    if most > 1000:
+        raise ValueError(f"gp.trees.depth: expected at most 1000 levels, found {most}")
+    if subtree_depth > limits.max_depth:
+        raise ValueError(
+            f"gp.mutation.subtree_depth: expected at most gp.max_depth={limits.max_depth},"
+            f" found {subtree_depth}"
+        )
+    if trees.children[1] > limits.max_nodes:
+        raise ValueError(
+            f"gp.trees.children: expected at most gp.max_nodes={limits.max_nodes} children,"
+            f" found {trees.children[1]}"
+        )
+    depths = [min(depth, limits.max_depth) for depth in range(trees.depth[0], most + 1)]
+    for key, found in (
+        ("gp.trees.depth", sum(expected_nodes(trees, depth) for depth in depths) / len(depths)),
+        ("gp.mutation.subtree_depth", expected_nodes(trees, subtree_depth)),
+    ):
+        if found > MOST_NODES:
+            raise ValueError(
+                f"{key}: expected random trees of at most {MOST_NODES:,.0f} nodes on average,"
+                " found larger ones; lower it or gp.trees.children, or raise gp.trees.leaf"
+            )

@@ -114,7 +114,12 @@ class _Tried:
             if name != behaviour
         )
         counted = fmean(o.counters[counters[behaviour]] for o in outcomes)
-        return counted, -others if counted else others, fmean(o.fitness for o in outcomes), -size(tree)
+        return (
+            counted,
+            -others if counted else others,
+            fmean(o.fitness for o in outcomes),
+            -size(tree),
+        )
 
     def pruned(self, tree: Node, behaviour: str, space: TreeSpace) -> Node:
         """The smallest tree on the way down that counts no less."""

@@ -66,9 +66,7 @@ Crossover = Callable[[np.random.Generator, Node, Node, Limits], Node]
 CROSSOVERS: Final[dict[str, Crossover]] = {"subtree": _subtree_crossover}
 
 
-def _subtree(
-    rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings
-) -> Node:
+def _subtree(rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings) -> Node:
     """A new random subtree in place of an old one."""
     return replace_at(tree, int(rng.integers(size(tree))), grow(rng, space, how.subtree_depth))
 
@@ -106,7 +104,11 @@ def _parameter(
     nudge = rng.normal(0, how.number_sd)
     if old.kind == "repeater":
         least, most = REPEATS
-        args = (float(min(most, max(least, round(float(old.args[0]) + nudge * space.settings.repeats)))),)
+        args = (
+            float(
+                min(most, max(least, round(float(old.args[0]) + nudge * space.settings.repeats)))
+            ),
+        )
     elif old.kind == "when":
         key = space.vocabulary.keys[str(old.args[0])]
         if not key.flag and rng.random() < 0.5:
@@ -121,9 +123,7 @@ def _nudged(guard: Node, key: Key, nudge: float) -> float:
     return min(key.high, max(key.low, on_grid))
 
 
-def _insert(
-    rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings
-) -> Node:
+def _insert(rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings) -> Node:
     """A new inner node above a node, or a new child in a composite."""
     nodes = list(walk(tree))
     i = int(rng.integers(len(nodes)))

@@ -65,9 +65,7 @@ def measure(
         specialists={name: counts[name] for name in classes.specialist_names},
         doing={name: done[name] for name in classes.behaviours},
         tiers={name: reached[name] for name in classes.tiers},
-        counters={
-            name: fmean(o.counters[name] for o in outcomes) for name in outcomes[0].counters
-        },
+        counters={name: fmean(o.counters[name] for o in outcomes) for name in outcomes[0].counters},
         size=fmean(sizes),
         rate=rate,
     )

@@ -180,7 +180,9 @@ class PairTables:
         """Each pair, and what names it at the end of keys and of titles where there are several."""
         pairs = [(a.name, b.name) for a, b in self.study.pairs]
         for a, b in pairs:
-            yield ((a, b), f"-{a}-{b}", f": {a} against {b}") if len(pairs) > 1 else ((a, b), "", "")
+            yield (
+                ((a, b), f"-{a}-{b}", f": {a} against {b}") if len(pairs) > 1 else ((a, b), "", "")
+            )
 
     def _findings(self, pair: tuple[str, str], measures: Sequence[Measure]) -> list[Finding]:
         keys = {m.key for m in measures}

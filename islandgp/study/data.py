@@ -58,9 +58,7 @@ def runs_csv(study: Comparison) -> str:
             costs = asdict(bill(run))
             numbers = [m.of(run) for m in measures]
             rows.append([arm.name, run.seed, run.supervisor, run.name, *numbers, *costs.values()])
-    return to_csv(
-        ("arm", "seed", "supervisor", "name", *(m.key for m in measures), *costs), rows
-    )
+    return to_csv(("arm", "seed", "supervisor", "name", *(m.key for m in measures), *costs), rows)
 
 
 def tests_csv(findings: Sequence[Finding]) -> str:

@@ -1,7 +1,7 @@
 """How the best trees do on worlds that no run has seen.
 
-A champion's fitness is the highest of all episodes of its run (1,230 in the paper's), and so
-partly luck with its world. Here each run's champion meets the same unseen worlds, in the last stage.
+A champion's fitness is the highest of all episodes of its run, and so partly luck with
+its world. Here each run's champion meets the same unseen worlds, in the last stage.
 """
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from statistics import fmean
 from typing import Final
 
+from islandgp.scoring.classes import Classes
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.study.arms import Run
 from islandgp.study.emergence import first
@@ -137,6 +138,11 @@ MUTATION: Final = Measure(
 )
 FURTHER: Final = (*TABLE_12, MUTATION)
 """What the paper compares without a test: a family of its own here."""
+
+
+def shown(behaviour: str, s: Snapshot, classes: Classes) -> int:
+    """Table 13: individuals of a behaviour's exclusive class, or with its label if it has none."""
+    return (s.specialists if behaviour in classes.specialists.of else s.doing)[behaviour]
 
 
 def values(measure: Measure, runs: Sequence[Run]) -> tuple[float | None, ...]:

@@ -26,11 +26,7 @@ MARK: Final = "paper*"
 """How a column with published figures is headed."""
 
 
-class Published(BaseModel, frozen=True, extra="forbid"):
-    """A part of the file."""
-
-
-class Tested(Published):
+class Tested(BaseModel, frozen=True, extra="forbid"):
     """A row of Table 9 or 10."""
 
     proposed: tuple[float, float]  # mean and SD
@@ -40,7 +36,7 @@ class Tested(Published):
     r: float
 
 
-class Emergence(Published):
+class Emergence(BaseModel, frozen=True, extra="forbid"):
     """A row of Table 11: the generation of the first one, run by run."""
 
     proposed: tuple[int, ...]
@@ -49,7 +45,7 @@ class Emergence(Published):
     p_bh: float | None = None
 
 
-class Diversity(Published):
+class Diversity(BaseModel, frozen=True, extra="forbid"):
     """A row of Table 12."""
 
     proposed: float
@@ -57,7 +53,7 @@ class Diversity(Published):
     difference: float  # as a share
 
 
-class Count(Published):
+class Count(BaseModel, frozen=True, extra="forbid"):
     """A row of Table 13: individuals of a population that show a behaviour."""
 
     mean: float
@@ -66,7 +62,7 @@ class Count(Published):
     most: int
 
 
-class Claim(Published):
+class Claim(BaseModel, frozen=True, extra="forbid"):
     """What is said of the proposed system against the baseline."""
 
     text: str
@@ -76,7 +72,7 @@ class Claim(Published):
     p_bh: float | None = None
 
 
-class Paper(Published):
+class Paper(BaseModel, frozen=True, extra="forbid"):
     """All figures of one publication."""
 
     classes: str  # file of the classes that they are told of, beside this one or in conf

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from islandgp.study.arms import Comparison
 from islandgp.study.data import runs_csv, tests_csv
+from islandgp.study.figures.style import Picture
 from islandgp.study.page import to_page
 from islandgp.study.report import Report
-from islandgp.study.figures.style import Picture
 from islandgp.study.table import Table, to_csv, to_markdown
 
 

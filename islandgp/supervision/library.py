@@ -73,7 +73,7 @@ def read_library(
             f"library.trees: expected a tree for each behaviour, missing {', '.join(missing)}"
         )
     named = [*settings.trees.values(), *settings.shown.values(), settings.yardsticks]
-    texts = {name: _read(folder, name) for name in sorted({n for names in named for n in names})}
+    texts = {name: read_tree(folder, name) for name in sorted({n for names in named for n in names})}
     trees = {
         name: parse(text, vocabulary, name=str(folder / f"{name}.bt"))
         for name, text in texts.items()
@@ -81,10 +81,15 @@ def read_library(
     return Library(trees, texts, settings.trees, settings.shown)
 
 
-def _read(folder: Path, name: str) -> str:
+def read_tree(folder: Path, name: str) -> str:
+    """The text of a tree of a folder. Raises ConfigError where there is none."""
     path = folder / f"{name}.bt"
     try:
         return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ConfigError(
+            f"library: expected UTF-8 text in {path}, found {error.reason}."
+        ) from None
     except OSError as error:
         known = ", ".join(sorted(p.stem for p in folder.glob("*.bt"))) or "none"
         raise ConfigError(

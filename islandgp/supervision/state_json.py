@@ -86,9 +86,10 @@ def field_meanings(schema: Schema, classes: Classes) -> dict[str, str]:
 
 
 _ORDER: Final = (
-    "generation generations epoch stage fitness history[] specialists doing behaviours diversity"
-    " working_ratio tiers milestones activity stagnation crisis parameters next_multipliers"
-).split()
+    "generation", "generations", "epoch", "stage", "fitness", "history[]", "specialists", "doing",
+    "behaviours", "diversity", "working_ratio", "tiers", "milestones", "activity", "stagnation",
+    "crisis", "parameters", "next_multipliers",
+)  # fmt: skip
 
 
 def state_json(state: PopulationState, crisis: Crisis) -> dict[str, Any]:

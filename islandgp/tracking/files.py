@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -53,6 +54,16 @@ def read_configuration(file: Path) -> dict[str, Any]:
     if not isinstance(found, dict):
         raise damaged(what, file, "there are no keys in it")
     return found
+
+
+def score(summary: Mapping[str, Any]) -> float:
+    """What a finished run is worth: its best robot's mean fitness in validation worlds, points.
+
+    Without validation it is the robot's fitness in training.
+    """
+    champion = summary["champion"]
+    validation = champion["validation"]
+    return float(champion["record"]["fitness"] if validation is None else validation["mean"])
 
 
 def read_summary(file: Path) -> dict[str, Any]:

@@ -3,8 +3,10 @@
 config.yaml         the resolved configuration, secrets left out
 about.json          what the run is called and where it was started (About)
 generations.jsonl   one generation record a line (evolution.record.GenerationRecord)
+generations.sha256  a checksum for each of these lines (tracking.checksums)
 costs.jsonl         what each generation took, and when; differs from machine to machine
 checkpoint.json     the state to go on from, beside the records; gone when the run is finished
+checkpoint.previous.json   the one before it, for the case that it is damaged; gone with it
 best.bt             the champion's tree
 lineage.csv         every individual with its parents
 summary.json        the end of the run; it exists only when the run is finished
@@ -14,9 +16,10 @@ tracking.json       what a tracking server has got of all this (tracking.mirror)
 
 from __future__ import annotations
 
+import json
 import re
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import asdict
 from enum import StrEnum
@@ -26,10 +29,25 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from islandgp.errors import IslandError, RunError
-from islandgp.evolution.checkpoint import load_state, save_state, snapshot, usable, write_atomic
+from islandgp.errors import BusyError, IslandError, RunError
+from islandgp.evolution.checkpoint import (
+    read_checkpoint,
+    save_state,
+    snapshot,
+    state_of,
+    usable,
+    write_atomic,
+)
 from islandgp.evolution.record import RunState, Step
 from islandgp.tracking.brief import brief
+from islandgp.tracking.checksums import (
+    append_digest,
+    chained,
+    digests,
+    read_digests,
+    write_digests,
+    wrong_record,
+)
 from islandgp.tracking.files import (
     About,
     check_summary,
@@ -60,6 +78,10 @@ class RunFolder:
         self._lock = FileLock(path / ".lock")
         self._generations = Lines(path / "generations.jsonl")
         self._costs = Lines(path / "costs.jsonl")
+        self._sums = path / "generations.sha256"
+        self._checkpoint = path / "checkpoint.json"
+        self._previous = path / "checkpoint.previous.json"
+        self._digest = ""  # of the records that this object has found or written
 
     def open(self, config: str, about: About) -> None:
         """Takes the folder for this process and writes down whose it is.
@@ -67,7 +89,8 @@ class RunFolder:
         A run that is finished keeps what is written there.
 
         Raises:
-            RunError: another process is writing here, or nobody can.
+            BusyError: another process is writing here.
+            RunError: nobody can.
         """
         with usable(self.path):
             self._take()
@@ -82,7 +105,7 @@ class RunFolder:
         try:
             self._lock.acquire(timeout=1, poll_interval=0.05)  # a look at it may hold it
         except Timeout:
-            raise RunError(
+            raise BusyError(
                 f"Expected to be the only one who writes to {self.path}, found another run at work"
                 " there; wait for it, or give this one another name=..."
             ) from None
@@ -142,11 +165,14 @@ class RunFolder:
         """Whether the run came to its end."""
         return (self.path / "summary.json").exists()
 
-    def resume(self) -> RunState | None:
+    def resume(self, tell: Callable[[str], None] = lambda _: None) -> RunState | None:
         """The state to go on from; cuts off what was written after it. None: from the start.
 
+        Where the newest checkpoint, or the record before it, is damaged, this is the state
+        before that. `tell` gets a line for people about whatever was not as it should be.
+
         Raises:
-            RunError: the run is finished, the checkpoint is damaged, records before it are
+            RunError: the run is finished, no checkpoint is sound, records before it are
                 damaged or missing, or the folder cannot be used.
         """
         if self.finished():
@@ -155,19 +181,86 @@ class RunFolder:
                 " for a new folder beside it."
             )
         with usable(self.path):
-            state = self._state()
+            state = self._state(tell)
+            done = state.generation if state else 0
             for lines in (self._generations, self._costs):
-                lines.cut(state.generation if state else 0)
+                lines.cut(done)
+            found = list(digests(self._generations.head(done)))
+            self._digest = found[-1] if found else ""
+            if read_digests(self._sums) != found:
+                write_digests(self._sums, found)
+            if state is not None and state.champion is not None:
+                self._restore_best(state.champion.record.tree)
         return state
 
-    def _state(self) -> RunState | None:
-        checkpoint = self.path / "checkpoint.json"
-        if not checkpoint.exists():
+    def _state(self, tell: Callable[[str], None]) -> RunState | None:
+        files = [file for file in (self._checkpoint, self._previous) if file.exists()]
+        if not files:
+            self._must_be_new(tell)
             return None
+        damage = [] if files[0] == self._checkpoint else [f"There is no {self._checkpoint}."]
+        for file in files:
+            try:
+                state, checked = self._checked(file)
+            except RunError as error:
+                damage.append(str(error))
+                continue
+            if damage:
+                why = damage[0].partition(";")[0].rstrip(".")
+                tell(f"{why}; going on from the checkpoint of generation {state.generation}.")
+                file.replace(self._checkpoint)
+            if not checked:
+                tell(f"{self._generations.path}: not verified: written by an older version.")
+            return state
+        raise RunError(damage[0])
+
+    def _must_be_new(self, tell: Callable[[str], None]) -> None:
+        """A run that has no checkpoint has at most one record: it was stopped between the two."""
+        n = sum(1 for _ in self._generations.whole())
+        if n > 1:
+            raise RunError(
+                f"Expected a checkpoint beside {n} generations in {self._checkpoint}, found none;"
+                " put it back, or use resume=never for a new folder beside this one."
+            )
+        if n:
+            tell(f"There is no {self._checkpoint}: the run begins again at generation 0.")
+
+    def _checked(self, file: Path) -> tuple[RunState, bool]:
+        """A checkpoint's state, and whether a checksum of the records before it was compared.
+
+        Raises:
+            RunError: the checkpoint is damaged, or a record before it is damaged or missing.
+        """
+        plain = read_checkpoint(file)
+        lines = self._generations.head(int(plain["generation"]))
+        costs = self._costs.head(len(lines))
+        expected = plain.get("records")
+        if expected is not None and (why := wrong_record(lines, expected, self._sums)):
+            raise damaged("generation records", self._generations.path, why)
         try:
-            return load_state(checkpoint, (snapshot(r["snapshot"]) for r in self.records()))
+            state = state_of(plain, (snapshot(json.loads(line)["snapshot"]) for line in lines))
         except (ValueError, KeyError, TypeError) as error:
             raise damaged("generation records", self._generations.path, brief(error)) from error
+        try:
+            _ = [json.loads(line)["evaluation"] for line in costs]
+        except (ValueError, KeyError, TypeError) as error:
+            raise damaged("costs of generations", self._costs.path, brief(error)) from error
+        return state, expected is not None
+
+    def restore(self) -> None:
+        """Makes the files of a finished run again that are missing and follow from others."""
+        with usable(self.path):
+            best = self.path / "best.bt"
+            if not best.exists():
+                self._restore_best(self.summary()["champion"]["record"]["tree"])
+            lineage = self.path / "lineage.csv"
+            if not lineage.exists():
+                write_lineage(lineage, self.records())
+
+    def _restore_best(self, tree: str) -> None:
+        best = self.path / "best.bt"
+        if not best.exists() or best.read_bytes() != tree.encode():
+            write_atomic(best, tree.encode())
 
     def append(self, step: Step) -> None:
         """Writes a generation down, then the state to go on from.
@@ -176,34 +269,35 @@ class RunFolder:
             RunError: the disk is full, or the folder cannot be written any more.
         """
         with usable(self.path):
-            self._generations.append(asdict(step.record))
+            line = self._generations.append(asdict(step.record))
+            self._digest = chained(self._digest, line)
+            append_digest(self._sums, step.record.snapshot.generation, self._digest)
             self._costs.append({**asdict(step.cost), "at": int(1000 * time())})
             if step.champion.generation == step.record.snapshot.generation:
                 write_atomic(self.path / "best.bt", step.champion.record.tree.encode())
             if step.state is not None:
-                save_state(self.path / "checkpoint.json", step.state)
+                save_state(
+                    self._checkpoint, step.state, records=self._digest, previous=self._previous
+                )
 
     def settled(self) -> int:
         """How many generations no resumption will take back, >= 0."""
         if self.finished():
             return int(self.summary()["generations"])
-        try:
-            with (self.path / "checkpoint.json").open(encoding="utf-8") as file:
-                head = re.search(r'"generation":(\d+)', file.read(200))
-        except FileNotFoundError:
-            return 0
-        return int(head[1]) if head else 0
+        return _generation(self._checkpoint) or _generation(self._previous)
 
     def finish(self, summary: dict[str, Any]) -> None:
-        """Writes the lineage and the summary, and throws the checkpoint away.
+        """Writes the lineage and the summary, and throws the checkpoints away.
 
         Raises:
             RunError: as `append`.
         """
         with usable(self.path):
+            self._restore_best(summary["champion"]["record"]["tree"])
             write_lineage(self.path / "lineage.csv", self.records())
-            write_atomic(self.path / "summary.json", pretty(summary))
-            (self.path / "checkpoint.json").unlink(missing_ok=True)
+            write_atomic(self.path / "summary.json", pretty({**summary, "records": self._digest}))
+            self._checkpoint.unlink(missing_ok=True)
+            self._previous.unlink(missing_ok=True)
 
     def records(self, first: int = 0) -> Iterator[dict[str, Any]]:
         """The generation records from the `first` on, as plain JSON values."""
@@ -220,6 +314,16 @@ class RunFolder:
     def check_summary(self) -> None:
         """Raises RunError where the end of a finished run cannot be told."""
         check_summary(self.path / "summary.json")
+
+
+def _generation(checkpoint: Path) -> int:
+    """The generation that a checkpoint goes on with, 0 where none can be read."""
+    try:
+        with checkpoint.open(encoding="utf-8", errors="replace") as file:
+            head = re.search(r'"generation":(\d+)', file.read(200))
+    except FileNotFoundError:
+        return 0
+    return int(head[1]) if head else 0
 
 
 def locked(path: Path) -> bool:

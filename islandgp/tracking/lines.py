@@ -20,12 +20,14 @@ class Lines:
 
     path: Path
 
-    def append(self, value: dict[str, Any]) -> None:
-        """Adds a line, which is on the disk when this returns."""
+    def append(self, value: dict[str, Any]) -> bytes:
+        """Adds a line, which is on the disk when this returns; returns it with its end."""
+        line = dump(value).encode() + b"\n"
         with self.path.open("ab") as file:
-            file.write(dump(value).encode() + b"\n")
+            file.write(line)
             file.flush()
             os.fsync(file.fileno())
+        return line
 
     def read(self, first: int = 0) -> Iterator[dict[str, Any]]:
         """The values from the `first` line on; a line that is being written is left out."""
@@ -36,14 +38,27 @@ class Lines:
                 if line.endswith("\n"):
                     yield json.loads(line)
 
-    def cut(self, n: int) -> None:
-        """Keeps the first `n` lines. Raises RunError where there are fewer."""
-        lines = self.path.read_bytes().splitlines(keepends=True) if self.path.exists() else []
-        keep = lines[:n]
-        if len(keep) < n:
+    def whole(self) -> Iterator[bytes]:
+        """The lines that have an end, with it."""
+        if not self.path.exists():
+            return
+        with self.path.open("rb") as lines:
+            for line in lines:
+                if line.endswith(b"\n"):
+                    yield line
+
+    def head(self, n: int) -> list[bytes]:
+        """The first `n` whole lines. Raises RunError where there are fewer."""
+        lines = list(islice(self.whole(), n))
+        if len(lines) < n:
             raise RunError(
-                f"Expected {n} generations in {self.path}, found {len(keep)};"
+                f"Expected {n} generations in {self.path}, found {len(lines)};"
                 " delete the run's folder or use resume=never."
             )
-        if keep != lines or not self.path.exists():
-            write_atomic(self.path, b"".join(keep))
+        return lines
+
+    def cut(self, n: int) -> None:
+        """Keeps the first `n` lines. Raises RunError where there are fewer."""
+        keep = b"".join(self.head(n))
+        if not self.path.exists() or self.path.stat().st_size != len(keep):
+            write_atomic(self.path, keep)

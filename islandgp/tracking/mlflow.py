@@ -13,7 +13,7 @@ from typing import Final
 from islandgp.tracking.brief import brief
 from islandgp.tracking.folder import RunFolder, Status
 from islandgp.tracking.mirror import Mirror, up_to_date
-from islandgp.tracking.store import MLflowSettings, Place, Store
+from islandgp.tracking.store import MLflowSettings, Place, Store, there
 
 PERIOD: Final = 2.0  # s between two sendings while the run goes on: a call costs ten milliseconds
 PAUSE: Final = 1.0  # s between two attempts after the run, while there is patience
@@ -43,7 +43,8 @@ class MLflow:
     def start(self, folder: RunFolder) -> None:
         """See `Tracker`."""
         self._folder = folder
-        if up_to_date(folder, self.place):
+        file = self.place.file
+        if up_to_date(folder, self.place) and (file is None or there(file)):
             return
         self._wake.set()
         self._thread = Thread(target=self._work, name="mlflow mirror", daemon=True)
@@ -83,6 +84,7 @@ class MLflow:
                 self._trouble = ""
             except Exception as error:
                 self._trouble = brief(error)
+                mirror = None  # the store may be another one by now
             if status is Status.RUNNING:
                 self._over.wait(PERIOD)
             elif not self._trouble or self._given_up.wait(PAUSE):

@@ -125,36 +125,42 @@ def quiet() -> None:
     """Makes MLflow behave as a part of a run should: no telemetry, no talk, no endless waits."""
     for name, value in ENVIRONMENT.items():
         os.environ.setdefault(name, value)
-    for name in ("alembic", "mlflow.store.db.utils"):
-        logging.getLogger(name).setLevel(logging.WARNING)
+    logging.getLogger("alembic").setLevel(logging.WARNING)
+    # It prints a traceback for each error that it raises as well.
+    logging.getLogger("mlflow.store.db.utils").setLevel(logging.CRITICAL)
 
 
 def _client(place: Place) -> MlflowClient:
     quiet()
     from mlflow.tracking import MlflowClient
 
-    if place.file is not None:
-        _make(place.file)
+    if place.file is not None and _make(place.file):
+        from mlflow.tracking._tracking_service.utils import _get_store
+
+        # Its connections may be to a file that was deleted.
+        _get_store(place.uri).engine.dispose()  # type: ignore[no-untyped-call]
     return MlflowClient(tracking_uri=place.uri)
 
 
-def _make(file: Path) -> None:
-    """Makes the SQLite file if there is none: whole, and by one process."""
+def _make(file: Path) -> bool:
+    """Makes the SQLite file if there is none: whole, and by one process. Whether it did."""
     file.parent.mkdir(parents=True, exist_ok=True)
-    if _there(file):
-        return
+    if there(file):
+        return False
     from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
 
     with FileLock(file.with_name(f".{file.stem}.lock")):
-        if _there(file):
-            return
+        if there(file):
+            return True
         new = file.with_name(f".{file.stem}.new")
         new.unlink(missing_ok=True)
         artifacts = str(file.with_name("mlartifacts"))
         store = SqlAlchemyStore(f"{SQLITE}{new}", artifacts)  # type: ignore[no-untyped-call]
         store.engine.dispose()
         new.replace(file)
+    return True
 
 
-def _there(file: Path) -> bool:
+def there(file: Path) -> bool:
+    """Whether there is a SQLite file with anything in it."""
     return file.exists() and file.stat().st_size > 0

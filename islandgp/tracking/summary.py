@@ -17,6 +17,7 @@ from typing import Any, Final
 from islandgp.supervision.state_json import title
 from islandgp.tracking.chart import Line, Panel
 from islandgp.tracking.fallbacks import fallback_words
+from islandgp.tracking.files import score
 from islandgp.tracking.folder import RunFolder, Status
 from islandgp.tracking.sweep_folder import SweepFile, SweepFolder, SweepJob
 
@@ -132,7 +133,7 @@ def arm_rows(found: Sequence[Arm]) -> list[tuple[str, ...]]:
     median generation of the first robot of a milestone over all runs, and the mean diversity; and
     how many answers were the fallback's, where any were."""
     tiers = milestones([s for arm in found for s in arm.summaries])
-    head = ("arm", "finished", "best fitness", *map(title, tiers), "diversity")
+    head = ("arm", "finished", "best robot", *map(title, tiers), "diversity")
     rows = [head, *(_row(arm, tiers) for arm in found)]
     fallback = [fallback_words(arm.summaries) for arm in found]
     if not any(fallback):
@@ -160,7 +161,7 @@ def _row(arm: Arm, tiers: Sequence[str]) -> tuple[str, ...]:
     finished = f"{len(arm.finished)} of {len(arm.jobs)}"
     if not arm.summaries:
         return (name, finished, "", *("" for _ in tiers), "")
-    best = [s["champion"]["record"]["fitness"] for s in arm.summaries]
+    best = [score(s) for s in arm.summaries]
     spread = f" ± {stdev(best):,.0f}" if len(best) > 1 else ""
     diversity = fmean(s["mean_diversity"] for s in arm.summaries)
     return (
@@ -187,7 +188,7 @@ def sweep_note(sweep: SweepFolder, file: SweepFile, found: Sequence[Arm], status
     lines = [
         arm_table(found),
         f"{len(file.jobs)} runs, {status.value.lower()}: {len(found)} arm{'s' * (len(found) != 1)},"
-        f" seeds {', '.join(map(str, seeds))}. Best fitness: mean ± standard deviation over runs."
+        f" seeds {', '.join(map(str, seeds))}. Best robot: its points in validation worlds, mean ± standard deviation over runs."
         " Tiers: median generation of the first such robot over all runs, one"
         " without it counted as later than any, and how many runs had one. Diversity: mean.",
         "",

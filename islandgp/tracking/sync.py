@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from islandgp.errors import IslandError
+from islandgp.evaluation.recorded import check_version
 from islandgp.tracking.folder import RunFolder, Status
 from islandgp.tracking.mirror import Mirror, kept, up_to_date
 from islandgp.tracking.parent import send_sweep
@@ -54,6 +55,7 @@ def sync(
                 alive()
                 done.known.append(folder.path)
                 continue
+            check_version(folder.configuration())
             Mirror(folder, _store(stores, where)).send(folder.status())
             done.sent.append(folder.path)
         except Exception as error:  # a store may fail in any way, and a folder be damaged

@@ -15,12 +15,14 @@ KEY: Final = "arms"
 CHARTS: Final = (
     "fitness/max",
     "fitness/mean",
-    "tiers/complete",
-    "tiers/excellent",
     "diversity/behavioral",
     "supervisor/mutation_rate",
 )
-"""Metrics by generation; each chart has a curve and a band for each arm."""
+"""Metrics by generation; each chart has a curve and a band for each arm. After the first two
+comes a chart for each milestone of the runs."""
+
+RECENT: Final = 100  # runs whose milestones are looked at
+MOST: Final = 5  # milestones with a chart: a tag's text has 5000 characters
 
 
 def runs_page(server: str, experiment: str, view: str = "") -> str:
@@ -32,11 +34,18 @@ def runs_page(server: str, experiment: str, view: str = "") -> str:
 
 def share_view(store: Store) -> None:
     """Makes the view known to the store."""
-    text = json.dumps(_state(), separators=(",", ":"))
+    text = json.dumps(_state(_charts(store)), separators=(",", ":"))
     store.client.set_experiment_tag(store.experiment, f"mlflow.sharedViewState.{KEY}", text)
 
 
-def _state() -> dict[str, Any]:
+def _charts(store: Store) -> list[str]:
+    runs = store.client.search_runs([store.experiment], max_results=RECENT)
+    named = [json.loads(run.data.params.get("classes.milestones", "[]")) for run in runs]
+    tiers = list(dict.fromkeys(tier for milestones in named for tier in milestones))
+    return [*CHARTS[:2], *(f"tiers/{tier}" for tier in tiers[:MOST]), *CHARTS[2:]]
+
+
+def _state(charts: list[str]) -> dict[str, Any]:
     section = {"uuid": KEY, "name": "Arms", "display": True, "isReordered": False}
     return {
         "groupBy": {
@@ -47,7 +56,7 @@ def _state() -> dict[str, Any]:
         "useGroupedValuesInCharts": True,
         "hideEmptyCharts": True,
         "compareRunSections": [{**section, "deleted": False, "isGenerated": False}],
-        "compareRunCharts": [_chart(name) for name in CHARTS],
+        "compareRunCharts": [_chart(name) for name in charts],
     }
 
 

@@ -160,6 +160,7 @@ class _Scene:
         self.looks: dict[tuple[int, float, str], int] = {}  # with the index of each
 
     def plain(self) -> dict[str, Any]:
+        """What the page's script draws."""
         film = self.film
         found = {
             "width": round(self.width / self.unit, 3),
@@ -195,9 +196,7 @@ class _Scene:
         ]
 
     def _way(self, xs: Sequence[float], ys: Sequence[float]) -> list[int]:
-        return path(
-            [(x - self.x) / self.unit for x in xs], [(y - self.y) / self.unit for y in ys]
-        )
+        return path([(x - self.x) / self.unit for x in xs], [(y - self.y) / self.unit for y in ys])
 
     def _changes(self, looks: Sequence[tuple[int, Look]]) -> list[int]:
         told, last = [], 0
@@ -209,14 +208,10 @@ class _Scene:
     @staticmethod
     def _frames(frames: Sequence[tuple[int, bytes]]) -> dict[str, Any]:
         """Each picture once, and which is shown from which tick on."""
-        every = max(1, -(-len({*frames}) * _mean(frames) // MOST_FRAMES))
+        every = max(1, -(-sum(map(len, {frame for _, frame in frames})) // MOST_FRAMES))
         places: dict[bytes, int] = {}
         told, last = [], 0
         for tick, frame in frames[::every]:
             told += [tick - last, places.setdefault(frame, len(places))]
             last = tick
         return {"frames": [b64encode(frame).decode() for frame in places], "shown": told}
-
-
-def _mean(frames: Sequence[tuple[int, bytes]]) -> int:
-    return sum(len(frame) for _, frame in frames) // max(1, len(frames))

@@ -15,25 +15,26 @@ from typing import Final
 from islandgp.bt.node import Node
 from islandgp.bt.render.layout import lay_out
 from islandgp.bt.render.svg import drawing
+from islandgp.evaluation.base import Setting
 from islandgp.viewer.encode import encode
-from islandgp.viewer.recording import Recording, Surroundings, record
+from islandgp.viewer.recording import Recording, record
 
 _PARTS: Final = Path(__file__).parent / "page"
 _PLACE: Final = re.compile(r"\{\{(\w+)\}\}")
-_SCRIPTS: Final = ("data", "island", "tree", "board", "chart", "timeline", "player")
+_SCRIPTS: Final = ("data", "scene", "tree", "board", "chart", "timeline", "player")
 
 
-def replay_page(tree: Node, settings: Surroundings, seed: int, stage: int, title: str) -> str:
+def replay_page(tree: Node, setting: Setting, seed: int, stage: int, title: str) -> str:
     """One episode as the text of an HTML page.
 
     Args:
         tree: what the robot does.
-        settings: world, rewards and curriculum: a run's Settings, or a Setting.
+        setting: the domain and the curriculum.
         seed: of the world.
         stage: index into Table 2, whose multipliers score the episode.
         title: what the page is called.
     """
-    return page(record(tree, settings, seed=seed, stage=stage), title=title)
+    return page(record(tree, setting, seed=seed, stage=stage), title=title)
 
 
 def page(recording: Recording, *, title: str) -> str:
@@ -43,7 +44,7 @@ def page(recording: Recording, *, title: str) -> str:
     parts = {
         "title": escape(title),
         "style": _part("page.css"),
-        "tree": f'<svg id="tree" data-width="{width:g}" data-height="{height:g}">'
+        "tree": f'<svg id="tree" role="img" aria-label="Behaviour tree" data-width="{width:g}" data-height="{height:g}">'
         f'<g id="nodes">{drawing(boxes)}</g></svg>',
         # Inside a script element only this could end it, or begin a comment.
         "data": data.replace("</", "<\\/").replace("<!--", "<\\u0021--"),

@@ -138,6 +138,7 @@ class Recorder:
         self.boards: list[tuple[float, ...]] = []
         self.credits: list[Credit] = []
         self.camera = Camera()
+        self._components = schema.components
         self._keys = len(schema.vocabulary.keys)
         self._idle = bytes(len(self.counts))
         self._now = bytearray(self._idle)  # codes of this tick by node
@@ -151,7 +152,14 @@ class Recorder:
 
     def credit(self, component: str, points: float, event: str, action: str) -> None:
         """See `Observer`."""
-        self.credits.append(Credit(len(self.boards), event, component, points, action))
+        if component in self._components:
+            self.credits.append(Credit(len(self.boards), event, component, points, action))
+        elif points:
+            known = ", ".join(self._components)
+            raise DomainError(
+                f"Expected points for a component of the schema ({known}), found {component!r}"
+                f" for the event {event!r}; name one of them."
+            )
 
     def tick(self, board: Sequence[float], scene: Scene | None) -> None:
         """See `Observer`."""

@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from math import inf, isfinite
 from typing import TYPE_CHECKING, Final
 
-from islandgp.bt.node import KEYS, Node, walk
+from islandgp.bt.node import Node, walk
 from islandgp.bt.render.label import label
 from islandgp.bt.render.terminal import to_rich
-from islandgp.island.journal import Event
 from islandgp.viewer.recording import FAILED, IDLE, RUNS, STOPPED, SUCCEEDED, Recording
 
 if TYPE_CHECKING:
     from rich.text import Text
 
 BLOCKS: Final = " \N{LOWER ONE EIGHTH BLOCK}\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
-_EARNED_BY: Final = {
-    Event.PICKUP: "PickupGarbage",
-    Event.INTERACTION: "MoveToHumanoid",
-    Event.CHARGE: "ExecuteCharge",
-    Event.DELIVERY: "DeliverToClearingPoint",
-    Event.EMPTY_DELIVERY: "DeliverToClearingPoint",
-    Event.PATROL: "PatrolWaypoint",
-    Event.DISCOVERY: "PatrolWaypoint",
-}
 _WORDS: Final = {RUNS: "runs", SUCCEEDED: "succeeded", FAILED: "failed", STOPPED: "was aborted"}
+_STYLES: Final = {SUCCEEDED: "green", FAILED: "red", STOPPED: "magenta", RUNS: "cyan"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,11 +75,7 @@ def _of_action(recording: Recording, place: int, action: str) -> Iterator[Stint]
 def _stint(
     recording: Recording, start: int, end: int, place: int, action: str, result: int
 ) -> Stint:
-    won = sum(
-        c.points
-        for c in recording.credits
-        if start <= c.tick <= end and _EARNED_BY.get(c.event) == action
-    )
+    won = sum(c.points for c in recording.credits if start <= c.tick <= end and c.action == action)
     return Stint(start, end, place, action, result, won)
 
 
@@ -112,21 +100,24 @@ def drawn(recording: Recording) -> Text:
     return to_rich(recording.tree, notes)
 
 
-def timeline(recording: Recording) -> Iterator[Text]:
-    """A line for each thing that an action did."""
+def timeline(recording: Recording, begin: float = 0.0, end: float = inf) -> Iterator[Text]:
+    """A heading, and a line for each thing that an action began between two times, in s."""
     from rich.text import Text
 
-    step = recording.world.episode.step
+    step, digits = recording.step_s, recording.digits
     guards = _guards(recording.tree)
-    styles = {SUCCEEDED: "green", FAILED: "red", STOPPED: "magenta", RUNS: "cyan"}
-    for stint in merged(stints(recording)):
+    found = merged(stints(recording))
+    wide = max([6, *(len(stint.action) for stint in found)])
+    yield Text(f"{'start':>9}  {'lasted':>8}  {'action':<{wide}}  {'result':<20}{'points':>9}")
+    for stint in found:
+        if not begin <= stint.start * step <= end:
+            continue
         lasted = (stint.end - stint.start + 1) * step
-        line = Text(f"{stint.start * step:7.1f} s  {lasted:6.1f} s  ")
-        line.append(f"{stint.action:<23}")
+        line = Text(f"{stint.start * step:7.1f} s  {lasted:6.1f} s  {stint.action:<{wide}}  ")
         times = f" {stint.times} times" if stint.times > 1 else ""
-        line.append(f"{_WORDS[stint.result] + times:<18}", styles[stint.result])
-        line.append(f"{stint.points:+9,.0f}" if stint.points else " " * 9)
-        line.append(f"  {guards[stint.place]}", "dim")
+        line.append(f"{_WORDS[stint.result] + times:<20}", _STYLES[stint.result])
+        line.append(f"{stint.points:+9,.{digits}f}" if stint.points else " " * 9)
+        line.append(f"  {guards[stint.place]}".rstrip(), "dim")
         yield line
 
 
@@ -147,13 +138,28 @@ def _guards(tree: Node) -> list[str]:
 
 def courses(recording: Recording, width: int = 60) -> Iterator[str]:
     """The blackboard over time, a line of blocks per key, `width` characters long."""
-    for place, (name, key) in enumerate(KEYS.items()):
-        values = [board[place] for board in recording.boards]
+    keys = recording.schema.vocabulary.keys
+    wide = max(map(len, keys), default=0) + 2
+    for place, (name, key) in enumerate(keys.items()):
+        values = [board[place] if isfinite(board[place]) else key.low for board in recording.boards]
+        low = min(*values, 0.0 if key.flag else key.low)
         most = max(*values, 1.0 if key.flag else key.high)
-        cells = []
-        for i in range(width):
-            part = values[i * len(values) // width : max((i + 1) * len(values) // width, 1)]
-            mean = sum(part) / len(part) if part else 0.0
-            cells.append(BLOCKS[round(8 * min(1.0, mean / most))])
         ends = f"{min(values):g} to {max(values):g}"
-        yield f"{name:<26}{''.join(cells)}  {ends}"
+        yield f"{name:<{wide}}{_blocks(values, low, most, width)}  {ends}"
+
+
+def _blocks(values: Sequence[float], low: float, most: float, width: int) -> str:
+    cells = []
+    for i in range(width):
+        begin = i * len(values) // width
+        part = values[begin : max((i + 1) * len(values) // width, begin + 1)]
+        cells.append(BLOCKS[round(8 * (sum(part) / len(part) - low) / (most - low))])
+    return "".join(cells)
+
+
+def components(recording: Recording) -> Iterator[str]:
+    """A line for each component that earned points, and one for the fitness."""
+    rows = {n: v for n, v in recording.outcome.components.items() if v}
+    wide = max(map(len, [*rows, "fitness"])) + 2
+    for name, value in {**rows, "fitness": recording.outcome.fitness}.items():
+        yield f"{name:<{wide}}{value:+12,.{recording.digits}f}"

@@ -1,4 +1,4 @@
-"""An episode in the terminal: the island in letters, the tree, the blackboard, the points."""
+"""An episode in the terminal: the world in letters, the tree, the blackboard, the points."""
 
 from __future__ import annotations
 
@@ -6,16 +6,14 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Final
 
-from islandgp.bt.node import KEYS
 from islandgp.bt.render.terminal import to_rich
-from islandgp.scoring.rewards import Component
-from islandgp.viewer.recording import FAILED, RUNS, STOPPED, SUCCEEDED, Recording
+from islandgp.viewer.recording import FAILED, RUNS, STOPPED, SUCCEEDED, Film, Mover, Recording
 
 if TYPE_CHECKING:
-    from rich.console import Group
+    from rich.console import Group, RenderableType
     from rich.text import Text
 
-COLUMNS, ROWS = 60, 30  # letters of the island: each 5 m wide and 10 m high on 300 m
+COLUMNS, ROWS = 60, 30  # letters of a square world; each is twice as high as wide
 FRAMES: Final = 8  # a second on the viewer's clock
 
 _SIGNS: Final = {
@@ -29,34 +27,39 @@ _SIGNS: Final = {
 def watch(recording: Recording, *, speed: float, pause: Callable[[float], None]) -> None:
     """Shows the episode; `speed` times as fast as it is, `pause(seconds)` waits between frames.
 
-    Where the output is no terminal, a line every ten seconds of the episode takes its place.
+    Where the output is no terminal, about 40 lines of text take its place.
     """
     if not sys.stdout.isatty():
-        for line in lines(recording, every=10.0):
+        for line in lines(recording, every=_every(recording)):
             print(line)
         return
     from rich.live import Live
 
-    each = max(1, round(speed / FRAMES / recording.world.episode.step))
+    each = max(1, round(speed / FRAMES / recording.step_s))
+    waits = max(1 / FRAMES, each * recording.step_s / speed)  # s; longer where a tick is
     with Live(frame(recording, 0), auto_refresh=False) as live:
         for tick in [*range(0, recording.ticks, each), recording.ticks - 1]:
             live.update(frame(recording, tick), refresh=True)
-            pause(1 / FRAMES)
+            pause(min(waits, 1.0))
+
+
+def _every(recording: Recording) -> float:
+    """Seconds between two lines: a tick, ten seconds or more."""
+    return max(10.0 if recording.step_s < 1 else recording.step_s, recording.outcome.seconds / 42)
 
 
 def lines(recording: Recording, *, every: float) -> Iterator[str]:
     """The episode as lines of text, one every so many seconds and one for the end."""
-    step = recording.world.episode.step
-    apart = max(1, round(every / step))
+    apart = max(1, round(every / recording.step_s))
+    keys = recording.schema.vocabulary.keys
+    robot = recording.film.movers[-1] if recording.film and recording.film.movers else None
     for tick in [*range(0, recording.ticks - 1, apart), recording.ticks - 1]:
-        at = recording.robot[tick]
+        at = "" if robot is None else f"  at ({robot.xs[tick]:5.1f}, {robot.ys[tick]:5.1f})"
         board = "  ".join(
-            f"{name}={value:g}" for name, value in zip(KEYS, recording.boards[tick], strict=True)
+            f"{name}={value:g}" for name, value in zip(keys, recording.boards[tick], strict=True)
         )
-        yield (
-            f"{tick * step:6.1f} s  at ({at.real:5.1f}, {at.imag:5.1f})"
-            f"  {points_at(recording, tick):9,.0f} points  {board}"
-        )
+        won = f"{points_at(recording, tick):9,.{recording.digits}f} points"
+        yield f"{tick * recording.step_s:6.1f} s{at}  {won}  {board}"
 
 
 def points_at(recording: Recording, tick: int) -> float:
@@ -72,67 +75,67 @@ def frame(recording: Recording, tick: int) -> Group:
     from rich.text import Text
 
     notes = [Text(*_SIGNS.get(line[tick], (" ", ""))) for line in recording.statuses]
-    seconds = tick * recording.world.episode.step
-    title = f"{seconds:.1f} of {recording.seconds:.0f} s, {points_at(recording, tick):,.0f} points"
+    seconds = f"{tick * recording.step_s:.1f} of {recording.outcome.seconds:.0f} s"
+    title = f"{seconds}, {points_at(recording, tick):,.{recording.digits}f} points"
     side = Group(
         Panel(to_rich(recording.tree, notes), title="tree"),
         Panel(_board(recording, tick), title="blackboard"),
         Panel(_components(recording, tick), title="fitness"),
     )
-    return Group(Columns([Panel(_map(recording, tick), title=title), side]))
+    panels: list[RenderableType] = [side]
+    if recording.film is not None and recording.film.forms():
+        panels.insert(0, Panel(_map(recording, recording.film, tick), title=title))
+        return Group(Columns(panels))
+    return Group(Text(title, "bold"), side)
 
 
-def _map(recording: Recording, tick: int) -> Text:
+def _map(recording: Recording, film: Film, tick: int) -> Text:
+    """The world in letters; what is told later hides what is told before."""
     from rich.text import Text
 
-    cells = [[(" ", "")] * COLUMNS for _ in range(ROWS)]
-    world = recording.world
+    left, low, right, top = film.bounds
+    width, height = right - left or 1.0, top - low or 1.0
+    columns = max(1, round(COLUMNS * min(1.0, width / height)))
+    rows = max(1, round(ROWS * min(1.0, height / width)))
+    cells = [[(" ", "")] * columns for _ in range(rows)]
 
-    def put(at: complex, sign: str, style: str) -> None:
-        column = min(COLUMNS - 1, max(0, int(at.real / world.side * COLUMNS)))
-        row = min(ROWS - 1, max(0, int((1 - at.imag / world.side) * ROWS)))
-        cells[row][column] = (sign, style)
+    def put(form: str, x: float, y: float, style: str = "") -> None:
+        drawn = recording.schema.forms[form]
+        if drawn.sign.strip():
+            column = min(columns - 1, max(0, int((x - left) / width * columns)))
+            row = min(rows - 1, max(0, int((top - y) / height * rows)))
+            cells[row][column] = (drawn.sign[0], f"{drawn.colour}{style}")
 
-    for x, y, _ in recording.rocks:
-        put(complex(x, y), "o", "bright_black")
-    for points, sign, style in (
-        (world.waypoints, "+", "green"),
-        (world.chargers, "C", "bold yellow"),
-        (world.clearing_points, "D", "bold blue"),
-    ):
-        for x, y in points:
-            put(complex(x, y), sign, style)
-    for x, y, begin, end in recording.garbage:
-        if begin <= tick < end:
-            put(complex(x, y), "\N{MIDDLE DOT}", "red")
-    for at, items in zip(recording.humanoids[tick], recording.carried[tick], strict=True):
-        asks = items >= world.humanoids.ask_from
-        put(complex(at), "H" if asks else "h", "bold magenta" if asks else "magenta")
-    put(recording.robot[tick], "R", "bold reverse")
-    text = Text()
-    for number, row in enumerate(cells):
-        text.append("\n" if number else "")
-        for sign, style in row:
-            text.append(sign, style)
-    return text
+    for thing in (*film.fixed, *(s.thing for s in film.items if s.begin <= tick < s.end)):
+        put(thing.form, thing.x, thing.y)
+    for mover in film.movers:
+        style = " bold reverse" if mover is film.movers[-1] else " bold"
+        put(_form(mover, tick), mover.xs[tick], mover.ys[tick], style)
+    return Text("\n").join(Text.assemble(*((sign, style) for sign, style in row)) for row in cells)
+
+
+def _form(mover: Mover, tick: int) -> str:
+    return next(look.form for begin, look in reversed(mover.looks) if begin <= tick)
 
 
 def _board(recording: Recording, tick: int) -> Text:
     from rich.text import Text
 
-    text = Text()
-    for place, (name, key) in enumerate(KEYS.items()):
-        value = recording.boards[tick][place]
+    keys = recording.schema.vocabulary.keys
+    wide = max(map(len, keys), default=0) + 2
+    rows = []
+    for (name, key), value in zip(keys.items(), recording.boards[tick], strict=True):
         told = ("yes" if value else "no") if key.flag else f"{value:.1f}"
-        text.append(f"{'' if place == 0 else chr(10)}{name:<26}{told:>7}")
-    return text
+        rows.append(f"{name:<{wide}}{told:>7}")
+    return Text("\n".join(rows))
 
 
 def _components(recording: Recording, tick: int) -> Text:
     from rich.text import Text
 
-    sums = dict.fromkeys(Component, 0.0)
+    sums = dict.fromkeys(recording.schema.components, 0.0)
     for credit in recording.credits:
         if credit.tick <= tick:
             sums[credit.component] += credit.points
-    return Text("\n".join(f"{c.name.lower():<14}{sums[c]:>+10,.0f}" for c in Component))
+    wide = max(map(len, sums), default=0) + 2
+    return Text("\n".join(f"{n:<{wide}}{v:>+12,.{recording.digits}f}" for n, v in sums.items()))

@@ -5,13 +5,16 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from threading import Timer
 
 import pytest
 
+from islandgp.domain import Outcome
 from islandgp.errors import EvaluationError
 from islandgp.evaluation.base import Evaluator, Job, Setting
 from islandgp.evaluation.cache import Cached
@@ -19,8 +22,6 @@ from islandgp.evaluation.processes import Processes
 from islandgp.evaluation.ray import Ray
 from islandgp.evaluation.serial import Serial
 from islandgp.scoring.curriculum import Curriculum
-from islandgp.scoring.outcome import Outcome
-from islandgp.scoring.rewards import Multipliers
 from tests.composed import composed
 
 TREES = (
@@ -35,7 +36,7 @@ JOBS = [Job(tree, stage, seed) for tree in TREES for stage in (0, 3) for seed in
 def setting() -> Setting:
     """The default world, with short episodes."""
     s = composed("world.episode.length=30")
-    return Setting(s.world, s.rewards, s.curriculum)
+    return Setting(s.make_domain(), s.curriculum)
 
 
 @cache
@@ -117,7 +118,7 @@ class Deadly:
     inner: Curriculum
     once: Path | None = None  # written at the first death; with it the stage is harmless
 
-    def multipliers(self, stage: int) -> Multipliers:
+    def multipliers(self, stage: int) -> Mapping[str, float]:
         """See `Curriculum`."""
         if stage == DEADLY and not (self.once and self.once.exists()):
             if self.once:
@@ -169,6 +170,50 @@ def test_workers_that_die_between_batches_are_replaced() -> None:
         assert pool.evaluate(JOBS[:4]) == list(expected()[:4])
     finally:
         pool.close()
+
+
+def test_a_stopped_worker_beside_a_dead_one_is_replaced() -> None:
+    """It cannot be ended gently; the jobs have their outcomes all the same."""
+    pool = Processes(setting(), 2)
+    try:
+        pool.evaluate(JOBS)
+        one, other = multiprocessing.active_children()
+        assert one.pid is not None
+        os.kill(one.pid, signal.SIGSTOP)
+        other.kill()
+        assert tuple(pool.evaluate(JOBS)) == expected()
+    finally:
+        pool.close()
+
+
+@dataclass(frozen=True)
+class Endless:
+    """A curriculum in which an episode takes half a minute, in C code."""
+
+    inner: Curriculum
+
+    def multipliers(self, stage: int) -> Multipliers:
+        """See `Curriculum`."""
+        time.sleep(30)
+        return self.inner.multipliers(stage)
+
+
+def endless() -> Setting:
+    """The setting with such a curriculum."""
+    return replace(setting(), curriculum=Endless(setting().curriculum))  # type: ignore[arg-type]
+
+
+def test_closing_does_not_wait_for_long_episodes() -> None:
+    """After Ctrl-C their workers are killed within seconds."""
+    pool = Processes(endless(), 2)
+    ctrl_c = Timer(2, os.kill, (os.getpid(), signal.SIGINT))
+    ctrl_c.start()
+    with pytest.raises(KeyboardInterrupt):
+        pool.evaluate(JOBS)
+    began = time.monotonic()
+    pool.close()
+    assert time.monotonic() - began < 10
+    assert multiprocessing.active_children() == []
 
 
 @pytest.mark.slow

@@ -16,11 +16,12 @@ from hypothesis import strategies as st
 
 from islandgp.bt.language import parse, to_text
 from islandgp.bt.limits import within
+from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.evolution.checkpoint import dump
 from islandgp.resources import resource
 from islandgp.run import make_supervisor, setup_of
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, Pattern, Phase, Service, Supervisor, Target
+from islandgp.supervision.base import Guidance, Pattern, Phase, Service, Supervisor
 from islandgp.supervision.llm.message import FailureKind
 from islandgp.supervision.llm.supervisor import LLM
 from islandgp.supervision.replay import Replay
@@ -101,7 +102,7 @@ def test_guidance_is_of_the_promised_kind(name: str, state: PopulationState, see
     assert found.tree is None or within(found.tree, LIMITS)
     assert found.phase is None or isinstance(found.phase, Phase)
     assert found.pattern is None or isinstance(found.pattern, Pattern)
-    assert found.target is None or isinstance(found.target, Target)
+    assert found.target is None or found.target in state.targets
     assert found.source
     assert type(found.intervention) is bool
 
@@ -130,7 +131,7 @@ def test_guidance_can_be_written_down(name: str, state: PopulationState, seed: i
     texts = [found.source, found.risk, found.reasoning, found.rationale, found.notes]
     dump(texts).encode()
     assert all(isinstance(k, str) and isinstance(v, str) for k, v in found.notes.items())
-    assert found.tree is None or parse(to_text(found.tree)) == found.tree
+    assert found.tree is None or parse(to_text(found.tree), VOCABULARY) == found.tree
 
 
 @every_supervisor
@@ -161,7 +162,8 @@ def test_every_option_can_be_chosen(option: str, tmp_path: Path) -> None:
     assert found.name == option
     assert found.factory.name == option
     assert isinstance(found.settings(), found.factory.Settings)
-    assert setup_of(composed(f"supervisor={option}"), tmp_path).folder == tmp_path
+    settings = composed(f"supervisor={option}")
+    assert setup_of(settings, settings.make_domain(), tmp_path).folder == tmp_path
 
 
 def test_services_can_be_closed_unused_and_twice() -> None:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from islandgp.domain import Outcome
 from islandgp.evaluation.base import Job
-from islandgp.scoring.outcome import Outcome
 from tests.made import outcome
 
 
@@ -23,8 +23,7 @@ def outcome_of(job: Job) -> Outcome:
     )
     fitness = float(rng.integers(-2000, 8000)) + 1500 * (pickups + interactions)
     return outcome(
-        fitness=fitness,
-        components=(fitness, *(0.0,) * 7),
+        components={"garbage": fitness},
         pickups=pickups,
         interactions=interactions,
         deliveries=deliveries,

@@ -14,7 +14,7 @@ from islandgp.evolution.plan import Plan
 from islandgp.evolution.record import GenerationRecord, RunState, Step
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Supervisor
-from tests.composed import composed
+from tests.composed import composed_plan
 from tests.evolution.fake import Fake
 
 SMALL = ("supervisor=baseline", "gp.population=12", "gp.generations=8")
@@ -22,7 +22,7 @@ SMALL = ("supervisor=baseline", "gp.population=12", "gp.generations=8")
 
 def plan(*overrides: str) -> Plan:
     """A small plan, with overrides."""
-    return composed(*SMALL, *overrides).plan
+    return composed_plan(*SMALL, *overrides)
 
 
 class Says:

@@ -15,17 +15,23 @@ from pydantic import ValidationError
 
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node
-from islandgp.evolution.allocation import Allocation, diversity_slots, next_population, scaled
-from islandgp.evolution.archive import Ancestor, remember
-from islandgp.evolution.population import Evaluated, Individual, Origin, ranked
-from islandgp.evolution.selection import pick_parent
-from islandgp.scoring.diversity import diversity
-from islandgp.scoring.outcome import Outcome
-from islandgp.scoring.snapshot import BEHAVIOURS
-from tests.composed import composed
-from tests.made import evaluated, outcome
+from islandgp.domain import Outcome
+from islandgp.evolution.allocation import (
+    Allocation,
+    diversity_slots,
+    next_population,
+    remember,
+    scaled,
+)
+from islandgp.evolution.population import Ancestor, Evaluated, Individual, Origin, ranked
+from islandgp.evolution.selection import SELECTIONS, pick_parent, tournament
+from islandgp.evolution.variation import CROSSOVERS
+from islandgp.scoring.snapshot import diversity
+from tests.composed import composed, composed_plan
+from tests.made import CLASSES, evaluated, outcome
 from tests.strategies import nodes
 
+BEHAVIOURS = CLASSES.kept
 SEEDS = st.integers(0, 2**32 - 1)
 COUNTS = st.integers(0, 4).map(float)
 OUTCOMES = st.builds(
@@ -50,8 +56,7 @@ TREES = [
 
 def people(outcomes: Sequence[Outcome]) -> tuple[Evaluated, ...]:
     """A population of generation 4 with these outcomes and a few different trees."""
-    classes = composed().classes
-    found = (evaluated(f"4.{i}", done, classes) for i, done in enumerate(outcomes))
+    found = (evaluated(f"4.{i}", done) for i, done in enumerate(outcomes))
     return tuple(
         replace(e, individual=replace(e.individual, tree=TREES[i % len(TREES)]))
         for i, e in enumerate(found)
@@ -81,14 +86,21 @@ def built(
         seed=seed,
         generation=5,
         injected=injected,
-        archive=remember({}, population) if archive is None else archive,
-        diversity=diversity([e.specialist for e in population]),
+        archive=remember({}, population, BEHAVIOURS) if archive is None else archive,
+        behaviours=BEHAVIOURS,
+        diversity=diversity([e.verdict.specialist for e in population]),
         allocation=allocation or composed().allocation,
-        trees=gp.trees,
-        limits=gp.limits,
+        space=composed_plan().space,
+        select=SELECTIONS[gp.selection],
+        entrants=gp.tournament,
+        cross=CROSSOVERS[gp.crossover],
         crossover_rate=gp.crossover_rate,
-        tournament_size=gp.tournament,
     )
+
+
+def remembered(population: Sequence[Evaluated]) -> dict[str, Ancestor]:
+    """The archive after a first generation."""
+    return remember({}, population, BEHAVIOURS)
 
 
 def counted(new: Sequence[Individual]) -> Counter[str]:
@@ -125,7 +137,10 @@ def test_table_1(
 ) -> None:
     """Each count of Table 1 stays in its range, and they add up to 30."""
     new = built(
-        population, seed=seed, injected=tree, archive={**archive, **remember({}, population)}
+        population,
+        seed=seed,
+        injected=tree,
+        archive={**archive, **remembered(population)},
     )
     found = counted(new)
     assert len(new) == 30
@@ -144,7 +159,7 @@ def test_other_sizes(
     """Table 1 scales: populations keep their size, and every row its scaled range."""
     population = data.draw(populations(size))
     table = composed().allocation
-    found = counted(built(population, seed=seed, archive={**archive, **remember({}, population)}))
+    found = counted(built(population, seed=seed, archive={**archive, **remembered(population)}))
     assert sum(found.values()) == size
     assert found["elite"] <= scaled(2, table, size)
     assert found["behavioural_elite"] <= scaled(5, table, size)
@@ -204,7 +219,7 @@ def test_behavioural_elites(population: tuple[Evaluated, ...], seed: int) -> Non
     kept = [i.parents[0] for i in new if i.origin in (Origin.ELITE, Origin.BEHAVIOURAL_ELITE)]
     assert len(kept) == len(set(kept))
     for behaviour in BEHAVIOURS:
-        doing = [e for e in ranked(population) if behaviour in e.behaviours]
+        doing = [e for e in ranked(population) if behaviour in e.verdict.behaviours]
         assert not doing or doing[0].individual.id in kept
 
 
@@ -237,10 +252,10 @@ def test_an_ancestor_comes_back_once() -> None:
 def test_remember() -> None:
     """The archive keeps the best ever of each behaviour, the first of equals."""
     first = people([outcome(fitness=5.0, pickups=1), outcome(fitness=5.0, pickups=1, charges=1)])
-    archive = remember({}, first)
+    archive = remember({}, first, BEHAVIOURS)
     assert {name: a.id for name, a in archive.items()} == {"pickup": "4.0", "charging": "4.1"}
     later = people([outcome(fitness=4.0, pickups=1), outcome(fitness=6.0, charges=1)])
-    again = remember(archive, later)
+    again = remember(archive, later, BEHAVIOURS)
     assert (again["pickup"], again["charging"].fitness) == (archive["pickup"], 6.0)
     assert archive["charging"].fitness == 5.0, "the archive given is not changed"
 
@@ -266,7 +281,7 @@ def test_niche_protection() -> None:
     strong = [outcome(fitness=1000.0 + i, pickups=3) for i in range(15)]
     weak = [outcome(fitness=float(i), interactions=3) for i in range(15)]
     population = people([*strong, *weak])
-    rich = {e.individual.id for e in population if e.specialist == "pickup"}
+    rich = {e.individual.id for e in population if e.verdict.specialist == "pickup"}
 
     def share(niche_share: float) -> float:
         table = composed().allocation.model_copy(update={"niche_share": niche_share})
@@ -297,7 +312,7 @@ def test_pick_parent() -> None:
 
     def pick(*present: Evaluated, given: int) -> Evaluated:
         rng = np.random.default_rng(0)
-        return pick_parent(rng, present, Counter(pickup=given), most=6, entrants=100)
+        return pick_parent(rng, tournament, present, Counter(pickup=given), most=6, entrants=100)
 
     assert pick(best, other, third, idle, given=5) is best
     assert pick(best, other, third, idle, given=6) is third

@@ -12,7 +12,7 @@ from islandgp.evolution.checkpoint import dump
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import Step
 from islandgp.run import make_evaluator, make_supervisor
-from tests.composed import composed
+from tests.composed import composed, composed_plan
 from tests.evolution.fake import Fake, outcome_of
 
 RUN = (
@@ -30,7 +30,7 @@ def steps(*overrides: str) -> list[Step]:
     evaluator = make_evaluator(settings)
     supervisor = make_supervisor(settings, None)
     try:
-        return list(evolve(settings.plan, settings.seed, supervisor, evaluator))
+        return list(evolve(composed_plan(*RUN, *overrides), settings.seed, supervisor, evaluator))
     finally:
         evaluator.close()
 

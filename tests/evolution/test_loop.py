@@ -15,14 +15,15 @@ from hypothesis import strategies as st
 from islandgp.bt.language import parse
 from islandgp.bt.limits import within
 from islandgp.bt.node import Node
+from islandgp.domain import Outcome
 from islandgp.evaluation.base import Job
-from islandgp.scoring.outcome import Outcome
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance
-from tests.composed import composed
+from tests.composed import composed_plan
 from tests.evolution.fake import Fake
 from tests.evolution.runs import Says, lines, plan, records, run
-from tests.goldens import check_golden
+from tests.flatten import version_1
+from tests.goldens import FOLDER, check_golden
 from tests.made import outcome
 
 CHARGER = parse("sequence { SeekCharger ExecuteCharge }")
@@ -44,7 +45,7 @@ def test_populations_stay_whole(seed: int, rate: float) -> None:
 def test_forty_one_generations_forty_of_them_supervised() -> None:
     """The paper's counts: 41 evaluated populations, and an answer after all but the last."""
     supervisor = Says()
-    steps = run(composed("supervisor=baseline").plan, supervisor)
+    steps = run(composed_plan("supervisor=baseline"), supervisor)
     assert [step.record.snapshot.generation for step in steps] == list(range(41))
     assert [state.now.generation for state in supervisor.seen] == list(range(40))
     assert steps[-1].record.guidance is None
@@ -65,7 +66,8 @@ class Dying(Fake):
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
         """See `Evaluator`."""
         found = super().evaluate(jobs)
-        return [replace(o, interactions=3.0 if len(self.asked) == 1 else 0.0) for o in found]
+        alive = {"interactions": 3.0 if len(self.asked) == 1 else 0.0}
+        return [replace(o, counters={**o.counters, **alive}) for o in found]
 
 
 def test_parents_exist() -> None:
@@ -171,7 +173,7 @@ def test_several_episodes_in_common_worlds() -> None:
 def test_stages_follow_the_curriculum() -> None:
     """Jobs carry the stage of their generation."""
     evaluator = Fake()
-    run(composed("supervisor=baseline", "gp.population=4").plan, evaluator=evaluator)
+    run(composed_plan("supervisor=baseline", "gp.population=4"), evaluator=evaluator)
     stages = [{job.stage for job in jobs} for jobs in evaluator.asked]
     assert stages == [{0}] * 11 + [{1}] * 10 + [{2}] * 10 + [{3}] * 10
 
@@ -303,7 +305,22 @@ def test_costs() -> None:
 
 def test_three_generations_golden() -> None:
     """Three generations of records, as somebody last read them."""
-    how = plan("gp.population=8", "gp.generations=3", "supervisor.inject=true")
-    found = records(run(how, Says(0.5, CHARGER), seed=7))
-    text = json.dumps([asdict(record) for record in found], indent=1)
+    text = json.dumps(three_generations(), indent=1)
     check_golden("three_generations.json", text + "\n")
+
+
+def test_three_generations_are_those_of_version_1() -> None:
+    """What version 1 wrote of them is still true, number by number.
+
+    Its file is never written anew: it is from before domains could be declared.
+    """
+    old = json.loads((FOLDER / "three_generations_v1.json").read_text(encoding="utf-8"))
+    new = json.loads(json.dumps(three_generations()))
+    assert "pickups" in old[0]["individuals"][0], "version 1 had counters as fields"
+    assert [version_1(record) for record in new] == [version_1(record) for record in old]
+
+
+def three_generations() -> list[dict[str, object]]:
+    """A small run's records as plain values."""
+    how = plan("gp.population=8", "gp.generations=3", "supervisor.inject=true")
+    return [asdict(record) for record in records(run(how, Says(0.5, CHARGER), seed=7))]

@@ -12,12 +12,19 @@ from pydantic import ValidationError
 
 from islandgp.bt.language import parse, to_text
 from islandgp.bt.limits import Limits, within
-from islandgp.bt.node import KEYS, KINDS, Node, depth, levels, replace_at, size, walk
-from islandgp.evolution.crossover import crossover
-from islandgp.evolution.generation import TreeSettings, grow, random_tree, weighted
-from islandgp.evolution.mutation import mutate
-from islandgp.evolution.operators import MUTATIONS, MutationSettings
+from islandgp.bt.node import KINDS, Node, depth, levels, replace_at, size, walk
+from islandgp.bt.vocabulary import Vocabulary
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.evolution.random_trees import (
+    TreeSettings,
+    TreeSpace,
+    grow,
+    random_args,
+    random_tree,
+    weighted,
+)
 from islandgp.evolution.selection import tournament
+from islandgp.evolution.variation import CROSSOVERS, MUTATIONS, MutationSettings, mutate
 from tests.composed import composed
 from tests.made import evaluated, outcome
 from tests.strategies import nodes
@@ -40,6 +47,11 @@ def tree_settings() -> TreeSettings:
     return composed().gp.trees
 
 
+def space(limits: Limits = LIMITS, how: TreeSettings | None = None) -> TreeSpace:
+    """Trees of the island."""
+    return TreeSpace(how or tree_settings(), VOCABULARY, limits)
+
+
 def only(operator: str) -> MutationSettings:
     """Mutation by one operator alone."""
     return composed().gp.mutation.model_copy(update={"operators": {operator: 1.0}})
@@ -51,16 +63,15 @@ def mutated(seed: int, tree: Node, operator: str, limits: Limits = LIMITS) -> No
         np.random.default_rng(seed),
         tree,
         rate=1.0,
-        trees=tree_settings(),
+        space=space(limits),
         how=only(operator),
-        limits=limits,
     )
     return new
 
 
 def check_valid(tree: Node) -> None:
     """A tree is valid when the language can say it and reads it back as the same."""
-    assert parse(to_text(tree)) == tree
+    assert parse(to_text(tree), VOCABULARY) == tree
 
 
 @pytest.mark.parametrize("operator", MUTATIONS)
@@ -86,7 +97,7 @@ def test_mutation_at_the_limits(tree: Node, seed: int) -> None:
 @given(mother=TREES, father=TREES, seed=SEEDS)
 def test_crossover_keeps_limits_and_validity(mother: Node, father: Node, seed: int) -> None:
     """A child of trees within the limits is a tree within the limits, made of their subtrees."""
-    child = crossover(np.random.default_rng(seed), mother, father, LIMITS)
+    child = CROSSOVERS["subtree"](np.random.default_rng(seed), mother, father, LIMITS)
     assert within(child, LIMITS)
     check_valid(child)
     donated = set(walk(father))
@@ -101,7 +112,7 @@ def test_crossover_keeps_limits_and_validity(mother: Node, father: Node, seed: i
 def test_crossover_at_the_limits(mother: Node, father: Node, seed: int) -> None:
     """A donor that does not fit is not taken."""
     tight = Limits(max_depth=depth(mother), max_nodes=size(mother))
-    assert within(crossover(np.random.default_rng(seed), mother, father, tight), tight)
+    assert within(CROSSOVERS["subtree"](np.random.default_rng(seed), mother, father, tight), tight)
 
 
 @settings(max_examples=60)
@@ -110,7 +121,7 @@ def test_rate_0_changes_nothing(tree: Node, seed: int) -> None:
     """At rate 0 the same tree comes back, and no operator is named."""
     how = composed().gp.mutation
     rng = np.random.default_rng(seed)
-    assert mutate(rng, tree, rate=0.0, trees=tree_settings(), how=how, limits=LIMITS) == (tree, "")
+    assert mutate(rng, tree, rate=0.0, space=space(), how=how) == (tree, "")
 
 
 @settings(max_examples=60)
@@ -119,7 +130,7 @@ def test_named_mutation_changes_the_tree(tree: Node, seed: int) -> None:
     """When an operator is named the tree is another one; when none is, it is the same."""
     how = composed().gp.mutation
     rng = np.random.default_rng(seed)
-    new, name = mutate(rng, tree, rate=1.0, trees=tree_settings(), how=how, limits=LIMITS)
+    new, name = mutate(rng, tree, rate=1.0, space=space(), how=how)
     assert (new != tree) == (name in MUTATIONS)
 
 
@@ -129,7 +140,7 @@ def test_rate_is_the_share_that_mutates() -> None:
     hits = 0
     for seed in range(1000):
         rng = np.random.default_rng(seed)
-        hits += mutate(rng, tree, rate=0.3, trees=tree_settings(), how=how, limits=LIMITS)[1] != ""
+        hits += mutate(rng, tree, rate=0.3, space=space(), how=how)[1] != ""
     assert 260 < hits < 340
 
 
@@ -142,9 +153,8 @@ def test_a_higher_rate_mutates_the_same_and_more() -> None:
                 np.random.default_rng(seed),
                 tree,
                 rate=rate,
-                trees=tree_settings(),
+                space=space(),
                 how=how,
-                limits=LIMITS,
             )
             for rate in (0.2, 0.6)
         )
@@ -196,7 +206,7 @@ def test_a_kind_without_weight_never_appears() -> None:
     found = Counter()
     for seed in range(300):
         rng = np.random.default_rng(seed)
-        new, _ = mutate(rng, start, rate=1.0, trees=few, how=composed().gp.mutation, limits=LIMITS)
+        new, _ = mutate(rng, start, rate=1.0, space=space(how=few), how=composed().gp.mutation)
         found.update(n.kind for n in walk(new))
     assert set(found) == {"action", "selector", "sequence", "inverter", "repeater"}
 
@@ -205,7 +215,7 @@ def test_a_kind_without_weight_never_appears() -> None:
 @given(seed=SEEDS)
 def test_random_trees(seed: int) -> None:
     """Random trees are valid, within the limits, and as deep as configuration says."""
-    tree = random_tree(np.random.default_rng(seed), tree_settings(), LIMITS)
+    tree = random_tree(np.random.default_rng(seed), space())
     assert within(tree, LIMITS)
     assert 2 <= depth(tree) <= 5
     check_valid(tree)
@@ -215,26 +225,63 @@ def test_random_trees(seed: int) -> None:
 def test_random_trees_in_narrow_limits(limits: Limits) -> None:
     """However narrow the limits are, a tree within them is found."""
     for seed in range(50):
-        assert within(random_tree(np.random.default_rng(seed), tree_settings(), limits), limits)
+        assert within(random_tree(np.random.default_rng(seed), space(limits)), limits)
 
 
 def test_random_trees_use_the_whole_language() -> None:
     """Every node kind, action, key and operator turns up."""
     found: Counter[object] = Counter()
     for seed in range(400):
-        for node in walk(random_tree(np.random.default_rng(seed), tree_settings(), LIMITS)):
+        for node in walk(random_tree(np.random.default_rng(seed), space())):
             found[node.kind] += 1
             found.update(node.args)
-    expected = [*KINDS, *KEYS, "<", "<=", ">", ">=", "==", "!=", "is", "not"]
+    expected = [
+        *KINDS,
+        *VOCABULARY.actions,
+        *VOCABULARY.keys,
+        "<",
+        "<=",
+        ">",
+        ">=",
+        "==",
+        "!=",
+        "is",
+        "not",
+    ]
     assert [word for word in expected if not found[word]] == []
+
+
+def test_random_trees_without_keys() -> None:
+    """A domain may have nothing to ask for: then no tree has a `when`, by no operator either."""
+    blind = TreeSpace(tree_settings(), Vocabulary("blind", VOCABULARY.actions, {}), LIMITS)
+    found: Counter[str] = Counter()
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        tree = random_tree(rng, blind)
+        for operator in MUTATIONS:
+            tree, _ = mutate(rng, tree, rate=1.0, space=blind, how=only(operator))
+        found.update(n.kind for n in walk(tree))
+    assert set(found) == set(KINDS) - {"when"}
+
+
+def test_thresholds_of_random_trees_lie_on_the_grid() -> None:
+    """From a key's least value to its greatest, in its steps."""
+    seen: dict[str, set[float]] = {}
+    rng = np.random.default_rng(0)
+    for _ in range(2000):
+        key, _, number, _ = random_args(rng, "when", space())
+        seen.setdefault(str(key), set()).add(float(number))
+    assert seen["batteryLevel"] == set(range(0, 101, 5))
+    assert seen["lap"] == set(range(6))
+    assert seen["foundGarbage"] == {0}
 
 
 def test_grow_depth() -> None:
     """`grow` never passes its depth; depth 1 is an action."""
     for seed in range(100):
         rng = np.random.default_rng(seed)
-        assert depth(grow(rng, tree_settings(), 3)) <= 3
-        assert grow(rng, tree_settings(), 1).kind == "action"
+        assert depth(grow(rng, space(), 3)) <= 3
+        assert grow(rng, space(), 1).kind == "action"
 
 
 def test_weighted() -> None:
@@ -261,8 +308,7 @@ def test_replace_at() -> None:
 
 def test_tournament() -> None:
     """The fittest of three individuals, drawn with replacement, wins."""
-    classes = composed().classes
-    population = [evaluated(f"0.{i}", outcome(fitness=float(i)), classes) for i in range(10)]
+    population = [evaluated(f"0.{i}", outcome(fitness=float(i))) for i in range(10)]
     wins: Counter[str] = Counter()
     for seed in range(500):
         wins[tournament(np.random.default_rng(seed), population, 3).individual.id] += 1

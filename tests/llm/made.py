@@ -17,7 +17,7 @@ from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Reques
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.supervisor import LLM
 from tests.composed import composed
-from tests.made import EARLY
+from tests.made import CLASSES, EARLY
 
 DECISION = {
     "mutation_rate": 0.42,
@@ -28,6 +28,19 @@ DECISION = {
     "reasoning": "b",
 }
 PROPOSAL = {"tree": "selector { PatrolWaypoint }", "target": "rare", "rationale": "c"}
+MEANS = {
+    "pickups": 1.25,
+    "interactions": 0.5,
+    "deliveries": 0.1,
+    "charges": 0.2,
+    "gathered": 2.72,
+    "delivered": 1.1,
+    "collisions": 0.7,
+    "distance": 812.42,
+    "inactive": 96.6,
+    "laps": 0.4,
+    "battery": 31.0,
+}
 USAGE = Usage(input=1000, output=100)
 
 
@@ -42,7 +55,8 @@ def settings(*overrides: str) -> LLMSettings:
 
 def setup(folder: Path | None = None, *overrides: str) -> Setup:
     """What a run with the paper's numbers gives to its supervisor."""
-    return setup_of(composed("supervisor=llm", *overrides), folder)
+    found = composed("supervisor=llm", *overrides)
+    return setup_of(found, found.make_domain(), folder)
 
 
 def snapshot(generation: int, best: float, *, complete: int = 0, excellent: int = 0) -> Snapshot:
@@ -57,15 +71,14 @@ def snapshot(generation: int, best: float, *, complete: int = 0, excellent: int 
         diversity=0.5 + generation / 100,
         working=0.6,
         specialists={"patrol_only": 12, "pickup": 9, "humanoid": 5, "balanced": 4},
-        doing={"pickup": 14, "humanoid": 8, "clearing": 2, "charging": 0},
+        doing={"pickup": 14, "humanoid": 8, "charging": 0, "clearing": 2},
         tiers={
             "excellent": excellent,
             "complete": complete,
             "full_service": complete + 1,
             "balanced_elite": complete + 2,
         },
-        distance=812.4,
-        inactive=96.6,
+        counters=MEANS,
         size=17.25,
         rate=0.4,
     )
@@ -91,10 +104,13 @@ def state(
         stagnant_epochs=0.0,
         crisis="",
         diversity_warning=False,
-        ever_complete=bool(complete) if ever is None else ever,
-        ever_excellent=bool(excellent) if ever is None else ever,
+        reached={
+            "complete": bool(complete) if ever is None else ever,
+            "excellent": bool(excellent) if ever is None else ever,
+        },
         dominant="patrol_only",
         lacking=("charging", "clearing", "humanoid", "pickup"),
+        targets=CLASSES.targets,
         mutation_rate=0.4,
         crossover_rate=0.8,
         population=30,

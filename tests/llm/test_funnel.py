@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from islandgp.bt.language import parse, to_text
 from islandgp.bt.limits import Limits, within
-from islandgp.supervision.base import Pattern, Phase, Target
-from islandgp.supervision.llm.answers import DECISION, LONGEST, PROPOSAL, faults, schema
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.supervision.base import Pattern, Phase
+from islandgp.supervision.llm.answers import DECISION, LONGEST, faults, proposal_shape, schema
 from islandgp.supervision.llm.funnel import (
     Accepted,
     RateSettings,
@@ -26,12 +27,14 @@ from islandgp.supervision.llm.message import SANE, Reply
 from tests.llm.made import DECISION as GOOD
 from tests.llm.made import PROPOSAL as GOOD_TREE
 from tests.llm.made import USAGE, said
+from tests.made import CLASSES
 from tests.strategies import nodes
 
 RATES = RateSettings(least=0.1, most=0.5, outside="repair")
 LIMITS = Limits(5, 22)
 decide = check_decision(RATES)
-propose = check_proposal(LIMITS)
+PROPOSAL_SHAPE = proposal_shape(CLASSES.targets)
+propose = check_proposal(LIMITS, VOCABULARY, CLASSES.targets)
 
 
 def rejected(found: object) -> Rejection:
@@ -58,7 +61,7 @@ def test_a_good_tree_is_taken_whole() -> None:
     found = propose(said({**GOOD_TREE, "tree": text}))
     assert isinstance(found, Accepted)
     assert to_text(found.value.tree) == "selector { PatrolWaypoint PatrolWaypoint }\n"
-    assert (found.value.target, found.value.rationale) == (Target.RARE, "c")
+    assert (found.value.target, found.value.rationale) == ("rare", "c")
 
 
 @pytest.mark.parametrize(
@@ -141,6 +144,14 @@ def test_missing_fields_are_all_named() -> None:
     ]
 
 
+@pytest.mark.parametrize("target", ["flying", "Rare", "", 3, None])
+def test_a_target_is_one_of_the_state_s(target: object) -> None:
+    """The words that there are are told."""
+    found = rejected(propose(said({**GOOD_TREE, "target": target})))
+    assert found.stage is Stage.FIELDS
+    assert found.error.startswith("target: expected one of pickup, humanoid, charging, clearing, ")
+
+
 @pytest.mark.parametrize("rate", [7, -0.2, 0.09999, 0.50001, 45, 1e299])
 def test_a_rate_outside_the_range_is_refused(rate: float) -> None:
     """By default it is never used, clamped or not."""
@@ -174,6 +185,8 @@ def test_clamping_is_told() -> None:
         ("Ignore all instructions.", Stage.NAMES, "Ignore"),
         ("[" * 1000, Stage.GRAMMAR, "unexpected character"),
         ("sequence { FlyHome }", Stage.NAMES, "FlyHome"),
+        ("domain maze PatrolWaypoint", Stage.NAMES, "for the domain 'maze', not for 'island'"),
+        ("domain island PatrolWaypoin", Stage.NAMES, "Did you mean PatrolWaypoint?"),
         ("when batteryLevle < 5 { PatrolWaypoint }", Stage.NAMES, "Did you mean batteryLevel?"),
         ("inverter { " * 6 + "PatrolWaypoint" + " }" * 6, Stage.LIMITS, "5 levels"),
         ("selector { " + "PatrolWaypoint " * 22 + "}", Stage.LIMITS, "22 nodes"),
@@ -245,11 +258,11 @@ def test_explanations_are_kept_short() -> None:
 
 def test_the_first_object_with_a_known_field_wins() -> None:
     """An object of other fields is the answer only where there is no better one."""
-    assert find_object('{"x": 1} {"tree": 2}', PROPOSAL) == {"tree": 2}
-    assert find_object('{"x": 1} {"y": 2}', PROPOSAL) == {"x": 1}
+    assert find_object('{"x": 1} {"tree": 2}', PROPOSAL_SHAPE) == {"tree": 2}
+    assert find_object('{"x": 1} {"y": 2}', PROPOSAL_SHAPE) == {"x": 1}
 
 
-@pytest.mark.parametrize(("shape", "good"), [(DECISION, GOOD), (PROPOSAL, GOOD_TREE)])
+@pytest.mark.parametrize(("shape", "good"), [(DECISION, GOOD), (PROPOSAL_SHAPE, GOOD_TREE)])
 def test_schemas_and_checks_agree(shape: dict[str, type], good: dict[str, object]) -> None:
     """The schema that is sent asks for exactly the fields that are checked."""
     found = schema(shape)  # type: ignore[arg-type]

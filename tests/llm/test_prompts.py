@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from islandgp.bt.language import parse
-from islandgp.bt.node import ABORTS, ACTIONS, KEYS, KINDS, OPERATORS
+from islandgp.bt.node import ABORTS, KINDS, OPERATORS
+from islandgp.bt.vocabulary import Action, Vocabulary
+from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.errors import SupervisionError
 from islandgp.resources import resource
-from islandgp.supervision.base import Pattern, Phase, Target
+from islandgp.supervision.base import Pattern, Phase
 from islandgp.supervision.llm.adviser import Adviser
-from islandgp.supervision.llm.answers import DECISION, PROPOSAL
+from islandgp.supervision.llm.answers import DECISION, proposal_shape
 from islandgp.supervision.llm.dialect import Dialect
 from islandgp.supervision.llm.funnel import Rejection, Stage
 from islandgp.supervision.llm.message import Request
 from islandgp.supervision.llm.prompts import (
     ABORT_RULES,
-    TARGETS,
+    AIMS,
     Prompt,
     language,
     load_prompt,
@@ -28,6 +31,7 @@ from islandgp.supervision.llm.prompts import (
 )
 from tests.goldens import check_golden
 from tests.llm.made import settings, setup, state
+from tests.made import CLASSES
 
 DIALECT = Dialect(True, 0.7, "")
 
@@ -114,18 +118,23 @@ def test_every_phase_and_pattern_is_in_the_rate_prompt(adviser: Adviser) -> None
 
 def test_every_target_is_in_the_tree_prompts(adviser: Adviser) -> None:
     """Table 7 whole, and every field of the answer."""
-    assert set(TARGETS) == set(Target)
+    meanings = {
+        name: f"shows {SCHEMA.counters[counter].meaning}"
+        for name, counter in CLASSES.behaviours.items()
+    }
+    assert {*meanings, *AIMS} == set(CLASSES.targets)
     for at in (state(), state(excellent=1)):
         found = adviser.tree_request(at, DIALECT).system
-        assert all(f"- {target}: {meaning}" in found for target, meaning in TARGETS.items())
-        assert all(f'"{field}"' in found for field in PROPOSAL)
+        for target, meaning in {**meanings, **AIMS}.items():
+            assert f"- {target}: {meaning}" in found
+        assert all(f'"{field}"' in found for field in proposal_shape(CLASSES.targets))
 
 
 def test_the_language_is_the_declared_one() -> None:
     """Grammar, nodes, actions, keys, operators and rules are those of the declarations."""
-    found = language()
+    found = language(VOCABULARY)
     assert (resource("grammar") / "bt.lark").read_text(encoding="utf-8").strip() in found
-    for table in (KINDS, ACTIONS, KEYS):
+    for table in (KINDS, VOCABULARY.actions, VOCABULARY.keys):
         for name, entry in table.items():  # type: ignore[attr-defined]
             assert f"- {name}: {entry.meaning}" in found
     assert list(ABORT_RULES) == list(ABORTS)
@@ -133,10 +142,13 @@ def test_the_language_is_the_declared_one() -> None:
     assert " ".join(OPERATORS) in found
 
 
-def test_a_new_action_reaches_the_prompts(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_new_action_reaches_the_prompts() -> None:
     """One entry in the declaration is enough."""
-    monkeypatch.setitem(ACTIONS, "FlyHome", ACTIONS["SeekCharger"])
-    assert "- FlyHome: " in Adviser(settings(), setup()).tree_request(state(), DIALECT).system
+    actions = {**VOCABULARY.actions, "FlyHome": Action("flies home")}
+    words = Vocabulary(VOCABULARY.domain, actions, VOCABULARY.keys)
+    given = replace(setup(), schema=replace(SCHEMA, vocabulary=words))
+    found = Adviser(settings(), given).tree_request(state(), DIALECT).system
+    assert "- FlyHome: flies home" in found
 
 
 def test_examples_are_the_project_s_own(adviser: Adviser) -> None:
@@ -148,7 +160,7 @@ def test_examples_are_the_project_s_own(adviser: Adviser) -> None:
         for block in blocks:
             assert block in files
             assert block.startswith("#")
-            parse(block)
+            parse(block, VOCABULARY)
 
 
 def test_urgency_is_told_in_words(adviser: Adviser) -> None:

@@ -7,12 +7,15 @@ from dataclasses import replace
 
 from hypothesis import given
 
+from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.resources import resource
 from islandgp.scoring.crisis import Crisis
-from islandgp.supervision.state_json import FIELDS, fields, state_json, state_text
+from islandgp.supervision.state_json import field_meanings, fields, state_json, state_text, title
 from tests.llm.made import state
+from tests.made import CLASSES
 from tests.strategies import population_states
 
+FIELDS = field_meanings(SCHEMA, CLASSES)
 CRISIS = Crisis(diversity_below=0.15, stagnant_epochs_above=3, emergency_rate=0.5)
 
 WHOLE = {
@@ -57,10 +60,8 @@ WHOLE = {
         "pickup": 9,
         "humanoid": 5,
         "balanced": 4,
-        "charging": 0,
-        "clearing": 2,
     },
-    "doing": {"pickup": 14, "humanoid": 8, "clearing": 2, "charging": 0},
+    "doing": {"pickup": 14, "humanoid": 8, "charging": 0, "clearing": 2},
     "behaviours": {
         "dominant": "patrol_only",
         "lacking": ["charging", "clearing", "humanoid", "pickup"],
@@ -69,7 +70,19 @@ WHOLE = {
     "working_ratio": 0.6,
     "tiers": {"excellent": 0, "complete": 2, "full_service": 3, "balanced_elite": 4},
     "milestones": {"complete_seen": True, "excellent_seen": False},
-    "activity": {"distance_m": 812, "inactive_s": 97},
+    "activity": {
+        "pickups": 1.2,
+        "interactions": 0.5,
+        "deliveries": 0.1,
+        "charges": 0.2,
+        "gathered": 2.7,
+        "delivered": 1.1,
+        "collisions": 0.7,
+        "distance": 812.4,
+        "inactive": 96.6,
+        "laps": 0.4,
+        "battery": 31.0,
+    },
     "stagnation": {"generations": 0, "epochs": 0.0},
     "crisis": {
         "low_diversity": False,
@@ -102,7 +115,16 @@ def test_a_whole_state() -> None:
 
 def test_every_field_is_told() -> None:
     """The meanings that prompts and docs give are those of exactly the fields there are."""
-    assert sorted(fields(WHOLE)) == sorted(FIELDS)
+    weighted = {f"next_multipliers.{name}" for name in SCHEMA.components}
+    found = set(fields(WHOLE))
+    assert found - weighted == set(FIELDS) - weighted
+    assert found <= set(FIELDS), "a curriculum names some components, the document all"
+
+
+def test_titles() -> None:
+    """Names as people write them."""
+    assert title("full_service") == "Full Service"
+    assert title("complete") == "Complete"
 
 
 def test_the_document_tells_every_field() -> None:

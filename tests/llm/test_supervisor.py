@@ -11,7 +11,7 @@ import pytest
 from islandgp.bt.language import to_text
 from islandgp.errors import SupervisionError
 from islandgp.seeding import Stream, stream
-from islandgp.supervision.base import Guidance, Pattern, Phase, Target
+from islandgp.supervision.base import Guidance, Pattern, Phase
 from islandgp.supervision.llm.client import AnthropicClient
 from islandgp.supervision.llm.message import FailureKind, Reply, Request
 from islandgp.supervision.llm.supervisor import LLM
@@ -46,7 +46,7 @@ def test_both_answers_make_the_guidance() -> None:
     assert (found.intervention, found.risk, found.reasoning) == (False, "a", "b")
     assert found.tree is not None
     assert to_text(found.tree) == "selector { PatrolWaypoint }\n"
-    assert (found.target, found.rationale) == (Target.RARE, "c")
+    assert (found.target, found.rationale) == ("rare", "c")
     (rate,), (tree,) = client.asked("rate"), client.asked("tree")
     assert found.notes == {
         "rate": "llm",

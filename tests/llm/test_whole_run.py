@@ -14,13 +14,13 @@ from threading import Event
 import numpy as np
 import pytest
 
+from islandgp.domain import Outcome
 from islandgp.errors import SupervisionError
 from islandgp.evaluation.base import Job
 from islandgp.evolution.checkpoint import dump
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import RunState, Step
 from islandgp.run import make_supervisor, setup_of
-from islandgp.scoring.outcome import Outcome
 from islandgp.supervision.base import Service
 from islandgp.supervision.decisions import decisions
 from islandgp.supervision.replay import Replay
@@ -57,7 +57,9 @@ def steps_of(
     settings = settings.model_copy(update={"supervisor": part, "seed": seed})
     made = make_supervisor(settings, folder)
     found = []
-    with closing(evolve(settings.plan, seed, made, Fake(), start=start)) as run:
+    with closing(
+        evolve(settings.plan(settings.make_domain()), seed, made, Fake(), start=start)
+    ) as run:
         for step in run:
             found.append(step)
             if step.record.snapshot.generation == stop:
@@ -183,7 +185,9 @@ def test_answers_hide_behind_episodes(tmp_path: Path) -> None:
         made = make_supervisor(settings.model_copy(update={"supervisor": part}), tmp_path)
         assert isinstance(made, Service)
         made.start()
-        costs = [step.cost for step in evolve(settings.plan, 0, made, Takes())]
+        costs = [
+            step.cost for step in evolve(settings.plan(settings.make_domain()), 0, made, Takes())
+        ]
     assert costs[-1].llm["latency_s"] > 7 * 2 * 0.3
     assert sum(c.supervision for c in costs) < 0.1 * sum(c.evaluation for c in costs)
 

@@ -68,15 +68,28 @@ def lines(file: Path) -> int:
 
 def group_members(group: int) -> list[str]:
     """The command lines of the processes of a group that still run (Linux)."""
-    found = []
+    return [line for _, line in processes(group).values()]
+
+
+def processes(group: int) -> dict[int, tuple[int, str]]:
+    """The processes of a group that still run: parent and command line by number (Linux)."""
+    found = {}
     for stat in Path("/proc").glob("[0-9]*/stat"):
         try:
             fields = stat.read_text().rpartition(")")[2].split()
-            if int(fields[2]) != group or fields[0] in "ZX":
-                continue
             line = (stat.parent / "cmdline").read_text().replace("\0", " ")
-            if line:  # without one it is on its way out: its memory is gone already
-                found.append(line)
         except OSError:
             continue  # it ended while we looked
+        # Without a command line it is on its way out: its memory is gone already.
+        if int(fields[2]) == group and fields[0] not in "ZX" and line:
+            found[int(stat.parent.name)] = int(fields[1]), line
     return found
+
+
+def workers(run: subprocess.Popen[str]) -> list[int]:
+    """The processes of a run's evaluator, of which it has started all: children of its server."""
+    found = processes(run.pid)
+    server = [
+        n for n, (parent, line) in found.items() if parent == run.pid and "forkserver" in line
+    ]
+    return sorted(n for n, (parent, _) in found.items() if parent in server)

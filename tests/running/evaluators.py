@@ -9,9 +9,9 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
+from islandgp.domain import Outcome
 from islandgp.errors import EvaluationError
 from islandgp.evaluation.base import Job, Setting
-from islandgp.scoring.outcome import Outcome
 from tests.evolution.fake import Fake
 
 

@@ -204,10 +204,10 @@ def test_a_generation_that_cannot_be_written_down_ends_the_run(
 ) -> None:
     """Told in a line; what was written before is kept, and the same command goes on from there."""
 
-    def append(lines: Lines, value: dict[str, Any]) -> None:
+    def append(lines: Lines, value: dict[str, Any]) -> bytes:
         if "snapshot" in value and value["snapshot"]["generation"] == generation:
             raise OSError(reason, os.strerror(reason))
-        before(lines, value)
+        return before(lines, value)
 
     before = Lines.append
     with monkeypatch.context() as full:
@@ -329,6 +329,30 @@ def test_a_failed_job_is_reported_at_the_end_and_the_others_go_on(
     assert main([*words, "seed=0,1", "-m"]) == 0
     done = {path.parent.name for path in here.rglob("summary.json")}
     assert done == set(leaf(here))
+
+
+def test_a_job_on_which_another_process_works_is_not_failed(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is left as it is, nothing is written into its folder, and the others go on."""
+    words = [*TINY, "tracking=off", *fake("Breaks", after=2, how="error")]
+    assert main(words) == 2
+    (name,) = leaf(here)
+    folder = RunFolder(here / "runs/default" / name)
+    (folder.path / "error.txt").unlink()
+    before = {file.name: file.read_bytes() for file in folder.path.iterdir()}
+    about = folder.about()
+    assert about is not None
+    folder.open((folder.path / "config.yaml").read_text(), about)
+    capsys.readouterr()
+    try:
+        assert main([*INSTANT, "seed=0,1", "-m"]) == 1
+    finally:
+        folder.close()
+    said = capsys.readouterr().err
+    assert said.count(f"{name}: another process is at work on it") == 2  # then, and at the end
+    assert "1 of 2 jobs not finished" in said
+    assert {file.name: file.read_bytes() for file in folder.path.iterdir()} == before
 
 
 def test_ctrl_c_in_a_sweep_stops_it(here: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -30,6 +30,7 @@ TINY = [
     "gp.generations=3",
     "world.episode.length=20",
 ]
+CHECKS = ("generations.sha256", "checkpoint.previous.json")
 MODULES = {"ray": "ray", "submitit": "submitit", "": "joblib"}
 
 
@@ -73,7 +74,7 @@ def test_the_commands_of_launchers_run(kind: str, tmp_path: Path) -> None:
 
 def test_the_files_of_a_run_are_all_named() -> None:
     """The table of the folder names each file that a run leaves."""
-    for name in {*FILES, "config.yaml", "about.json", "checkpoint.json", FILE}:
+    for name in {*FILES, "config.yaml", "about.json", "checkpoint.json", FILE, *CHECKS}:
         assert f"`{name}`" in TEXT or name == "transcript.jsonl", name
 
 

@@ -22,6 +22,7 @@ from tests.running.commands import (
     lines,
     start,
     wait_until,
+    workers,
 )
 from tests.running.histories import store, tracked
 
@@ -91,6 +92,17 @@ def test_a_run_killed_at_twenty_random_moments_ends_like_one_that_was_not(tmp_pa
     same_run(whole, killed, f"k/{name}")
 
 
+TWO_WORKERS = ("evaluator=processes", "evaluator.policy.workers=2")
+
+
+def assert_all_end(group: int) -> None:
+    """Asserts that no process of a group is left after a while."""
+    end = time.monotonic() + 20
+    while (left := group_members(group)) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert left == []
+
+
 def test_workers_end_when_their_run_is_killed(tmp_path: Path) -> None:
     """`kill -9` of the run's process alone leaves no worker behind."""
     process = start(
@@ -100,10 +112,7 @@ def test_workers_end_when_their_run_is_killed(tmp_path: Path) -> None:
     assert len(group_members(process.pid)) > 2
     process.kill()
     process.communicate()
-    end = time.monotonic() + 20
-    while (left := group_members(process.pid)) and time.monotonic() < end:
-        time.sleep(0.05)
-    assert left == []
+    assert_all_end(process.pid)
 
 
 def test_ctrl_c_stops_a_run_and_the_same_command_finishes_it(tmp_path: Path) -> None:
@@ -161,6 +170,25 @@ def test_sigterm_stops_a_run_as_ctrl_c_does(tmp_path: Path) -> None:
     assert "the same command goes on from here" in said
 
 
+@pytest.mark.parametrize("killed", [False, True], ids=["one stopped", "another one killed as well"])
+def test_a_run_stops_in_seconds_although_a_worker_does_not_answer(
+    killed: bool, tmp_path: Path
+) -> None:
+    """A stopped worker (SIGSTOP) cannot end by itself; it is killed, and nothing is left."""
+    process = start(tmp_path, *TINY, "gp.generations=5000", "tracking=off", *TWO_WORKERS)
+    wait_until(lambda: any(tmp_path.rglob("checkpoint.json")), process)
+    one, other = workers(process)
+    os.kill(one, signal.SIGSTOP)
+    if killed:
+        os.kill(other, signal.SIGKILL)
+        time.sleep(0.5)
+    process.terminate()
+    code, said = finish(process, 20)
+    assert code == 130, said
+    assert "the same command goes on from here" in said
+    assert_all_end(process.pid)
+
+
 def test_ctrl_c_stops_a_joblib_sweep_and_the_same_command_finishes_it(tmp_path: Path) -> None:
     """No process left, nothing RUNNING, exit code 130; then all jobs and the parent FINISHED."""
     words = (*SLOW, "hydra/launcher=local", "hydra.launcher.n_jobs=2", "seed=range(3)", "-m")
@@ -180,6 +208,22 @@ def test_ctrl_c_stops_a_joblib_sweep_and_the_same_command_finishes_it(tmp_path: 
     assert sorted(run.status for run in found) == ["FINISHED"] * 4
     (parent,) = (run for run in found if run.parent is None)
     assert {run.parent for run in found if run is not parent} == {parent.id}
+
+
+def test_a_joblib_sweep_that_is_killed_leaves_no_worker(tmp_path: Path) -> None:
+    """`kill -9` of its process alone: jobs, their workers and idle workers end with it."""
+    pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
+    launcher = ("hydra/launcher=local", "hydra.launcher.n_jobs=3", "seed=0,1", "-m")
+    words = (*TINY, "gp.generations=60", "tracking=off", *TWO_WORKERS, *launcher)
+    process = start(tmp_path, *words)
+    wait_until(lambda: len(list(tmp_path.rglob("checkpoint.json"))) == 2, process)
+    process.kill()
+    process.wait()
+    assert_all_end(process.pid)
+    process.communicate()
+    code, said = finish(start(tmp_path, *words))
+    assert code == 0, said
+    assert list(tmp_path.rglob("error.txt")) == []
 
 
 @pytest.mark.slow

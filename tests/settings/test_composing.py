@@ -12,8 +12,8 @@ from tests.composed import composed, plain
 
 CONF = resource("conf")
 OWN_GROUPS = (
-    "world", "curriculum", "rewards", "classes", "allocation", "gp", "supervisor", "evaluator",
-    "tracking",
+    "domain", "world", "curriculum", "rewards", "classes", "library", "allocation", "gp",
+    "supervisor", "evaluator", "tracking",
 )  # fmt: skip
 
 

@@ -59,7 +59,10 @@ ONE_LINE = [
     (["gp.crossover_rate=1.5"], "gp.crossover_rate=1.5: input should be less than or equal to 1"),
     (["world.robot.speed=0"], "world.robot.speed=0: input should be greater than 0"),
     (["world.side=nan"], "world.side=nan: input should be"),
-    (["rewards.collision=inf"], "rewards.collision=inf: input should be a finite number"),
+    (["rewards.events.collision.base=inf"],
+     "rewards.events.collision.base=inf: input should be a finite number"),
+    (["rewards.events.collision.bas=1"],
+     "rewards.events.collision.bas: unknown key; did you mean rewards.events.collision.base?"),
     (["seed=-1"], "seed=-1: input should be greater than or equal to 0"),
     (["name=a/b"], "name='a/b': string should match pattern"),
     (["resume=perhaps"], "resume='perhaps': input should be 'auto', 'never' or 'force'"),
@@ -79,8 +82,44 @@ ONE_LINE = [
     (["world.robot.radius=true"], "world.robot.radius=true: input should be a number, found true"),
     (["supervisor=baseline", "supervisor.policy.rates=[0.1,true]"],
      "supervisor.policy.rates.1=true: input should be a number, found true"),
-    (["classes.tiers.complete.pickups=true"],
-     "classes.tiers.complete.pickups=true: input should be a number, found true"),
+    (["classes.tiers.complete.at_least.pickups=true"],
+     "classes.tiers.complete.at_least.pickups=true: input should be a number, found true"),
+    (["rewards.events.pickup.base=true"],
+     "rewards.events.pickup.base=true: input should be a number, found true"),
+    (["curriculum.stages.0.multipliers.garbage=true"],
+     "curriculum.stages.0.multipliers.garbage=true: input should be a number, found true"),
+    # names that the domain does not declare
+    (["+rewards.events.picknick={component: garbage}"],
+     "rewards.events.picknick: expected one of pickup, interaction, charge, shutdown, delivery,"),
+    (["rewards.events.pickup.component=trash"],
+     "rewards.events.pickup.component: expected one of garbage, battery, humanoid, delivery,"),
+    (["+rewards.maxima.fun=3"], "rewards.maxima.fun: expected one of garbage, battery, humanoid,"),
+    (["rewards.normalize=true", "rewards.maxima.idle=0"],
+     "rewards.maxima.idle: expected a number above 0, as normalize is on"),
+    (["+curriculum.stages.2.multipliers.trash=3"],
+     "curriculum.stages.2.multipliers.trash: expected one of garbage, battery, humanoid,"),
+    (["classes.behaviours.charging=chargings"],
+     "classes.behaviours.charging: expected one of pickups, interactions, deliveries, charges,"),
+    (["+classes.tiers.complete.above.metres=3"],
+     "classes.tiers.complete.above.metres: expected one of pickups, interactions, deliveries,"),
+    (["+classes.tiers.excellent.at_least.fun=3"],
+     "classes.tiers.excellent.at_least.fun: expected one of pickups, interactions, deliveries,"),
+    # names that do not fit together
+    (["classes.milestones=[perfect]"],
+     "classes.milestones: expected one of excellent, complete, full_service, balanced_elite, found"
+     " 'perfect'"),
+    (["classes.specialists.of=[pickup,flying]"],
+     "classes.specialists.of: expected one of pickup, humanoid, charging, clearing, found"
+     " 'flying'"),
+    (["classes.specialists.mixed=pickup"],
+     "classes.behaviours: expected each name once, found 'pickup' twice"),
+    (["classes.specialists.dominance_ratio=0.5"],
+     "classes.specialists.dominance_ratio=0.5: input should be greater than or equal to 1"),
+    (["domain.factory=nowhere"], "domain.factory='nowhere': invalid python path"),
+    (["domain.factory=islandgp.run:run"],
+     "domain.factory: expected a class with World, Rewards, make and run_episode, found <function"),
+    (["domain=atlantis"], "domain=atlantis: unknown option; there are "),
+    (["domain=null"], "domain=null: expected the name of an option, found null; there are "),
     (["supervisor=fixed", "supervisor.policy.rate=false"],
      "supervisor.policy.rate=false: input should be a number, found false"),
     (["world.episode.step=1e-9"],
@@ -95,7 +134,8 @@ ONE_LINE = [
     (["allocation.tournament=[25,18]"],
      "allocation.tournament: expected 1 <= least <= most, found [25, 18]"),
     (["~classes.tiers.complete"],
-     "classes.tiers: expected a threshold for each tier, missing complete"),
+     "classes.milestones: expected one of excellent, full_service, balanced_elite, found"
+     " 'complete'"),
     (["~gp.state.window"], "gp.state.window: expected a value, found none"),
     (["supervisor=baseline", "supervisor.policy.rates=[0.5,0.1]"],
      "supervisor.policy.rates: expected 0 <= least <= most <= 1, found [0.5, 0.1]"),
@@ -135,7 +175,63 @@ ONE_LINE = [
     (["compare", "--help"], "compare: expected KEY=VALUE, found a command; write islandgp compare"),
     (["gp.populaton=3", "--help"], "gp.populaton: unknown key; did you mean gp.population?"),
     (["supervisor=expet", "--cfg", "job"], "supervisor=expet: unknown option; did you mean expert"),
+    (["world@x=island"],
+     "world@x: expected GROUP=OPTION, found a package behind the group; write world=OPTION"),
+    (["+hydra.callbacks.x._target_=builtins.print"],
+     "hydra.callbacks.x: expected no callbacks, found one; leave it out,"),
+    (["hydra.run.dir=/proc/x"], "Expected Hydra to start the run, found that it cannot: [Errno 2]"),
 ]  # fmt: skip
+
+HUGE = {
+    # settings that would take for ever, or more memory than there is: words, the line
+    "deep trees": (["gp.max_nodes=1000", "gp.max_depth=50", "gp.trees.depth=[50,50]"],
+     "gp.trees.depth: expected random trees of at most 2,000 nodes on average, found larger ones;"),
+    "broad trees": (["gp.trees.children=[1,100000]"],
+     "gp.trees.children: expected at most gp.max_nodes=50 children, found 100000"),
+    "trees both deep and broad":
+    (["gp.max_nodes=1000", "gp.trees.children=[1,1000]", "gp.trees.depth=[3,3]"],
+     "gp.trees.depth: expected random trees of at most 2,000 nodes on average"),
+    "endless levels": (["gp.trees.depth=[2,1000000000000000000000]"],
+     "gp.trees.depth: expected at most 1000 levels, found 1000000000000000000000"),
+    "a deep subtree": (["gp.mutation.subtree_depth=1000000000"],
+     "gp.mutation.subtree_depth: expected at most gp.max_depth=8, found 1000000000"),
+    "a long sweep": (["seed=range(100000000)", "-m"],
+     "seed=range(100000000): expected at most 1,000 jobs of a command, found 100,000,000; give"),
+    "a long sweep, shuffled": (["seed=shuffle(range(100000000))", "-m"],
+     "seed=shuffle(range(100000000)): expected at most 1,000 jobs of a command,"),
+    "a fine sweep": (["gp.crossover_rate=range(0,1,0.0000000000001)", "-m"],
+     "gp.crossover_rate=range(0,1,0.0000000000001): expected at most 1,000 jobs of a command,"),
+    "a product": (["seed=range(100)", "gp.population=range(10,30)", "-m"],
+     "gp.population=range(10,30): expected at most 1,000 jobs of a command, found 2,000;"),
+    "no step": (["seed=range(0,10,0)", "-m"],
+     "seed=range(0,10,0): expected a range with an end and a step that is not 0, found the step 0"),
+    "an interval": (["seed=interval(0,3)", "-m"],
+     "seed=interval(0,3): expected values to sweep over, found an interval; write seed=range("),
+    "digits": ([f"seed={'1' * 5000}"],
+     "seed: expected a number of at most 1000 digits, found 5000; write a shorter one"),
+    "levels": ([f"gp.trees.depth={'[' * 400}{']' * 400}"],
+     "gp.trees.depth: expected a value of at most 50 levels of brackets, found 400; write"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("words_line", HUGE.values(), ids=HUGE)
+def test_what_would_never_end_is_one_line(
+    words_line: tuple[list[str], str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """At once, before anything of the size is made."""
+    words, line = words_line
+    (found,) = errors(capsys, *words)
+    assert found.startswith(line)
+
+
+def test_a_deleted_working_folder_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    """Whatever the command is."""
+    Path.cwd().rmdir()
+    assert main([*OFF]) == 2
+    assert capsys.readouterr().err == (
+        "islandgp: Expected a folder to work in, found that it was deleted; change to another"
+        " one.\n"
+    )
 
 
 @pytest.mark.parametrize(
@@ -223,7 +319,7 @@ def test_several_errors_several_lines(capsys: pytest.CaptureFixture[str]) -> Non
         "gp.population=1",
         "gp.generations=none",
         "world.robot.speed=-2",
-        "+rewards.pickup.bonus=3",
+        "+rewards.events.pickup.bonus=3",
         "supervisor=baseline",
         "supervisor.policy.patience=0",
         "supervisor.policy.up=0.5",
@@ -231,10 +327,27 @@ def test_several_errors_several_lines(capsys: pytest.CaptureFixture[str]) -> Non
     assert [line.partition(":")[0] for line in found] == [
         "gp.generations='none'",
         "gp.population=1",
-        "rewards.pickup.bonus",
+        "rewards.events.pickup.bonus",
         "supervisor.policy.patience=0",
         "supervisor.policy.up=0.5",
         "world.robot.speed=-2",
+    ]
+
+
+def test_several_unknown_names_several_lines(capsys: pytest.CaptureFixture[str]) -> None:
+    """What the domain does not declare is told at once, too: rewards, curriculum, classes."""
+    found = errors(
+        capsys,
+        "rewards.events.pickup.component=trash",
+        "+curriculum.stages.0.multipliers.trash=3",
+        "classes.behaviours.charging=chargings",
+        "+classes.tiers.complete.above.fun=3",
+    )
+    assert [line.partition(":")[0] for line in found] == [
+        "rewards.events.pickup.component",
+        "curriculum.stages.0.multipliers.trash",
+        "classes.behaviours.charging",
+        "classes.tiers.complete.above.fun",
     ]
 
 
@@ -299,8 +412,8 @@ def test_the_right_ones_run(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_run_errors_have_no_traceback(capsys: pytest.CaptureFixture[str]) -> None:
     """What only the run finds out is one message, too: a tree that is not there."""
-    assert main([*OFF, "experiment=smoke", "supervisor.policy.trees.pickup=[nope]"]) == 2
+    assert main([*OFF, "experiment=smoke", "library.trees.pickup=[nope]"]) == 2
     found = capsys.readouterr()
-    assert "found 'nope'; there are all_rounder" in found.err
+    assert "nope.bt, found none (No such file or directory); there are all_rounder" in found.err
     assert "Traceback" not in found.err
     assert list(Path.cwd().iterdir()) == []

@@ -21,7 +21,7 @@ from islandgp.evolution.record import (
 from islandgp.study.arms import Arm, Run
 from islandgp.tracking.parameters import flatten
 from tests.composed import plain
-from tests.made import snapshot
+from tests.made import ANY, NOTHING, snapshot
 
 TREE = "selector {\n  MoveToGarbage\n  PatrolWaypoint\n}\n"
 
@@ -57,14 +57,10 @@ def individual(
         nodes=3,
         depth=2,
         fitness=1000.0,
-        components=(1000.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        components={**NOTHING.components, ANY: 1000.0},
         specialist="pickup",
         tiers=(),
-        pickups=1.0,
-        interactions=0.0,
-        deliveries=0.0,
-        charges=0.0,
-        gathered=1.0,
+        counters={**NOTHING.counters, "pickups": 1.0, "gathered": 1.0},
         endings=("time",),
     )
     return replace(found, **changes)

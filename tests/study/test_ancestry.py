@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from islandgp.study.ancestry import BRED, HEIR, RANDOM, most_injected, provenance
 from islandgp.study.arms import Run
 from islandgp.study.comparable import compare_arms
-from islandgp.study.library import library
-from islandgp.study.lineage import final_elite, injected_shares
-from islandgp.study.tables.lineage import sources_table
-from islandgp.study.tables.origins import champion_sources_table
-from tests.study.made_runs import TREE, guidance, individual, made_arm, made_run
+from islandgp.study.library import library_names
+from islandgp.study.lineage import (
+    BRED,
+    HEIR,
+    RANDOM,
+    final_elite,
+    injected_shares,
+    most_injected,
+    provenance,
+)
+from islandgp.study.tables.origins import champion_sources_table, sources_table
+from tests.study.made_runs import TREE, config, guidance, individual, made_arm, made_run
 
 OTHER = "PatrolWaypoint\n"
-(POOR,) = [text for text, name in library().items() if name == "poor"]
+(POOR,) = [text for text, name in library_names(config()).items() if name == "poor"]
 
 # 1.1 is injected and kept as an elite; 2.1 is its child; 2.2 is a copy of a random tree.
 POPULATIONS = [

@@ -8,12 +8,11 @@ from typing import Any
 import pytest
 
 from islandgp.errors import StudyError
-from islandgp.scoring.classify import Tier
 from islandgp.study.arms import Arm
 from islandgp.study.comparable import compare_arms, paired
 from islandgp.study.emergence import first
 from islandgp.study.findings import family
-from islandgp.study.measures import TABLE_9, TABLE_11
+from islandgp.study.measures import TABLE_9, emergence
 from islandgp.study.statistics import UNTESTED
 from tests.study.made_runs import made_arm, made_run
 
@@ -36,8 +35,8 @@ def test_supervisors_may_differ() -> None:
     ("key", "value"),
     [
         ("world__humanoids__count", 3),
-        ("rewards__leftover", -1),
-        ("classes__dominance_ratio", 3.0),
+        ("rewards__events__leftover__per_unit", -1),
+        ("classes__specialists__dominance_ratio", 3.0),
         ("gp__generations", 12),
         ("gp__mutate_elites", False),
         ("allocation__elites", 1),
@@ -56,7 +55,7 @@ def test_another_world_budget_or_gp_is_refused(key: str, value: Any) -> None:
     ("key", "value", "expected"),
     [
         ("world__side", 200, False),
-        ("rewards__leftover", -1, False),
+        ("rewards__events__leftover__per_unit", -1, False),
         ("gp__population", 12, False),
         ("gp__max_nodes", 20, False),
         ("gp__trees__leaf", 0.9, False),
@@ -80,7 +79,7 @@ def test_what_both_selections_name_is_what_is_studied() -> None:
         _arm("b", range(2), "gp.mutate_elites=false", gp__mutate_elites=False),
     ]
     study = compare_arms(arms)
-    assert study.notes == ("The arms differ in gp.mutate_elites: a True, b False.",)
+    assert study.notes[0] == "The arms differ in gp.mutate_elites: a True, b False."
     half = [arms[0], replace(arms[1], selection="supervisor=expert")]
     with pytest.raises(StudyError, match=r"gp\.mutate_elites differs"):
         compare_arms(half)
@@ -156,11 +155,49 @@ def test_longer_runs_are_cut_where_the_shortest_ends() -> None:
     study = compare_arms([made_arm("expert", [long]), made_arm("baseline", [short])], force=True)
     run = study.arms[0].runs[0]
     assert study.generations == len(run.records) == len(run.costs) == 6
-    assert [first(run, tier) for tier in (Tier.COMPLETE, Tier.EXCELLENT)] == [3, None]
+    assert [first(run, tier) for tier in ("complete", "excellent")] == [3, None]
     assert (run.champion.generation, run.champion.record.fitness) == (5, 6.0)
     assert run.records[-1].guidance is None
     assert TABLE_9[0].of(run) == 6.0
     assert "expert has runs of 8 generations" in study.notes[-1]
-    found = family(study, TABLE_11)
+    found = family(study, [emergence("complete"), emergence("excellent")])
     assert [f.samples[0] for f in found] == [(3,), (None,)]
     assert found[1].rank.kind == UNTESTED
+
+
+def test_a_library_is_chosen_as_a_whole() -> None:
+    """All its keys may differ where every selection names one of them, and else none."""
+    other = {"library__folder": "mine", "library__shown": {}}
+    for selections, allowed in (
+        (("library.folder=grammar/examples", "library.folder=mine"), True),
+        (("supervisor=expert", "library.folder=mine"), False),
+    ):
+        arms = [_arm("a", range(2), selections[0]), _arm("b", range(2), selections[1], **other)]
+        doubts = compare_arms(arms, force=True).doubts
+        assert (not any(doubt.startswith("library.") for doubt in doubts)) is allowed
+
+
+def test_nothing_stands_beside_another_domain() -> None:
+    """Runs whose classes or tiers have other names are refused, --force or not."""
+    tiers = {"done": {"above": {"fitness": 1}}}
+    changes = {"classes__tiers": tiers, "classes__milestones": ["done"]}
+    with pytest.raises(StudyError, match="one domain, with the same behaviours and tiers"):
+        compare_arms([_arm("a", range(2)), _arm("b", range(2), **changes)], force=True)
+    other = _arm("b", range(2), domain__factory="maze:Maze")
+    with pytest.raises(StudyError, match="one domain"):
+        compare_arms([_arm("a", range(2)), other], force=True)
+
+
+def test_arms_that_evolved_the_same_populations_are_said() -> None:
+    """Whatever their supervisors said: nothing of them differs, and the report tells it."""
+    same = compare_arms([_arm("expert", range(3)), _arm("baseline", range(3))])
+    assert any(
+        "expert and baseline have the same individuals in every generation of 3 of 3 runs" in note
+        for note in same.notes
+    )
+    other = made_arm(
+        "baseline",
+        [made_run("baseline", s, generations=4, best=s, path=f"o{s}") for s in range(3)],
+    )
+    apart = compare_arms([_arm("expert", range(3)), other])
+    assert not any("same individuals" in note for note in apart.notes)

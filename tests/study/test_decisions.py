@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from islandgp.study.comparable import compare_arms
-from islandgp.study.tables.decisions import decisions_table
+from islandgp.study.tables.supervision import decisions_table
 from tests.study.made_runs import guidance, made_arm, made_run
 
 

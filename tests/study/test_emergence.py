@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from islandgp.scoring.classify import Tier
 from islandgp.study.emergence import first, quantile, ranks, reduction, still_without, summary
 from islandgp.study.figures.emergence import box
 from islandgp.study.findings import examine
-from islandgp.study.measures import TABLE_11
+from islandgp.study.measures import emergence
 from islandgp.study.statistics import SIGN
 from islandgp.study.tables.emergence import when
 from tests.study.made_runs import made_run
@@ -15,9 +14,9 @@ from tests.study.made_runs import made_run
 def test_first_is_a_generation_or_never() -> None:
     """The first generation with an individual of the tier; None when there is none."""
     run = made_run(complete=7)
-    assert first(run, Tier.COMPLETE) == 7
-    assert first(run, Tier.EXCELLENT) is None
-    assert first(made_run(complete=0), Tier.COMPLETE) == 0
+    assert first(run, "complete") == 7
+    assert first(run, "excellent") is None
+    assert first(made_run(complete=0), "complete") == 0
 
 
 def test_a_censored_arm_gets_no_mean() -> None:
@@ -71,7 +70,7 @@ def test_never_ranks_after_the_last_generation() -> None:
 
 def test_censored_runs_are_tested_and_not_dropped() -> None:
     """All runs enter the rank test, the log-rank test and the sign test."""
-    f = examine(TABLE_11[0], ("a", "b"), ((1, 2, 3), (4, None, None)), 41, in_pairs=True)
+    f = examine(emergence("complete"), ("a", "b"), ((1, 2, 3), (4, None, None)), 41, in_pairs=True)
     assert f.censored
     assert f.rank.n == (3, 3)
     assert f.rank.u == 0
@@ -91,4 +90,4 @@ def test_a_cell_says_how_many_runs_got_there() -> None:
     assert when(summary([6, 8, 5, 5, 15], 41)) == "7.8 ± 4.2, median 6.0"
     assert when(summary([6], 41)) == "6.0 ± \N{EN DASH}, median 6.0"
     assert when(summary([3, None, 5], 41)) == "median 5.0, 2 of 3 runs"
-    assert when(summary([None, None], 41)) == "median not reached, 0 of 2 runs"
+    assert when(summary([None, None], 41)) == "never in 2 runs"

@@ -7,17 +7,19 @@ from dataclasses import replace
 
 import pytest
 
+from islandgp.domain import Outcome
 from islandgp.errors import StudyError
 from islandgp.evaluation.base import Job, Setting
-from islandgp.scoring.outcome import Outcome
 from islandgp.seeding import Stream, stream
 from islandgp.study.comparable import compare_arms
 from islandgp.study.generalise import Generalisation, generalise, unseen_worlds, yardsticks
-from islandgp.study.library import library
+from islandgp.study.library import library_names
 from islandgp.study.select import parse_arm
 from islandgp.study.tables.champions import generalisation_table
 from tests.made import outcome
-from tests.study.made_runs import TREE, guidance, made_arm, made_run
+from tests.study.made_runs import TREE, config, guidance, made_arm, made_run
+
+HALF = {"complete": 0.5, "excellent": 0.5}
 
 
 class Recorder:
@@ -77,7 +79,8 @@ def test_every_champion_meets_the_same_unseen_worlds_in_the_last_stage() -> None
     assert found[-1].unseen == (0 + 1 + 2 + 3 + 4) / 5
     assert {j.stage for j in jobs} == {3}
     assert made[0].closed
-    assert (found[0].unseen, found[0].worst, found[0].complete) == (1.0, 0.0, 2 / 3)
+    assert (found[0].unseen, found[0].worst) == (1.0, 0.0)
+    assert found[0].reached == {"complete": 2 / 3, "excellent": 0.0}
 
 
 def test_unseen_worlds_are_those_of_nobody() -> None:
@@ -101,9 +104,9 @@ def test_worlds_of_runs_are_passed_over() -> None:
 
 
 def test_yardsticks_are_library_trees_by_name() -> None:
-    """The all-rounder always; beside it the library tree that was injected most often."""
-    assert list(yardsticks(_study())) == ["hand-written: all_rounder"]
-    texts = {name: text for text, name in library().items()}
+    """Those that the configuration names, and the library tree that was injected most often."""
+    assert list(yardsticks(_study())) == ["library: all_rounder"]
+    texts = {name: text for text, name in library_names(config()).items()}
     guided = [
         guidance(tree=texts[name], injected=injected)
         for name, injected in (
@@ -123,9 +126,9 @@ def test_yardsticks_are_library_trees_by_name() -> None:
 def test_an_arm_may_have_a_yardstick_s_name() -> None:
     """An arm called hand-written keeps its row, and the yardstick has its own."""
     found = (
-        Generalisation("hand-written", 0, 9_000.0, 30, 5_000.0, 1.0, 0.5, 0.5),
-        Generalisation("hand-written", 1, 9_000.0, 30, 7_000.0, 1.0, 0.5, 0.5),
-        Generalisation("hand-written", None, None, 100, 1_000.0, 1.0, 0.5, 0.5),
+        Generalisation("hand-written", 0, 9_000.0, 30, 5_000.0, 1.0, HALF),
+        Generalisation("hand-written", 1, 9_000.0, 30, 7_000.0, 1.0, HALF),
+        Generalisation("hand-written", None, None, 100, 1_000.0, 1.0, HALF),
     )
     rows = [row[:5] for row in generalisation_table(found, 30).rows]
     assert [(row[0], row[1], row[2]) for row in rows] == [
@@ -134,4 +137,4 @@ def test_an_arm_may_have_a_yardstick_s_name() -> None:
     ]
     assert rows[0][4].startswith("6,000")
     with pytest.raises(StudyError, match="Expected --arm"):
-        parse_arm("hand-written: all_rounder=supervisor=expert")
+        parse_arm("library: all_rounder=supervisor=expert")

@@ -5,15 +5,14 @@ from __future__ import annotations
 import pytest
 
 from islandgp.evolution.population import Origin
-from islandgp.scoring.classify import Tier
 from islandgp.study.lineage import (
+    Descent,
     Newcomer,
-    Source,
     alive,
+    descent_of_first,
     elite_share,
     median_life,
     newcomers,
-    source_of_first,
 )
 from tests.study.made_runs import individual, made_run
 
@@ -83,17 +82,17 @@ def test_kaplan_meier_by_hand() -> None:
 @pytest.mark.parametrize(
     ("origin", "mutation", "parents", "source"),
     [
-        ("injected", "", [], Source.INJECTED),
-        ("injected", "swap", [], Source.MUTATED),
-        ("crossover", "", ["1.1"], Source.DESCENDANT),
-        ("crossover", "", ["1.0"], Source.OWN),
+        ("injected", "", [], Descent.INJECTED),
+        ("injected", "swap", [], Descent.MUTATED),
+        ("crossover", "", ["1.1"], Descent.DESCENDANT),
+        ("crossover", "", ["1.0"], Descent.OWN),
     ],
 )
 def test_where_the_first_one_came_from(
-    origin: str, mutation: str, parents: list[str], source: Source
+    origin: str, mutation: str, parents: list[str], source: Descent
 ) -> None:
     """Given as it was, given and mutated, descended, or found without any injected tree."""
     first = individual("2.0", origin, parents, mutation=mutation, tiers=("complete",))
     run = made_run(best=[1.0] * 3, populations=[POPULATIONS[0], POPULATIONS[1], [first]])
-    assert source_of_first(run, Tier.COMPLETE) is source
-    assert source_of_first(run, Tier.EXCELLENT) is Source.NEVER
+    assert descent_of_first(run, "complete") is source
+    assert descent_of_first(run, "excellent") is Descent.NEVER

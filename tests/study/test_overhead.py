@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from islandgp.study.comparable import compare_arms
-from islandgp.study.tables.overhead import overhead_table
+from islandgp.study.tables.supervision import overhead_table
 from tests.study.made_runs import made_arm, made_run
 
 

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
-from islandgp.study import paper
+from islandgp.domains import island
 from islandgp.study.emergence import reduction, summary
 from islandgp.study.findings import Finding, adjust, examine
-from islandgp.study.measures import FAMILY, PHASES
+from islandgp.study.measures import SPANS, main_family
+from islandgp.study.paper import read_paper
 from islandgp.study.statistics import ASYMPTOTIC, EXACT, EXACT_TIES
 from tests.study.test_statistics import _samples_with
+
+found = read_paper(Path(island.__file__).parent / "paper.yaml")
+assert found is not None
+PAPER = found
+FAMILY = main_family(tuple(PAPER.emergence))
 
 U = {"max_ever": 12, "final_max": 8, "mean_max": 21, "final_mean": 1}
 """As Table 9 prints it; Table 10 prints r, from which U = 25 (1 - r) / 2 follows."""
@@ -23,10 +31,11 @@ def findings() -> dict[str, Finding]:
     """
     found = []
     for measure in FAMILY:
-        if measure.key in paper.TABLE_11:
-            samples = paper.TABLE_11[measure.key]
+        tier = measure.key.removeprefix("first_")
+        if tier in PAPER.emergence:
+            samples = (PAPER.emergence[tier].proposed, PAPER.emergence[tier].baseline)
         else:
-            row = {**paper.TABLE_9, **paper.TABLE_10}[measure.key]
+            row = PAPER.fitness[measure.key]
             u = U.get(measure.key, round(25 * (1 - row.r) / 2))
             a, b = _samples_with(u)
             samples = (tuple(a), tuple(b))  # type: ignore[assignment] # numbers either way
@@ -49,7 +58,8 @@ def test_complete_robots_come_71_7_percent_earlier(findings: dict[str, Finding])
 
 def test_table_11_counted_out_says_no_less() -> None:
     """No run of one arm reaches the other's: 2 of the 252 splits of ten, ties or not."""
-    f = examine(FAMILY[-2], ("a", "b"), paper.TABLE_11["first_complete"], 41, in_pairs=False)
+    row = PAPER.emergence["complete"]
+    f = examine(FAMILY[-2], ("a", "b"), (row.proposed, row.baseline), 41, in_pairs=False)
     assert (f.rank.kind, f.rank.p) == (EXACT_TIES, pytest.approx(2 / 252))
 
 
@@ -62,10 +72,10 @@ def test_excellent_robots_come_65_2_percent_earlier(findings: dict[str, Finding]
     assert f.rank.r == pytest.approx(0.96)
 
 
-@pytest.mark.parametrize("key", [m.key for m in FAMILY if m.key not in paper.TABLE_11])
+@pytest.mark.parametrize("key", [m.key for m in FAMILY if not m.emergence])
 def test_tables_9_and_10_come_out_as_printed(key: str, findings: dict[str, Finding]) -> None:
     """Exact p, p after Benjamini and Hochberg over the family of nine, and r: to the last digit."""
-    f, row = findings[key], {**paper.TABLE_9, **paper.TABLE_10}[key]
+    f, row = findings[key], PAPER.fitness[key]
     assert f.rank.kind == EXACT
     assert round(f.rank.p, 3) == row.p
     assert round(f.rank_q, 3) == row.p_bh
@@ -75,7 +85,7 @@ def test_tables_9_and_10_come_out_as_printed(key: str, findings: dict[str, Findi
 def test_rounding_explains_the_printed_0_0358() -> None:
     """The paper's 0.0358 is what the ninefold family gives when p = 0.01587 is cut to 0.0159."""
     assert round(0.0159 * 9 / 4, 4) == 0.0358
-    assert paper.EMERGENCE["first_complete"][1] == 0.0358
+    assert PAPER.emergence["complete"].p_bh == 0.0358
 
 
 def test_the_paper_s_stages_begin_with_the_initial_population() -> None:
@@ -83,11 +93,11 @@ def test_the_paper_s_stages_begin_with_the_initial_population() -> None:
 
     So its "generations 1-10, 11-25, 26-41" are 0-10, 11-25 and 26-40.
     """
-    sizes = [len(phase.generations(41)) for phase in PHASES]
+    sizes = [len(span.generations(41)) for span in SPANS]
     assert sizes == [11, 15, 15]
     for arm in ("proposed", "baseline"):
-        stages = [getattr(row, arm)[0] for row in paper.TABLE_10.values()]
-        whole = getattr(paper.TABLE_9["mean_max"], arm)[0]
+        stages = [getattr(row, arm)[0] for key, row in PAPER.fitness.items() if "stage" in key]
+        whole = getattr(PAPER.fitness["mean_max"], arm)[0]
 
         def off(weights: list[int], stages: list[float] = stages, whole: float = whole) -> float:
             return abs(sum(w * s for w, s in zip(weights, stages, strict=True)) / 41 / whole - 1)
@@ -99,7 +109,7 @@ def test_the_paper_s_stages_begin_with_the_initial_population() -> None:
 def test_differences_are_those_that_the_paper_prints() -> None:
     """Tables 10 and 12: the printed differences follow from the printed means."""
     for key, printed in (("stage_early", 0.184), ("stage_mid", 0.402), ("stage_late", 0.002)):
-        row = paper.TABLE_10[key]
+        row = PAPER.fitness[key]
         assert row.proposed[0] / row.baseline[0] - 1 == pytest.approx(printed, abs=6e-4)
-    for ours, base, printed in paper.TABLE_12.values():
-        assert ours / base - 1 == pytest.approx(printed, abs=1e-3)
+    for found in PAPER.diversity.values():
+        assert found.proposed / found.baseline - 1 == pytest.approx(found.difference, abs=1e-3)

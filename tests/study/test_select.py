@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,13 +10,13 @@ import pytest
 from islandgp.errors import StudyError
 from islandgp.study.reading import Found, find, read
 from islandgp.study.select import (
+    in_short,
     matches,
     named,
     overview,
     parse_arm,
     parse_selection,
     select,
-    spans,
 )
 from islandgp.tracking.parameters import flatten
 from tests.study.made_runs import config, individual, made_run, write_run
@@ -131,6 +132,19 @@ def test_damaged_records_are_named(tmp_path: Path) -> None:
         read(find(tmp_path)[0])
 
 
+def test_runs_of_version_0_1_are_refused_in_a_line(tmp_path: Path) -> None:
+    """They name no domain; a run that is not asked for does not stand in the way."""
+    run = made_run(seed=0)
+    old = {key: value for key, value in run.config.items() if key != "domain"}
+    write_run(replace(run, config=old), tmp_path / "old")
+    write_run(made_run(seed=1), tmp_path / "new")
+    found = find(tmp_path)
+    assert select("a", "seed=1", found)[0].seeds == (1,)
+    with pytest.raises(StudyError, match=r"old: Expected a run .* found one of version 0\.1") as e:
+        select("a", "supervisor=expert", found)
+    assert "\n" not in str(e.value)
+
+
 def test_no_folder_of_runs(tmp_path: Path) -> None:
     """A folder that is not there is told with the remedy."""
     with pytest.raises(StudyError, match="--runs FOLDER"):
@@ -139,5 +153,5 @@ def test_no_folder_of_runs(tmp_path: Path) -> None:
 
 def test_spans() -> None:
     """Numbers in short."""
-    assert spans([0, 1, 2, 5, 7, 8]) == "0-2, 5, 7-8"
+    assert in_short([0, 1, 2, 5, 7, 8]) == "0-2, 5, 7-8"
     assert overview([]) == []

@@ -9,13 +9,13 @@ import math
 import pytest
 
 from islandgp.study.findings import examine
-from islandgp.study.measures import TABLE_9, TABLE_11
+from islandgp.study.measures import TABLE_9, emergence
 from islandgp.study.notation import interval, number, p_is, percent, probability, spread
 from islandgp.study.paper import MARK
 from islandgp.study.statistics import Interval, mean_sd, rank_test
 from islandgp.study.table import Table, to_csv, to_html, to_markdown
-from islandgp.study.tables.cells import difference
 from islandgp.study.tables.claims import verdict
+from islandgp.study.tables.comparisons import difference
 
 TABLE = Table(
     "t", "A title", ("Name", "value", f"{MARK} value"), (("a|b", "1,000 ± 2", "<3>"),), ("A note.",)
@@ -78,7 +78,7 @@ def test_a_small_p_in_a_sentence() -> None:
     [
         ((1500.0, 1500.0), (900.0, 1100.0), "+50.0 %"),
         ((500.0, 500.0), (900.0, 1100.0), "\N{MINUS SIGN}50.0 %"),
-        ((-500.0, -500.0), (-900.0, -1100.0), "+50.0 %"),
+        ((-500.0, -500.0), (-900.0, -1100.0), "\N{EN DASH} (+500 points)"),
         ((12_522.0, 12_522.0), (-2_491.0, -2_691.0), "\N{EN DASH} (+15,113 points)"),
         ((-100.0, -100.0), (900.0, 1100.0), "\N{EN DASH} (\N{MINUS SIGN}1,100 points)"),
         ((500.0, 500.0), (-90.0, 110.0), "\N{EN DASH} (+490 points)"),
@@ -88,7 +88,7 @@ def test_a_small_p_in_a_sentence() -> None:
 def test_no_percent_of_nothing(
     first: tuple[float, ...], second: tuple[float, ...], expected: str
 ) -> None:
-    """Points stand for a share where signs differ, or the base is within its SD of zero."""
+    """A share needs two positive means, and a base that is further from zero than its SD."""
     f = examine(TABLE_9[0], ("a", "b"), (first, second), 41, in_pairs=False)
     assert difference(f) == expected
 
@@ -116,5 +116,5 @@ def test_verdicts(direction: int, low_first: bool, n: int, expected: str) -> Non
 
 def test_verdict_where_nothing_happened() -> None:
     """Two arms without any emergence have nothing to compare."""
-    f = examine(TABLE_11[0], ("a", "b"), ((None, None), (None, None)), 41, in_pairs=False)
+    f = examine(emergence("complete"), ("a", "b"), ((None, None), (None, None)), 41, in_pairs=False)
     assert verdict(-1, f) == "never in either arm"

@@ -16,13 +16,13 @@ from islandgp.errors import SupervisionError
 from islandgp.evolution.checkpoint import dump
 from islandgp.resources import resource
 from islandgp.run import make_supervisor
-from islandgp.supervision.base import Target
-from islandgp.supervision.expert import EARLY
+from islandgp.supervision.expert import early
 from islandgp.supervision.untargeted import Untargeted
 from islandgp.supervision.yoked import Yoked, YokedSettings
 from tests.composed import composed
 from tests.evolution.runs import plan, records, run
 from tests.llm.made import setup, state
+from tests.made import CLASSES
 from tests.running.commands import fake
 
 QUICK = (
@@ -40,7 +40,7 @@ RICH = replace(
 )
 
 
-def draws(supervisor: Untargeted, at: object, n: int = 700) -> Counter[Target | None]:
+def draws(supervisor: Untargeted, at: object, n: int = 700) -> Counter[str | None]:
     return Counter(
         supervisor.advise(at, np.random.default_rng(i)).target  # type: ignore[arg-type]
         for i in range(n)
@@ -65,14 +65,14 @@ def test_random_injection_is_blind_to_the_state() -> None:
 def test_random_injection_draws_every_target_alike() -> None:
     """Seven targets, each a seventh of the time, within four standard deviations."""
     found = draws(untargeted(), LACKS_CHARGING)
-    assert set(found) == set(Target)
+    assert set(found) == set(CLASSES.targets)
     assert all(100 - 4 * 9.3 < count < 100 + 4 * 9.3 for count in found.values())
 
 
 def test_random_injection_is_as_compact_as_the_expert() -> None:
     """Until a Complete Robot has existed it has the trees that the expert has, and no others."""
     supervisor = untargeted()
-    assert set(draws(supervisor, state())) == set(EARLY)
+    assert set(draws(supervisor, state())) == set(early(CLASSES.targets))
     for i in range(50):
         tree = supervisor.advise(state(), np.random.default_rng(i)).tree
         assert tree is not None
@@ -82,7 +82,7 @@ def test_random_injection_is_as_compact_as_the_expert() -> None:
 def test_random_injection_takes_trees_of_the_same_library() -> None:
     """Only the choice is random: every tree is one that the expert could have given."""
     supervisor = untargeted()
-    library = set(supervisor.expert.library.values())
+    library = set(supervisor.expert.library.trees.values())
     trees: set[Node | None] = {
         supervisor.advise(RICH, np.random.default_rng(i)).tree for i in range(99)
     }

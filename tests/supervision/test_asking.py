@@ -11,9 +11,10 @@ import pytest
 from islandgp.app import main
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node
+from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import SupervisionError
 from islandgp.supervision.asking import ask
-from islandgp.supervision.base import Guidance, Phase, Target
+from islandgp.supervision.base import Guidance, Phase
 from tests.evolution.runs import plan, run
 from tests.llm.made import answering, supervisor
 from tests.made import snapshot, state
@@ -38,13 +39,20 @@ WRONG: list[tuple[Any, str]] = [
     (Guidance(np.float32(0.3), None, "x"), "a Guidance whose mutation_rate is"),  # type: ignore[arg-type]
     (Guidance(None, "PatrolWaypoint", "x"), "a Guidance whose tree is a tree of the language"),  # type: ignore[arg-type]
     (Guidance(None, Node("leap"), "x"), "a Guidance whose tree is"),
-    (Guidance(None, Node("action", ("Fly",)), "x"), "a Guidance whose tree is"),
+    (
+        Guidance(None, Node("action", ("Fly",)), "x"),
+        "a Guidance whose tree is of the domain island",
+    ),
     (Guidance(None, Node("inverter", (), (TREE, TREE)), "x"), "a Guidance whose tree is"),
     (Guidance(None, None, ""), "a Guidance whose source is a text that is not empty, found ''"),
     (Guidance(None, None, 7), "a Guidance whose source is"),  # type: ignore[arg-type]
     (Guidance(None, None, "x", phase="lunch"), "a Guidance whose phase is a Phase"),  # type: ignore[arg-type]
     (Guidance(None, None, "x", pattern=["stagnation"]), "a Guidance whose pattern is"),  # type: ignore[arg-type]
-    (Guidance(None, None, "x", target=3), "a Guidance whose target is"),  # type: ignore[arg-type]
+    (Guidance(None, None, "x", target=3), "a Guidance whose target is a text"),  # type: ignore[arg-type]
+    (
+        Guidance(None, None, "x", target="flying"),
+        "a Guidance whose target is None or one of pickup, humanoid, charging, clearing, rare,",
+    ),
     (Guidance(None, None, "x", intervention=1), "a Guidance whose intervention is True or False"),  # type: ignore[arg-type]
     (Guidance(None, None, "x", reasoning=None), "a Guidance whose reasoning is a text"),  # type: ignore[arg-type]
     (Guidance(None, None, "x", risk="\ud800"), "a Guidance whose risk is a text"),
@@ -55,14 +63,14 @@ RIGHT = [
     Guidance(None, None, "x"),
     Guidance(0, TREE, "x"),
     Guidance(1.0, None, "x", Phase.REFINEMENT, notes={"a": "b"}),
-    Guidance(np.float64(0.3), None, "x", target=Target.RARE, intervention=True),
+    Guidance(np.float64(0.3), None, "x", target="rare", intervention=True),
     Guidance(0.5, parse("sequence { " * 30 + "PatrolWaypoint" + " }" * 30), "too deep"),
 ]
 
 
 def asked(answer: Any) -> Guidance:
     """The answer of a supervisor that gives just that."""
-    return ask(Answers(answer), state([snapshot(0)]), np.random.default_rng(0))
+    return ask(Answers(answer), state([snapshot(0)]), np.random.default_rng(0), VOCABULARY)
 
 
 @pytest.mark.parametrize(("answer", "line"), WRONG)
@@ -86,6 +94,13 @@ def test_a_wrong_answer_ends_a_run(lag: int) -> None:
     """With a lag, None is no answer that is not due yet."""
     with pytest.raises(SupervisionError, match="a Guidance, found None"):
         run(plan(f"supervisor.lag={lag}"), Answers(None))
+
+
+def test_a_tree_of_another_domain_ends_a_run() -> None:
+    """A run tells its supervisor which words there are, and holds it to them."""
+    answer = Guidance(None, parse("sequence { Fly Land }"), "x")
+    with pytest.raises(SupervisionError, match=r"of the domain island, found 'sequence \{ Fly"):
+        run(plan(), Answers(answer))
 
 
 def test_a_fallback_is_asked_alike() -> None:

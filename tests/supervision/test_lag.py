@@ -8,12 +8,12 @@ from threading import Event
 import numpy as np
 import pytest
 
+from islandgp.domain import Outcome
 from islandgp.errors import SupervisionError
 from islandgp.evaluation.base import Job
-from islandgp.scoring.outcome import Outcome
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Supervisor
-from islandgp.supervision.lag import Desk
+from islandgp.supervision.queue import SupervisorQueue
 from tests.evolution.fake import Fake
 from tests.evolution.runs import lines, plan, records, run
 from tests.made import snapshot, state
@@ -60,9 +60,9 @@ class Releases(Fake):
         return super().evaluate(jobs)
 
 
-def desk(supervisor: Supervisor, lag: int) -> Desk:
-    """A desk of seed 1."""
-    return Desk(supervisor, seed=1, lag=lag)
+def queue(supervisor: Supervisor, lag: int) -> SupervisorQueue:
+    """A queue of seed 1."""
+    return SupervisorQueue(supervisor, seed=1, lag=lag)
 
 
 @pytest.mark.parametrize("lag", [0, 1, 2, 5])
@@ -84,10 +84,10 @@ def test_evaluation_goes_on_meanwhile(lag: int) -> None:
     assert list(lines(slow)) == list(lines(run(how, Counts())))
 
 
-def test_the_desk_waits_for_the_answer() -> None:
+def test_the_queue_waits_for_the_answer() -> None:
     """An answer that is due is waited for; one that is not due is not."""
     waits = Waits(2)
-    some = desk(waits, 1)
+    some = queue(waits, 1)
     try:
         some.ask(state([snapshot(0)]))
         assert some.answer(0) is None
@@ -104,13 +104,13 @@ def test_the_desk_waits_for_the_answer() -> None:
 @pytest.mark.parametrize("lag", [0, 2])
 def test_draws_belong_to_the_generation(lag: int) -> None:
     """A supervisor's generator depends on the generation it is asked about, not on the lag."""
-    some = desk(Counts(), lag)
+    some = queue(Counts(), lag)
     histories = [[snapshot(g) for g in range(n)] for n in range(1, 5)]
     for history in histories:
         some.ask(state(history))
     found = [some.answer(g + lag) for g in range(4)]
     some.close()
-    straight = desk(Counts(), 0)
+    straight = queue(Counts(), 0)
     for history in histories:
         straight.ask(state(history))
     assert found == [straight.answer(g) for g in range(4)]

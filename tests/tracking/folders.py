@@ -13,9 +13,10 @@ from islandgp.supervision.baseline import Baseline, BaselineSettings
 from islandgp.tracking.files import About
 from islandgp.tracking.folder import RunFolder
 from islandgp.tracking.store import MLflowSettings, Place, Store
-from tests.composed import composed, plain
+from tests.composed import composed, composed_plan, plain
 from tests.evolution.fake import Fake
 
+MILESTONES = ("complete", "excellent")
 SMALL = ("supervisor=baseline", "gp.population=8", "gp.generations=5", "tracking=mlflow")
 
 
@@ -35,7 +36,7 @@ def steps(seed: int = 1) -> list[Step]:
     """A whole evolution on made-up outcomes."""
     settings = composed(*SMALL)
     supervisor = Baseline(BaselineSettings(**settings.supervisor.policy))
-    return list(evolve(settings.plan, seed, supervisor, Fake()))
+    return list(evolve(composed_plan(*SMALL), seed, supervisor, Fake()))
 
 
 def begun(path: Path, home: Path, **changes: str) -> RunFolder:
@@ -53,7 +54,7 @@ def written(path: Path, home: Path, generations: int = 5, *, seed: int = 1) -> R
     for step in done[state.generation if state else 0 :]:
         folder.append(step)
     if generations == 5:
-        folder.finish(summary(folder, done[-1].champion))
+        folder.finish(summary(folder, done[-1].champion, MILESTONES))
     folder.close()
     return folder
 

@@ -15,9 +15,11 @@ from urllib.request import urlopen
 
 import pytest
 
+from islandgp.report import summary
 from islandgp.tracking.folder import Status
 from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.mlflow import MLflow
+from islandgp.tracking.sent import read_sent
 from islandgp.tracking.store import MLflowSettings, Place, Store
 from islandgp.tracking.sync import sync
 from tests.running.commands import finish, start
@@ -73,6 +75,46 @@ def test_without_patience_the_end_does_not_wait(home: Path) -> None:
         follows.finish(Status.KILLED)
         assert monotonic() - before < 1
     folder.close()
+
+
+def test_a_store_deleted_under_way_is_made_again(
+    home: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """With all records from the first one on, and without a traceback."""
+    folder = begun(home / "runs/a/one", home)
+    follows = tracker(home, "sqlite:///mlflow.db", 30)
+    follows.start(folder)
+    done = steps()
+    folder.append(done[0])
+    follows.generation()
+    end = monotonic() + 30
+    while not (sent := read_sent(folder.path)) or not sent.generations:
+        assert monotonic() < end
+        sleep(0.05)
+    (home / "mlflow.db").unlink()
+    for step in done[1:]:
+        folder.append(step)
+        follows.generation()
+    folder.finish(summary(folder, done[-1].champion))
+    assert follows.finish(Status.FINISHED).endswith("islandgp ui shows it")
+    folder.close()
+    store = Store(place(home))
+    (run,) = store.client.search_runs([store.experiment])
+    assert [step for step, _ in history(store, run.info.run_id)] == list(range(5))
+    assert "Traceback" not in "".join(capfd.readouterr())
+
+
+def test_a_finished_run_is_sent_again_where_the_store_is_gone(home: Path) -> None:
+    """It is not announced as being there."""
+    folder = written(home / "runs/a/one", home)
+    for _ in range(2):
+        follows = tracker(home, "sqlite:///mlflow.db", 30)
+        follows.start(folder)
+        assert follows.finish(Status.FINISHED).endswith("islandgp ui shows it")
+        store = Store(place(home))
+        (run,) = store.client.search_runs([store.experiment])
+        assert len(history(store, run.info.run_id)) == 5
+        (home / "mlflow.db").unlink()
 
 
 def test_sync_sends_what_runs_and_sweeps_miss(home: Path, store: Store) -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
 from islandgp.errors import EvaluationError, RunError
+from islandgp.evolution.checkpoint import save_state
 from islandgp.tracking.folder import RunFolder, Status, locked
 from tests.tracking.folders import about, begun, steps, written
 
@@ -92,11 +94,17 @@ def test_a_run_of_an_older_version_goes_on(tmp_path: Path) -> None:
     """Records that hold more than today's are read as today's."""
     folder = written(tmp_path / "one", tmp_path, 3)
     before = folder.resume()
+    of_an_older_version(folder)
     file = folder.path / "generations.jsonl"
     old = file.read_bytes().replace(b'"doing":', b'"charging":4,"clearing":4,"doing":')
     file.write_bytes(old)
-    assert folder.resume() == before
+    told: list[str] = []
+    assert folder.resume(told.append) == before
     assert file.read_bytes() == old
+    assert told == [f"{file}: not verified: written by an older version."]
+    folder.append(steps()[3])
+    folder.resume(told.append)  # what was written since is checked, and so is what was before it
+    assert len(told) == 1
 
 
 @pytest.mark.parametrize("line", [b"{}", b'{"snapshot": 3}', b'{"snap', b'{"snapshot": {"a": 1}}'])
@@ -126,3 +134,157 @@ def test_a_line_that_is_being_written_is_not_read(tmp_path: Path) -> None:
     with (folder.path / "generations.jsonl").open("ab") as file:
         file.write(b'{"snap')
     assert len(list(folder.records())) == 2
+
+
+def of_an_older_version(folder: RunFolder) -> None:
+    """Takes away what older versions did not write."""
+    state = folder.resume()
+    assert state is not None
+    save_state(folder.path / "checkpoint.json", state)
+    (folder.path / "checkpoint.previous.json").unlink()
+    (folder.path / "generations.sha256").unlink()
+
+
+def told(folder: RunFolder) -> tuple[int, list[str]]:
+    """The generation from which a run goes on, and what it says to that."""
+    lines: list[str] = []
+    state = folder.resume(lines.append)
+    return (state.generation if state else 0), lines
+
+
+def test_a_damaged_checkpoint_costs_one_generation(tmp_path: Path) -> None:
+    """The one before it is taken, and that is said; then the records are the same again."""
+    folder = written(tmp_path / "one", tmp_path, 4)
+    records = (folder.path / "generations.jsonl").read_bytes()
+    (folder.path / "checkpoint.json").write_text("{")
+    generation, (line,) = told(folder)
+    assert generation == 3
+    assert re.search(r"checkpoint\.json, found a damaged file.*; going on from .* 3\.$", line)
+    folder.append(steps()[3])
+    assert told(folder) == (4, [])
+    assert (folder.path / "generations.jsonl").read_bytes() == records
+
+
+def test_a_newest_checkpoint_that_is_missing_costs_one_generation(tmp_path: Path) -> None:
+    """As a damaged one, and settled generations are counted by the one before it."""
+    folder = written(tmp_path / "one", tmp_path, 4)
+    (folder.path / "checkpoint.json").unlink()
+    assert folder.settled() == 3
+    generation, (line,) = told(folder)
+    assert generation == 3
+    assert line.startswith(f"There is no {folder.path / 'checkpoint.json'};")
+
+
+def test_two_damaged_checkpoints_are_an_error(tmp_path: Path) -> None:
+    """Nothing is cut."""
+    folder = written(tmp_path / "one", tmp_path, 4)
+    records = (folder.path / "generations.jsonl").read_bytes()
+    for name in ("checkpoint.json", "checkpoint.previous.json"):
+        (folder.path / name).write_text("{")
+    with pytest.raises(RunError, match=r"checkpoint\.json, found a damaged file"):
+        folder.resume()
+    assert (folder.path / "generations.jsonl").read_bytes() == records
+
+
+def test_generations_without_a_checkpoint_are_not_thrown_away(tmp_path: Path) -> None:
+    """Beginning again would cut them off; so it is refused, with a remedy."""
+    folder = written(tmp_path / "one", tmp_path, 4)
+    records = (folder.path / "generations.jsonl").read_bytes()
+    for name in ("checkpoint.json", "checkpoint.previous.json"):
+        (folder.path / name).unlink()
+    with pytest.raises(RunError, match=r"Expected a checkpoint beside 4 generations.*resume=never"):
+        folder.resume()
+    assert (folder.path / "generations.jsonl").read_bytes() == records
+
+
+def test_a_run_that_begins_again_says_so(tmp_path: Path) -> None:
+    """A process may die between the first record and the first checkpoint."""
+    folder = written(tmp_path / "one", tmp_path, 1)
+    (folder.path / "checkpoint.json").unlink()
+    generation, (line,) = told(folder)
+    assert generation == 0
+    assert line.endswith("the run begins again at generation 0.")
+
+
+def test_a_record_that_is_cut_costs_one_generation(tmp_path: Path) -> None:
+    """The last line without its end is not taken for a record."""
+    folder = written(tmp_path / "one", tmp_path, 4)
+    file = folder.path / "generations.jsonl"
+    whole = file.read_bytes()
+    for end in (-1, -200):
+        file.write_bytes(whole[:end])
+        generation, (line,) = told(folder)
+        assert generation == 3
+        assert "Expected 4 generations" in line
+        folder.append(steps()[3])
+        assert file.read_bytes() == whole
+
+
+@pytest.mark.parametrize("generation", range(4))
+def test_every_edited_digit_of_a_record_is_noticed(generation: int, tmp_path: Path) -> None:
+    """One in the last record costs a generation; one before that is an error which names it."""
+    folder = written(tmp_path / "one", tmp_path, 4)
+    file = folder.path / "generations.jsonl"
+    whole = file.read_bytes().splitlines(keepends=True)
+    digits = [at for at, byte in enumerate(whole[generation]) if byte in b"0123456789"]
+    for at in digits[:: len(digits) // 20]:
+        line = bytearray(whole[generation])
+        line[at] = ord("1") if line[at] != ord("1") else ord("2")
+        file.write_bytes(b"".join([*whole[:generation], line, *whole[generation + 1 :]]))
+        named = f"the record of generation {generation} differs from its checksum"
+        if generation == 3:
+            assert named in told(folder)[1][0]
+            folder.append(steps()[3])
+        else:
+            with pytest.raises(RunError, match=named):
+                folder.resume()
+
+
+def test_records_in_another_order_are_noticed(tmp_path: Path) -> None:
+    """Each checksum vouches for the records before it as well."""
+    folder = written(tmp_path / "one", tmp_path, 4)
+    file = folder.path / "generations.jsonl"
+    lines = file.read_bytes().splitlines(keepends=True)
+    for order in ((1, 0, 2, 3), (0, 0, 2, 3), (0, 2, 1, 3)):
+        file.write_bytes(b"".join(lines[i] for i in order))
+        with pytest.raises(RunError, match="differs from its checksum"):
+            folder.resume()
+
+
+def test_the_checksums_are_made_again_where_they_are_missing(tmp_path: Path) -> None:
+    """The checkpoint vouches for the records; the file beside them only tells which is wrong."""
+    folder = written(tmp_path / "one", tmp_path, 4)
+    file = folder.path / "generations.sha256"
+    before = file.read_bytes()
+    for damage in (b"", b"0 abc\n", before[:100]):
+        file.write_bytes(damage)
+        assert told(folder) == (4, [])
+        assert file.read_bytes() == before
+
+
+def test_the_best_tree_is_made_again(tmp_path: Path) -> None:
+    """Where it is missing or another one: in an unfinished run and in a finished one."""
+    unfinished = written(tmp_path / "one", tmp_path, 4)
+    finished = written(tmp_path / "two", tmp_path)
+    for folder, again in ((unfinished, unfinished.resume), (finished, finished.restore)):
+        best = folder.path / "best.bt"
+        before = best.read_bytes()
+        best.unlink()
+        again()
+        assert best.read_bytes() == before
+    lineage = finished.path / "lineage.csv"
+    before = lineage.read_bytes()
+    lineage.unlink()
+    finished.restore()
+    assert lineage.read_bytes() == before
+
+
+@pytest.mark.parametrize("line", [b"{}", b"3", b'{"evaluation', b"\xff"])
+def test_damaged_costs_before_the_checkpoint_are_an_error(tmp_path: Path, line: bytes) -> None:
+    """The summary at the end is read from them."""
+    folder = written(tmp_path / "one", tmp_path, 4)
+    file = folder.path / "costs.jsonl"
+    first, _, *others = file.read_bytes().splitlines()
+    file.write_bytes(b"\n".join((first, line, *others)) + b"\n")
+    with pytest.raises(RunError, match=r"costs\.jsonl, found a damaged file"):
+        folder.resume()

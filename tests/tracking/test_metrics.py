@@ -27,11 +27,12 @@ def test_metrics_are_the_records_numbers() -> None:
     best = max(step.record.individuals, key=lambda line: line.fitness)
     found = metrics(asdict(step.record), COST)
     assert {name.partition("/")[0] for name in found} == {
+        "behaviours",
         "components",
         "cost",
+        "counters",
         "diversity",
         "fitness",
-        "movement",
         "size",
         "specialists",
         "supervisor",
@@ -43,7 +44,9 @@ def test_metrics_are_the_records_numbers() -> None:
     assert found["diversity/working"] == s.working
     assert found["tiers/complete"] == s.tiers["complete"]
     assert found["specialists/patrol_only"] == s.specialists["patrol_only"]
-    assert found["components/garbage"] == best.components[0]
+    assert found["components/garbage"] == best.components["garbage"]
+    assert found["behaviours/charging"] == s.doing["charging"]
+    assert found["counters/distance"] == s.counters["distance"]
     assert found["size/best"] == best.nodes
     assert found["supervisor/mutation_rate"] == s.rate
     assert found["cost/evaluation_s"] == 1.5

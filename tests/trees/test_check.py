@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
-from islandgp.bt.facts import FACTS
 from islandgp.bt.lint import warnings
-from islandgp.bt.node import FAILURE, KEYS, RUNNING, SUCCESS, Node, walk
+from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, walk
 from islandgp.bt.truth import HOLDS
-from islandgp.island.episode import run_episode
-from islandgp.island.state import Island
+from islandgp.domain import Scene
+from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.resources import resource
-from islandgp.scoring.rewards import award
 from tests.composed import composed
 from tests.goldens import check_golden
 from tests.trees.shell import Cli
-from tests.trees.worlds import random_trees
+from tests.trees.worlds import random_trees, shortened
 
 WRONG = Path(__file__).parent / "wrong"
 EXAMPLES = sorted((resource("grammar") / "examples").glob("*.bt"))
@@ -147,20 +146,20 @@ FINE = [
 @pytest.mark.parametrize(("text", "place", "words"), DOUBTFUL, ids=[d[0] for d in DOUBTFUL])
 def test_warning(text: str, place: tuple[int, int], words: str) -> None:
     """A doubtful place is pointed out, once, with its reason."""
-    found = [w for w in warnings(text) if words in w.message]
+    found = [w for w in warnings(text, VOCABULARY) if words in w.message]
     assert [(w.line, w.column) for w in found] == [place]
 
 
 @pytest.mark.parametrize("text", FINE)
 def test_no_warning(text: str) -> None:
     """What makes sense is left in peace, also near to what does not."""
-    assert warnings(text) == []
+    assert warnings(text, VOCABULARY) == []
 
 
 def test_warning_in_a_subtree() -> None:
     """What is wrong in a named subtree is told once, where it is written."""
     text = "subtree a = inverter { inverter { SeekCharger } }\nselector { use a use a }"
-    doubtful = [w for w in warnings(text) if "double" in w.message]
+    doubtful = [w for w in warnings(text, VOCABULARY) if "double" in w.message]
     assert [(w.line, w.column) for w in doubtful] == [(1, 13)]
 
 
@@ -183,44 +182,109 @@ def test_other_encodings(islandgp: Cli, tmp_path: Path) -> None:
     assert "Expected UTF-8" in said.err
 
 
+class Facts:
+    """An observer that holds what the vocabulary says of actions against what they do."""
+
+    def __init__(self, tree: Node, seen: Counter[tuple[str, int]]) -> None:
+        self.names = [str(n.args[0]) if n.kind == "action" else "" for n in walk(tree)]
+        self.told: list[tuple[str, int]] = []
+        self.seen = seen
+
+    def node(self, place: int, status: int) -> None:
+        if self.names[place] and status in (FAILURE, SUCCESS, RUNNING):
+            self.told.append((self.names[place], status))
+
+    def credit(self, component: str, points: float, event: str, action: str) -> None:
+        pass
+
+    def tick(self, values: Sequence[float], scene: Scene | None) -> None:
+        board = dict(zip(VOCABULARY.keys, values, strict=True))
+        changed: set[str] = set()  # keys, by an action earlier in this tick
+        for name, status in self.told:
+            action = VOCABULARY.actions[name]
+            assert status in action.statuses
+            self.seen[name, status] += 1
+            if status == SUCCESS:
+                for key, operator, number in action.to_succeed:
+                    if key not in changed:
+                        assert HOLDS[operator](board[key], number), (name, key, board)
+                changed |= action.changes.keys()
+        self.told.clear()
+
+
 def test_facts_about_actions_hold_on_the_island() -> None:
-    """In random episodes no action returns what `facts` denies, nor succeeds without its needs."""
+    """In random episodes no action returns what the vocabulary denies, nor succeeds without its
+    needs."""
     settings = composed()
-    world = settings.world
-    episode = world.episode.model_copy(update={"length": 120, "stagnation": 120, "negative": 120})
-    world = world.model_copy(update={"episode": episode})
-    points = award(settings.rewards, settings.curriculum.multipliers(0))
+    domain = shortened(settings, 120, stagnation=120, negative=120).make_domain()
+    weights = settings.curriculum.multipliers(0)
     seen: Counter[tuple[str, int]] = Counter()
-
-    def look(tree: Node) -> None:
-        names = [str(n.args[0]) if n.kind == "action" else "" for n in walk(tree)]
-        told: list[tuple[str, int]] = []
-
-        def watch(place: int, status: int) -> None:
-            if names[place] and status in (FAILURE, SUCCESS, RUNNING):
-                told.append((names[place], status))
-
-        def observe(island: Island) -> None:
-            board = dict(zip(KEYS, island.board, strict=True))
-            changed = False  # the room, by an action earlier in this tick
-            for name, status in told:
-                fact = FACTS[name]
-                assert status in fact.statuses
-                seen[name, status] += 1
-                if status == SUCCESS:
-                    for key, operator, number in fact.to_succeed:
-                        if not (changed and key == "robotCurrentExtraCapacity"):
-                            assert HOLDS[operator](board[key], number), (name, key, board)
-                    changed = changed or fact.room != 0
-            told.clear()
-
-        run_episode(tree, world, 7, points, stepwise=True, watch=watch, observe=observe)
-
     for tree in random_trees(settings, 40):
-        look(tree)
+        domain.run_episode(tree, 7, weights, Facts(tree, seen))
     assert {name for name, status in seen if status == SUCCESS} >= {
         "MoveToGarbage",
         "PickupGarbage",
         "SeekCharger",
         "PatrolWaypoint",
     }
+
+
+DOMAIN = """\
+# @package _global_
+defaults: [island]
+domain: {factory: "tests.trees.other:Other"}
+"""
+
+
+def test_the_words_of_the_domain_that_the_file_names(
+    islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`domain NAME` in a file chooses the words, also among several files of several domains."""
+    (tmp_path / "domain").mkdir()
+    (tmp_path / "domain" / "other.yaml").write_text(DOMAIN)
+    other, ours = tmp_path / "other.bt", tmp_path / "ours.bt"
+    other.write_text("domain other\nselector { when tired { Rest } Work }\n")
+    ours.write_text("PatrolWaypoint\n")
+    said = islandgp("check", "--config-dir", tmp_path, other, ours)
+    assert (said.code, said.err) == (0, "")
+    assert "4 nodes" in said.out
+    ours.write_text("Work\n")
+    said = islandgp("check", "--config-dir", tmp_path, ours)
+    assert said.code == 1
+    assert "Work" in said.out
+    assert islandgp("check", "--config-dir", tmp_path, "--set", "domain=other", ours).code == 0
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("check",), ("simplify",), ("export", "--to", "json"), ("play",), ("trace",), ("replay",)],
+    ids=lambda words: words[0],
+)
+def test_a_domain_that_is_not_there(islandgp: Cli, tmp_path: Path, words: tuple[str, ...]) -> None:
+    """One line with the remedy, and exit code 2."""
+    file = tmp_path / "t.bt"
+    file.write_text("domain maze\nForward\n")
+    said = islandgp(*words, file)
+    assert (said.code, said.out) == (2, "")
+    assert "expected a tree for a domain that is configured (island), found one for 'maze'" in (
+        said.err
+    )
+    assert "--config-dir" in said.err
+    assert len(said.err.splitlines()) == 1
+
+
+def test_another_domain_than_the_file_names(islandgp: Cli, tmp_path: Path) -> None:
+    """What the user chooses holds, and a file for something else is refused."""
+    file = tmp_path / "t.bt"
+    file.write_text("domain maze\nForward\n")
+    said = islandgp("check", "--set", "domain=island", file)
+    assert said.code == 2
+    assert "the tree is for the domain 'maze', not for 'island'" in said.err
+
+
+@pytest.mark.parametrize("words", [("fmt", "--check"), ("show",)], ids=lambda words: words[0])
+def test_no_words_are_needed(islandgp: Cli, tmp_path: Path, words: tuple[str, ...]) -> None:
+    """`fmt` and `show` take trees of any domain."""
+    file = tmp_path / "t.bt"
+    file.write_text("domain maze\n\nselector { Forward Turn }\n")
+    assert islandgp(*words, file).code == 0

@@ -16,7 +16,8 @@ from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.export.import_cpp import from_xml
 from islandgp.bt.export.json import from_json, to_json
 from islandgp.bt.language import parse
-from islandgp.bt.node import ACTIONS, FAILURE, KEYS, RUNNING, SUCCESS, Node, walk
+from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, walk
+from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import TreeError
 from islandgp.resources import resource
 from islandgp.viewer.recording import FAILED, RUNS, SUCCEEDED, record
@@ -25,6 +26,7 @@ from tests.composed import composed
 from tests.strategies import few_boards, few_numbers, nodes
 from tests.trees.shell import Cli
 from tests.trees.worlds import random_trees
+from tests.viewer.episodes import island
 
 BOARDS = st.lists(few_boards(), min_size=2, max_size=14)
 RESULTS = st.lists(st.sampled_from([FAILURE, SUCCESS, RUNNING, RUNNING]), min_size=1, max_size=40)
@@ -72,7 +74,9 @@ def ours(tree: Node, boards: list[list[float]], results: list[int]) -> Trace:
     def action(name: str) -> Callable[[bool], int]:
         return lambda fresh: script.call(name, fresh)
 
-    tick = compile_tree(tree, {name: action(name) for name in leaves(tree)}, board)
+    tick = compile_tree(
+        tree, {name: action(name) for name in leaves(tree)}, board, VOCABULARY.places
+    )
     trace: Trace = []
     for values in boards:
         board[:] = values
@@ -93,11 +97,11 @@ def in_behaviortree_cpp(tree: Node, boards: list[list[float]], results: list[int
             lambda _, name=name: statuses[script.call(name, True)],
             lambda _, name=name: statuses[script.call(name, False)],
         )
-    made = factory.create_tree_from_text(behaviortree_cpp.to_xml(tree))
+    made = factory.create_tree_from_text(behaviortree_cpp.to_xml(tree, VOCABULARY))
     board = made.root_blackboard()
     trace: Trace = []
     for values in boards:
-        for (name, key), value in zip(KEYS.items(), values, strict=True):
+        for (name, key), value in zip(VOCABULARY.keys.items(), values, strict=True):
             (board.set_bool if key.flag else board.set_double)(name, value)
         status = made.tick_exactly_once().name
         trace.append((script.take(), status))
@@ -122,15 +126,15 @@ def in_py_trees(tree: Node, boards: list[list[float]], results: list[int]) -> Tr
             return statuses[script.call(self.name, fresh)]
 
     module: dict[str, Any] = {}
-    exec(py_trees.to_python(tree), module)
+    exec(py_trees.to_python(tree, VOCABULARY), module)
     library.blackboard.Blackboard.clear()
     root = module["create_tree"](Leaf)
     writer = library.blackboard.Client(name="robot")
-    for name in KEYS:
+    for name in VOCABULARY.keys:
         writer.register_key(name, access=library.common.Access.WRITE)
     trace: Trace = []
     for values in boards:
-        for name, value in zip(KEYS, values, strict=True):
+        for name, value in zip(VOCABULARY.keys, values, strict=True):
             writer.set(name, value)
         root.tick_once()
         trace.append((script.take(), root.status.name))
@@ -206,7 +210,7 @@ def test_stated_losses_are_real(about: str) -> None:
     assert about in [loss.about for loss in behaviortree_cpp.losses(tree)]
     boards = [[0.0, 0.0, 0.0, float("p" in shown), float("q" in shown)] for shown in flags]
     results = ["FSR".index(letter) for letter in letters]
-    names = dict(zip(ACTIONS, "ABCDEFG", strict=True))
+    names = dict(zip(VOCABULARY.actions, "ABCDEFG", strict=True))
     assert told(ours(tree, boards, results), names) == here
     assert told(in_behaviortree_cpp(tree, boards, results), names) == there
 
@@ -216,17 +220,17 @@ def test_500_random_trees() -> None:
     the XML back and writing it again gives the same XML."""
     cpp: Any = pytest.importorskip("behaviortreepy", reason="extra `btcpp` is not installed")
     factory = cpp.BehaviorTreeFactory()
-    for name in ACTIONS:
+    for name in VOCABULARY.actions:
         factory.register_simple_action(name, lambda _: cpp.NodeStatus.SUCCESS)
     for tree in random_trees(composed(), 500):
         assert from_json(to_json(tree)) == tree
-        xml = behaviortree_cpp.to_xml(tree)
+        xml = behaviortree_cpp.to_xml(tree, VOCABULARY)
         made = factory.create_tree_from_text(xml)
         board = made.root_blackboard()
-        for name, key in KEYS.items():
+        for name, key in VOCABULARY.keys.items():
             (board.set_bool if key.flag else board.set_double)(name, 1)
         made.tick_exactly_once()
-        assert behaviortree_cpp.to_xml(from_xml(xml)) == xml
+        assert behaviortree_cpp.to_xml(from_xml(xml, VOCABULARY), VOCABULARY) == xml
 
 
 @FEW
@@ -236,7 +240,7 @@ def test_import_of_an_export_does_the_same(
 ) -> None:
     """What comes back from XML does what the tree did, where no guard was lost on the way."""
     assume(not {"dropped", "inner"} & {loss.about for loss in behaviortree_cpp.losses(tree)})
-    back = from_xml(behaviortree_cpp.to_xml(tree))
+    back = from_xml(behaviortree_cpp.to_xml(tree, VOCABULARY), VOCABULARY)
     assert ours(back, boards, results) == ours(tree, boards, results)
 
 
@@ -268,7 +272,7 @@ def agreement(name: str) -> float:
     """The share of an episode's ticks in which py_trees calls the same actions, in percent."""
     library: Any = pytest.importorskip("py_trees", reason="extra `pytrees` is not installed")
     tree = parse((resource("grammar") / "examples" / f"{name}.bt").read_text())
-    recording = record(tree, composed(), seed=1, stage=3)
+    recording = record(tree, island(), seed=1, stage=3)
     codes = {RUNS: "RUNNING", FAILED: "FAILURE", SUCCEEDED: "SUCCESS"}
     places = [
         (place, str(node.args[0])) for place, node in enumerate(walk(tree)) if node.kind == "action"
@@ -290,14 +294,14 @@ def agreement(name: str) -> float:
         for tick in range(recording.ticks)
     ]
     module: dict[str, Any] = {}
-    exec(py_trees.to_python(tree), module)
+    exec(py_trees.to_python(tree, VOCABULARY), module)
     library.blackboard.Blackboard.clear()
     root = module["create_tree"](Leaf)
     writer = library.blackboard.Client(name="robot")
-    for key in KEYS:
+    for key in VOCABULARY.keys:
         writer.register_key(key, access=library.common.Access.WRITE)
     for now, board in enumerate(recording.boards):
-        for key, value in zip(KEYS, board, strict=True):
+        for key, value in zip(VOCABULARY.keys, board, strict=True):
             writer.set(key, value)
         called.clear()
         root.tick_once()
@@ -335,7 +339,7 @@ def test_wrong_xml(text: str) -> None:
     if text in WRONG_NODES:
         text = f'<root BTCPP_format="4">\n<BehaviorTree ID="Robot">\n{text}</BehaviorTree></root>'
     with pytest.raises(TreeError) as caught:
-        from_xml(text, name="t.xml")
+        from_xml(text, VOCABULARY, name="t.xml")
     assert words in str(caught.value)
     if "Robot" in text:
         assert str(caught.value).startswith("t.xml:3:")
@@ -359,7 +363,8 @@ def test_foreign_xml() -> None:
               <PickupGarbage/>
             </Sequence>
           </BehaviorTree>
-        </root>"""
+        </root>""",
+        VOCABULARY,
     )
     assert tree == parse(
         "selector { when foundGarbage abort none { when batteryLevel >= 20 abort none"
@@ -391,14 +396,14 @@ def test_wrong_json(text: str) -> None:
         else (f'{{"format": "islandgp-tree", "version": 1, "tree": {text}}}')
     )
     with pytest.raises(TreeError) as caught:
-        from_json(whole, name="t.json")
+        from_json(whole, VOCABULARY, name="t.json")
     assert WRONG_JSON[text] in str(caught.value)
 
 
 def test_hostile_files() -> None:
     """A hundred thousand nested levels are an error like any other."""
     with pytest.raises(TreeError):
-        from_xml("<Sequence>" * 100_000)
+        from_xml("<Sequence>" * 100_000, VOCABULARY)
     with pytest.raises(TreeError):
         from_json('{"format": "islandgp-tree", "version": 1, "tree": ' + "[" * 100_000)
 

@@ -1,8 +1,9 @@
-"""`islandgp play`, `trace`, `replay` and `simplify`, as a user runs them."""
+"""`islandgp play`, `trace`, `replay` and `simplify`, as a user runs them, mostly on the island."""
 
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -10,12 +11,13 @@ from rich.console import Console
 
 from islandgp.bt.language import parse, to_text
 from islandgp.bt.node import size
+from islandgp.commands.play_command import Column, fitting, numbers
 from islandgp.resources import resource
 from islandgp.viewer.recording import IDLE, record
 from islandgp.viewer.trace import courses, drawn, merged, stints
 from islandgp.viewer.watch import frame, lines, watch
-from tests.composed import composed
 from tests.trees.shell import Cli
+from tests.viewer.episodes import going, island, small
 
 EXAMPLES = resource("grammar") / "examples"
 GOOD = EXAMPLES / "all_rounder.bt"
@@ -57,8 +59,9 @@ def test_play_at_another_stage(islandgp: Cli) -> None:
     """--stage scores by another row of Table 2, in the same episode."""
     late = json.loads(islandgp("play", GOOD, "--seeds", 1, "--json", *SHORT).out)
     early = json.loads(islandgp("play", GOOD, "--seeds", 1, "--json", "--stage", 1, *SHORT).out)
-    assert late[0]["pickups"] == early[0]["pickups"]
-    assert late[0]["components"][4] == 2.5 * early[0]["components"][4]  # leftover: 2.0 and 0.8
+    assert late[0]["counters"] == early[0]["counters"]
+    points = [outcome[0]["components"]["leftover"] for outcome in (late, early)]
+    assert points[0] == 2.5 * points[1]  # 2.0 and 0.8
 
 
 @pytest.mark.parametrize(
@@ -94,10 +97,7 @@ def test_watch_without_a_terminal(islandgp: Cli) -> None:
 
 def test_watch_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     """On a terminal it shows frames up to the end, and waits between them as told."""
-    whole = composed()
-    short = whole.world.episode.model_copy(update={"length": 5})
-    settings = whole.model_copy(update={"world": whole.world.model_copy(update={"episode": short})})
-    recording = record(parse(GOOD.read_text()), settings, seed=0, stage=3)
+    recording = record(parse(GOOD.read_text()), island(length=5), seed=0, stage=3)
     monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
     waits: list[float] = []
     watch(recording, speed=8.0, pause=waits.append)
@@ -107,8 +107,56 @@ def test_watch_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     text = console.export_text()
     assert "R" in text
     assert "selector" in text
-    assert f"{recording.episode.fitness:,.0f} points" in text
+    assert f"{recording.outcome.fitness:,.0f} points" in text
     assert list(lines(recording, every=10.0))[-1].split()[0] == "4.9"
+
+
+def test_watch_of_any_domain() -> None:
+    """The letters of the forms where they are; without a scene the tree and the numbers alone."""
+    console = Console(width=130, height=60, record=True)
+    console.print(frame(small(scenes=going()), 2))
+    text = console.export_text()
+    assert re.search(r"R .*\n", text)
+    assert text.count("o") > 2
+    assert "1.0 of 10 s, 0.75 points" in text
+    console.print(frame(small(), 19))
+    text = console.export_text()
+    assert "Go" in text
+    assert "9.5 of 10 s, 5.00 points" in text
+    assert "at (" not in "".join(lines(small(), every=1.0))
+
+
+COLUMNS = [Column("world", ("0",)), *(Column(f"c{i}", ("1",), must=False) for i in range(20))]
+
+
+@pytest.mark.parametrize(("width", "shown"), [(80, 18), (40, 8), (4, 0), (1000, 20)])
+def test_counters_that_there_is_room_for(width: int, shown: int) -> None:
+    """A table never gets wider than the terminal for the sake of counters; what is left out is
+    told."""
+    columns, left_out = fitting(COLUMNS, width)
+    assert len(columns) == shown + 1
+    assert len(columns) + len(left_out) == len(COLUMNS)
+
+
+def test_numbers_of_any_size_can_be_read() -> None:
+    """Whole numbers stay whole, small ones keep three digits, large ones get commas."""
+    assert numbers([39000.4, -12.0]) == ["39,000", "-12"]
+    assert numbers([1.0, 2000.0]) == ["1", "2,000"]
+    assert numbers([0.125, -0.5]) == ["0.125", "-0.500"]
+    assert numbers([0.0, 0.0]) == ["0", "0"]
+
+
+def test_play_fits_a_narrow_terminal(islandgp: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At 80 columns nothing is cut off, and what is left out is told."""
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr("islandgp.commands.play_command.ENDLESS", 80)
+    said = islandgp("play", GOOD, "--seeds", 2, *SHORT)
+    assert said.code == 0
+    assert max(map(len, said.out.splitlines())) <= 80
+    assert "\N{HORIZONTAL ELLIPSIS}" not in said.out
+    assert "Not shown, for want of room:" in said.out
+    for counter in ("picked up", "inactive s", "battery %"):
+        assert counter in said.out
 
 
 def test_trace(islandgp: Cli) -> None:
@@ -126,7 +174,7 @@ def test_trace(islandgp: Cli) -> None:
 
 def test_trace_tells_every_call() -> None:
     """The stints of the actions cover each tick in which an action was called, once."""
-    recording = record(parse(GOOD.read_text()), composed(), seed=1, stage=3)
+    recording = record(parse(GOOD.read_text()), island(), seed=1, stage=3)
     for place, codes in enumerate(recording.statuses):
         own = [s for s in stints(recording) if s.place == place]
         called = sum(s.end - s.start + 1 for s in own)
@@ -137,7 +185,7 @@ def test_trace_tells_every_call() -> None:
     credited = sum(
         c.points
         for c in recording.credits
-        if c.event.name not in ("LEFTOVER", "COLLISION", "IDLE", "SHUTDOWN")
+        if c.event not in ("leftover", "collision", "idle", "shutdown")
     )
     assert won == pytest.approx(credited)
     assert len(drawn(recording).plain.splitlines()) == size(recording.tree)

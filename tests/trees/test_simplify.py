@@ -10,10 +10,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from islandgp.bt.engine import ABORTED, compile_tree
-from islandgp.bt.facts import fact
 from islandgp.bt.language import parse, to_text
 from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, size, walk
 from islandgp.bt.simplify import simplify
+from islandgp.domains.island.vocabulary import VOCABULARY
 from tests.bt.stage import short_tree
 from tests.composed import composed
 from tests.strategies import few_boards, few_numbers, nodes
@@ -36,7 +36,7 @@ def trace(tree: Node, boards: list[list[float]], results: list[int]) -> Trace:
     taken = 0
 
     def action(name: str) -> Callable[[bool], int]:
-        can = fact(name).statuses
+        can = VOCABULARY.action(name).statuses
 
         def act(fresh: bool) -> int:
             nonlocal taken
@@ -53,7 +53,8 @@ def trace(tree: Node, boards: list[list[float]], results: list[int]) -> Trace:
         if status == ABORTED and place in leaves:
             aborted.append(leaves[place])
 
-    tick = compile_tree(tree, {n: action(n) for n in leaves.values()}, board, watch=watch)
+    actions = {name: action(name) for name in leaves.values()}
+    tick = compile_tree(tree, actions, board, VOCABULARY.places, watch=watch)
     ticks: Trace = []
     for values in boards:
         board[:] = values
@@ -69,7 +70,7 @@ def trace(tree: Node, boards: list[list[float]], results: list[int]) -> Trace:
 @given(tree=TREES, boards=BOARDS, results=RESULTS)
 def test_same_trace_on_scripts(tree: Node, boards: list[list[float]], results: list[int]) -> None:
     """Any tree and its simplified form call the same actions, abort the same, end the same."""
-    short = simplify(tree).tree
+    short = simplify(tree, VOCABULARY).tree
     assert trace(short, boards, results) == trace(tree, boards, results)
 
 
@@ -77,10 +78,10 @@ def test_same_trace_on_scripts(tree: Node, boards: list[list[float]], results: l
 @given(tree=TREES)
 def test_simplifying_twice_changes_nothing(tree: Node) -> None:
     """The simplified tree is never larger, is in the language, and is its own simplified form."""
-    short, reasons = simplify(tree)
+    short, reasons = simplify(tree, VOCABULARY)
     assert size(short) <= size(tree)
     assert (size(short) < size(tree)) == bool(reasons)
-    assert simplify(short) == (short, ())
+    assert simplify(short, VOCABULARY) == (short, ())
     assert parse(to_text(short)) == short
 
 
@@ -153,7 +154,7 @@ RULES = {
 def test_rule(name: str) -> None:
     """Each rule rewrites its example as told, and stays away where the meaning would change."""
     before, after = RULES[name]
-    assert simplify(short_tree(before)).tree == short_tree(after)
+    assert simplify(short_tree(before), VOCABULARY).tree == short_tree(after)
 
 
 def test_on_the_island() -> None:
@@ -172,7 +173,7 @@ def _compare(*, trees: int, worlds: int, seconds: float) -> int:
     island = composed()
     shorter: Counter[bool] = Counter()
     for tree in random_trees(island, trees):
-        short, reasons = simplify(tree)
+        short, reasons = simplify(tree, VOCABULARY)
         shorter[bool(reasons)] += 1
         for seed in range(worlds) if reasons else ():
             expected = island_trace(island, tree, seed, seconds)

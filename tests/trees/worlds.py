@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TypeAlias
 
 from islandgp.bt.engine import ABORTED
 from islandgp.bt.node import Node, walk
-from islandgp.evolution.generation import random_tree
-from islandgp.island.episode import Episode, run_episode
-from islandgp.island.state import Island
-from islandgp.scoring.rewards import award
+from islandgp.domain import Outcome, Scene
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.evolution.random_trees import TreeSpace, random_tree
 from islandgp.seeding import Stream, stream
 from islandgp.settings import Settings
 
@@ -21,34 +21,51 @@ def random_trees(settings: Settings, count: int) -> list[Node]:
     """The random trees of a run with seed 0; every second one is a larger tree than usual."""
     usual = settings.gp.trees
     large = usual.model_copy(update={"depth": (4, 7), "leaf": 0.2})
-    limits = settings.gp.limits
-    return [
-        random_tree(stream(0, Stream.INITIAL, slot=i), large if i % 2 else usual, limits)
-        for i in range(count)
-    ]
+    spaces = [TreeSpace(shape, VOCABULARY, settings.gp.limits) for shape in (usual, large)]
+    return [random_tree(stream(0, Stream.INITIAL, slot=i), spaces[i % 2]) for i in range(count)]
+
+
+Event: TypeAlias = tuple[int, str, str, float]  # tick, event, component, points
+
+
+class Follower:
+    """An observer that keeps what a domain tells it, tick by tick."""
+
+    def __init__(self, tree: Node) -> None:
+        self.leaves = {i: str(n.args[0]) for i, n in enumerate(walk(tree)) if n.kind == "action"}
+        self.ticks: list[list[tuple[str, int]]] = []  # actions with their statuses
+        self.events: list[Event] = []
+        self._called: list[tuple[str, int]] = []
+        self._aborted: list[tuple[str, int]] = []
+
+    def node(self, place: int, status: int) -> None:
+        if place in self.leaves:
+            told = self._aborted if status == ABORTED else self._called
+            told.append((self.leaves[place], status))
+
+    def credit(self, component: str, points: float, event: str, action: str) -> None:
+        self.events.append((len(self.ticks), event, component, points))
+
+    def tick(self, board: Sequence[float], scene: Scene | None) -> None:
+        # Aborts of one tick come in document order per subtree, so their order is not told.
+        self.ticks.append([*self._called, *sorted(self._aborted)])
+        self._called.clear()
+        self._aborted.clear()
+
+
+def shortened(settings: Settings, seconds: float, **limits: float) -> Settings:
+    """The same settings with episodes of at most so many seconds."""
+    episode = settings.world.episode.model_copy(update={"length": seconds, **limits})
+    return settings.model_copy(
+        update={"world": settings.world.model_copy(update={"episode": episode})}
+    )
 
 
 def island_trace(
     settings: Settings, tree: Node, seed: int, seconds: float
-) -> tuple[list[list[tuple[str, int]]], Episode]:
-    """Per tick the actions with their statuses, and the whole episode with its events."""
-    leaves = {i: str(n.args[0]) for i, n in enumerate(walk(tree)) if n.kind == "action"}
-    ticks: list[list[tuple[str, int]]] = []
-    called: list[tuple[str, int]] = []
-    aborted: list[tuple[str, int]] = []
-
-    def watch(place: int, status: int) -> None:
-        if place in leaves:
-            (aborted if status == ABORTED else called).append((leaves[place], status))
-
-    def observe(_: Island) -> None:
-        ticks.append([*called, *sorted(aborted)])
-        called.clear()
-        aborted.clear()
-
-    world = settings.world
-    episode = world.episode.model_copy(update={"length": seconds})
-    points = award(settings.rewards, settings.curriculum.multipliers(3))
-    world = world.model_copy(update={"episode": episode})
-    result = run_episode(tree, world, seed, points, stepwise=True, watch=watch, observe=observe)
-    return ticks, result
+) -> tuple[list[list[tuple[str, int]]], list[Event], Outcome]:
+    """Per tick the actions with their statuses, the events, and the outcome."""
+    follower = Follower(tree)
+    domain = shortened(settings, seconds).make_domain()
+    outcome = domain.run_episode(tree, seed, settings.curriculum.multipliers(3), follower)
+    return follower.ticks, follower.events, outcome

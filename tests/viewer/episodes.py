@@ -1,14 +1,26 @@
-"""Recorded episodes that several tests look at, made once."""
+"""Recorded episodes that several tests look at, made once; and a domain as small as one can be."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache
+from typing import Any, ClassVar, Self
 
+from pydantic import BaseModel
+
+from islandgp.bt.engine import compile_tree
 from islandgp.bt.language import parse
 from islandgp.bt.limits import Limits
-from islandgp.bt.node import Node, size
-from islandgp.evolution.generation import random_tree
+from islandgp.bt.node import RUNNING, SUCCESS, Node, size
+from islandgp.bt.vocabulary import Action, Vocabulary, flag, number
+from islandgp.domain import Event, Form, Observer, Outcome, Scene, Schema, Thing
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.evaluation.base import Setting
+from islandgp.evolution.random_trees import TreeSpace, random_tree
 from islandgp.resources import resource
+from islandgp.scoring.curriculum import Curriculum, Stage
+from islandgp.scoring.rewards import RewardTable
 from islandgp.seeding import Stream, stream
 from islandgp.viewer.recording import Recording, record
 from tests.composed import composed
@@ -21,17 +33,108 @@ def example(name: str) -> Node:
 
 
 @cache
+def island(**limits: float) -> Setting:
+    """The island with the paper's numbers, but for limits of the episode."""
+    settings = composed()
+    if limits:
+        episode = settings.world.episode.model_copy(update=limits)
+        world = settings.world.model_copy(update={"episode": episode})
+        settings = settings.model_copy(update={"world": world})
+    return Setting(settings.make_domain(), settings.curriculum)
+
+
+@cache
 def recorded(name: str = "all_rounder", seed: int = 1) -> Recording:
     """An example's whole episode in the last stage."""
-    return record(example(name), composed(), seed=seed, stage=3)
+    return record(example(name), island(), seed=seed, stage=3)
 
 
 @cache
 def random_of_size(nodes: int) -> Node:
     """A random tree with exactly so many nodes."""
     settings = composed().gp.trees.model_copy(update={"depth": (4, 8), "leaf": 0.2})
+    space = TreeSpace(settings, VOCABULARY, Limits(8, nodes))
     for slot in range(100_000):
-        tree = random_tree(stream(0, Stream.INITIAL, slot=slot), settings, Limits(8, nodes))
+        tree = random_tree(stream(0, Stream.INITIAL, slot=slot), space)
         if size(tree) == nodes:
             return tree
     raise AssertionError(f"no random tree of {nodes} nodes found")
+
+
+@dataclass
+class Small:
+    """Twenty ticks of a robot that goes or stays, with whatever scenes a test gives it."""
+
+    World: ClassVar[type[BaseModel]] = BaseModel
+    Rewards: ClassVar[type[BaseModel]] = RewardTable
+
+    scenes: Sequence[Scene | None] = ()  # one a tick, the last one again and again
+    ticks: int = 20
+    silent: bool = False  # tells its observer of no tick
+    step_s: float = 0.5
+    points: float = 0.25  # a tick in which it goes
+    schema: Schema = field(
+        default_factory=lambda: Schema(
+            vocabulary=Vocabulary(
+                "small",
+                {"Go": Action("goes on"), "Stay": Action("stays")},
+                {"far": flag("it has gone far"), "way": number("steps gone", 0, 20)},
+            ),
+            components={"going": "going on", "unused": "nothing"},
+            events={"step": Event("a step is made")},
+            task="Go.",
+            forms={"robot": Form("robot", "R", "triangle"), "stone": Form("stone", "o")},
+        )
+    )
+
+    @classmethod
+    def make(cls, world: Any, rewards: Any) -> Self:
+        return cls()
+
+    def run_episode(
+        self,
+        tree: Node,
+        seed: int,
+        weights: Mapping[str, float],
+        observer: Observer | None = None,
+    ) -> Outcome:
+        board, gone, points = [0.0, 0.0], 0, 0.0
+
+        def go(fresh: bool) -> int:
+            nonlocal gone, points
+            gone, points = gone + 1, points + self.points
+            if observer is not None:
+                observer.credit("going", self.points, "step", "Go")
+            return RUNNING
+
+        watch = None if observer is None else observer.node
+        actions = {"Go": go, "Stay": lambda fresh: SUCCESS}
+        tick = compile_tree(tree, actions, board, self.schema.vocabulary.places, watch=watch)
+        for number_ in range(self.ticks):
+            tick()
+            if observer is not None and not self.silent:
+                scenes = self.scenes
+                observer.tick(board, scenes[min(number_, len(scenes) - 1)] if scenes else None)
+            board[:] = [float(gone > 10), float(gone)]
+        return Outcome(
+            {"going": points, "unused": 0.0}, {"step": gone}, self.ticks * self.step_s, ("time",)
+        )
+
+
+def small(text: str = "selector { Go }", **changes: Any) -> Recording:
+    """A recorded episode of `Small`."""
+    curriculum = Curriculum(generations_per_epoch=1, stages=(Stage(epochs=(1, 1), multipliers={}),))
+    return record(parse(text), Setting(Small(**changes), curriculum), seed=0, stage=0)
+
+
+def going(ticks: int = 20) -> list[Scene]:
+    """Scenes of a robot that goes to the right, past a stone that is gone after five ticks."""
+    return [
+        Scene(
+            bounds=(0, 0, 20, 10),
+            fixed=(Thing("stone", 10, 9, 1),),
+            items=(Thing("stone", 3, 3, 0.5, "here"),) if tick < 5 else (),
+            movers=(Thing("robot", float(tick), 5.0, 0.5, str(tick // 10)),),
+        )
+        for tick in range(ticks)
+    ]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
-from dataclasses import replace
+from base64 import b64decode
 from math import isclose
 from typing import Any
 
@@ -12,36 +13,42 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from islandgp.bt.node import KEYS, size, walk
-from islandgp.island.episode import run_episode
+from islandgp.bt.node import size, walk
+from islandgp.domain import Scene, Thing
+from islandgp.errors import DomainError
 from islandgp.resources import resource
-from islandgp.scoring.rewards import award
-from islandgp.viewer.encode import LETTERS, encode, runs
+from islandgp.viewer.encode import GRID, LETTERS, encode, path, runs
 from islandgp.viewer.page import page, replay_page
-from islandgp.viewer.recording import FAILED, RUNS, STOPPED, SUCCEEDED, record
+from islandgp.viewer.recording import FAILED, RUNS, STOPPED, SUCCEEDED, Film, digits, record
 from tests.composed import composed
 from tests.trees.worlds import random_trees
-from tests.viewer.episodes import example, random_of_size, recorded
+from tests.viewer.episodes import example, going, island, random_of_size, recorded, small
 
 EXAMPLES = sorted(file.stem for file in (resource("grammar") / "examples").glob("*.bt"))
 
 
+def film(name: str = "all_rounder") -> Film:
+    """What there was to see in an example's episode."""
+    found = recorded(name).film
+    assert found is not None
+    return found
+
+
 @pytest.mark.parametrize("name", ["all_rounder", "diverse", "poor"])
 def test_recording_changes_nothing(name: str) -> None:
-    """Who is recorded does the same as who is not: only the number of looks differs."""
-    settings = composed()
-    points = award(settings.rewards, settings.curriculum.multipliers(3))
-    alone = run_episode(example(name), settings.world, 1, points)
-    assert replace(recorded(name).episode, ticks=0) == replace(alone, ticks=0)
+    """Who is recorded does the same as who is not."""
+    setting = island()
+    weights = setting.curriculum.multipliers(3)
+    assert recorded(name).outcome == setting.domain.run_episode(example(name), 1, weights)
 
 
 def test_every_tick_is_there() -> None:
     """Each series of a recording has an entry for each tick of the episode."""
     recording = recorded()
-    assert recording.ticks == recording.episode.steps == 4200
-    series = (recording.robot, recording.goals, recording.carried, recording.boards)
-    assert {len(each) for each in series} == {4200}
-    assert recording.humanoids.shape == (4200, recording.world.humanoids.count)
+    assert recording.ticks == 4200
+    assert recording.outcome.seconds == 420
+    assert len(recording.boards) == 4200
+    assert {len(each) for mover in film().movers for each in (mover.xs, mover.ys)} == {4200}
     assert {len(line) for line in recording.statuses} == {4200}
     assert len(recording.statuses) == size(recording.tree)
 
@@ -58,19 +65,107 @@ def test_statuses_and_counts_agree() -> None:
 def test_points_add_up() -> None:
     """The credits of a recording are its fitness."""
     recording = recorded()
-    assert isclose(sum(c.points for c in recording.credits), recording.episode.fitness)
+    assert isclose(sum(c.points for c in recording.credits), recording.outcome.fitness)
     assert all(0 <= c.tick < recording.ticks for c in recording.credits)
 
 
 def test_garbage_is_what_the_robot_found() -> None:
     """As many items vanish as were picked up, each within reach of the robot."""
     recording = recorded()
-    gone = [stay for stay in recording.garbage if stay[3] < recording.ticks]
-    picked = [c for c in recording.credits if c.event.name == "PICKUP"]
+    stays = [stay for stay in film().items if stay.thing.form == "garbage"]
+    gone = [stay for stay in stays if stay.end < recording.ticks]
+    picked = [c for c in recording.credits if c.event == "pickup"]
     assert len(gone) == len(picked) > 10
-    reach = recording.world.robot.pickup_reach
-    for x, y, _, end in gone:
-        assert abs(complex(x, y) - recording.robot[end]) <= reach + 1e-6
+    reach = composed().world.robot.pickup_reach
+    robot = film().movers[-1]
+    for thing, _, end in gone:
+        at = complex(robot.xs[end], robot.ys[end])
+        assert abs(complex(thing.x, thing.y) - at) <= reach + 1e-6
+
+
+def test_scenes_of_any_domain() -> None:
+    """What stays is kept once, what comes and goes with its ticks, what moves at each tick."""
+    found = small(scenes=going()).film
+    assert found is not None
+    assert found.bounds == (0, 0, 20, 10)
+    assert found.fixed == (Thing("stone", 10, 9, 1),)
+    assert found.items == ((Thing("stone", 3, 3, 0.5, "here"), 0, 5),)
+    (robot,) = found.movers
+    assert robot.xs == tuple(range(20))
+    assert [(tick, look.text) for tick, look in robot.looks] == [(0, "0"), (10, "1")]
+    assert found.frames == ()
+
+
+def test_equal_things_at_one_place() -> None:
+    """Two of a kind at the same place are two; one of them can go."""
+    stone = Thing("stone", 1, 1, 1)
+    scenes = [Scene((0, 0, 2, 2), items=(stone,) * many) for many in (2, 1, 0)]
+    found = small(scenes=scenes, ticks=3).film
+    assert found is not None
+    assert [(stay.begin, stay.end) for stay in found.items] == [(0, 1), (0, 2)] or [
+        (stay.begin, stay.end) for stay in found.items
+    ] == [(0, 2), (0, 1)]
+
+
+def test_a_domain_that_draws_nothing() -> None:
+    """Tree, blackboard, timeline and points are there all the same."""
+    recording = small()
+    assert recording.film is None
+    assert (recording.ticks, len(recording.boards)) == (20, 20)
+    assert encode(recording, title="t")["scene"] is None
+
+
+def test_a_domain_that_tells_no_ticks() -> None:
+    """All that the nodes did is in one tick; nothing is divided by nothing."""
+    recording = small(silent=True)
+    assert recording.ticks == 1
+    assert [counts[RUNS] for counts in recording.counts] == [20, 20]
+    assert {codes[0] for codes in recording.statuses} == {RUNS}
+    assert page(recording, title="t")
+
+
+def test_frames_are_kept_where_they_change() -> None:
+    """A picture that comes again is in the page once."""
+    scenes = [Scene((0, 0, 1, 1), frame=b"ab"[tick // 3 % 2 :][:1]) for tick in range(12)]
+    recording = small(scenes=scenes, ticks=12)
+    assert recording.film is not None
+    assert [tick for tick, _ in recording.film.frames] == [0, 3, 6, 9]
+    told = encode(recording, title="t")["scene"]
+    assert [b64decode(frame) for frame in told["frames"]] == [b"a", b"b"]
+    assert told["shown"] == [0, 0, 3, 1, 3, 0, 3, 1]
+
+
+def test_many_frames_are_thinned_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures of more bytes than a page may have: evenly spread ones of them are shown."""
+    monkeypatch.setattr("islandgp.viewer.encode.MOST_FRAMES", 30)
+    scenes = [Scene((0, 0, 1, 1), frame=bytes([tick]) * 10) for tick in range(12)]
+    told = encode(small(scenes=scenes, ticks=12), title="t")["scene"]
+    assert len(told["frames"]) == 3
+    assert told["shown"] == [0, 0, 4, 1, 4, 2]
+
+
+@pytest.mark.parametrize(
+    ("scenes", "message"),
+    [
+        (
+            [Scene((0, 0, 1, 1), movers=(Thing("cat", 0, 0, 1),))],
+            "forms (robot, stone), found 'cat'",
+        ),
+        (
+            [Scene((0, 0, 1, 1), movers=(Thing("robot", 0, 0, 1),) * n) for n in (1, 2)],
+            "as many movers in each tick, found 1 and 2",
+        ),
+    ],
+)
+def test_scenes_that_break_the_contract(scenes: list[Scene], message: str) -> None:
+    """One clear error, not a page that does not work."""
+    with pytest.raises(DomainError, match=re.escape(message)):
+        small(scenes=scenes)
+
+
+def test_digits() -> None:
+    """Three digits of the largest number can be seen."""
+    assert [digits([x]) for x in (0, 50_000, -100, 99, 1, 0.25, 1e-9)] == [0, 0, 0, 1, 2, 3, 6]
 
 
 @given(codes=st.binary(max_size=60).map(lambda data: bytes(b % 5 for b in data)))
@@ -81,14 +176,48 @@ def test_runs_are_lossless(codes: bytes) -> None:
     assert back == "".join(LETTERS[code] for code in codes)
 
 
+def places(told: list[int], ticks: int) -> list[tuple[float, float]]:
+    """The places of a way at each tick, read as the page reads them."""
+    at, x, y = 0, told[1], told[2]
+    found = [(float(x), float(y))]
+    for past, dx, dy in zip(told[3::3], told[4::3], told[5::3], strict=True):
+        found += [(x + dx * i / past, y + dy * i / past) for i in range(1, past + 1)]
+        at, x, y = at + past, x + dx, y + dy
+    assert at == ticks - 1
+    return found
+
+
+COORDINATES = st.floats(-5000, 5000) | st.integers(-3, 3).map(float)
+
+
+@given(way=st.lists(st.tuples(COORDINATES, COORDINATES), min_size=1, max_size=60))
+def test_ways_are_told_exactly_enough(way: list[tuple[float, float]]) -> None:
+    """At each tick a way is within one part of the grid of what it was, whatever it looked like."""
+    xs, ys = zip(*way, strict=True)
+    told = places(path(xs, ys), len(way))
+    for (x, y), (there_x, there_y) in zip(told, way, strict=True):
+        assert abs(x - there_x) <= 1 + 1e-6
+        assert abs(y - there_y) <= 1 + 1e-6
+
+
+def test_straight_ways_are_short() -> None:
+    """Who goes straight on for a thousand ticks is told by two places."""
+    assert len(path([0.5 * i for i in range(1000)], [3.0] * 1000)) == 6
+
+
 def test_positions_are_told_to_the_tenth_of_a_metre() -> None:
-    """Positions, summed up as the page sums them, are within rounding of the recorded ones."""
+    """On the island a place in the page is a tenth of a metre off at most, in x and in y."""
     recording = recorded()
-    told = encode(recording, title="t")["robot"]
-    x = y = 0
-    for i, (dx, dy) in enumerate(zip(told["x"][:-1], told["y"][:-1], strict=True)):
-        x, y = x + dx, y + dy
-        assert abs(complex(x / 10, y / 10) - recording.robot[i * told["every"]]) < 0.08
+    told = encode(recording, title="t")["scene"]["movers"]
+    unit = composed().world.side / GRID
+    assert unit == 0.1
+    for mover, entry in zip(film().movers, told, strict=True):
+        way = entry["way"] if isinstance(entry["way"], list) else told[entry["way"]]["way"]
+        for (x, y), there in zip(
+            places(way, recording.ticks), zip(mover.xs, mover.ys, strict=True), strict=True
+        ):
+            assert abs(x * unit - there[0]) <= unit + 1e-9
+            assert abs(y * unit - there[1]) <= unit + 1e-9
 
 
 def test_changes_are_lossless() -> None:
@@ -105,20 +234,20 @@ def test_changes_are_lossless() -> None:
         for tick, board in enumerate(recording.boards):
             now = values.get(tick, now)
             assert now == round(board[place], 1)
-    assert [entry["key"] for entry in told] == list(KEYS)
+    assert [entry["key"] for entry in told] == list(recording.schema.vocabulary.keys)
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_page_of_an_example_is_small(name: str) -> None:
-    """The page of a whole episode is a few hundred kilobytes at most."""
-    assert len(page(recorded(name), title=name).encode()) < 400_000
+    """The page of a whole episode is about a hundred kilobytes."""
+    assert len(page(recorded(name), title=name).encode()) < 200_000
 
 
 @pytest.mark.slow
 def test_page_of_any_tree_is_below_a_megabyte() -> None:
     """The pages of 100 random trees stay below a megabyte."""
     for tree in random_trees(composed(), 100):
-        assert len(replay_page(tree, composed(), 0, 3, "t").encode()) < 1_000_000
+        assert len(replay_page(tree, island(), 0, 3, "t").encode()) < 1_000_000
 
 
 def test_page_of_a_restless_tree_is_below_a_megabyte() -> None:
@@ -127,12 +256,8 @@ def test_page_of_a_restless_tree_is_below_a_megabyte() -> None:
     tree = example("poor")._replace(kind="sequence")
     for _ in range(4):
         tree = tree._replace(children=(tree, *random_of_size(12).children))
-    whole = composed()
-    limits = whole.world.episode.model_copy(update={"negative": 420, "stagnation": 420})
-    settings = whole.model_copy(
-        update={"world": whole.world.model_copy(update={"episode": limits})}
-    )
-    text = page(record(tree, settings, seed=0, stage=3), title="restless")
+    setting = island(negative=420, stagnation=420)
+    text = page(record(tree, setting, seed=0, stage=3), title="restless")
     assert len(text.encode()) < 1_000_000
 
 
@@ -164,3 +289,24 @@ def test_every_action_is_told_in_the_tree_and_in_the_data() -> None:
     assert kinds == [node.kind for node in walk(tree)]
     data = encode(recorded("diverse", 2), title="t")
     assert [node["kind"] for node in data["nodes"]] == kinds
+
+
+def test_actions_are_painted_by_what_they_earn() -> None:
+    """An action has the colour of its component; one that earns nothing that of the next in its
+    sequence."""
+    told = encode(recorded(), title="t")
+    paints = {a: told["components"][i]["name"] if i >= 0 else "" for a, i in told["paints"].items()}
+    assert paints["PickupGarbage"] == paints["MoveToGarbage"] == "garbage"
+    assert paints["DeliverToClearingPoint"] == "delivery"
+    assert encode(small("selector { Stay }"), title="t")["paints"] == {"Stay": -1}
+
+
+def test_hostile_words() -> None:
+    """What a domain calls its things is shown as it is, and ends no script."""
+    bad = "</script><b>"
+    schema = small().schema
+    form = dataclasses.replace(schema.forms["robot"], meaning=bad)
+    scenes = [Scene((0, 0, 9, 9), movers=(Thing("robot", 1, 1, 1, bad),))]
+    schema = dataclasses.replace(schema, forms={"robot": form})
+    text = page(small(scenes=scenes, schema=schema), title="t")
+    assert text.count("</script>") == 2

@@ -29,9 +29,7 @@ def to_json(tree: Node) -> str:
     return json.dumps(whole, indent=2) + "\n"
 
 
-def from_json(
-    text: str, vocabulary: Vocabulary | None = None, *, name: str = "<json>"
-) -> Node:
+def from_json(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<json>") -> Node:
     """The tree in a JSON text.
 
     Raises:

@@ -35,9 +35,7 @@ def read_condition(code: str, vocabulary: Vocabulary) -> tuple[str, str, float]:
     elif match := _FLAG.fullmatch(code):
         key, operator, number = match[2], "==", "false" if match[1] else "true"
     else:
-        raise ValueError(
-            f"expected a condition such as level < 25 or !found, found {code!r}"
-        )
+        raise ValueError(f"expected a condition such as level < 25 or !found, found {code!r}")
     keys = vocabulary.keys
     if key not in keys:
         guess = closest(key, keys)

@@ -9,12 +9,12 @@ from pydantic import BaseModel
 
 from islandgp.bt.node import Node
 from islandgp.domain import Observer, Outcome, Scene, Schema, Thing
+from islandgp.domains.island import world as settings
 from islandgp.domains.island.episode import Episode, run_episode
 from islandgp.domains.island.journal import Event
 from islandgp.domains.island.script import obstacles
 from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import SCHEMA
-from islandgp.domains.island import world as settings
 from islandgp.scoring.rewards import RewardTable, Worth, worth
 
 EARNED_BY: Final[Mapping[str, str]] = {
@@ -140,7 +140,9 @@ class Island:
             movers=(
                 Thing("sight", robot.x, robot.y, world.robot.perception),
                 *(
-                    Thing("asking" if people.asks(h) else "humanoid", at.real, at.imag, size, str(n))
+                    Thing(
+                        "asking" if people.asks(h) else "humanoid", at.real, at.imag, size, str(n)
+                    )
                     for h, (at, n) in enumerate(zip(positions, people.items, strict=True))
                 ),
                 Thing("robot", robot.x, robot.y, world.robot.radius, str(robot.load)),

@@ -12,8 +12,8 @@ from math import cos, hypot, sin, tau
 
 import numpy as np
 
-from islandgp.errors import ConfigError
 from islandgp.domains.island.world import FAR, World
+from islandgp.errors import ConfigError
 
 Circle = tuple[float, float, float]  # x, y, radius in metres
 Spawn = tuple[int, float, float]  # (step, x, y): an item of garbage appears

@@ -1,22 +1,23 @@
-"""Figure 6: when Complete and Excellent Robots first emerged."""
+"""Figure 6: when the first robots of the milestones emerged."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
-from islandgp.scoring.classify import Tier
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.emergence import Summary, first, quantile, ranks, still_without, summary
 from islandgp.study.figures.drawing import bar, groups, legend, named, sideways
 from islandgp.study.figures.style import INK, Look, Picture, looks, picture
 from islandgp.study.statistics import bootstrap
+from islandgp.supervision.state_json import title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-TIERS: Final = (Tier.COMPLETE, Tier.EXCELLENT)
+
+PANELS = 3  # beside each other
 
 
 def figure_6(study: Comparison) -> Picture:
@@ -30,27 +31,32 @@ def figure_6(study: Comparison) -> Picture:
 
     return picture(
         "figure-6",
-        "Figure 6. First emergence of Complete and Excellent Robots",
+        f"Figure 6. First emergence of {_robots(study)}",
         "(a) Generation of the first one, run by run; boxes: quartiles and median of all runs,"
         " whiskers to the extremes; runs without one are drawn in the strip 'never' and counted"
         " there, and what falls among them of a box is drawn there too, so the median is that of"
         " Table 11. (b) Mean number of generations lived through without one;"
         " a run without one counts with the generations it lived (restricted mean); whiskers:"
-        " 95 % bootstrap interval.",
+        " 95 % bootstrap interval; 'never': no run of the arm had one.",
         draw,
         height=3.9,
     )
 
 
+def _robots(study: Comparison) -> str:
+    """The milestones in a title."""
+    return f"{' and '.join(map(title, study.milestones))} Robots"
+
+
 def _boxes(axes: Axes, study: Comparison) -> None:
     from matplotlib.ticker import MaxNLocator
 
-    n = study.generations
+    n, tiers = study.generations, study.milestones
     strip = max(1.0, 0.1 * n)  # how high the strip 'never' is, in generations
     never, top = n - 0.5 + 0.3 * strip, n - 0.5 + strip
     missing = False
-    for arm, how, k, at, width in groups(study, len(TIERS)):
-        firsts = [first(run, TIERS[k]) for run in arm.runs]
+    for arm, how, k, at, width in groups(study, len(tiers)):
+        firsts = [first(run, tiers[k]) for run in arm.runs]
         _box(axes, at, box(firsts, never), width, how)
         axes.scatter(
             sideways(at, len(firsts), width),
@@ -73,10 +79,10 @@ def _boxes(axes: Axes, study: Comparison) -> None:
         beside = axes.get_yaxis_transform()
         axes.text(-0.02, never, "never", transform=beside, va="center", ha="right", fontsize=8)
     ticks = MaxNLocator(nbins=8, integer=True).tick_values(0, n - 1)
-    axes.set_xlim(-0.5, len(TIERS) - 0.5)
+    axes.set_xlim(-0.5, len(tiers) - 0.5)
     axes.set_ylim(-0.5, top if missing else n)
     axes.set_yticks([t for t in ticks if 0 <= t <= n - 1])
-    axes.set_xticks(range(len(TIERS)), [f"{t.value.capitalize()} Robot" for t in TIERS])
+    axes.set_xticks(range(len(tiers)), [f"{title(tier)} Robot" for tier in tiers])
     axes.set(title="(a) First emergence", ylabel="Generation")
     axes.grid(visible=False, axis="x")
 
@@ -106,22 +112,24 @@ def _box(axes: Axes, at: float, numbers: dict[str, float], width: float, how: Lo
 def _bars(axes: Axes, study: Comparison) -> None:
     import numpy as np
 
-    for arm, how, k, at, width in groups(study, len(TIERS)):
-        times = ranks([first(run, TIERS[k]) for run in arm.runs], study.generations)
+    tiers = study.milestones
+    for arm, how, k, at, width in groups(study, len(tiers)):
+        firsts = [first(run, tiers[k]) for run in arm.runs]
+        times = ranks(firsts, study.generations)
         mean = bootstrap([times], lambda x: np.mean(x, axis=-1))
         error = [[mean.estimate - mean.low], [mean.high - mean.estimate]]
         bar(axes, at, mean.estimate, width, error, how)
         axes.text(
             at,
             0.03,
-            f"{mean.estimate:.1f}",
+            "never" if firsts.count(None) == len(firsts) else f"{mean.estimate:.1f}",
             transform=axes.get_xaxis_transform(),
             ha="center",
             va="bottom",
             fontsize=8,
             bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.2, "alpha": 0.9},
         )
-    axes.set_xticks(range(len(TIERS)), [t.value.capitalize() for t in TIERS])
+    axes.set_xticks(range(len(tiers)), map(title, tiers))
     axes.set_ylim(0, study.generations + 1)
     axes.set(title="(b) Without one", ylabel="Generations without one")
     axes.grid(visible=False, axis="x")
@@ -131,28 +139,33 @@ def emergence_curves(study: Comparison) -> Picture:
     """Share of runs that have had one, by generation: the log-rank test's view."""
 
     def draw(figure: Figure) -> None:
-        panels = figure.subplots(1, len(TIERS), sharey=True)
-        for axes, tier in zip(panels, TIERS, strict=True):
+        rows = -(-len(study.milestones) // PANELS)
+        columns = min(PANELS, len(study.milestones))
+        panels = figure.subplots(rows, columns, sharey=True, squeeze=False)
+        for axes in panels.flat[len(study.milestones) :]:
+            axes.axis("off")
+        for axes, tier in zip(panels.flat, study.milestones, strict=False):
             for arm, how in looks(study):
                 _curve(axes, study, arm, tier, how)
-            axes.set(title=f"{tier.value.capitalize()} Robot", xlabel="Generation")
+            axes.set(title=f"{title(tier)} Robot", xlabel="Generation")
             axes.set_ylim(-0.03, 1.03)
             axes.set_xlim(0, study.generations - 1)
             axes.legend(loc="best")
-        panels[0].set_ylabel("Share of runs that have had one")
+        for axes in panels[:, 0]:
+            axes.set_ylabel("Share of runs that have had one")
 
     return picture(
         "emergence-curves",
-        "Share of runs with a Complete or Excellent Robot so far",
+        f"Share of runs that have had {_robots(study)}",
         "One minus the Kaplan-Meier estimate: every run is watched to the last generation, so a"
         " curve that ends below 1 shows the runs that never had one. This is what the log-rank"
         " test compares.",
         draw,
-        height=3.2,
+        height=3.2 * -(-len(study.milestones) // PANELS),
     )
 
 
-def _curve(axes: Axes, study: Comparison, arm: Arm, tier: Tier, how: Look) -> None:
+def _curve(axes: Axes, study: Comparison, arm: Arm, tier: str, how: Look) -> None:
     firsts = [first(run, tier) for run in arm.runs]
     share = [1 - s for s in still_without(firsts, study.generations)]
     s: Summary = summary(firsts, study.generations)

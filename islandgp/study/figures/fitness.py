@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from islandgp.scoring.rewards import Component
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.figures.drawing import (
     bar,
@@ -16,8 +15,8 @@ from islandgp.study.figures.drawing import (
     sideways,
     thousands,
 )
-from islandgp.study.figures.style import FAINT, INK, Picture, look, picture
-from islandgp.study.measures import PHASES, best, phase_mean
+from islandgp.study.figures.style import FAINT, INK, PALE, Picture, look, picture
+from islandgp.study.measures import SPANS, best, span_mean
 from islandgp.study.statistics import mean_sd
 
 if TYPE_CHECKING:
@@ -50,8 +49,8 @@ def figure_5(study: Comparison) -> Picture:
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        for arm, how, k, at, width in groups(study, len(PHASES)):
-            values = [phase_mean(run, PHASES[k], best) for run in arm.runs]
+        for arm, how, k, at, width in groups(study, len(SPANS)):
+            values = [span_mean(run, SPANS[k], best) for run in arm.runs]
             mean, sd = mean_sd(values)
             bar(axes, at, mean, width, sd, how, named(arm) if k == 0 else None)
             axes.scatter(
@@ -64,7 +63,7 @@ def figure_5(study: Comparison) -> Picture:
                 linewidth=0.6,
                 zorder=3,
             )
-        axes.set_xticks(range(len(PHASES)), [p.name(study.generations) for p in PHASES])
+        axes.set_xticks(range(len(SPANS)), [p.name(study.generations) for p in SPANS])
         axes.grid(visible=False, axis="x")
         axes.axhline(0, color=FAINT, linewidth=0.8)
         axes.set_ylabel("Mean of the best fitness (points)")
@@ -106,13 +105,18 @@ def components(study: Comparison) -> Picture:
 def _stack(axes: Axes, arm: Arm, generations: int) -> None:
     import numpy as np
 
+    names = tuple(arm.runs[0].champion.record.components)
     points = np.mean(
-        [[i.components for i in run.best[:generations]] for run in arm.runs], axis=0
+        [
+            [[i.components[name] for name in names] for i in run.best[:generations]]
+            for run in arm.runs
+        ],
+        axis=0,
     )  # generations x components
     x = np.arange(generations)
     up, down = np.zeros(generations), np.zeros(generations)
-    for component in Component:
-        how, column = look(component), points[:, component]
+    for k, name in enumerate(names):
+        how, column = look(k, PALE), points[:, k]
         positive, negative = column.clip(min=0), column.clip(max=0)
         kind: dict[str, Any] = {
             "facecolor": how.colour,
@@ -120,8 +124,8 @@ def _stack(axes: Axes, arm: Arm, generations: int) -> None:
             "linewidth": 0.3,
             "hatch": how.hatch,
         }
-        axes.fill_between(x, up, up + positive, alpha=0.8, label=component.name.lower(), **kind)
-        axes.fill_between(x, down, down + negative, alpha=0.8, **kind)
+        axes.fill_between(x, up, up + positive, label=name.replace("_", " "), **kind)
+        axes.fill_between(x, down, down + negative, **kind)
         up, down = up + positive, down + negative
     axes.plot(x, points.sum(axis=1), color=INK, linewidth=1.4, label="fitness")
     axes.axhline(0, color=INK, linewidth=0.6)

@@ -7,14 +7,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from islandgp.evolution.population import Origin
-from islandgp.scoring.classify import Specialist
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.figures.drawing import curves, epoch_lines, legend, named
-from islandgp.study.figures.style import FAINT, INK, LINES, Picture, look, looks, picture
+from islandgp.study.figures.style import (
+    FAINT,
+    INK,
+    LINES,
+    NEUTRAL,
+    PALE,
+    Picture,
+    look,
+    looks,
+    picture,
+)
 from islandgp.study.generalise import Generalisation
 from islandgp.study.lineage import alive, newcomers
+from islandgp.study.measures import shown
 from islandgp.study.notation import number
-from islandgp.study.specialists import SPECIALISTS
+from islandgp.supervision.state_json import title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,31 +33,35 @@ if TYPE_CHECKING:
 
 def diversity(study: Comparison) -> Picture:
     """Eq. (3) by generation."""
+    n = len(study.classes.specialist_names)
+    most = 1 - 1 / n
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         curves(axes, study, lambda s: s.diversity)
-        axes.axhline(0.75, color=INK, linewidth=0.7, linestyle=":")
-        axes.set_ylim(0, 0.8)
+        axes.axhline(most, color=INK, linewidth=0.7, linestyle=":")
+        axes.set_ylim(0, most + 0.05)
         axes.set_ylabel("Behavioural diversity, Eq. (3)")
         legend(figure, axes)
 
     return picture(
         "diversity",
         "Behavioural diversity by generation",
-        "Mean over runs, bands of ±1 standard deviation; the dotted line is the most that four"
-        " classes allow, 3/4.",
+        f"Mean over runs, bands of ±1 standard deviation; the dotted line is the most that {n}"
+        f" classes allow, {n - 1}/{n}.",
         draw,
     )
 
 
 def classes(study: Comparison) -> Picture:
-    """The shares of the exclusive classes, and of the two labels."""
+    """The shares of the exclusive classes, and of the labels beside them."""
+    labels = [b for b in study.classes.behaviours if b not in study.classes.specialists.of]
+    lines = f"; lines: the labels {' and '.join(labels)}, which any can carry" if labels else ""
 
     def draw(figure: Figure) -> None:
         panels = figure.subplots(1, len(study.arms), sharey=True, squeeze=False)[0]
         for axes, arm in zip(panels, study.arms, strict=True):
-            _classes(axes, arm, study.generations)
+            _classes(axes, arm, study)
             epoch_lines(axes, study)
             axes.set(title=arm.name, xlabel="Generation")
             axes.set_ylim(0, 1)
@@ -58,43 +72,47 @@ def classes(study: Comparison) -> Picture:
     return picture(
         "classes",
         "Diversity by class over generations",
-        "Areas: the exclusive classes of section 2.3.3; lines: the labels charging and clearing,"
-        " which any individual can carry. Mean over runs.",
+        f"Areas: the exclusive classes of section 2.3.3{lines}. Mean over runs.",
         draw,
         height=3.8,
     )
 
 
-def _classes(axes: Axes, arm: Arm, generations: int) -> None:
+def _classes(axes: Axes, arm: Arm, study: Comparison) -> None:
+    generations, classes = study.generations, study.classes
     sizes = [len(run.records[0].individuals) for run in arm.runs]
     runs = [run.snapshots[:generations] for run in arm.runs]
     base = np.zeros(generations)
     x = np.arange(generations)
-    for i, name in enumerate(Specialist):
+    for i, name in enumerate(classes.specialist_names):
         share = np.mean(
             [[s.specialists[name] / n for s in run] for run, n in zip(runs, sizes, strict=True)],
             axis=0,
         )
-        how = look(i)
+        how = look(i, PALE)
         axes.fill_between(
             x,
             base,
             base + share,
-            facecolor="#dddddd" if name is Specialist.PATROL_ONLY else how.colour,
+            facecolor=NEUTRAL if name == classes.specialists.idle else how.colour,
             edgecolor="white",
             linewidth=0.3,
             hatch=how.hatch,
-            alpha=0.75,
-            label=name.value.replace("_", "-"),
+            label=title(name),
         )
         base = base + share
-    for k, label in enumerate(("charging", "clearing")):
-        count = SPECIALISTS[label]
+    labels = (name for name in classes.behaviours if name not in classes.specialists.of)
+    for k, name in enumerate(labels):
         share = np.mean(
-            [[count(s) / n for s in run] for run, n in zip(runs, sizes, strict=True)], axis=0
+            [
+                [shown(name, s, classes) / n for s in run]
+                for run, n in zip(runs, sizes, strict=True)
+            ],
+            axis=0,
         )
+        line = LINES[k % len(LINES)]
         axes.plot(x, share, color="white", linewidth=3.4)
-        axes.plot(x, share, color=INK, linewidth=1.6, linestyle=LINES[k], label=label)
+        axes.plot(x, share, color=INK, linewidth=1.6, linestyle=line, label=title(name))
 
 
 def lineage(study: Comparison) -> Picture | None:
@@ -162,7 +180,10 @@ def generalisation(found: tuple[Generalisation, ...], study: Comparison) -> Pict
         low, high = axes.get_xlim()
         axes.plot([low, high], [low, high], color="#bbbbbb", linewidth=0.9, zorder=0.5)
         axes.set_xlim(low, high)
-        axes.set(xlabel="Fitness that made it champion", ylabel="Mean fitness, unseen worlds")
+        axes.set(
+            xlabel="Fitness that made it champion (points)",
+            ylabel="Mean fitness in unseen worlds (points)",
+        )
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_formatter(lambda v, _: number(v))
         legend(figure, axes, 2)
@@ -171,7 +192,7 @@ def generalisation(found: tuple[Generalisation, ...], study: Comparison) -> Pict
         "generalisation",
         "Champions on unseen worlds",
         "Each point is a run's champion; on the grey line it would do as well in unseen worlds as"
-        " in the one that made it champion. Lines across: trees of grammar/examples.",
+        " in the one that made it champion. Lines across: trees of the library.",
         draw,
         height=4.0,
     )

@@ -1,7 +1,8 @@
 """How figures look: colours that colour-blind readers and printers keep apart.
 
-Arms differ in colour, line and marker at once, areas in colour and hatching, so
-that a figure still reads in grey.
+Arms have strong colours and differ in line and marker as well; categories (classes,
+components, patterns) have pale colours and hatching, and never an arm's colour. So a
+figure still reads in grey.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from islandgp.study.arms import Arm, Comparison
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Okabe and Ito's palette, from dark to light enough to differ in grey.
+# Arms: Okabe and Ito's palette, from dark to light enough to differ in grey.
 PALETTE: Final = (
     "#0072B2",
     "#D55E00",
@@ -27,6 +28,18 @@ PALETTE: Final = (
     "#555555",
     "#BBBBBB",
 )
+# Categories: Paul Tol's light scheme, ordered so that neighbours differ.
+PALE: Final = (
+    "#99DDFF",
+    "#FFAABB",
+    "#BBCC33",
+    "#EEDD88",
+    "#77AADD",
+    "#EE8866",
+    "#44BB99",
+    "#AAAA00",
+)
+NEUTRAL: Final = "#dddddd"  # of a category that is the rest
 LINES: Final = ("-", "--", "-.", ":")
 MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X", "*")
 # Lines only: dots are curves, and make an SVG ten times as large.
@@ -91,10 +104,10 @@ def looks(study: Comparison) -> Iterator[tuple[Arm, Look]]:
         yield arm, look(i)
 
 
-def look(i: int) -> Look:
-    """The look of the i-th arm or category."""
+def look(i: int, palette: tuple[str, ...] = PALETTE) -> Look:
+    """The look of the i-th arm, or with PALE of the i-th category."""
     return Look(
-        PALETTE[i % len(PALETTE)],
+        palette[i % len(palette)],
         LINES[i % len(LINES)],
         MARKERS[i % len(MARKERS)],
         HATCHES[i % len(HATCHES)],

@@ -8,7 +8,7 @@ import numpy as np
 
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.figures.drawing import curves, epoch_lines, legend
-from islandgp.study.figures.style import Picture, look, picture
+from islandgp.study.figures.style import PALE, Picture, look, picture
 from islandgp.supervision.base import Pattern
 from islandgp.supervision.decisions import decisions
 
@@ -68,8 +68,8 @@ def _words(pattern: str) -> str:
 def _totals(axes: Axes, arm: Arm) -> None:
     counts = decisions(run.guidance for run in arm.runs)
     for i, pattern in enumerate(Pattern):
-        how, share = look(i), counts.patterns[pattern] / counts.total
-        axes.barh(i, share, color=how.colour, alpha=0.8, hatch=how.hatch, edgecolor="white")
+        how, share = look(i, PALE), counts.patterns[pattern] / counts.total
+        axes.barh(i, share, color=how.colour, hatch=how.hatch, edgecolor="white")
         axes.text(share, i, f" {share:.1%}", va="center", ha="left", fontsize=8)
     axes.set_yticks(range(len(Pattern)), [_words(p) for p in Pattern])
     axes.invert_yaxis()
@@ -96,7 +96,7 @@ def _over_time(axes: Axes, arm: Arm, study: Comparison) -> None:
     x = np.arange(study.generations - 1)
     base = np.zeros(len(x))
     for i, pattern in enumerate(Pattern):
-        how = look(i)
+        how = look(i, PALE)
         row = np.asarray(shares.get(pattern, [0.0] * study.generations))[: len(x)]
         axes.bar(
             x,
@@ -104,7 +104,6 @@ def _over_time(axes: Axes, arm: Arm, study: Comparison) -> None:
             0.95,
             base,
             color=how.colour,
-            alpha=0.8,
             hatch=how.hatch,
             edgecolor="white",
             linewidth=0.2,

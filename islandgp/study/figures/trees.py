@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node, depth, size
 from islandgp.bt.render.label import label
-from islandgp.bt.render.layout import BOX, Box, lay_out
-from islandgp.bt.render.svg import COLOURS, to_svg
-from islandgp.scoring.classify import Tier
+from islandgp.bt.render.svg import COLOURS
 from islandgp.study.arms import Comparison, Run
-from islandgp.study.figures.style import Picture, picture
-from islandgp.study.library import library
+from islandgp.study.figures.style import WIDTH, Picture, picture
+from islandgp.study.library import library_names
+from islandgp.supervision.state_json import title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-INCH = 96.0  # px
-EARLY = 2  # the generation of the paper's example
+EARLY: Final = 2  # the generation of the paper's example
+
+INDENT: Final = 0.17  # inches from a node to its children
+LETTER: Final = 0.067  # inches a letter of 8 points, monospaced
+LINE: Final = 0.185  # inches from a node to the next one below
+PADDING: Final = 0.1  # inches left and right of a label together
+GAP: Final = 0.15  # inches between columns
+LONG: Final = 36  # nodes of a column, beyond which a second one is begun
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,19 +45,20 @@ def early_injected(study: Comparison) -> Specimen | None:
                 if g is not None and g.injected and g.tree and generation >= EARLY:
                     return Specimen(
                         g.tree,
-                        f"{arm.name}, seed {run.seed}: {_named(g.tree)}injected into generation"
-                        f" {generation} for {g.target or 'no stated target'}; {_size(g.tree)}."
-                        " The paper's: 22 nodes, depth 5, injected in generation 2. It is shown as"
-                        " the supervisor gave it, before mutation.",
+                        f"{arm.name}, seed {run.seed}: {_named(study, run, g.tree)}injected"
+                        f" into generation {generation} for {g.target or 'no stated target'};"
+                        f" {_size(g.tree)}.{_published(study, 'early')} It is shown as the"
+                        " supervisor gave it, before mutation.",
                     )
     return None
 
 
 def late_evolved(study: Comparison) -> Specimen:
-    """The fittest bred tree of the last stage, an Excellent Robot if there is one in any run.
+    """The fittest bred tree of the last stage, of the last milestone if there is one in any run.
 
     A tree that is still as a supervisor gave it comes last: it shows no evolution.
     """
+    tier = study.milestones[-1]
     given = {
         (run.seed, arm.name): {r.guidance.tree for r in run.records if r.guidance is not None}
         for arm in study.arms
@@ -68,16 +74,16 @@ def late_evolved(study: Comparison) -> Specimen:
         ),
         key=lambda found: (
             found[3].tree not in given[found[1].seed, found[0].name],
-            Tier.EXCELLENT in found[3].tiers,
+            tier in found[3].tiers,
             found[3].fitness,
         ),
     )
-    what = "Excellent Robot" if Tier.EXCELLENT in best.tiers else "the fittest individual"
+    what = f"{title(tier)} Robot" if tier in best.tiers else "the fittest individual"
     return Specimen(
         best.tree,
         f"{arm.name}, seed {run.seed}: {what} of generation {generation}, fitness"
-        f" {best.fitness:,.0f}, {_named(best.tree)}{best.origin}; {_size(best.tree)}."
-        " The paper's: 70 nodes, depth 11.",
+        f" {best.fitness:,.0f}, {_named(study, run, best.tree)}{best.origin}; {_size(best.tree)}."
+        f"{_published(study, 'late')}",
     )
 
 
@@ -88,13 +94,20 @@ def _last_stage(run: Run) -> range:
     return range(start, len(run.records))
 
 
-def _named(tree: str) -> str:
-    """Which example tree it is, by its file's name; nothing for any other tree."""
-    name = library().get(tree)
+def _named(study: Comparison, run: Run, tree: str) -> str:
+    """Which tree of the library it is, by its file's name; nothing for any other tree."""
+    name = library_names(run.config).get(tree)
     if name is None:
         return ""
-    after = ", modelled on the paper's Figure 9" if name == "paper_fig9" else ""
+    figure = study.paper.drawn_after.get(name) if study.paper else None
+    after = f", modelled on the paper's {figure}" if figure else ""
     return f"library tree {name}{after}, "
+
+
+def _published(study: Comparison, key: str) -> str:
+    """What is said of the tree that a paper draws there."""
+    text = study.paper.trees.get(key) if study.paper else None
+    return f" The paper's: {text}." if text else ""
 
 
 def _size(tree: str) -> str:
@@ -102,67 +115,93 @@ def _size(tree: str) -> str:
     return f"{size(node)} nodes, depth {depth(node)}"
 
 
-def drawn(key: str, title: str, specimen: Specimen) -> Picture:
-    """The tree as a picture."""
-    tree = parse(specimen.tree)
-    boxes, width, height = lay_out(tree)
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A node's line in an outline."""
+
+    node: Node
+    level: int  # 0: the root
+    last: int  # row of its last child; its own where it has none
+
+
+def outline(tree: Node) -> list[Row]:
+    """The nodes in document order, as a table of contents shows them."""
+    rows: list[Row] = []
+
+    def visit(node: Node, level: int) -> int:
+        place = last = len(rows)
+        rows.append(Row(node, level, last))
+        for child in node.children:
+            last = visit(child, level + 1)
+        rows[place] = Row(node, level, last)
+        return place
+
+    visit(tree, 0)
+    return rows
+
+
+def drawn(key: str, heading: str, specimen: Specimen) -> Picture:
+    """The tree as an outline of a page's width, in two columns where it is long."""
+    rows = outline(parse(specimen.tree))
+    columns = 2 if len(rows) > LONG else 1
+    each = -(-len(rows) // columns)
+    room = (WIDTH - GAP * (columns - 1)) / columns
+    need = max(row.level * INDENT + LETTER * len(label(row.node)) + PADDING for row in rows)
+    scale = min(1.0, room / need)
 
     def draw(figure: Figure) -> None:
-        axes = figure.add_axes((0, 0, 1, 1))
-        axes.set_xlim(0, width)
-        axes.set_ylim(height, 0)
-        axes.axis("off")
-        for box in boxes:
-            _edge(axes, box, boxes)
-        for box in boxes:
-            _node(axes, box)
+        for k in range(columns):
+            left = k * (room + GAP) / WIDTH
+            axes = figure.add_axes((left, 0, room / WIDTH, 1))
+            axes.set_xlim(0, room / scale)
+            axes.set_ylim((k + 1) * each - 0.5, k * each - 0.5)
+            axes.axis("off")
+            _column(axes, rows, range(k * each, min((k + 1) * each, len(rows))), scale)
 
-    done = picture(
-        key,
-        title,
-        specimen.caption,
-        draw,
-        width=width / INCH,
-        height=height / INCH,
-        layout=None,
-    )
-    return Picture(key, title, specimen.caption, to_svg(tree), done.png)
+    height = each * LINE * scale
+    return picture(key, heading, specimen.caption, draw, height=height, layout=None)
 
 
-def _edge(axes: Axes, box: Box, boxes: list[Box]) -> None:
-    if box.parent < 0:
-        return
-    above = boxes[box.parent]
-    start, end = above.x + above.width, box.x
-    middle = (start + end) / 2
-    axes.plot(
-        [start, middle, middle, end], [above.y, above.y, box.y, box.y], color="#9aa7b3", linewidth=1
-    )
+def _column(axes: Axes, rows: list[Row], shown: range, scale: float) -> None:
+    """The rows of one column, and the parts in it of all lines from parents to children."""
+    for place, row in enumerate(rows):
+        x = INDENT * (row.level + 0.4)
+        top, bottom = max(place, shown.start - 0.5), min(row.last, shown.stop - 0.5)
+        if top < bottom:
+            axes.plot([x, x], [top, bottom], color="#9aa7b3", linewidth=0.9, zorder=1)
+        if place in shown:
+            if row.level:
+                start = INDENT * (row.level - 0.6)
+                axes.plot([start, INDENT * row.level], [place] * 2, color="#9aa7b3", linewidth=0.9)
+            _node(axes, row, place, scale)
 
 
-def _node(axes: Axes, box: Box) -> None:
+def _node(axes: Axes, row: Row, place: int, scale: float) -> None:
     from matplotlib.patches import FancyBboxPatch
 
-    node: Node = box.node
-    fill, stroke = COLOURS[node.kind]
-    round_ = BOX / 2 - 1 if node.kind == "action" else 3
+    fill, stroke = COLOURS[row.node.kind]
+    text, left = label(row.node), INDENT * row.level
+    width = LETTER * len(text) + PADDING
     axes.add_patch(
         FancyBboxPatch(
-            (box.x, box.y - BOX / 2),
-            box.width,
-            BOX,
-            boxstyle=f"round,pad=0,rounding_size={round_}",
+            (left, place - 0.4),
+            width,
+            0.8,
+            boxstyle="round,pad=0,rounding_size=0.04",
+            mutation_aspect=0.8 / LINE,
             facecolor=fill,
             edgecolor=stroke,
-            linewidth=0.9,
+            linewidth=0.7,
+            zorder=2,
         )
     )
     axes.text(
-        box.x + box.width / 2,
-        box.y,
-        label(node),
+        left + width / 2,
+        place,
+        text,
         ha="center",
         va="center_baseline",
-        fontsize=8,
+        fontsize=8 * scale,
         family="DejaVu Sans Mono",
+        zorder=3,
     )

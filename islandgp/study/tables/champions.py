@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from statistics import fmean
 
-from islandgp.scoring.classes import Classes
-from islandgp.scoring.snapshot import Snapshot
 from islandgp.study.arms import Comparison
 from islandgp.study.generalise import Generalisation
+from islandgp.study.measures import shown
 from islandgp.study.notation import NONE, number, p_is, spread
 from islandgp.study.paper import Paper
 from islandgp.study.statistics import mean_sd, rank_test
@@ -42,11 +41,6 @@ def specialists_table(study: Comparison) -> Table:
         tuple(rows),
         (f"{note} SD over all generations of all runs.", *footnotes(study.paper)),
     )
-
-
-def shown(behaviour: str, s: Snapshot, classes: Classes) -> int:
-    """Individuals of a behaviour's exclusive class, or with its label where it has no class."""
-    return (s.specialists if behaviour in classes.specialists.of else s.doing)[behaviour]
 
 
 def _published_count(paper: Paper | None, behaviour: str) -> tuple[str, ...]:

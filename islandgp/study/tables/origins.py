@@ -105,10 +105,10 @@ def sources_table(study: Comparison) -> Table:
         (
             f"An injected tree that is a {title(tiers[0])} Robot as it was given shows what the"
             " supervisor knows, not what evolution found; a descendant may hold any part of it, all"
-            " of it included. The last row is the base rate: the share of the individuals of the first"
-            " one's generation that descend from an injected tree or are one, mean over the runs"
-            " that had one. Where nearly everybody descends from one, that the first one does says"
-            " little.",
+            " of it included. The last row is the base rate: the share of the individuals of the"
+            " first one's generation that descend from an injected tree or are one, mean over the"
+            " runs that had one. Where nearly everybody descends from one, that the first one does"
+            " says little.",
         ),
     )
 

@@ -59,7 +59,10 @@ class Adviser:
             )
         folder = Path(settings.prompts) if settings.prompts else resource("prompts")
         self.prompts = {name: load_prompt(name, folder) for name in _FILES}
-        self.values = {**fixed_values(setup.schema, setup.classes, setup.library()), **_rates(settings)}
+        self.values = {
+            **fixed_values(setup.schema, setup.classes, setup.library()),
+            **_rates(settings),
+        }
         for prompt in self.prompts.values():
             size = _size(settings.explore)
             render(prompt, {**self.values, **size, **dict.fromkeys(_LATER, "")})
@@ -102,7 +105,9 @@ class Adviser:
     def tree_request(self, state: PopulationState, dialect: Dialect) -> Request:
         """The question for a tree."""
         name, size = self._tree_phase(state)
-        return self._request(name, state, dialect, schema(proposal_shape(state.targets)), _size(size))
+        return self._request(
+            name, state, dialect, schema(proposal_shape(state.targets)), _size(size)
+        )
 
     def _both(
         self, state: PopulationState, calls: Calls, dialect: Dialect
@@ -126,7 +131,13 @@ class Adviser:
         _, size = self._tree_phase(state)
         most = self.setup.limits
         limits = Limits(min(size.most_depth, most.max_depth), min(size.most_nodes, most.max_nodes))
-        return self._ask(calls, state, "tree", request, check_proposal(limits, self.setup.schema.vocabulary, state.targets))
+        return self._ask(
+            calls,
+            state,
+            "tree",
+            request,
+            check_proposal(limits, self.setup.schema.vocabulary, state.targets),
+        )
 
     def _ask(
         self, calls: Calls, state: PopulationState, part: str, request: Request, check: Check[T]

@@ -127,7 +127,9 @@ def fixed_values(schema: Schema, classes: Classes, library: Library) -> dict[str
     """Values that no generation changes: the task, the language, the fields, the examples."""
     meanings = field_meanings(schema, classes)
     counters = {name: schema.counters[c].meaning for name, c in classes.behaviours.items()}
-    targets = {name: f"shows {text}; for a population that lacks it" for name, text in counters.items()}
+    targets = {
+        name: f"shows {text}; for a population that lacks it" for name, text in counters.items()
+    }
     return {
         "task": schema.task,
         "habits": "\n".join(f"- {habit}" for habit in schema.habits),
@@ -145,16 +147,29 @@ def _tier(name: str, tier: Tier) -> str:
     asked = [f"{measure} of at least {value:g}" for measure, value in tier.at_least.items()]
     asked += [f"{measure} above {value:g}" for measure, value in tier.above.items()]
     asked += [f"what a {title(tier.also)} Robot has"] if tier.also else []
-    return f"- A {title(name)} Robot has in one episode {', '.join(asked) or 'nothing in particular'}."
+    return (
+        f"- A {title(name)} Robot has in one episode {', '.join(asked) or 'nothing in particular'}."
+    )
 
 
 def _examples(part: str, library: Library) -> str:
     """The trees that a prompt shows; where none are named, those of the single behaviours."""
     names = library.shown.get(part)
     if names is None:
-        names = () if part == "poor" else tuple(dict.fromkeys(n for t in library.targets.values() for n in t))
+        names = (
+            ()
+            if part == "poor"
+            else tuple(dict.fromkeys(n for t in library.targets.values() for n in t))
+        )
     lead = "And one to learn from, not to follow:\n\n" if part == "poor" and names else ""
-    return lead + "\n".join(f"```\n{library.texts[name].strip()}\n```\n" for name in names)
+    return lead + "\n".join(_example(name, library) for name in names)
+
+
+def _example(name: str, library: Library) -> str:
+    """A tree as it is written, with what it is for."""
+    targets = [target for target, names in library.targets.items() if name in names]
+    lead = f"For {', '.join(targets)}:\n\n" if targets else ""
+    return f"{lead}```\n{library.texts[name].strip()}\n```\n"
 
 
 def urgency(state: PopulationState, rare: float) -> str:

@@ -1,12 +1,5 @@
 // Reads what viewer/encode.py wrote: the episode as arrays and as sorted changes.
 const data = JSON.parse(document.getElementById("data").textContent);
-const TENTHS = 10;
-
-const summed = differences => {
-  let sum = 0;
-  return Float32Array.from(differences, d => (sum += d) / TENTHS);
-};
-const wayOf = way => ({every: way.every, x: summed(way.x), y: summed(way.y)});
 
 // [tick, value, ticks since then, value, ...] as two arrays; `at` finds the value of a tick.
 const changesOf = list => {
@@ -17,6 +10,17 @@ const changesOf = list => {
     values.push(list[i + 1]);
   }
   return {ticks, values, at: tick => values[lastBefore(ticks, tick)]};
+};
+
+// [tick, x, y, ticks since then, dx, dy, ...] as three arrays.
+const wayOf = list => {
+  const way = {ticks: [], x: [], y: []};
+  for (let i = 0, tick = 0, x = 0, y = 0; i < list.length; i += 3) {
+    way.ticks.push(tick += list[i]);
+    way.x.push(x += list[i + 1]);
+    way.y.push(y += list[i + 2]);
+  }
+  return way;
 };
 
 // The index of the last entry that is not above `value`; at least 0.
@@ -41,23 +45,37 @@ const statusOf = text => {
   return {ticks, values, at: t => values[lastBefore(ticks, t)]};
 };
 
+const sceneOf = scene => {
+  const looks = scene.looks.map(([form, size, text]) => ({form: scene.forms[form], size, text}));
+  const forms = scene.forms.map(([meaning, shape, colour]) => ({meaning, shape, colour}));
+  for (const look of looks) look.form = forms[scene.forms.indexOf(look.form)];
+  const thing = ([look, x, y, from, to]) => ({...looks[look], x, y, from, to});
+  const ways = scene.movers.map(({way}) => Array.isArray(way) ? wayOf(way) : way);
+  return {
+    ...scene, forms,
+    fixed: scene.fixed.map(thing),
+    items: scene.items.map(thing),
+    movers: scene.movers.map((mover, i) => {
+      const changes = changesOf(mover.looks);
+      return {way: typeof ways[i] === "number" ? ways[ways[i]] : ways[i], look: tick => looks[changes.at(tick)]};
+    }),
+    shown: changesOf(scene.shown),
+  };
+};
+
 const episode = {
   ...data,
-  robot: wayOf(data.robot),
-  goals: changesOf(data.goals),
-  humanoids: data.humanoids.map(wayOf),
-  carried: data.carried.map(changesOf),
-  garbage: data.garbage.map(([x, y, from, to]) => ({x: x / TENTHS, y: y / TENTHS, from, to})),
+  scene: data.scene && sceneOf(data.scene),
   board: data.board.map(entry => ({...entry, ...changesOf(entry.changes)})),
-  credits: data.credits.map(([tick, component, points, event]) => ({tick, component, points, event})),
+  credits: data.credits.map(([tick, component, points]) => ({tick, component, points})),
   statuses: data.statuses.map(statusOf),
 };
 
-// Where somebody is at a tick, which may lie between two: straight lines in between.
-function placeAt(way, tick) {
-  const at = tick / way.every, i = Math.min(Math.floor(at), way.x.length - 1);
-  const j = Math.min(i + 1, way.x.length - 1), part = Math.min(1, at - i);
-  return [way.x[i] + (way.x[j] - way.x[i]) * part, way.y[i] + (way.y[j] - way.y[i]) * part];
+// Where something is at a tick, which may lie between two: straight lines in between.
+function placeAt({ticks, x, y}, tick) {
+  const i = lastBefore(ticks, tick), j = Math.min(i + 1, ticks.length - 1);
+  const part = i === j ? 0 : (tick - ticks[i]) / (ticks[j] - ticks[i]);
+  return [x[i] + (x[j] - x[i]) * part, y[i] + (y[j] - y[i]) * part];
 }
 
 // Sum of points per component after each credit, so that any tick is one look-up.
@@ -71,15 +89,23 @@ const totals = (() => {
   }
   return {ticks, sums, at: tick => sums[lastBefore(ticks, tick)]};
 })();
+const sumOf = sums => sums.reduce((a, b) => a + b, 0);
 
 const seconds = tick => tick * episode.step;
-const points = value => Math.round(value).toLocaleString("en");
+const points = value => {
+  const text = value.toLocaleString("en", {minimumFractionDigits: episode.digits, maximumFractionDigits: episode.digits});
+  return /[1-9]/.test(text) ? text : text.replace("-", "");  // no -0
+};
 
 // A colour of the style sheet, by name; read anew when the theme changes.
 const colours = {};
 function colour(name) {
   return colours[name] ??= getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
 }
+const PAINTS = 8;
+const paintOf = component => component < 0 ? "plain" : "part-" + component % PAINTS;
+
+const escaped = text => String(text).replace(/[&<>"]/g, sign => `&#${sign.charCodeAt(0)};`);
 
 // A canvas with as many dots as the screen has; gives [context, width, height] in CSS px.
 function sharp(canvas) {
@@ -94,3 +120,16 @@ function sharp(canvas) {
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
   return [context, box.width, box.height];
 }
+
+// Round numbers from `low` to `high`, about `wanted` of them, for an axis.
+function marks(low, high, wanted) {
+  const rough = (high - low) / Math.max(1, wanted), power = 10 ** Math.floor(Math.log10(rough));
+  const by = power * [1, 2, 5, 10].find(m => m * power >= rough * 0.999);
+  const found = [];
+  for (let i = Math.ceil(low / by - 1e-9); i * by <= high + by * 1e-9; i++) found.push(Number((i * by).toPrecision(12)));
+  return found;
+}
+
+// The times to write below an axis of `width` px: as many as there is room for.
+const times = width => marks(0, Math.max(episode.step, seconds(episode.ticks)), Math.min(12, width / 62));
+const timeText = s => s.toLocaleString("en") + " s";

@@ -3,6 +3,7 @@ const player = (() => {
   const SPEEDS = [0.25, 0.5, 1, 2, 5, 10, 20, 50, 100];
   const AFTERGLOW = 0.45;  // s on the viewer's clock for which a short status stays lit
   const RISE = 1.4;  // s on the viewer's clock for which points rise
+  const PAUSED = episode.ticks / 400;  // ticks for which they are shown while nothing plays
   const last = Math.max(0, episode.ticks - 1);
   const one = id => document.getElementById(id);
   const state = {tick: 0, playing: false, speed: 10};
@@ -12,7 +13,7 @@ const player = (() => {
   const perSecond = () => state.speed / episode.step;
   function draw() {
     const {tick, playing} = state;
-    island.draw(tick, RISE * (playing ? perSecond() : 10));
+    scene?.draw(tick, playing ? RISE * perSecond() : PAUSED);
     tree.draw(tick, playing ? AFTERGLOW * perSecond() : 0);
     board.draw(tick);
     one("score").textContent = points(chart.draw(tick)) + " points";
@@ -58,14 +59,21 @@ const player = (() => {
     stale = true;
   }
   const faster = by => speed(SPEEDS[Math.max(0, Math.min(SPEEDS.length - 1, SPEEDS.indexOf(state.speed) + by))]);
+  const pressed = on => one("follow")?.setAttribute("aria-pressed", String(on));
   const follow = () => {
-    island.view.follow = !island.view.follow;
-    if (island.view.follow) { island.view.fitted = false; island.view.scale = Math.max(island.view.scale, 7); }
-    one("follow").setAttribute("aria-pressed", String(island.view.follow));
+    if (!scene?.robot) return;
+    scene.follow(!scene.view.follow);
+    pressed(scene.view.follow);
     stale = true;
   };
-  const fit = () => { island.view.follow = false; island.fit(); one("follow").setAttribute("aria-pressed", "false"); stale = true; };
-  const zoom = factor => { island.zoom(factor); stale = true; };
+  const fit = () => {
+    if (!scene) return;
+    scene.view.follow = false;
+    scene.fit();
+    pressed(false);
+    stale = true;
+  };
+  const zoom = factor => { scene?.zoom(factor); stale = true; };
 
   // A decision: an action starts that did not run before.
   const decisions = [...new Set(tree.starts.filter((_, place) => episode.nodes[place].kind === "action").flat())]
@@ -88,7 +96,7 @@ const player = (() => {
   addEventListener("keydown", event => {
     const act = keys[event.key.length === 1 ? event.key.toLowerCase() : event.key];
     if (!act || event.ctrlKey || event.metaKey || event.altKey || one("keys").open) return;
-    if (event.target.closest("select")) return;
+    if (event.target.closest("select") || (event.key === " " && event.target.closest("button"))) return;
     event.preventDefault();
     act(event);
   });
@@ -97,15 +105,14 @@ const player = (() => {
   one("play").onclick = () => play();
   one("forth").onclick = () => step(1);
   one("help").onclick = () => one("keys").showModal();
-  one("follow").onclick = follow;
-  one("zoom-in").onclick = () => zoom(1.3);
-  one("zoom-out").onclick = () => zoom(1 / 1.3);
-  one("zoom-fit").onclick = fit;
+  for (const [id, act] of [["follow", follow], ["zoom-in", () => zoom(1.3)], ["zoom-out", () => zoom(1 / 1.3)], ["zoom-fit", fit]]) {
+    one(id)?.addEventListener("click", act);
+  }
   one("speed").innerHTML = SPEEDS.map(s => `<option value="${s}">${s}\u00d7</option>`).join("");
   one("speed").onchange = event => { speed(Number(event.target.value)); event.target.blur(); };
   for (const button of document.querySelectorAll("button")) button.addEventListener("click", () => button.blur());
 
-  // Dragging and the wheel, the same for the island and the tree.
+  // Dragging and the wheel, the same for the scene and the tree.
   function movable(element, moved, zoomed, fitted, clicked) {
     let from = null, far = false;
     element.addEventListener("pointerdown", event => {
@@ -136,7 +143,10 @@ const player = (() => {
     }, {passive: false});
     element.addEventListener("dblclick", () => { fitted(); stale = true; });
   }
-  movable(island.canvas, island.moved, island.zoom, fit);
+  if (scene) {
+    movable(scene.canvas, scene.moved, scene.zoom, fit);
+    scene.hooks.ready = () => { stale = true; };
+  }
   movable(tree.svg, tree.moved, tree.zoom, tree.fit, event => {
     const node = event.target.closest(".node");
     if (!node) return;
@@ -152,20 +162,28 @@ const player = (() => {
   timeline.canvas.addEventListener("pointerdown", scrub);
   timeline.canvas.addEventListener("pointermove", scrub);
 
-  const anew = () => { for (const name of Object.keys(colours)) delete colours[name]; tree.place(); stale = true; };
+  const anew = () => {
+    for (const name of Object.keys(colours)) delete colours[name];
+    tree.room();
+    timeline.room();
+    tree.place();
+    stale = true;
+  };
   const sizes = new ResizeObserver(anew);
-  for (const element of [tree.svg, ...document.querySelectorAll("canvas")]) sizes.observe(element);
+  for (const element of [document.body, tree.svg, ...document.querySelectorAll("canvas")]) sizes.observe(element);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", anew);
 
-  one("facts").textContent = [`seed ${episode.seed}`, `stage ${episode.stage}`,
-    `${seconds(episode.ticks).toFixed(0)} s, ended by ${episode.ending}`,
+  one("facts").textContent = [episode.domain, `seed ${episode.seed}`, `stage ${episode.stage}`,
+    `${timeText(Number(episode.seconds.toPrecision(4)))}, ended by ${episode.ending}`,
     `${episode.nodes.length} nodes`, `final fitness ${points(episode.fitness)}`].join("  \u00b7  ");
 
   // The address may say where to begin: replay.html#t=63.5&play=20
   const asked = new URLSearchParams(location.hash.slice(1));
-  speed(10);
+  // An episode is played in less than a minute.
+  speed(SPEEDS.find(value => seconds(episode.ticks) / value <= 60) ?? SPEEDS[SPEEDS.length - 1]);
   if (asked.has("t")) seek(Math.round(Number(asked.get("t")) / episode.step));
   if (asked.has("play")) { if (SPEEDS.includes(Number(asked.get("play")))) speed(Number(asked.get("play"))); play(true); }
-  requestAnimationFrame(now => { before = now; tree.place(); frame(now); });
+  anew();
+  requestAnimationFrame(now => { before = now; frame(now); });
   return {state, frames, play, seek, speed, step, follow};
 })();

@@ -58,14 +58,14 @@ const tree = (() => {
     reveal();
   }
 
-  // A tree that is higher than its place moves so that what runs is in sight.
+  // A tree that is larger than its place moves so that what runs is in sight.
   const heights = nodes.map(node => Number(/ ([\d.]+)\)/.exec(node.getAttribute("transform"))[1]));
   function reveal() {
     const room = svg.clientHeight, high = size.height * view.scale, at = shown.lastIndexOf("r");
     if (!view.fitted || at < 0 || high <= room) return;
     const y = heights[at] * view.scale + view.y;
     if (y > 24 && y < room - 24) return;
-    view.y = Math.min(0, Math.max(room - high, room / 2 - heights[at] * view.scale));
+    lookAt(heights[at]);
     holder.setAttribute("transform", `translate(${view.x} ${view.y}) scale(${view.scale})`);
   }
 
@@ -90,16 +90,25 @@ const tree = (() => {
     });
     why.innerHTML = paths.join(" &nbsp;&middot;&nbsp; ") || "nothing";
   }
-  const escaped = text => text.replace(/[&<>]/g, sign => ({"&": "&amp;", "<": "&lt;", ">": "&gt;"})[sign]);
-
+  // Where there is no room for the whole height, `y` of the tree comes to the middle.
+  const lookAt = y => {
+    const room = svg.clientHeight, high = size.height * view.scale;
+    view.y = high <= room ? (room - high) / 2 : Math.min(0, Math.max(room - high, room / 2 - y * view.scale));
+  };
+  // On a narrow screen the page scrolls: the tree takes the height that it needs at this width.
+  function room() {
+    const box = svg.parentElement, stacked = getComputedStyle(document.body).getPropertyValue("--stacked").trim() === "1";
+    const scale = Math.max(READABLE, Math.min(1.35, box.clientWidth / size.width));
+    box.style.height = stacked ? Math.min(size.height * scale, innerHeight * 1.2) + "px" : "";
+  }
+  const READABLE = 0.62;  // scale: a large tree is not shown smaller, it is moved instead
   function place() {
     const box = svg.getBoundingClientRect();
     if (view.fitted) {
-      view.scale = Math.min(1.35, box.width / size.width, box.height / size.height);
-      // A large tree is not shown smaller than can be read: it is moved instead.
-      view.scale = Math.max(view.scale, Math.min(0.62, box.width / size.width));
+      const wide = box.width / size.width;
+      view.scale = Math.max(Math.min(1.35, wide, box.height / size.height), Math.min(READABLE, wide));
       view.x = Math.max(0, (box.width - size.width * view.scale) / 2);
-      view.y = Math.max(0, (box.height - size.height * view.scale) / 2);
+      lookAt(heights[0]);  // the root
     }
     holder.setAttribute("transform", `translate(${view.x} ${view.y}) scale(${view.scale})`);
   }
@@ -112,7 +121,7 @@ const tree = (() => {
     place();
   }
 
-  return {svg, draw, place, zoom, status, starts,
+  return {svg, draw, place, room, zoom, status, starts,
     moved(dx, dy) { view.x += dx; view.y += dy; view.fitted = false; place(); },
     fit() { view.fitted = true; place(); }};
 })();

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import pytest
-from islandgp.island import state
-from islandgp.island.script import Circle, Script, Spawn, Turn
-from islandgp.island.world import FAR
+
+from islandgp.domains.island import state
+from islandgp.domains.island.script import Circle, Script, Spawn, Turn
+from islandgp.domains.island.world import FAR
 
 Lay = Callable[..., None]
 

@@ -6,15 +6,15 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
-from islandgp.island.episode import Episode, run_episode
-from islandgp.island.journal import Award, Event
-from islandgp.island.robot import MICRO
-from islandgp.island.state import Island
-from islandgp.island.world import World
-
 from islandgp.bt.language import parse
 from islandgp.bt.node import STATUS_NAMES
-from islandgp.scoring.rewards import award
+from islandgp.domains.island.episode import Episode, run_episode
+from islandgp.domains.island.journal import Award, Event
+from islandgp.domains.island.robot import MICRO
+from islandgp.domains.island.state import State
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.domains.island.world import World
+from islandgp.scoring.rewards import worth
 from tests.composed import composed
 
 ISLAND: dict[str, Any] = {
@@ -55,7 +55,8 @@ def world(**changes: Any) -> World:
 def points(stage: int = 0) -> Award:
     """The paper's rewards in a stage (from 0)."""
     settings = composed()
-    return award(settings.rewards, settings.curriculum.multipliers(stage))
+    value = worth(settings.rewards, settings.curriculum.multipliers(stage))
+    return lambda event, amount: value(event, amount)[1]
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,7 @@ def day(tree: str, island: World, *, seed: int = 0, stage: int = 0) -> Day:
         if node == 0:
             root.append(status)
 
-    def observe(now: Island) -> None:
+    def observe(now: State) -> None:
         robot = now.robot
         moments.append(
             Moment(
@@ -128,6 +129,12 @@ def day(tree: str, island: World, *, seed: int = 0, stage: int = 0) -> Day:
         )
 
     episode = run_episode(
-        parse(tree), island, seed, points(stage), stepwise=True, watch=watch, observe=observe
+        parse(tree, VOCABULARY),
+        island,
+        seed,
+        points(stage),
+        stepwise=True,
+        watch=watch,
+        observe=observe,
     )
     return Day(episode, tuple(moments))

@@ -6,12 +6,12 @@ from typing import Any
 
 from hypothesis import assume
 from hypothesis import strategies as st
-from islandgp.island.script import obstacles
-from islandgp.island.world import World
 from pydantic import ValidationError
 
+from islandgp.domains.island.script import obstacles
+from islandgp.domains.island.world import World
 from islandgp.errors import ConfigError
-from tests.island.days import world
+from tests.domains.island.days import world
 
 SIDE = 90  # m
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from itertools import pairwise
 
 import pytest
-from islandgp.island.journal import Event
-from islandgp.island.script import Turn
-from islandgp.island.world import World
 
-from tests.island.conftest import Lay
-from tests.island.days import day, world
+from islandgp.domains.island.journal import Event
+from islandgp.domains.island.script import Turn
+from islandgp.domains.island.world import World
+from tests.domains.island.conftest import Lay
+from tests.domains.island.days import day, world
 
 FOUND, ASKED = 3, 4  # places on the blackboard
 

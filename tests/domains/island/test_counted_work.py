@@ -14,12 +14,12 @@ from types import FrameType
 from typing import Any
 
 import pytest
-from islandgp.island import sensing
-from islandgp.island.episode import Episode, run_episode
 
 from islandgp.bt.language import parse
+from islandgp.domains.island import sensing
+from islandgp.domains.island.episode import Episode, run_episode
 from islandgp.resources import resource
-from tests.island.days import points, world
+from tests.domains.island.days import points, world
 
 TICKS = 270  # of the tree
 ALL_ROUNDER = {

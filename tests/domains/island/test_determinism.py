@@ -15,18 +15,19 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from islandgp.evolution.generation import random_tree
-from islandgp.island import engine
-from islandgp.island.episode import Episode, run_episode
-from islandgp.island.world import World
 
 from islandgp.bt.language import parse, to_text
 from islandgp.bt.limits import Limits, within
-from islandgp.bt.node import ACTIONS, Node
-from tests.composed import composed
+from islandgp.bt.node import Node
+from islandgp.domains.island import engine
+from islandgp.domains.island.episode import Episode, run_episode
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.domains.island.world import World
+from islandgp.evolution.random_trees import random_tree
+from tests.composed import composed_plan
+from tests.domains.island.days import points, world
+from tests.domains.island.odd import odd_worlds
 from tests.goldens import check_golden
-from tests.island.days import points, world
-from tests.island.odd import odd_worlds
 from tests.strategies import nodes
 
 LIMITS = Limits(max_depth=8, max_nodes=50)
@@ -79,7 +80,7 @@ def busy() -> World:
 
 def gp_tree(seed: int) -> Node:
     """A tree as genetic programming begins with."""
-    return random_tree(np.random.default_rng(seed), composed().gp.trees, LIMITS)
+    return random_tree(np.random.default_rng(seed), replace(composed_plan().space, limits=LIMITS))
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -114,8 +115,8 @@ ENDING_WHILE_DRIVING = (
     "PatrolWaypoint inverter { MoveToHumanoid } MoveToGarbage",
     "PatrolWaypoint inverter { MoveToHumanoid } SeekCharger",
     "MoveToGarbage inverter { ExecuteCharge } DeliverToClearingPoint",
-    *(f"PatrolWaypoint selector {{ {name} SeekCharger }}" for name in ACTIONS),
-    *(f"PatrolWaypoint inverter {{ {name} }} MoveToGarbage" for name in ACTIONS),
+    *(f"PatrolWaypoint selector {{ {name} SeekCharger }}" for name in VOCABULARY.actions),
+    *(f"PatrolWaypoint inverter {{ {name} }} MoveToGarbage" for name in VOCABULARY.actions),
 )
 
 
@@ -294,14 +295,14 @@ def test_another_process() -> None:
     """Another process, with another hash seed, comes to the same episode."""
     code = (
         "from islandgp.bt.language import parse\n"
-        "from islandgp.island.episode import run_episode\n"
-        "from tests.island.days import points\n"
-        "from tests.island.test_determinism import ALL_ROUNDER, busy\n"
+        "from islandgp.domains.island.episode import run_episode\n"
+        "from tests.domains.island.days import points\n"
+        "from tests.domains.island.test_determinism import ALL_ROUNDER, busy\n"
         "print(run_episode(parse(ALL_ROUNDER), busy(), 5, points()))\n"
     )
     found = subprocess.run(
         [sys.executable, "-c", code],
-        cwd=Path(__file__).parents[2],
+        cwd=Path(__file__).parents[3],
         env={**os.environ, "PYTHONHASHSEED": "12345", "PYTHONPATH": "."},
         capture_output=True,
         text=True,

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from islandgp.island.episode import Ending, Episode, run_episode
-from islandgp.island.journal import Event
-from islandgp.island.world import World
 
 from islandgp.bt.language import parse
-from tests.island.conftest import Lay
-from tests.island.days import day, points, world
+from islandgp.domains.island.episode import Ending, Episode, run_episode
+from islandgp.domains.island.journal import Event
+from islandgp.domains.island.world import World
+from tests.domains.island.conftest import Lay
+from tests.domains.island.days import day, points, world
 
 PATROL, STAND = "PatrolWaypoint", "PickupGarbage"
 

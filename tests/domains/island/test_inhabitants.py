@@ -6,11 +6,11 @@ from itertools import pairwise
 from math import hypot
 
 import pytest
-from islandgp.island.journal import Event
-from islandgp.island.script import write_script
 
-from tests.island.conftest import Lay
-from tests.island.days import day, world
+from islandgp.domains.island.journal import Event
+from islandgp.domains.island.script import write_script
+from tests.domains.island.conftest import Lay
+from tests.domains.island.days import day, world
 
 
 def test_garbage_is_capped(lay: Lay) -> None:

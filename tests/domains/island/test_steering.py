@@ -7,12 +7,12 @@ from math import hypot
 import numpy as np
 import pymunk
 import pytest
-from islandgp.island.robot import Robot
-from islandgp.island.script import Circle, obstacles
-from islandgp.island.steering import steer
-from islandgp.island.world import World
 
-from tests.island.days import day, world
+from islandgp.domains.island.robot import Robot
+from islandgp.domains.island.script import Circle, obstacles
+from islandgp.domains.island.steering import steer
+from islandgp.domains.island.world import World
+from tests.domains.island.days import day, world
 
 Point = tuple[float, float]
 

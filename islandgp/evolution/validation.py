@@ -1,0 +1,195 @@
+"""Which individual of a run is the best robot: candidates race in worlds that trained nobody.
+
+A generation's highest fitness is partly luck with its world, and stages have scales of
+their own. So the most promising trees of the last stage are evaluated again, on the same
+validation worlds, by successive halving (Jamieson and Talwalkar 2016): half of them are
+given up after each round, and those that stay meet more worlds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import sqrt
+from statistics import fmean, stdev
+from typing import Any, Final
+
+from islandgp.domain import Outcome
+from islandgp.evaluation.base import Evaluator, Job
+from islandgp.scoring.classes import Classes, tiers
+from islandgp.seeding import Stream, stream
+
+SHARE: Final = 0.15  # of a run's episodes that validation may take
+MOST: Final = 24  # candidates
+FINALISTS: Final = 3  # that meet the most worlds
+TOP: Final = 2  # of each generation that are candidates
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """An individual that may be the best robot."""
+
+    generation: int
+    id: str  # of the individual
+    tree: str  # canonical text
+    trained: float  # points, its fitness in its own generation
+
+
+@dataclass(frozen=True, slots=True)
+class Validation:
+    """What a tree achieved in validation worlds."""
+
+    worlds: tuple[int, ...]  # world seeds
+    mean: float  # points, mean over the worlds
+    low: float  # 95 % interval of the mean, Student's t
+    high: float
+    reached: dict[str, float]  # share of the worlds by tier
+    yardstick: str = ""  # name of the tree that it is compared with, "" for none
+    difference: float = 0.0  # points, mean of the paired differences to the yardstick
+    difference_low: float = 0.0  # its 95 % interval
+    difference_high: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Best:
+    """A run's best robot."""
+
+    generation: int
+    record: Mapping[str, Any]  # the individual's, as plain values
+    validation: Validation | None  # None: it was not validated
+
+
+def candidates(records: Sequence[Mapping[str, Any]], classes: Classes) -> list[Candidate]:
+    """The most promising trees of the last stage, each once, at most MOST.
+
+    They are the fittest of each generation, and those of each tier and each class.
+
+    Args:
+        records: generation records as plain values, oldest first.
+        classes: whose tiers are looked for.
+    """
+    stage = records[-1]["snapshot"]["stage"]
+    found: dict[str, Candidate] = {}
+    last = [
+        (record["snapshot"]["generation"], i)
+        for record in records
+        if record["snapshot"]["stage"] == stage
+        for i in record["individuals"]
+    ]
+    for generation, i in _ordered(last, classes):
+        if i["tree"] not in found and len(found) < MOST:
+            found[i["tree"]] = Candidate(generation, i["id"], i["tree"], i["fitness"])
+    return list(found.values())
+
+
+def _ordered(
+    last: Sequence[tuple[int, Mapping[str, Any]]], classes: Classes
+) -> Iterator[tuple[int, Mapping[str, Any]]]:
+    """Individuals in the order in which they become candidates."""
+    by_fitness = sorted(last, key=lambda pair: -pair[1]["fitness"])
+    generations = sorted({g for g, _ in last}, reverse=True)
+    for rank in range(TOP):
+        for generation in generations:
+            own = [pair for pair in by_fitness if pair[0] == generation]
+            yield from own[rank : rank + 1]
+        if rank == 0:
+            for tier in classes.tiers:
+                yield from [pair for pair in by_fitness if tier in pair[1]["tiers"]][:1]
+            for name in classes.specialist_names:
+                yield from [pair for pair in by_fitness if pair[1]["specialist"] == name][:1]
+
+
+def worlds_of(seed: int, used: frozenset[int], n: int) -> tuple[int, ...]:
+    """The first `n` validation worlds of a run that none of its generations used."""
+    drawn = (
+        int(stream(seed, Stream.VALIDATION, slot=i).integers(2**32)) for i in range(n + len(used))
+    )
+    return tuple(world for world in drawn if world not in used)[:n]
+
+
+def rounds(n: int, episodes: int) -> list[tuple[int, int]]:
+    """(candidates, new worlds) of each round, for `n` candidates and about so many episodes."""
+    sizes = [n]
+    while sizes[-1] > FINALISTS:
+        sizes.append(max(FINALISTS, (sizes[-1] + 1) // 2))
+    each = episodes // len(sizes)
+    return [(size, max(1, each // size)) for size in sizes]
+
+
+def validate(
+    found: Sequence[Candidate],
+    worlds: Sequence[int],
+    evaluator: Evaluator,
+    stage: int,
+    classes: Classes,
+    *,
+    episodes: int,
+    yardstick: tuple[str, str] | None = None,
+) -> list[tuple[Candidate, Validation]]:
+    """The candidates that came to the last round, the best first.
+
+    Args:
+        found: at least one candidate.
+        worlds: validation worlds, enough for all rounds; all candidates meet the same ones.
+        evaluator: runs the episodes.
+        stage: index of the curriculum's stage that scores them.
+        classes: whose tiers are counted.
+        episodes: about how many episodes there may be.
+        yardstick: name and canonical text of a tree to compare the winner with.
+
+    Raises:
+        EvaluationError: an episode cannot be run.
+    """
+    left = {candidate: list[Outcome]() for candidate in found}
+    met = 0
+    for size, new in rounds(len(found), episodes):
+        ranked = sorted(left, key=lambda c: -_mean(left[c], c))[:size]
+        batch = worlds[met : met + new]
+        outcomes = evaluator.evaluate([Job(c.tree, stage, w) for c in ranked for w in batch])
+        left = {
+            c: [*left[c], *outcomes[k * len(batch) : (k + 1) * len(batch)]]
+            for k, c in enumerate(ranked)
+        }
+        met += len(batch)
+    order = sorted(left, key=lambda c: -_mean(left[c], c))
+    judged = [(c, _judged(worlds[:met], left[c], classes)) for c in order]
+    if yardstick is not None:
+        name, text = yardstick
+        theirs = evaluator.evaluate([Job(text, stage, world) for world in worlds[:met]])
+        best, verdict = judged[0]
+        judged[0] = (best, compared(verdict, left[best], theirs, name))
+    return judged
+
+
+def _mean(outcomes: Sequence[Outcome], candidate: Candidate) -> float:
+    """The mean over the worlds met; before the first one, the fitness in training."""
+    return fmean(o.fitness for o in outcomes) if outcomes else candidate.trained
+
+
+def _judged(worlds: Sequence[int], outcomes: Sequence[Outcome], classes: Classes) -> Validation:
+    mean, low, high = interval([o.fitness for o in outcomes])
+    reached = [tiers(o, classes) for o in outcomes]
+    shares = {name: fmean(name in own for own in reached) for name in classes.tiers}
+    return Validation(tuple(worlds), mean, low, high, shares)
+
+
+def compared(
+    verdict: Validation, own: Sequence[Outcome], theirs: Sequence[Outcome], name: str
+) -> Validation:
+    """The verdict with the paired differences to a yardstick in the same worlds."""
+    pairs = [a.fitness - b.fitness for a, b in zip(own, theirs, strict=True)]
+    mean, low, high = interval(pairs)
+    return replace(
+        verdict, yardstick=name, difference=mean, difference_low=low, difference_high=high
+    )
+
+
+def interval(values: Sequence[float]) -> tuple[float, float, float]:
+    """Mean and 95 % interval by Student's t; a single value has no width."""
+    n, mean = len(values), fmean(values)
+    if n < 2:
+        return mean, mean, mean
+    from scipy.special import stdtrit  # imported where it is used: it costs start-up time
+
+    half = float(stdtrit(n - 1, 0.975)) * stdev(values) / sqrt(n)
+    return mean, mean - half, mean + half

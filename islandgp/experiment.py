@@ -1,0 +1,113 @@
+"""Experiments in Python: composed like on the command line, run generation by generation.
+
+experiment = islandgp.compose("gp.population=12", "supervisor=baseline")
+for step in experiment:
+    print(step.record.snapshot.best)
+experiment.evaluate(step.champion.record.tree, worlds=range(10))
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from islandgp.bt.language import parse, to_text
+from islandgp.bt.node import Node
+from islandgp.domain import Domain, Outcome
+from islandgp.evaluation.base import Setting
+from islandgp.evaluation.serial import Serial
+from islandgp.evolution.loop import evolve
+from islandgp.evolution.record import Step
+from islandgp.results import Results, load
+from islandgp.settings import Settings
+
+if TYPE_CHECKING:
+    from islandgp.compose import Planned
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One run's settings, validated."""
+
+    settings: Settings
+    config: dict[str, Any]  # resolved, as plain values
+    folder: Path  # where `run` keeps the records
+
+    @cached_property
+    def domain(self) -> Domain:
+        """The world that its trees live in."""
+        return self.settings.make_domain()
+
+    def __iter__(self) -> Iterator[Step]:
+        """Evolves, a generation at a time, in this process; nothing is written."""
+        from islandgp.run import make_supervisor
+
+        supervisor = make_supervisor(self.settings, None)
+        evaluator = Serial(Setting(self.domain, self.settings.curriculum))
+        yield from evolve(
+            self.settings.plan(self.domain), self.settings.seed, supervisor, evaluator
+        )
+
+    def parse(self, text: str) -> Node:
+        """A tree in the words of the domain. Raises TreeError."""
+        return parse(text, self.domain.schema.vocabulary)
+
+    def evaluate(
+        self, tree: Node | str, worlds: Iterable[int] = range(30), *, stage: int | None = None
+    ) -> list[Outcome]:
+        """A tree's outcome in each world.
+
+        Args:
+            tree: or its text.
+            worlds: seeds; worlds of evolution have others.
+            stage: index of the curriculum's stage that scores the episodes; None: the last.
+
+        Raises:
+            TreeError: the text is not a tree of the domain.
+        """
+        node = self.parse(tree) if isinstance(tree, str) else self.parse(to_text(tree))
+        last = len(self.settings.curriculum.stages) - 1
+        weights = self.settings.curriculum.multipliers(last if stage is None else stage)
+        return [self.domain.run_episode(node, seed, weights) for seed in worlds]
+
+    def run(self) -> Results:
+        """Runs it as the command does, or what is missing of it, with records and tracking.
+
+        In a script this belongs below `if __name__ == "__main__":`, as the evaluator starts
+        processes; `evaluator=serial` starts none.
+
+        Raises:
+            IslandError: as the command would end with.
+        """
+        from islandgp.run import run
+
+        run(self.settings, self.config, self.folder, home=Path.cwd())
+        return load(self.folder)
+
+
+def compose(*overrides: str, config_dir: str | Path | None = None) -> Experiment:
+    """The experiment that `python -m islandgp OVERRIDES` runs.
+
+    Raises:
+        ConfigError: with one line for each wrong key or value.
+    """
+    job = _planned(overrides, config_dir)
+    return Experiment(job.settings, job.config, job.folder)
+
+
+def run(*overrides: str, config_dir: str | Path | None = None) -> Results:
+    """Composes an experiment and runs it, as `Experiment.run` does."""
+    return compose("progress=off", *overrides, config_dir=config_dir).run()
+
+
+def _planned(overrides: tuple[str, ...], config_dir: str | Path | None) -> Planned:
+    from hydra._internal.utils import get_args_parser
+
+    from islandgp.compose import planned
+
+    flags = ["--config-dir", str(config_dir)] if config_dir is not None else []
+    args = get_args_parser().parse_args([*flags, *overrides])
+    return next(planned(args, list(overrides), Path.cwd()))

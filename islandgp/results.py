@@ -1,0 +1,203 @@
+"""Runs as pandas frames: one row a run, a generation, or an individual.
+
+    results = islandgp.load("runs/default")
+    results.generations.groupby(["arm", "generation"])["best"].mean()
+
+Column names with a dot belong to the domain or the experiment: `tiers.complete`,
+`components.garbage`, `counters.pickups`. COLUMNS says what the others mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from islandgp.errors import RunError
+from islandgp.evaluation.recorded import check_version
+from islandgp.tracking.files import score
+from islandgp.tracking.folder import RunFolder
+from islandgp.tracking.sweep_folder import SweepFolder
+
+if TYPE_CHECKING:
+    from pandas import DataFrame  # imported where it is used: it costs start-up time
+
+COLUMNS: Final[dict[str, dict[str, tuple[str, str]]]] = {
+    "runs": {
+        "run": ("string", "the run's folder, below the folder that was loaded"),
+        "name": ("string", "what the run or its sweep is called"),
+        "arm": ("string", "what the runs of a sweep share that differ in their seed only"),
+        "domain": ("string", "the class of the world that its trees lived in"),
+        "supervisor": ("string", "the supervisor's name"),
+        "seed": ("int64", "of every draw of the run"),
+        "status": ("string", "FINISHED, RUNNING, KILLED or FAILED"),
+        "generations": ("Int64", "generations of a finished run"),
+        "best": ("float64", "mean fitness of the best robot in validation worlds, points"),
+        "trained": ("float64", "its fitness in training, points"),
+        "final_best": ("float64", "highest fitness of the last generation, points"),
+        "final_mean": ("float64", "mean fitness of the last generation, points"),
+        "mean_diversity": ("float64", "Eq. (3), mean over the generations"),
+        "seconds": ("float64", "spent in the generations, s"),
+        "tree": ("string", "the best robot's text"),
+    },
+    "generations": {
+        "run": ("string", "as in the runs"),
+        "arm": ("string", "as in the runs"),
+        "seed": ("int64", "as in the runs"),
+        "generation": ("int64", "from 0, the initial population"),
+        "epoch": ("int64", "of the curriculum, from 1"),
+        "stage": ("int64", "of the curriculum, from 0"),
+        "best": ("float64", "highest fitness, points under the stage's multipliers"),
+        "mean": ("float64", "mean fitness, points"),
+        "sd": ("float64", "its standard deviation over the population, points"),
+        "diversity": ("float64", "Eq. (3)"),
+        "working": ("float64", "Eq. (4), a share"),
+        "size": ("float64", "mean nodes of a tree"),
+        "rate": ("float64", "mutation rate that made the generation"),
+        "source": ("string", "who gave the guidance for the next generation"),
+        "phase": ("string", "row of Table 8 that it named"),
+        "pattern": ("string", "row of Table 6 that it named"),
+        "target": ("string", "what its tree was for (Table 7)"),
+        "crisis": ("string", "why the emergency rate was enforced, or empty"),
+        "injected": ("boolean", "whether its tree took a slot of the next population"),
+    },
+    "individuals": {
+        "run": ("string", "as in the runs"),
+        "arm": ("string", "as in the runs"),
+        "seed": ("int64", "as in the runs"),
+        "generation": ("int64", "as in the generations"),
+        "id": ("string", "<generation>.<slot>"),
+        "origin": ("string", "how it came into the population (Table 1)"),
+        "parents": ("string", "ids, apart by spaces"),
+        "mutation": ("string", "the operator that changed it, or empty"),
+        "fitness": ("float64", "points, Eq. (1)"),
+        "specialist": ("string", "its exclusive class (section 2.3.3)"),
+        "best_tier": ("string", "the best row of Table 4 that it reaches, or empty"),
+        "nodes": ("int64", "of its tree"),
+        "depth": ("int64", "levels of its tree"),
+        "ending": ("string", "why its episodes ended, apart by spaces"),
+        "tree": ("string", "canonical text"),
+    },
+}
+"""By frame and column: its dtype, and its meaning with the unit."""
+
+
+@dataclass(frozen=True)
+class Results:
+    """Runs that were read from a folder."""
+
+    path: Path
+    folders: tuple[RunFolder, ...]  # in the order of their paths
+
+    @cached_property
+    def runs(self) -> DataFrame:
+        """One row a run; `first.<milestone>` is the generation of its first such robot."""
+        return _frame("runs", (self._run(folder) for folder in self.folders))
+
+    @cached_property
+    def generations(self) -> DataFrame:
+        """One row a generation."""
+        return _frame("generations", self._rows(_generation))
+
+    @cached_property
+    def individuals(self) -> DataFrame:
+        """One row an individual."""
+        return _frame("individuals", self._rows(_individuals))
+
+    def _run(self, folder: RunFolder) -> dict[str, Any]:
+        config = folder.configuration()
+        row = {
+            **self._labels(folder, config),
+            "name": config["name"],
+            "domain": config["domain"]["factory"],
+            "supervisor": config["supervisor"]["name"],
+            "status": folder.status().value,
+        }
+        if not folder.finished():
+            return row
+        summary = folder.summary()
+        best = summary["champion"]["record"]
+        kept = ("generations", "final_best", "final_mean", "mean_diversity", "seconds")
+        return {
+            **row,
+            "best": score(summary),
+            "trained": best["fitness"],
+            "tree": best["tree"],
+            **{name: summary[name] for name in kept},
+            **{f"first.{tier}": g for tier, g in summary["first"].items()},
+        }
+
+    def _rows(self, of: Any) -> Iterator[dict[str, Any]]:
+        for folder in self.folders:
+            labels = self._labels(folder, folder.configuration())
+            for record in folder.records():
+                for row in of(record):
+                    yield {**labels, **row}
+
+    def _labels(self, folder: RunFolder, config: Mapping[str, Any]) -> dict[str, Any]:
+        name = str(folder.path.relative_to(self.path)) if folder.path != self.path else "."
+        return {"run": name, "arm": _arm(folder, config), "seed": config["seed"]}
+
+
+def load(path: str | Path) -> Results:
+    """The runs in a folder and in all folders below it.
+
+    Raises:
+        RunError: there is no run, one is damaged, or one is of a version before domains.
+    """
+    top = Path(path).resolve()
+    folders = tuple(RunFolder(file.parent) for file in sorted(top.rglob("config.yaml")))
+    folders = tuple(f for f in folders if (f.path / "about.json").exists())
+    if not folders:
+        raise RunError(f"Expected runs in {top}, found none; give the folder that `runs` named.")
+    for folder in folders:
+        check_version(folder.configuration())
+    return Results(top, folders)
+
+
+def _arm(folder: RunFolder, config: Mapping[str, Any]) -> str:
+    """Its arm in its sweep; outside of one its supervisor's name."""
+    file = SweepFolder(folder.path.parent).read()
+    jobs = () if file is None else file.jobs
+    job = next((job for job in jobs if job.folder == folder.path.name), None)
+    return str(config["supervisor"]["name"]) if job is None or file is None else file.arm(job)
+
+
+def _generation(record: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    s, guidance = record["snapshot"], record["guidance"] or {}
+    plain = {name: value for name, value in s.items() if not isinstance(value, dict)}
+    nested = {
+        f"{group}.{name}": value
+        for group in ("tiers", "specialists", "doing", "counters")
+        for name, value in s[group].items()
+    }
+    kept = ("source", "phase", "pattern", "target", "crisis", "injected")
+    yield {**plain, **{name: guidance.get(name) for name in kept}, **nested}
+
+
+def _individuals(record: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    for i in record["individuals"]:
+        kept = ("id", "origin", "mutation", "fitness", "specialist", "nodes", "depth", "tree")
+        yield {
+            "generation": record["snapshot"]["generation"],
+            **{name: i[name] for name in kept},
+            "parents": " ".join(i["parents"]),
+            "best_tier": i["tiers"][0] if i["tiers"] else "",
+            "ending": " ".join(i["endings"]),
+            **{f"components.{name}": points for name, points in i["components"].items()},
+            **{f"counters.{name}": value for name, value in i["counters"].items()},
+        }
+
+
+def _frame(kind: str, rows: Iterator[dict[str, Any]]) -> DataFrame:
+    """The documented columns with their dtypes, then those of domain and experiment."""
+    from pandas import DataFrame
+
+    frame = DataFrame(list(rows))
+    declared = COLUMNS[kind]
+    others = [name for name in frame.columns if name not in declared]
+    frame = frame.reindex(columns=[*declared, *others])
+    firsts = {name: "Int64" for name in others if name.startswith("first.")}
+    return frame.astype({**{name: dtype for name, (dtype, _) in declared.items()}, **firsts})

@@ -1,0 +1,105 @@
+"""`islandgp verify`: whether a run's files are as they were written."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+from islandgp.errors import RunError
+from islandgp.evolution.checkpoint import read_checkpoint
+from islandgp.tracking.brief import brief
+from islandgp.tracking.checksums import digests, read_digests, wrong_record
+from islandgp.tracking.folder import RunFolder
+from islandgp.tracking.lines import Lines
+
+
+class Verdict(StrEnum):
+    """What became of a run's files."""
+
+    VERIFIED = "verified"  # all checksums agree
+    UNKNOWN = "not verified"  # there is none: written by an older version
+    DAMAGED = "damaged"
+
+
+@dataclass(frozen=True, slots=True)
+class Verified:
+    """What was found, and a few words about it."""
+
+    verdict: Verdict
+    words: str
+
+
+def verify(folder: RunFolder) -> Verified:
+    """Compares a run's records with their checksums, and its other files with its records."""
+    try:
+        folder.configuration()
+        generations, expected = _end(folder)
+        lines = Lines(folder.path / "generations.jsonl").head(generations)
+        if wrong := _wrong(folder, lines, expected):
+            return Verified(Verdict.DAMAGED, wrong)
+    except RunError as error:
+        return Verified(Verdict.DAMAGED, str(error))
+    if generations and expected is None:
+        return Verified(Verdict.UNKNOWN, "written by an older version")
+    state = "finished" if folder.finished() else "unfinished"
+    return Verified(Verdict.VERIFIED, f"{generations} generations, {state}")
+
+
+def _end(folder: RunFolder) -> tuple[int, str | None]:
+    """How many records there must be, and the digest of the last; None where none was written.
+
+    Raises:
+        RunError: the summary or the checkpoint is damaged, or there is neither.
+    """
+    if folder.finished():
+        folder.check_summary()
+        summary = folder.summary()
+        return int(summary["generations"]), summary.get("records")
+    checkpoint = folder.path / "checkpoint.json"
+    if checkpoint.exists():
+        plain = read_checkpoint(checkpoint)
+        return int(plain["generation"]), plain.get("records")
+    n = sum(1 for _ in Lines(folder.path / "generations.jsonl").whole())
+    if n > 1:
+        raise RunError(f"there is no {checkpoint.name} beside {n} generations")
+    return 0, None
+
+
+def _wrong(folder: RunFolder, lines: Sequence[bytes], expected: str | None) -> str:
+    """What is wrong with the records and what follows from them; "" if nothing is."""
+    if expected is not None:
+        sums = folder.path / "generations.sha256"
+        if why := wrong_record(lines, expected, sums):
+            return f"generations.jsonl: {why}"
+        if read_digests(sums)[: len(lines)] != list(digests(lines)):
+            return f"{sums.name}: it differs from the records, which are as they were written"
+    size = (folder.path / "generations.jsonl").stat().st_size
+    if folder.finished() and size != sum(map(len, lines)):
+        return "generations.jsonl: there is more in it than the run's generations"
+    try:
+        return _inconsistent(folder, [json.loads(line) for line in lines])
+    except (ValueError, KeyError, TypeError) as error:
+        return f"generations.jsonl: it holds other things than records ({brief(error)})"
+
+
+def _inconsistent(folder: RunFolder, records: Sequence[dict[str, Any]]) -> str:
+    """Which file does not agree with the records; "" if all do."""
+    for i, record in enumerate(records):
+        if record["snapshot"]["generation"] != i:
+            return f"generations.jsonl: line {i + 1} is not the record of generation {i}"
+    if not records:
+        return ""
+    file = folder.path / "best.bt"
+    if not file.exists():
+        return "best.bt: it is missing; the run's command makes it again"
+    if not folder.finished():
+        return ""  # the best tree may be of a generation that is being written down
+    champion = max((i for r in records for i in r["individuals"]), key=lambda i: i["fitness"])
+    if file.read_text(encoding="utf-8") != champion["tree"]:
+        return "best.bt: it is not the tree with the highest fitness of the records"
+    if folder.summary()["champion"]["record"] != champion:
+        return "summary.json: its champion is not the best individual of the records"
+    return ""

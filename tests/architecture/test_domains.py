@@ -1,0 +1,78 @@
+"""The package knows no world: configuration names one, and only its own folder speaks of it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from tests.architecture.sources import PACKAGE, ROOT, imports, modules
+from tests.architecture.test_imports import below
+
+ISLAND = PACKAGE / "domains" / "island"
+WORDS = re.compile(r"humanoid|pickup|garbage|charger|clearing.?point|batteryLevel", re.IGNORECASE)
+
+LEFT = {
+    # file: why it still has such words. Files leave this list; none comes in.
+    "islandgp/app.py": "Python's own garbage",
+    "islandgp/bt/export/json.py": "an example in a docstring",
+    "islandgp/bt/printer.py": "an example in a docstring",
+    "islandgp/bt/source.py": "an example in a docstring",
+    "islandgp/domain.py": "an example in a comment",
+    "islandgp/results.py": "an example in a docstring",
+}
+
+
+def test_no_module_imports_a_domain() -> None:
+    """Not even inside a function: a domain comes from configuration alone."""
+    known = {
+        f"{i.module} imports {i.name}"
+        for i in imports()
+        if below(i.name, "islandgp.domains") and not below(i.module, "domains")
+    }
+    assert known == set()
+
+
+def test_domains_do_not_know_each_other() -> None:
+    """Nor does one import anything of another one's folder."""
+    known = {
+        f"{i.module} imports {i.name}"
+        for i in imports()
+        if below(i.module, "domains")
+        and below(i.name, "islandgp.domains")
+        and i.module.split(".")[1:2] != i.name.split(".")[2:3]
+    }
+    assert known == set()
+
+
+def test_domains_know_the_contract_and_no_more() -> None:
+    """The language, the contract and scoring are all that a domain is made with."""
+    allowed = ("bt", "domain", "domains", "errors", "resources", "scoring", "seeding", "ticking")
+    used = {
+        i.name.removeprefix("islandgp.")
+        for i in imports()
+        if below(i.module, "domains") and i.top == "islandgp"
+    }
+    assert {name for name in used if not any(below(name, place) for place in allowed)} == set()
+
+
+def sources() -> list[Path]:
+    """What must not speak of the island: Python, JavaScript and prompts outside its folder."""
+    found = [*modules(), *PACKAGE.rglob("*.js"), *(ROOT / "prompts").glob("*.md")]
+    return sorted(path for path in found if not path.is_relative_to(ISLAND))
+
+
+def test_no_word_of_the_island_outside_its_folder() -> None:
+    """Except in the files of LEFT, which all still have some."""
+    found = {
+        str(path.relative_to(ROOT))
+        for path in sources()
+        if WORDS.search(path.read_text(encoding="utf-8"))
+    }
+    assert found == set(LEFT)
+
+
+def test_the_words_are_those_of_the_island() -> None:
+    """The pattern finds what the test above looks for: the island's own files have them."""
+    text = "".join(path.read_text(encoding="utf-8") for path in ISLAND.glob("*.py"))
+    found = {word.lower() for word in WORDS.findall(text)}
+    assert {"humanoid", "pickup", "garbage", "charger", "clearing_point", "batterylevel"} <= found

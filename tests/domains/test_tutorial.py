@@ -1,0 +1,92 @@
+"""docs/domains.md: its code is that of the example, and each of its commands runs."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "examples" / "pick_place"
+PAGE = (ROOT / "docs" / "domains.md").read_text(encoding="utf-8")
+MADE_UP = "library:\n  folder: trees"  # the one snippet that is not part of the example
+CALL = "from islandgp.cli import main; main()"  # what the command `islandgp` does
+QUICK = ("tracking=off", "progress=off", "evaluator=serial")
+
+
+def commands() -> list[list[str]]:
+    """The page's commands, in its order."""
+    blocks = re.findall(r"```console\n(.*?)```", PAGE, re.DOTALL)
+    lines = [line.removeprefix("$ ") for block in blocks for line in block.splitlines()]
+    return [shlex.split(line) for line in lines]
+
+
+def test_the_code_is_the_examples() -> None:
+    """Each snippet of the page stands in a file of the example, to the letter."""
+    files = [path.read_text(encoding="utf-8") for path in EXAMPLE.rglob("*") if path.is_file()]
+    snippets = re.findall(r"```(?:python|yaml|)\n(.*?)```", PAGE, re.DOTALL)
+    assert len(snippets) > 8
+    strange = [
+        snippet
+        for snippet in snippets
+        if not any(snippet in text for text in files) and not snippet.startswith(MADE_UP)
+    ]
+    assert strange == []
+
+
+def test_the_domain_is_short() -> None:
+    """The whole domain is less than 120 lines of plain Python."""
+    text = (EXAMPLE / "pick_place.py").read_text(encoding="utf-8")
+    assert len([line for line in text.splitlines() if line.strip()]) < 120
+
+
+def follow(folder: Path, python: Path, env: dict[str, str]) -> str:
+    """Runs the page's commands in a copy of the example; returns all that they printed."""
+    here = folder / "pick and place"  # a name with blanks, as people have
+    shutil.copytree(EXAMPLE, here, ignore=shutil.ignore_patterns("__pycache__", "runs"))
+    said = ""
+    for words in commands():
+        if words[:3] == ["python", "-m", "islandgp"]:
+            words = [str(python), *words[1:], *QUICK]
+        else:
+            words = [str(python), "-c", CALL, *words[1:]]
+        if "compare" in words:
+            words += ["--no-mlflow"]
+        done = subprocess.run(words, cwd=here, env=env, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, f"{shlex.join(words)}\n{done.stdout}{done.stderr}"
+        said += done.stdout + done.stderr
+    assert "Expected" not in said
+    assert ElementTree.parse(here / "carry.xml").getroot().tag == "root"
+    assert "<html" in (here / "carry.html").read_text(encoding="utf-8")
+    return said
+
+
+def test_the_commands_run(tmp_path: Path) -> None:
+    """From check to compare, in a folder with a blank in its name."""
+    env = {**os.environ, "PYTHONPATH": str(ROOT)}
+    said = follow(tmp_path, Path(sys.executable), env)
+    assert "First Finished Robot" in said or "first Finished Robot" in said
+
+
+@pytest.mark.parametrize("supervisor", ["baseline", "fixed", "untargeted"])
+def test_every_supervisor_runs(tmp_path: Path, supervisor: str) -> None:
+    """Each supervisor that needs no server runs on the domain."""
+    words = ("--config-dir", str(EXAMPLE / "conf"), "domain=pick_place", "gp.generations=3")
+    env = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{EXAMPLE}"}
+    done = subprocess.run(
+        [sys.executable, "-m", "islandgp", *words, f"supervisor={supervisor}", *QUICK],
+        cwd=tmp_path,
+        env=env,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Best fitness" in done.stdout

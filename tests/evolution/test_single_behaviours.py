@@ -1,0 +1,162 @@
+"""The search for a tree of each single behaviour, in a world that can be worked out by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache
+
+import pytest
+
+from islandgp.bt.engine import compile_tree
+from islandgp.bt.language import parse, to_text
+from islandgp.bt.limits import Limits, within
+from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, size, walk
+from islandgp.bt.vocabulary import Action, Vocabulary, flag
+from islandgp.domain import Outcome
+from islandgp.evaluation.base import Job
+from islandgp.evolution.random_trees import TreeSpace
+from islandgp.evolution.single_behaviours import (
+    CHILDREN,
+    COMPACT,
+    POOL,
+    ROUNDS,
+    WORLDS,
+    single_behaviours,
+)
+from islandgp.scoring.classes import Classes
+from tests.composed import composed
+
+TICKS = 20  # of an episode
+STORE = Vocabulary(
+    "store",
+    {
+        "Pick": Action("takes an item, one a tick"),
+        "Put": Action("puts down an item that was taken, one a tick"),
+        "Rest": Action("goes on for ever"),
+        "Fly": Action("is never possible"),
+    },
+    {"holding": flag("there is an item")},
+)
+CLASSES = Classes.model_validate(
+    {
+        "behaviours": {"picking": "picks", "putting": "puts", "flying": "flights"},
+        "specialists": {"of": ["picking"], "dominance_ratio": 2, "idle": "idle", "mixed": "mixed"},
+        "tiers": {"good": {}},
+        "milestones": ["good"],
+    }
+)
+
+
+def episode(tree: Node) -> Outcome:
+    """What a tree does in TICKS ticks of the store."""
+    board, done = [0.0], {"picks": 0.0, "puts": 0.0, "flights": 0.0}
+    used: set[str] = set()  # in this tick
+
+    def once(name: str, counter: str, change: int) -> Callable[[bool], int]:
+        def act(_fresh: bool) -> int:
+            if name in used or board[0] + change < 0:
+                return FAILURE
+            used.add(name)
+            board[0] += change
+            done[counter] += 1
+            return SUCCESS
+
+        return act
+
+    actions = {
+        "Pick": once("Pick", "picks", 1),
+        "Put": once("Put", "puts", -1),
+        "Rest": lambda _fresh: RUNNING,
+        "Fly": lambda _fresh: FAILURE,
+    }
+    tick = compile_tree(tree, actions, board, STORE.places)
+    for _ in range(TICKS):
+        used.clear()
+        tick()
+    return Outcome({"points": 0.0}, done, float(TICKS), ("time",))
+
+
+class Store:
+    """See `Evaluator`."""
+
+    def __init__(self) -> None:
+        self.jobs: list[Job] = []
+
+    @property
+    def simulated(self) -> int:
+        """See `Evaluator`."""
+        return len(self.jobs)
+
+    def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
+        """See `Evaluator`."""
+        self.jobs += jobs
+        return [episode(parse(job.tree, STORE)) for job in jobs]
+
+    def close(self) -> None:
+        """See `Evaluator`."""
+
+
+def search(limits: Limits | None = None) -> tuple[dict[str, Node], list[Job]]:
+    """The trees by behaviour, and the episodes that it took."""
+    gp, store = composed().gp, Store()
+    space = TreeSpace(gp.trees, STORE, limits or gp.limits)
+    return single_behaviours(CLASSES, space, gp.mutation, store, 3), store.jobs
+
+
+@cache
+def searched() -> tuple[dict[str, Node], list[Job]]:
+    """With the paper's limits."""
+    return search()
+
+
+def words(tree: Node) -> list[str]:
+    """The actions of a tree, sorted."""
+    return sorted(str(node.args[0]) for node in walk(tree) if node.kind == "action")
+
+
+def test_each_behaviour_has_its_smallest_tree() -> None:
+    """One that shows it in every tick, without a node that could be left out."""
+    found, _ = searched()
+    assert to_text(found["picking"]) == "Pick\n"
+    assert (size(found["putting"]), words(found["putting"])) == (3, ["Pick", "Put"])
+    assert episode(found["putting"]).counters["puts"] == TICKS
+
+
+def test_what_no_tree_showed_is_left_out() -> None:
+    """Nobody can fly, however long the search takes."""
+    assert list(searched()[0]) == ["picking", "putting"]
+
+
+def test_the_search_is_a_function_of_its_arguments() -> None:
+    """Asked again it tries the same trees in the same worlds, and finds the same."""
+    assert search() == searched()
+
+
+def test_the_search_is_bounded() -> None:
+    """At most as many episodes as its constants say, and those of taking nodes away."""
+    _, jobs = searched()
+    behaviours = len(CLASSES.behaviours)
+    smaller = behaviours * COMPACT.max_nodes * 2 * COMPACT.max_nodes  # fewer nodes at each step
+    assert len(jobs) <= WORLDS * (POOL + behaviours * ROUNDS * CHILDREN + smaller)
+    assert len(set(jobs)) == len(jobs), "no episode is run twice"
+
+
+def test_all_trees_meet_the_same_worlds() -> None:
+    """In the stage that was asked for."""
+    _, jobs = searched()
+    assert {job.stage for job in jobs} == {3}
+    worlds = {job.seed for job in jobs}
+    assert len(worlds) == WORLDS
+    assert {(job.tree, seed) for job in jobs for seed in worlds} == {
+        (job.tree, job.seed) for job in jobs
+    }
+
+
+@pytest.mark.parametrize("limits", [Limits(8, 50), Limits(2, 3), Limits(50, 1)])
+def test_trees_are_compact(limits: Limits) -> None:
+    """Within section 2.4.6, and within the run's limits where those are narrower."""
+    found, jobs = search(limits)
+    for tree in (*found.values(), *(parse(job.tree) for job in jobs)):
+        assert within(tree, COMPACT)
+        assert within(tree, limits)
+    assert "picking" in found

@@ -1,0 +1,72 @@
+"""What a run shows may be lost; the run is not."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from tests.running.commands import ROOT, TINY, fake
+
+WORDS = (*TINY, "tracking=off", *fake("Instant"))
+
+
+@contextmanager
+def without_reader() -> Iterator[int]:
+    """A pipe at whose other end nobody is, as behind `| head`."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    yield writer
+    os.close(writer)
+
+
+@contextmanager
+def full() -> Iterator[int]:
+    """A full disk."""
+    with Path("/dev/full").open("wb") as file:
+        yield file.fileno()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize("sweep", [(), ("seed=0,1", "-m")], ids=["run", "sweep"])
+@pytest.mark.parametrize("where", [without_reader, full], ids=["no reader", "full"])
+def test_a_run_goes_on_when_its_display_takes_no_more(
+    where: type, sweep: tuple[str, ...], tmp_path: Path
+) -> None:
+    """Exit code 0, and the summary is there; the result still arrives."""
+    with where() as stderr:
+        done = subprocess.run(
+            [sys.executable, "-m", "islandgp", *WORDS, *sweep],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            stdout=subprocess.PIPE,
+            stderr=stderr,
+            check=False,
+        )
+    assert done.returncode == 0
+    assert b"Results: " in done.stdout
+    assert len(list(tmp_path.rglob("summary.json"))) == 1 + bool(sweep)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a shell")
+@pytest.mark.parametrize("streams", ["2>&-", ">&- 2>&-", "<&- >&- 2>&-", "2>&1 | head -2"])
+def test_a_run_goes_on_without_streams(streams: str, tmp_path: Path) -> None:
+    """Closed ones, and both into a pipe that ends; no other file takes their number."""
+    script = f'"$0" -m islandgp "$@" {streams}; exit "${{PIPESTATUS[0]}}"'
+    done = subprocess.run(
+        ["bash", "-c", script, sys.executable, *WORDS],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    (summary,) = tmp_path.rglob("summary.json")
+    assert "\n" in (summary.parent / "generations.jsonl").read_text()

@@ -1,0 +1,168 @@
+"""A comparison of runs from a world that the study has never heard of."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from islandgp.domains.island.vocabulary import SCHEMA
+from islandgp.study.arms import Arm, Run
+from islandgp.study.building import build
+from islandgp.study.comparable import compare_arms
+from islandgp.study.data import runs_csv
+from islandgp.study.generalise import Generalisation
+from islandgp.study.library import library_names
+from islandgp.study.page import to_page
+from islandgp.study.report import Report
+from islandgp.study.writing import markdown
+from tests.made import CLASSES
+from tests.study.made_runs import config, guidance, individual, made_arm, made_run
+
+TIERS = ("begun", "halfway", "nearly", "arrived")
+
+MAZE = {
+    "domain": {"factory": "nowhere.maze:Maze"},
+    "world": {"size": 9},
+    "library": {"folder": None, "trees": {}, "shown": {}},
+    "classes": {
+        "behaviours": {"turning": "turns"},
+        "specialists": {"of": ["turning"], "dominance_ratio": 2.0, "idle": "idler", "mixed": "odd"},
+        "tiers": {name: {"at_least": {"turns": k}} for k, name in enumerate(reversed(TIERS))},
+        "milestones": list(TIERS),
+    },
+}
+
+
+def _maze_run(supervisor: str, seed: int) -> Run:
+    """A run in a maze: one component, one behaviour, four milestones."""
+    plain = individual("0.0")
+    run = made_run(supervisor, seed, generations=6, guided=guidance(pattern="stagnation"))
+    records = []
+    for g, record in enumerate(run.records):
+        one = replace(
+            plain,
+            id=f"{g}.0",
+            origin="injected" if g == 3 else "crossover",
+            parents=(f"{g - 1}.0",) if g else (),
+            fitness=10.0 * g + seed,
+            components={"way": 10.0 * g + seed},
+            counters={"turns": float(g)},
+            specialist="turning",
+            tiers=TIERS[: g // 2],
+        )
+        snapshot = replace(
+            record.snapshot,
+            best=one.fitness,
+            specialists={"idler": 0, "turning": 1, "odd": 0},
+            doing={"turning": 1},
+            tiers={name: int(name in one.tiers) for name in TIERS},
+            counters=dict(one.counters),
+        )
+        records.append(replace(record, snapshot=snapshot, individuals=(one,)))
+    champion = replace(run.champion, generation=5, record=records[5].individuals[0])
+    changes: dict[str, Any] = {**config(supervisor, seed), **MAZE}
+    flat = {k: v for k, v in run.flat.items() if k.partition(".")[0] not in MAZE}
+    flat["domain.factory"] = "nowhere.maze:Maze"
+    return replace(run, config=changes, flat=flat, records=tuple(records), champion=champion)
+
+
+def _arms() -> list[Arm]:
+    return [made_arm(n, [_maze_run(n, s) for s in (0, 1)]) for n in ("expert", "baseline")]
+
+
+UNSEEN = (Generalisation("expert", 0, 50.0, 9, 40.0, 3.0, dict.fromkeys(TIERS, 0.5)),)
+
+
+@pytest.fixture(scope="module")
+def report() -> Report:
+    """Two arms in a maze whose class cannot even be imported."""
+    return build(compare_arms(_arms()), UNSEEN, 9)
+
+
+def test_every_milestone_behaviour_and_component_has_its_row(report: Report) -> None:
+    """However many there are, by the names that configuration and records give them."""
+    tables = {t.key: t for t in report.tables}
+    firsts = [row[0] for row in tables["table-11"].rows]
+    assert firsts == [f"First {name.capitalize()} Robot" for name in TIERS]
+    assert tables["table-11-runs"].rows[0][1:5] == ("2", "4", "never", "never")
+    assert [row[0] for row in tables["table-13"].rows] == ["Turning"]
+    assert [row[0] for row in tables["components"].rows] == ["Way", "Fitness"]
+    assert [c for c in tables["generalisation"].columns if c.endswith(" in")] == [
+        f"{name.capitalize()} in" for name in TIERS
+    ]
+    assert runs_csv(compare_arms(_arms())).startswith("arm,seed")
+
+
+def test_no_paper_is_quoted_where_there_is_none(report: Report) -> None:
+    """No column of published figures, no claims, no note of where they come from."""
+    assert not any(c.startswith("paper*") for t in report.tables for c in t.columns)
+    assert not any(t.key.startswith("claims") for t in report.tables)
+    assert not any("another simulator" in note for t in report.tables for note in t.notes)
+    assert "family of 22 comparisons" not in to_page(report)
+    assert "The 11 comparisons of Tables 9, 10 and 11" in to_page(report)
+
+
+def test_no_word_of_the_island_is_in_the_report(report: Report) -> None:
+    """Neither its actions and keys, nor its counters, classes and tiers."""
+    words = {
+        *SCHEMA.vocabulary.actions,
+        *SCHEMA.vocabulary.keys,
+        *SCHEMA.components,
+        *SCHEMA.counters,
+        *CLASSES.behaviours,
+    } - {"patrol", "distance", "inactive", "battery", "idle"}
+    text = re.sub(r"(selector|MoveToGarbage|PatrolWaypoint)", "", markdown(report)).lower()
+    assert {word for word in words if re.search(rf"\b{word.lower()}\b", text)} == set()
+
+
+def test_a_paper_is_quoted_for_its_own_classes_only() -> None:
+    """A specialist by another ratio is another thing than the paper's."""
+    runs = [[made_run(n, s, generations=4) for s in (0, 1)] for n in ("expert", "baseline")]
+    other = [
+        [made_run(n, s, generations=4, classes__specialists__dominance_ratio=3.0) for s in (0, 1)]
+        for n in ("expert", "baseline")
+    ]
+    for two, there in ((runs, True), (other, False)):
+        arms = [made_arm(n, r) for n, r in zip(("expert", "baseline"), two, strict=True)]
+        assert (compare_arms(arms).paper is not None) is there
+
+
+def test_library_trees_have_the_names_of_the_run_s_own_folder(tmp_path: Path) -> None:
+    """Of whatever folder the configuration names; none, or one that is gone, names nothing."""
+    (tmp_path / "mine.bt").write_text("domain island\nPatrolWaypoint\n")
+    (tmp_path / "half.bt").write_text("selector {")
+    assert library_names(config(library__folder=str(tmp_path))) == {"PatrolWaypoint\n": "mine"}
+    assert library_names(config(library__folder=None)) == {}
+    assert library_names(config(library__folder="gone")) == {}
+    assert library_names({**config(), **MAZE}) == {}
+
+
+WORDS = (
+    "island.",
+    "complete",
+    "excellent",
+    "pickup",
+    "humanoid",
+    "charging",
+    "clearing",
+    "garbage",
+    "patrol",
+    "all_rounder",
+    "grammar/examples",
+)
+
+
+def test_no_word_of_the_island_is_in_the_code() -> None:
+    """What the study knows of a domain it knows from configuration and records."""
+    folder = Path(__file__).parents[2] / "islandgp" / "study"
+    found = [
+        (path.name, word)
+        for path in sorted(folder.rglob("*.py"))
+        for word in WORDS
+        if word in path.read_text(encoding="utf-8").lower()
+    ]
+    assert found == []

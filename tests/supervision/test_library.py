@@ -1,0 +1,180 @@
+"""The trees that supervisors inject: from a folder, or found by a search."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from islandgp.bt.language import parse, to_text
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.errors import ConfigError, DomainError, IslandError, UnknownNameError
+from islandgp.run import make_library
+from islandgp.supervision.library import (
+    Library,
+    LibrarySettings,
+    library_folder,
+    read_library,
+)
+from tests.composed import composed
+from tests.made import CLASSES
+from tests.running.commands import fake
+
+EACH = dict.fromkeys(CLASSES.behaviours, ("work",))
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder with two trees."""
+    (tmp_path / "work.bt").write_text("# everything\nselector { PickupGarbage }\n")
+    (tmp_path / "rest.bt").write_text("domain island\nPatrolWaypoint\n")
+    return tmp_path
+
+
+def read(folder: Path, **settings: Any) -> Library:
+    """The library of a folder, for the paper's classes."""
+    found = LibrarySettings.model_validate({"trees": EACH, **settings})
+    return read_library(found, folder, VOCABULARY, CLASSES)
+
+
+def test_trees_and_their_texts(folder: Path) -> None:
+    """Every tree that is named is read once, with its comments."""
+    found = read(folder, trees={**EACH, "rare": ["rest", "work"]}, shown={"poor": ["rest"]})
+    assert found.trees == {
+        "rest": parse("PatrolWaypoint"),
+        "work": parse("selector { PickupGarbage }"),
+    }
+    assert found.texts["work"] == "# everything\nselector { PickupGarbage }\n"
+    assert found.targets["rare"] == ("rest", "work")
+    assert found.shown == {"poor": ("rest",)}
+
+
+def test_a_file_that_nobody_names_is_not_read(folder: Path) -> None:
+    """A folder may hold trees for other uses, wrong ones as well."""
+    (folder / "wrong.bt").write_text("selector {")
+    assert set(read(folder).trees) == {"work"}
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (
+            {"trees": {**EACH, "flying": ["work"]}},
+            r"library\.trees: expected targets \(pickup, humanoid, charging, clearing, rare,"
+            r" integration, exploration\), found 'flying'",
+        ),
+        (
+            {"trees": {"pickup": ["work"], "clearing": []}},
+            r"library\.trees: expected a tree for each behaviour, missing humanoid, charging,"
+            r" clearing",
+        ),
+        (
+            {"trees": {**EACH, "rare": ["wrok"]}},
+            r"expected a tree in .*wrok\.bt, found none \(No such file.*\); there are rest, work",
+        ),
+        ({"shown": {"poor": ["bad"]}}, r"expected a tree in .*bad\.bt"),
+    ],
+)
+def test_what_is_missing_is_told(folder: Path, settings: Any, message: str) -> None:
+    """A name that stands for no target, a behaviour without a tree, a file that is not there."""
+    with pytest.raises(ConfigError, match=message):
+        read(folder, **settings)
+
+
+def test_an_empty_folder(tmp_path: Path) -> None:
+    """It says so."""
+    with pytest.raises(ConfigError, match="there are none"):
+        read(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "message"),
+    [
+        ("selector { Fly }", UnknownNameError, "unknown action 'Fly'"),
+        ("selector {", IslandError, "too early"),
+        ("domain maze PatrolWaypoint", DomainError, "for the domain 'maze', not for 'island'"),
+        ("", IslandError, "no tree"),
+    ],
+)
+def test_a_file_that_is_no_tree_is_told(
+    folder: Path, text: str, error: type[Exception], message: str
+) -> None:
+    """With its path and place, as `islandgp check` does."""
+    (folder / "work.bt").write_text(text)
+    with pytest.raises(error, match=rf"work\.bt:1:\d+: .*{message}"):
+        read(folder)
+
+
+def test_a_file_that_is_no_text_is_told(folder: Path) -> None:
+    """In one line."""
+    (folder / "work.bt").write_bytes(b"\xff\xfe")
+    with pytest.raises(ConfigError, match=r"expected UTF-8 text in .*work\.bt"):
+        read(folder)
+
+
+def test_where_a_folder_is_looked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A path from here, or a folder of the project; else the message says how to do without."""
+    domain = composed().make_domain()
+    assert (library_folder("grammar/examples", domain) / "poor.bt").is_file()
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine").mkdir()
+    assert library_folder("mine", domain) == Path("mine")
+    with pytest.raises(ConfigError, match=r"found no 'yours'; .*library=automatic"):
+        library_folder("yours", domain)
+
+
+# Found by a search
+
+
+@pytest.fixture
+def automatic(tmp_path: Path) -> Callable[..., Library]:
+    """The library of a run with made-up outcomes, whose records are in a folder of the test."""
+
+    def made(*overrides: str) -> Library:
+        words = [*fake("Instant"), "library=automatic", f"runs={tmp_path}", *overrides]
+        settings = composed(*words)
+        return make_library(settings, settings.make_domain())
+
+    return made
+
+
+def files(folder: Path) -> list[Path]:
+    """The libraries that are kept in a folder of runs."""
+    return sorted((folder / ".libraries").glob("*.json"))
+
+
+def test_a_tree_for_each_behaviour_is_found(
+    automatic: Callable[..., Library], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is said, done once for all runs that are alike, and the trees are the same afterwards."""
+    first = automatic("seed=1")
+    assert capsys.readouterr().err == ("islandgp: searching for a tree of each behaviour, once\n")
+    assert first.targets == {name: (name,) for name in CLASSES.behaviours}
+    (file,) = files(tmp_path)
+    assert json.loads(file.read_text()) == {
+        name: to_text(tree) for name, tree in first.trees.items()
+    }
+    assert automatic("seed=2", "supervisor=untargeted", "name=other") == first
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("change", ["world.episode.length=60", "rewards.events.idle.base=-1"])
+def test_another_world_has_a_library_of_its_own(
+    automatic: Callable[..., Library], tmp_path: Path, change: str
+) -> None:
+    """What the search depends on is in the name of its file."""
+    automatic()
+    automatic(change)
+    assert len(files(tmp_path)) == 2
+
+
+def test_nothing_found_is_told(automatic: Callable[..., Library]) -> None:
+    """Without any tree no supervisor could inject one."""
+    none = [f"classes.behaviours.{name}=collisions" for name in CLASSES.behaviours]
+    with pytest.raises(
+        ConfigError, match=r"that shows one of the behaviours \(pickup, .*found none"
+    ):
+        automatic(*none)

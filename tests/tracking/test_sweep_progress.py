@@ -1,0 +1,31 @@
+"""Which jobs of a sweep have failed in it, whatever the clocks say."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from islandgp.errors import EvaluationError
+from islandgp.sweep_progress import Start
+from islandgp.tracking.sweep_folder import SweepJob
+from tests.tracking.folders import written
+
+
+@pytest.mark.parametrize("ahead", [-3600, 0, 3600])
+def test_a_clock_that_differs_from_the_file_systems(ahead: int, tmp_path: Path) -> None:
+    """A failure is this sweep's if its file is another one than at the start."""
+    folder = written(tmp_path / "one", tmp_path, 2)
+    other = written(tmp_path / "two", tmp_path, 2)
+    folder.fail(EvaluationError("before"))
+    jobs = {run.path: SweepJob(run.path.name, "baseline", 1, (), 5, "") for run in (folder, other)}
+    start = Start.now(jobs)
+    assert not start.failed(folder)
+    assert not start.failed(other)
+    for run in (folder, other):
+        run.fail(EvaluationError("now"))
+        file = run.path / "error.txt"
+        at = file.stat().st_mtime + ahead
+        os.utime(file, (at, at))
+        assert start.failed(run)

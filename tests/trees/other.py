@@ -1,0 +1,22 @@
+"""A domain with words of its own; it runs nothing."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from islandgp.bt.vocabulary import Action, Vocabulary, flag
+from islandgp.domain import Event, Schema
+from islandgp.domains.island import Island
+
+
+class Other(Island):
+    """As `check` sees it: only the vocabulary counts."""
+
+    schema: ClassVar[Schema] = Schema(
+        vocabulary=Vocabulary(
+            "other", {"Work": Action("works"), "Rest": Action("rests")}, {"tired": flag("is tired")}
+        ),
+        components={"work": "work done"},
+        events={"done": Event("work is done")},
+        task="A robot works and rests.",
+    )
