@@ -94,7 +94,7 @@ def losses(tree: Node) -> list[Loss]:
     for node in walk(tree):
         if node.kind == "repeater" and differs(node):
             found.add(REPEAT)
-        if node.kind == "parallel" and differs(node):
+        if node.kind == "parallel" and len(node.children) > 1:
             found.add(POLICY if node.args == ("all", "all") else JUDGED)
         if node.kind == "when" and differs(node):
             found.add(EQUAL)
@@ -106,7 +106,8 @@ def differs(node: Node) -> bool:
     if node.kind == "repeater":
         return node.args[0] != 1
     if node.kind == "parallel":
-        return len(node.children) > 1
+        # With one child only the words differ; they come back when the file is read.
+        return len(node.children) > 1 or node.args != ("all", "one")
     return node.args[1] in ("==", "!=")
 
 
@@ -180,7 +181,8 @@ def _attributes(part: Part) -> str:
         return f' num_cycles="{int(part.args[0])}"'
     if part.kind == "parallel":
         success, failure = part.args
-        fails = 1 if failure == "one" else len(part.children)
+        # With success all, the first failure fails it, whatever stands here.
+        fails = 1 if failure == "one" or success == "all" else len(part.children)
         return f' success_count="{1 if success == "one" else -1}" failure_count="{fails}"'
     return f' name="{REST}"' if part.rest else ""
 

@@ -14,7 +14,7 @@ from typing import Final, TypeAlias
 
 from islandgp.bt.export.plan import Part
 from islandgp.bt.node import Node
-from islandgp.bt.truth import checks_itself, exposes, interrupts
+from islandgp.bt.truth import checks_itself, exposes
 
 OWN: Final = frozenset({
     "when", "interruptible_fallback", "interruptible_sequence", "judged_parallel",
@@ -51,7 +51,7 @@ def _part(node: Node, differs: Differs, *, observed: bool) -> Part:
     if kind in ("when", "inverter", "repeater"):
         child = _part(node.children[0], differs, observed=observed)
         if kind == "when":
-            return _when(node, child, ours=observed or interrupts(node) or differs(node))
+            return _when(node, child, ours=observed or exposes(node) or differs(node))
         if kind == "inverter":
             return Part("inverter", (), (child,))
         return Part("repeat_per_tick" if differs(node) else "repeat", node.args, (child,))
