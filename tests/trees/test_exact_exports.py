@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.language import parse
 from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node
+from islandgp.bt.vocabulary import Action, Vocabulary, flag
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import DomainError
 from islandgp.resources import resource
@@ -32,7 +33,7 @@ RESULTS = st.lists(st.sampled_from([FAILURE, SUCCESS, RUNNING, RUNNING]), min_si
 TREES = nodes(few_numbers(), max_leaves=10, max_repeats=3)
 EXAMPLES = sorted((resource("grammar") / "examples").glob("*.bt"), key=lambda path: path.name)
 MANY = settings(
-    max_examples=500, suppress_health_check=[*HealthCheck], phases=[Phase.explicit, Phase.generate]
+    max_examples=300, suppress_health_check=[*HealthCheck], phases=[Phase.explicit, Phase.generate]
 )
 
 
@@ -202,8 +203,8 @@ def test_equal_within_a_little(cpp: BehaviorTreeCpp) -> None:
 
 # Which function is one tick: a Repeat of the library, told by tickExactlyOnce and by tickOnce.
 REPEATS = {
-    # The leaf ends in its first tick. The library calls it asynchronous, so it gives way to others:
-    # until the next call of tickExactlyOnce; not at all under tickOnce.
+    # The leaf ends in its first tick. Repeat gives way to others, with a wake-up signal: until the
+    # next call of tickExactlyOnce; not at all under tickOnce, which obeys the signal.
     "S": (["A! = RUNNING", "A! = RUNNING", "A! = SUCCESS"], ["A! A! A! = SUCCESS"] * 2),
     # It ends in a later tick: the next repetition begins at once, under both.
     "RS": (["A! = RUNNING", *["A A! = RUNNING"] * 2], ["A! = RUNNING", *["A A! = RUNNING"] * 2]),
@@ -235,3 +236,10 @@ def test_files_without_our_nodes() -> None:
     assert not behaviortree_cpp.needs_header(tree)
     assert behaviortree_cpp.to_xml(tree) == behaviortree_cpp.to_xml(tree, plain=True)
     assert py_trees.to_python(tree) == py_trees.to_python(tree, plain=True)
+
+
+def test_meanings_in_a_docstring() -> None:
+    """No meaning of a key ends the docstring of the exported module."""
+    words = Vocabulary("odd", {"A": Action("")}, {"p": flag('a """ quote, a \\N backslash')})
+    tree = parse("when p { A }", words)
+    compile(py_trees.to_python(tree, words), "exported", "exec")

@@ -68,9 +68,9 @@ BUILT_IN: Final = frozenset((
 
 REPEAT = Loss(
     "repeat",
-    "Repeat begins the next repetition in the tick in which one ends, or, where the library calls"
-    " the child asynchronous and it ended in its first tick, in the next one; tickOnce begins that"
-    " one at once as well. A repeater here begins it in the next tick",
+    "Repeat begins the next repetition in the tick in which one ends; where a repetition ended in"
+    " its first tick, tickExactlyOnce leaves the next one to its next call, tickOnce does not. A"
+    " repeater here always takes the next tick",
 )
 JUDGED = Loss(
     "judged",

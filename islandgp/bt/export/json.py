@@ -61,7 +61,9 @@ def from_json(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<
     if not isinstance(whole, dict) or whole.get("format") != FORMAT:
         raise TreeError(f'{name}: expected an object with "format": "{FORMAT}"')
     if whole.get("version") != VERSION:
-        raise TreeError(f'{name}: expected "version": {VERSION}, found {whole.get("version")!r}')
+        raise TreeError(
+            f'{name}: expected "version": {VERSION}, found {whole.get("version")!r:.40}'
+        )
     tree = _Reader(name).node(whole.get("tree"), "tree", 1)
     # The text of the tree is read again, as only the language knows what a right tree is.
     return parse(to_text(tree), vocabulary, name=f"{name}, as text")

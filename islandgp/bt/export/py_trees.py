@@ -83,6 +83,7 @@ def to_python(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = Fal
     asked = dict.fromkeys(str(node.args[0]) for node in walk(tree) if node.kind == "when")
     known = {name: key.meaning for name, key in vocabulary.keys.items()} or dict.fromkeys(asked, "")
     keys = "\n".join(f"    {name}: {meaning}".rstrip(": ") for name, meaning in known.items())
+    keys = keys.replace("\\", "\\\\").replace('"""', "'''")  # it stands in a docstring
     body = "\n".join(_lines(whole, "    ")).strip().removesuffix(",")
     return _HEAD.format(text=text, keys=keys, own=own, tree=body)
 
