@@ -189,8 +189,8 @@ def compiled(folder: Path) -> Path:
     include = next((p for p in (root / "include", Path("/usr/include")) if _has_headers(p)), None)
     if include is None:
         pytest.skip(
-            "BehaviorTree.CPP is not here: python tests/trees/btcpp/build_btcpp.py builds it from"
-            " the package index, or BEHAVIORTREE_CPP names the folder with its include and lib"
+            "BehaviorTree.CPP is not here: make btcpp builds it, or BEHAVIORTREE_CPP names the"
+            " folder with its include and lib"
         )
     # All static libraries that come with a build, or the installed shared one.
     libraries: list[str] = [*map(str, sorted(root.glob("lib/*.a"), key=_first))]

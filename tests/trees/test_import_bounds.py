@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from islandgp.bt.export.behaviortree_cpp import to_xml
 from islandgp.bt.export.import_cpp import from_xml, read_tree
 from islandgp.bt.export.json import from_json, to_json
+from islandgp.bt.format import format_text
 from islandgp.bt.language import parse, to_text
 from islandgp.bt.lint import warnings
 from islandgp.bt.node import Node, walk
@@ -314,3 +315,12 @@ def test_what_is_written_can_be_read() -> None:
         else:
             tree = parse(text, VOCABULARY)
             assert parse(to_text(tree), VOCABULARY) == tree
+
+
+def test_formatted_files_can_be_read() -> None:
+    """So is a file that fmt would make too long, by indenting its comments."""
+    comments = "\n".join(["# what a person wrote"] * 2000)
+    text = "".join(["inverter {"] * 60) + "\n" + comments + f"\n{A}" + "}" * 60
+    assert parse(text, VOCABULARY)
+    with pytest.raises(LimitError, match="canonical form of at most 100000"):
+        format_text(text)
