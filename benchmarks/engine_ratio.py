@@ -9,10 +9,10 @@ from typing import Final
 from benchmarks.figure import Effort, Figure, at_most
 from benchmarks.pinned import endless, example, points, settings
 from benchmarks.turns import medians, ratio, turns
-from islandgp.island.episode import run_episode
-from islandgp.island.script import write_script
-from islandgp.island.space import build_space
-from islandgp.island.world import World
+from islandgp.domains.island.episode import run_episode
+from islandgp.domains.island.schedule import write_script
+from islandgp.domains.island.space import build_space
+from islandgp.domains.island.world import World
 
 SEEDS: Final = {Effort.TINY: 1, Effort.QUICK: 3, Effort.FULL: 6}
 ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 5, Effort.FULL: 25}  # of each seed

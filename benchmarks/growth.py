@@ -13,12 +13,12 @@ from benchmarks.pinned import SEED, endless, example, points, settings
 from benchmarks.turns import medians, turns
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node, size
+from islandgp.domains.island.episode import run_episode
+from islandgp.domains.island.world import World
 from islandgp.evaluation.base import Setting
 from islandgp.evaluation.serial import Serial
 from islandgp.evolution.loop import evolve
-from islandgp.island.episode import run_episode
-from islandgp.island.world import World
-from islandgp.run import make_supervisor
+from islandgp.running.run import make_supervisor
 
 ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 2, Effort.FULL: 5}
 DOUBLINGS: Final = {Effort.TINY: 1, Effort.QUICK: 3, Effort.FULL: 4}
@@ -136,7 +136,8 @@ def _operators(population: int, effort: Effort) -> float:
         f"gp.generations={GENERATIONS[effort]}",
         "world.episode.length=1",
     )
-    evaluator = Serial(Setting(chosen.world, chosen.rewards, chosen.curriculum))
-    steps = evolve(chosen.plan, SEED, make_supervisor(chosen, None), evaluator)
+    domain = chosen.make_domain()
+    evaluator = Serial(Setting(domain, chosen.curriculum))
+    steps = evolve(chosen.plan(domain), SEED, make_supervisor(chosen, None), evaluator)
     costs = [step.cost for step in steps][:-1]  # the last generation has no successor
     return median(cost.operators + cost.supervision for cost in costs)

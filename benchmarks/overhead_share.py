@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 from benchmarks.command import RUN, empty_folder, finish, start
 from benchmarks.figure import Effort, Figure, Goal, at_most
-from islandgp.tracking.folder import RunFolder
+from islandgp.records.folder import RunFolder
 
 ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 1, Effort.FULL: 3}
 SHORT: Final = ("gp.population=6", "gp.generations=2", "world.episode.length=5")

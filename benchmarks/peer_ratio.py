@@ -12,11 +12,11 @@ from benchmarks.figure import Effort, Figure, Missing, at_least
 from benchmarks.pinned import STAGE, example, points, setting, settings
 from benchmarks.turns import medians, ratio, turns
 from islandgp.bt.language import to_text
+from islandgp.domains.island.episode import run_episode
+from islandgp.domains.island.journal import Event
+from islandgp.domains.island.world import World
 from islandgp.evaluation.base import Job, Setting
 from islandgp.evaluation.processes import Processes, cores
-from islandgp.island.episode import run_episode
-from islandgp.island.journal import Event
-from islandgp.island.world import World
 
 TREES: Final = (  # of grammar/examples
     "all_rounder",
@@ -43,7 +43,7 @@ def measure(effort: Effort) -> list[Figure]:
             raise Missing(f"{part} is not installed; pip install 'islandgp[bench]'")
     short = ("world.episode.length=10",) if effort is Effort.TINY else ()
     workers = min(MOST_WORKERS, cores())
-    batch = _batches(effort, setting(*short), workers)
+    batch = _batches(effort, setting(*short), settings(*short).world, workers)
     single, alike = _singles(effort, settings(*short).world)
     peer_s, our_s = medians(batch)
     peer_ms, our_ms = (1000 * seconds for seconds in medians(single))
@@ -65,14 +65,16 @@ def measure(effort: Effort) -> list[Figure]:
     ]
 
 
-def _batches(effort: Effort, setting: Setting, workers: int) -> list[tuple[float, ...]]:
+def _batches(
+    effort: Effort, setting: Setting, world: World, workers: int
+) -> list[tuple[float, ...]]:
     """Rows of seconds: the peer's pool, our pool; both have been warmed up."""
     from benchmarks.peer import batch
 
     texts = [to_text(example(name)) for name in TREES]
     jobs = [(text, seed) for seed in range(SEEDS[effort]) for text in texts]
     ours = Processes(setting, workers)
-    theirs = batch.pool(workers, setting.world)
+    theirs = batch.pool(workers, world)
     try:
         box = batch.toolbox(theirs)
         sides: Sequence[Callable[[], object]] = (

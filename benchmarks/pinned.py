@@ -9,12 +9,13 @@ from omegaconf import OmegaConf
 
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node
+from islandgp.config.settings import Settings, read_settings
+from islandgp.domains.island.journal import Award
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.domains.island.world import World
 from islandgp.evaluation.base import Setting
-from islandgp.island.journal import Award
-from islandgp.island.world import World
 from islandgp.resources import resource
-from islandgp.scoring.rewards import award
-from islandgp.settings import Settings, read_settings
+from islandgp.scoring.rewards import worth
 
 STAGE = 0  # of Table 2
 SEED = 0  # of a run
@@ -33,17 +34,19 @@ def settings(*overrides: str) -> Settings:
 def setting(*overrides: str) -> Setting:
     """What evaluators get of it."""
     chosen = settings(*overrides)
-    return Setting(chosen.world, chosen.rewards, chosen.curriculum)
+    return Setting(chosen.make_domain(), chosen.curriculum)
 
 
 def points() -> Award:
     """The rewards of the pinned stage."""
-    return award(settings().rewards, settings().curriculum.multipliers(STAGE))
+    value = worth(settings().rewards, settings().curriculum.multipliers(STAGE))
+    return lambda event, amount: value(event, amount)[1]
 
 
 def example(name: str) -> Node:
     """A tree of `grammar/examples`."""
-    return parse((resource("grammar") / "examples" / f"{name}.bt").read_text(encoding="utf-8"))
+    file = resource("grammar") / "examples" / f"{name}.bt"
+    return parse(file.read_text(encoding="utf-8"), VOCABULARY)
 
 
 def endless(world: World, **changes: object) -> World:

@@ -17,8 +17,8 @@ from typing import Final
 from benchmarks.figure import Effort, Figure, Missing
 from benchmarks.pinned import SEED, example, points, settings
 from islandgp.bt.node import Node
+from islandgp.domains.island.episode import run_episode
 from islandgp.evolution.loop import initial_state
-from islandgp.island.episode import run_episode
 
 EVERY: Final = 0.001  # s of processor time; the system may round it up
 ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 1, Effort.FULL: 4}
@@ -53,7 +53,7 @@ def measure(effort: Effort) -> list[Figure]:
     if not hasattr(signal, "setitimer"):
         raise Missing("this system has no timer of processor time")
     count = BATCH[effort]
-    population = initial_state(settings().plan, SEED).population[:count]
+    population = initial_state(settings().plan(settings().make_domain()), SEED).population[:count]
     found = _shares("all_rounder", [example("all_rounder")] * count, ROUNDS[effort])
     return found + _shares("random", [i.tree for i in population], 2 * ROUNDS[effort])
 

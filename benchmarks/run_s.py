@@ -10,12 +10,12 @@ from benchmarks.figure import Effort, Figure, at_least, at_most
 from benchmarks.pinned import SEED, STAGE, example, settings
 from benchmarks.waiting import episode_seconds, limit
 from islandgp.bt.language import to_text
+from islandgp.config.settings import Settings
 from islandgp.evaluation.base import Job, Setting
 from islandgp.evaluation.cache import Cached
 from islandgp.evaluation.processes import Processes, cores
 from islandgp.evolution.loop import evolve
-from islandgp.run import make_supervisor
-from islandgp.settings import Settings
+from islandgp.running.run import make_supervisor
 
 PAPER_S: Final = 36_000  # a run of the paper: ten hours
 WORKERS: Final = (1, 2, 4)
@@ -104,7 +104,8 @@ def measure(effort: Effort) -> list[Figure]:
 
 
 def _evolve(chosen: Settings, workers: int) -> Evolution:
-    setting = Setting(chosen.world, chosen.rewards, chosen.curriculum)
+    domain = chosen.make_domain()
+    setting = Setting(domain, chosen.curriculum)
     supervisor = make_supervisor(chosen, None)
     tree = to_text(example("all_rounder"))
     began = perf_counter()
@@ -113,7 +114,7 @@ def _evolve(chosen: Settings, workers: int) -> Evolution:
         processes.evaluate([Job(tree, STAGE, seed) for seed in range(WARM_UP * workers)])
         started, simulated = perf_counter(), processes.simulated
         evaluator = Cached(processes)
-        costs = [s.cost for s in evolve(chosen.plan, SEED, supervisor, evaluator)]
+        costs = [s.cost for s in evolve(chosen.plan(domain), SEED, supervisor, evaluator)]
         ended = perf_counter()
     finally:
         processes.close()

@@ -13,7 +13,8 @@ from benchmarks.turns import medians, ratio, turns
 from islandgp.bt.engine import compile_tree
 from islandgp.bt.export.behaviortree_cpp import to_xml
 from islandgp.bt.language import parse
-from islandgp.bt.node import ACTIONS, FAILURE, KEYS, RUNNING, STATUS_NAMES, Node, size
+from islandgp.bt.node import FAILURE, RUNNING, STATUS_NAMES, Node, size
+from islandgp.domains.island.vocabulary import VOCABULARY
 
 TREE: Final = """
 subtree recharge = sequence { SeekCharger ExecuteCharge }
@@ -95,9 +96,14 @@ def _many(prepare: Prepare, situations: tuple[Situation, ...], ticks: int) -> Ca
 
 
 def _ours(tree: Node) -> Prepare:
-    board = [0.0] * len(KEYS)
+    board = [0.0] * len(VOCABULARY.keys)
     status = RUNNING
-    tick = compile_tree(tree, dict.fromkeys(ACTIONS, lambda _fresh: status), board)
+    tick = compile_tree(
+        tree,
+        dict.fromkeys(VOCABULARY.actions, lambda _fresh: status),
+        board,
+        VOCABULARY.places,
+    )
 
     def prepare(situation: Situation) -> Callable[[], object]:
         nonlocal status
@@ -124,13 +130,13 @@ def _py_trees(tree: Node) -> Prepare:
     Blackboard.clear()
     root = BehaviourTree(create_tree(tree, Leaf))
     writer = Client(name="robot")
-    for key in KEYS:
+    for key in VOCABULARY.keys:
         writer.register_key(key, access=Access.WRITE)
 
     def prepare(situation: Situation) -> Callable[[], object]:
         nonlocal status
         status = Status[STATUS_NAMES[situation.leaves]]
-        for key, value in zip(KEYS, situation.board, strict=True):
+        for key, value in zip(VOCABULARY.keys, situation.board, strict=True):
             writer.set(key, value)
         return root.tick
 
@@ -143,15 +149,15 @@ def _behaviortreepy(tree: Node) -> Prepare:
     names: Any = behaviortreepy.NodeStatus
     status = names.RUNNING
     factory = behaviortreepy.BehaviorTreeFactory()
-    for name in ACTIONS:
+    for name in VOCABULARY.actions:
         factory.register_simple_stateful_action(name, lambda _: status, lambda _: status)
-    made = factory.create_tree_from_text(to_xml(tree, plain=True))
+    made = factory.create_tree_from_text(to_xml(tree, VOCABULARY, plain=True))
     board = made.root_blackboard()
 
     def prepare(situation: Situation) -> Callable[[], object]:
         nonlocal status
         status = getattr(names, STATUS_NAMES[situation.leaves])
-        for (name, key), value in zip(KEYS.items(), situation.board, strict=True):
+        for (name, key), value in zip(VOCABULARY.keys.items(), situation.board, strict=True):
             (board.set_bool if key.flag else board.set_double)(name, value)
         tick: Callable[[], object] = made.tick_exactly_once
         return tick

@@ -7,12 +7,12 @@ from heapq import heapreplace
 from time import process_time
 
 from benchmarks.pinned import SEED
+from islandgp.config.settings import Settings
+from islandgp.domain import Outcome
 from islandgp.evaluation.base import Job, Setting, simulate
 from islandgp.evaluation.cache import Cached
 from islandgp.evolution.loop import evolve
-from islandgp.run import make_supervisor
-from islandgp.scoring.outcome import Outcome
-from islandgp.settings import Settings
+from islandgp.running.run import make_supervisor
 
 
 class _Timed:
@@ -40,8 +40,9 @@ class _Timed:
 
 def episode_seconds(chosen: Settings) -> list[list[float]]:
     """Seconds of each episode, by generation."""
-    timed = _Timed(Setting(chosen.world, chosen.rewards, chosen.curriculum))
-    for _ in evolve(chosen.plan, SEED, make_supervisor(chosen, None), Cached(timed)):
+    domain = chosen.make_domain()
+    timed = _Timed(Setting(domain, chosen.curriculum))
+    for _ in evolve(chosen.plan(domain), SEED, make_supervisor(chosen, None), Cached(timed)):
         pass
     return timed.batches
 

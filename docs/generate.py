@@ -1,10 +1,10 @@
-"""Writes what is generated from the declarations of `islandgp/bt/node.py`.
+"""Writes what is generated from the language's declarations and the island's vocabulary.
 
     python docs/generate.py
 
-These are the tables of docs/language.md and docs/tutorial.md, between
+These are the tables of docs/language.md, docs/llm.md and docs/tutorial.md, between
 `<!-- begin NAME -->` and `<!-- end -->`, and the TextMate grammar for editors.
-`tests/trees/test_docs.py` checks that they are up to date.
+`tests/trees/test_docs.py` and `tests/llm/test_state_json.py` check that they are up to date.
 """
 
 from __future__ import annotations
@@ -18,15 +18,18 @@ from typing import Any
 
 from islandgp.bt.builder import MAX_LEVELS, MAX_NODES, MAX_NUMBER
 from islandgp.bt.language import MAX_CHARACTERS, parse, to_text
-from islandgp.bt.node import ABORTS, ACTIONS, KEYS, KINDS, OPERATORS, POLICIES, REPEATS
+from islandgp.bt.node import ABORTS, KINDS, OPERATORS, POLICIES, REPEATS
 from islandgp.bt.render.label import SYMBOLS
 from islandgp.commands.setting import configured
+from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.evaluation.base import Job, Setting, simulate
-from islandgp.run import example
+from islandgp.resources import resource
+from islandgp.supervision.state_json import field_meanings
 
 ROOT = Path(__file__).resolve().parent.parent
 TUTORIAL = ROOT / "docs" / "tutorial.md"
 LANGUAGE = ROOT / "docs" / "language.md"
+LLM = ROOT / "docs" / "llm.md"
 TEXTMATE = ROOT / "editors" / "vscode" / "syntaxes" / "islandgp-bt.tmLanguage.json"
 
 _PART = re.compile(r"(<!-- begin (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
@@ -56,7 +59,7 @@ def tables() -> dict[str, str]:
         ),
         "actions": _table(
             ("action", "what it does"),
-            [(f"`{name}`", action.meaning) for name, action in ACTIONS.items()],
+            [(f"`{name}`", action.meaning) for name, action in VOCABULARY.actions.items()],
         ),
         "keys": _table(
             ("key", "asked with", "what it is"),
@@ -66,7 +69,7 @@ def tables() -> dict[str, str]:
                     f"`when {name}`, `when not {name}`" if key.flag else f"`when {name} < 5`",
                     key.meaning,
                 )
-                for name, key in KEYS.items()
+                for name, key in VOCABULARY.keys.items()
             ],
         ),
         "words": _table(
@@ -94,6 +97,13 @@ def tables() -> dict[str, str]:
     }
 
 
+def field_table() -> dict[str, str]:
+    """The generated part of docs/llm.md: what a language model is shown of the island."""
+    meanings = field_meanings(SCHEMA, configured([]).classes)
+    rows = [(f"`{name}`", meaning) for name, meaning in meanings.items()]
+    return {"fields": _table(("field", "what it is"), rows)}
+
+
 def filled(text: str, made: Mapping[str, str]) -> str:
     """A text with its generated parts brought up to date."""
     return _PART.sub(lambda part: f"{part[1]}{made[part[2]]}{part[3]}", text)
@@ -107,9 +117,11 @@ def files(tutorial: str) -> dict[str, str]:
 def results(tutorial: str, *, worlds: int = 30) -> dict[str, float]:
     """Mean fitness of the tutorial's trees and of the example, by name, in the last stage."""
     settings = configured([])
-    setting = Setting(settings.world, settings.rewards, settings.curriculum)
-    trees = {f"`{name}`": parse(text) for name, text in files(tutorial).items()}
-    trees["`grammar/examples/all_rounder.bt`"] = example("all_rounder")
+    setting = Setting(settings.make_domain(), settings.curriculum)
+    texts = {f"`{name}`": text for name, text in files(tutorial).items()}
+    example = resource("grammar") / "examples" / "all_rounder.bt"
+    texts["`grammar/examples/all_rounder.bt`"] = example.read_text(encoding="utf-8")
+    trees = {name: parse(text, VOCABULARY) for name, text in texts.items()}
     last = len(settings.curriculum.stages) - 1
     return {
         name: fmean(
@@ -139,6 +151,13 @@ def textmate() -> str:
             },
         },
         {
+            "match": r"\b(domain)\s+([A-Za-z_]\w*)",
+            "captures": {
+                "1": {"name": "keyword.declaration"},
+                "2": {"name": "entity.name.namespace"},
+            },
+        },
+        {
             "match": r"\b(use)\s+([A-Za-z_]\w*)",
             "captures": {
                 "1": {"name": "keyword.other.use"},
@@ -149,8 +168,8 @@ def textmate() -> str:
         {"name": "keyword.other", "match": _any_of(["abort", "success", "failure"])},
         {"name": "keyword.operator.logical", "match": _any_of(["not"])},
         {"name": "constant.language", "match": _any_of([*ABORTS, *POLICIES])},
-        {"name": "support.function", "match": _any_of(ACTIONS)},
-        {"name": "variable.language", "match": _any_of(KEYS)},
+        {"name": "support.function", "match": _any_of(VOCABULARY.actions)},
+        {"name": "variable.language", "match": _any_of(VOCABULARY.keys)},
         {
             "name": "keyword.operator.comparison",
             "match": "|".join(sorted(OPERATORS, key=len, reverse=True)),
@@ -182,6 +201,7 @@ def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
 
 if __name__ == "__main__":
     LANGUAGE.write_text(filled(LANGUAGE.read_text(encoding="utf-8"), tables()), encoding="utf-8")
+    LLM.write_text(filled(LLM.read_text(encoding="utf-8"), field_table()), encoding="utf-8")
     told = TUTORIAL.read_text(encoding="utf-8")
     TUTORIAL.write_text(filled(told, {"results": results_table(results(told))}), encoding="utf-8")
     TEXTMATE.write_text(textmate(), encoding="utf-8")

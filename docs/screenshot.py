@@ -16,8 +16,7 @@ from PIL import Image  # matplotlib brings it
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from islandgp.bt.language import parse  # noqa: E402 -- from this checkout
-from islandgp.commands.setting import configured  # noqa: E402
+from islandgp.commands.setting import tree_in_domain  # noqa: E402 -- from this checkout
 from islandgp.viewer.page import replay_page  # noqa: E402
 from tests.viewer.browser import Browser, chromium  # noqa: E402
 
@@ -30,10 +29,11 @@ def main() -> None:
     program = chromium()
     if program is None:
         raise SystemExit("Expected Chromium, found none; apt-get install chromium.")
-    tree = parse((ROOT / "grammar" / "examples" / f"{TREE}.bt").read_text(encoding="utf-8"))
+    file = ROOT / "grammar" / "examples" / f"{TREE}.bt"
+    tree, _, setting = tree_in_domain(str(file), (), None)
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder) / "replay.html"
-        page.write_text(replay_page(tree, configured([]), WORLD, STAGE, "All-rounder"))
+        page.write_text(replay_page(tree, setting, WORLD, STAGE, "All-rounder"))
         with Browser(program, Path(folder) / "profile", size=(WIDTH, HEIGHT)) as browser:
             browser.call(
                 "Emulation.setDeviceMetricsOverride",

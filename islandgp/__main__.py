@@ -2,9 +2,9 @@
 
 import sys
 
-from islandgp.stopping import nothing_begun
+from islandgp.running.stopping import nothing_begun
 
 if __name__ == "__main__":
     with nothing_begun():
-        from islandgp.app import main
+        from islandgp.running.app import main
     sys.exit(main())

@@ -9,7 +9,7 @@ from typing import Final
 import click
 
 from islandgp.errors import IslandError
-from islandgp.printing import printed, shown
+from islandgp.running.printing import printed, shown
 
 COMMANDS: Final[dict[str, str]] = {
     "run": "evolve trees: the same as python -m islandgp",

@@ -25,7 +25,7 @@ from islandgp.bt.vocabulary import Vocabulary
 class Counter:
     """Something that an episode counts or measures."""
 
-    meaning: str  # one line, e.g. "garbage items picked up from the ground"
+    meaning: str  # one line, e.g. "blocks placed"
     unit: str = ""  # e.g. "m"; "" for a number of things
     heading: str = ""  # of a column of `islandgp play`; "": the counter's name
 
@@ -104,7 +104,7 @@ class Scene:
     bounds: tuple[float, float, float, float]  # least x, least y, greatest x, greatest y
     fixed: tuple[Thing, ...] = ()  # the same in each tick of an episode
     items: tuple[Thing, ...] = ()  # they come and go, and do not move
-    movers: tuple[Thing, ...] = ()  # as many in each tick, in the same order
+    movers: tuple[Thing, ...] = ()  # as many in each tick, in the same order; the robot is the last
     frame: bytes = b""  # a PNG instead, as a simulator renders it
 
 

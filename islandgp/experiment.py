@@ -16,16 +16,16 @@ from typing import TYPE_CHECKING, Any
 
 from islandgp.bt.language import parse, to_text
 from islandgp.bt.node import Node
+from islandgp.config.settings import Settings
 from islandgp.domain import Domain, Outcome
 from islandgp.evaluation.base import Setting
 from islandgp.evaluation.serial import Serial
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import Step
 from islandgp.results import Results, load
-from islandgp.settings import Settings
 
 if TYPE_CHECKING:
-    from islandgp.compose import Planned
+    from islandgp.config.compose import Planned
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Experiment:
 
     def __iter__(self) -> Iterator[Step]:
         """Evolves, a generation at a time, in this process; nothing is written."""
-        from islandgp.run import make_supervisor
+        from islandgp.running.run import make_supervisor
 
         supervisor = make_supervisor(self.settings, None)
         evaluator = Serial(Setting(self.domain, self.settings.curriculum))
@@ -82,7 +82,7 @@ class Experiment:
         Raises:
             IslandError: as the command would end with.
         """
-        from islandgp.run import run
+        from islandgp.running.run import run
 
         run(self.settings, self.config, self.folder, home=Path.cwd())
         return load(self.folder)
@@ -106,7 +106,7 @@ def run(*overrides: str, config_dir: str | Path | None = None) -> Results:
 def _planned(overrides: tuple[str, ...], config_dir: str | Path | None) -> Planned:
     from hydra._internal.utils import get_args_parser
 
-    from islandgp.compose import planned
+    from islandgp.config.compose import planned
 
     flags = ["--config-dir", str(config_dir)] if config_dir is not None else []
     args = get_args_parser().parse_args([*flags, *overrides])

@@ -4,7 +4,7 @@
     results.generations.groupby(["arm", "generation"])["best"].mean()
 
 Column names with a dot belong to the domain or the experiment: `tiers.complete`,
-`components.garbage`, `counters.pickups`. COLUMNS says what the others mean.
+`components.delivery`, `counters.deliveries`. COLUMNS says what the others mean.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 from islandgp.errors import RunError
 from islandgp.evaluation.recorded import check_version
-from islandgp.tracking.files import score
-from islandgp.tracking.folder import RunFolder
-from islandgp.tracking.sweep_folder import SweepFolder
+from islandgp.records.files import score
+from islandgp.records.folder import RunFolder
+from islandgp.records.sweep_folder import SweepFolder
 
 if TYPE_CHECKING:
-    from pandas import DataFrame  # imported where it is used: it costs start-up time
+    from pandas import DataFrame  # type: ignore[import-untyped] # its stubs are a package apart
 
 COLUMNS: Final[dict[str, dict[str, tuple[str, str]]]] = {
     "runs": {

@@ -8,9 +8,9 @@ from typing import Any
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
+from islandgp.config.settings import Settings, read_settings
 from islandgp.evolution.plan import Plan
 from islandgp.resources import resource
-from islandgp.settings import Settings, read_settings
 
 
 def plain(*overrides: str) -> dict[str, Any]:

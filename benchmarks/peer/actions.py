@@ -9,8 +9,8 @@ from py_trees.common import Status
 from pymunk import Vec2d
 
 from benchmarks.peer.island import Island, Item
-from islandgp.island.actions import AIM_EVERY
-from islandgp.island.journal import Event
+from islandgp.domains.island.actions import AIM_EVERY
+from islandgp.domains.island.journal import Event
 
 
 class Action(Behaviour):

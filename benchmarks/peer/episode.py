@@ -14,9 +14,10 @@ from py_trees.trees import BehaviourTree
 from benchmarks.peer.actions import ACTIONS
 from benchmarks.peer.island import Island
 from islandgp.bt.export.py_trees import to_python
-from islandgp.bt.node import KEYS, Node
-from islandgp.island.journal import Award, Event
-from islandgp.island.world import World
+from islandgp.bt.node import Node
+from islandgp.domains.island.journal import Award, Event
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.domains.island.world import World
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +32,7 @@ class PeerEpisode:
 def create_tree(tree: Node, action: Callable[[str], Behaviour]) -> Behaviour:
     """The tree in py_trees, as `islandgp export` writes it; `action(name)` makes a leaf."""
     module: dict[str, Callable[[Callable[[str], Behaviour]], Behaviour]] = {}
-    exec(to_python(tree, plain=True), module)
+    exec(to_python(tree, VOCABULARY, plain=True), module)
     return module["create_tree"](action)
 
 
@@ -42,7 +43,7 @@ def run_peer_episode(tree: Node, world: World, seed: int, award: Award) -> PeerE
     island = Island(world, seed, award)
     root.setup(island=island)
     board = Client(name="robot")
-    for key in KEYS:
+    for key in VOCABULARY.keys:
         board.register_key(key, access=Access.WRITE)
     while not _over(island):
         island.sense()

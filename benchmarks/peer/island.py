@@ -7,11 +7,11 @@ from math import hypot
 import numpy as np
 from pymunk import Vec2d
 
-from islandgp.island.journal import Award, Event, Journal
-from islandgp.island.script import write_script
-from islandgp.island.space import build_space
-from islandgp.island.steering import steer
-from islandgp.island.world import ROCK_MARGIN, Point, World
+from islandgp.domains.island.journal import Award, Event, Journal
+from islandgp.domains.island.schedule import write_script
+from islandgp.domains.island.space import build_space
+from islandgp.domains.island.steering import steer
+from islandgp.domains.island.world import ROCK_MARGIN, Point, World
 
 
 class Item:

@@ -75,7 +75,8 @@ def parse(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<tree
         tree: Any = parser.parse(text)  # lark mixes trees and tokens; the grammar tells which
     except UnexpectedInput as error:
         raise syntax_error(source, error, parser.lex(text), vocabulary) from None
-    *head, root = tree.children
+    parts: list[Any] = list(tree.children)  # trees, as the grammar says
+    *head, root = parts
     if head and head[0].data == "domain":
         _check_domain(source, head.pop(0).children[0], vocabulary)
     builder = Builder(source, vocabulary)

@@ -34,7 +34,7 @@ def number_text(value: float) -> str:
 
 
 def head(node: Node) -> str:
-    """What stands before a node's brace; the whole of a leaf: `when batteryLevel < 25`."""
+    """What stands before a node's brace; the whole of a leaf: `when charge < 25`."""
     if node.kind == "action":
         return str(node.args[0])
     if node.kind == "repeater":

@@ -1,10 +1,10 @@
 """A text, and errors that point into it.
 
     my_tree.bt:3:14: unknown action 'MoveToGarbag'
-        sequence { MoveToGarbag PickupGarbage }
+        sequence { MoveToBloc Grasp }
                    ^
-    Expected a node (selector, ...) or an action (MoveToGarbage, ...).
-    Did you mean MoveToGarbage?
+    Expected a node (selector, ...) or an action (MoveToBlock, ...).
+    Did you mean MoveToBlock?
 
 The words of such a message are chosen in `diagnosis` and `builder`.
 """

@@ -11,7 +11,6 @@ from islandgp.commands.here import import_from_here
 from islandgp.supervision.base import Setup
 from islandgp.supervision.llm.estimate import (
     ANSWER,
-    CHARACTERS,
     Bill,
     as_recorded,
     at_most,
@@ -20,7 +19,7 @@ from islandgp.supervision.llm.estimate import (
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.transcript import Transcript, find_transcript
 
-Job = tuple[LLMSettings, Setup]
+Job = tuple[LLMSettings, Setup, int]  # the last is the lag, generations
 HEAD = ("", "requests", "input tokens", "output tokens", "US dollars")
 
 
@@ -44,15 +43,20 @@ def command(overrides: tuple[str, ...], record: Path | None) -> None:
         return
     first = jobs[0][0]
     prices = f"prices of {first.prices.date}"
-    models = ", ".join(sorted({settings.model for settings, _ in jobs}))
+    models = ", ".join(sorted({settings.model_name for settings, *_ in jobs}))
+    characters = " or ".join(
+        sorted({f"{settings.facts.characters:g}" for settings, *_ in jobs}, reverse=True)
+    )
     click.echo(f"Supervision by {models}, {prices}.\n")
     rows: list[tuple[str, Callable[[Job], Bill]]] = [
-        (f"expected, {CHARACTERS} characters a token, {ANSWER} tokens an answer", _of(expected)),
+        (f"expected, {characters} characters a token, {ANSWER} tokens an answer", _of(expected)),
         ("at most: failures, repairs and the longest answers", _of(at_most)),
     ]
     if record is not None:
         found = Transcript(find_transcript(record))
-        rows.insert(1, ("as measured in the record", lambda job: as_recorded(*job, found)))
+        rows.insert(
+            1, ("as measured in the record", lambda job: as_recorded(*job[:2], found, job[2]))
+        )
     for name, bill in rows:
         click.echo(f"{name}:")
         bills = [bill(job) for job in jobs]
@@ -65,13 +69,13 @@ def command(overrides: tuple[str, ...], record: Path | None) -> None:
         for line in lines:
             click.echo(f"  {line[0]:<14}" + "".join(f"{cell:>16}" for cell in line[1:]))
         click.echo()
-    if any(settings.price is None for settings, _ in jobs):
+    if any(settings.price is None for settings, *_ in jobs):
         click.echo("No price is known for some model; add it to supervisor.policy.prices.models.")
     if free:
         click.echo(f"{free} other runs ask no language model.")
 
 
-def _of(estimate: Callable[[LLMSettings, Setup], Bill]) -> Callable[[Job], Bill]:
+def _of(estimate: Callable[[LLMSettings, Setup, int], Bill]) -> Callable[[Job], Bill]:
     return lambda job: estimate(*job)
 
 
@@ -85,8 +89,8 @@ def _jobs(overrides: Sequence[str]) -> tuple[list[Job], int]:
     """The jobs that ask a model, and how many do not."""
     from hydra._internal.utils import get_args_parser
 
-    from islandgp.compose import planned
-    from islandgp.run import setup_of
+    from islandgp.config.compose import planned
+    from islandgp.running.run import setup_of
 
     import_from_here()
     args = get_args_parser().parse_args(list(overrides))
@@ -95,7 +99,7 @@ def _jobs(overrides: Sequence[str]) -> tuple[list[Job], int]:
         settings = job.settings.supervisor.settings()
         if isinstance(settings, LLMSettings):
             setup = setup_of(job.settings, job.settings.make_domain(), None)
-            jobs.append((settings, setup))
+            jobs.append((settings, setup, job.settings.supervisor.lag))
         else:
             free += 1
     return jobs, free

@@ -64,7 +64,7 @@ def write_text(file: str, text: str) -> None:
 
 
 def _write(path: Path, data: bytes) -> None:
-    from islandgp.evolution.checkpoint import write_atomic
+    from islandgp.records.checkpoint import write_atomic
 
     if path.exists() and not path.is_file():  # a device or a pipe
         path.write_bytes(data)

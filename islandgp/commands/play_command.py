@@ -26,8 +26,8 @@ from islandgp.commands.setting import (
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from islandgp.config.settings import Settings
     from islandgp.domain import Outcome, Schema
-    from islandgp.settings import Settings
 
 GAP: Final = 2  # letters between two columns
 ENDLESS: Final = 100_000  # letters of a line where the output is a file or a pipe
@@ -94,7 +94,7 @@ def _outcomes(tree: Node, settings: Settings, seeds: int, stage: int) -> list[Ou
     from rich.progress import Progress
 
     from islandgp.evaluation.base import Job
-    from islandgp.run import make_evaluator
+    from islandgp.running.run import make_evaluator
 
     jobs = [Job(to_text(tree), stage, seed) for seed in range(seeds)]
     if seeds < 4:  # quicker than starting processes

@@ -6,8 +6,8 @@ import sys
 
 import click
 
-from islandgp.app import main
 from islandgp.commands.here import import_from_here
+from islandgp.running.app import main
 
 
 @click.command(

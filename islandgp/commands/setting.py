@@ -20,8 +20,8 @@ from islandgp.resources import resource
 if TYPE_CHECKING:
     from islandgp.bt.node import Node
     from islandgp.bt.vocabulary import Vocabulary
+    from islandgp.config.settings import Settings
     from islandgp.evaluation.base import Setting
-    from islandgp.settings import Settings
 
 _QUICK: Final = {"tracking": "off", "supervisor": "fixed"}
 """Parts that no episode needs: the ones that are quick to load."""
@@ -65,7 +65,7 @@ def configured(overrides: Sequence[str], config_dir: str | None = None) -> Setti
     """The settings that a run with these overrides has. Raises ConfigError."""
     from hydra._internal.utils import get_args_parser
 
-    from islandgp.compose import planned
+    from islandgp.config.compose import planned
 
     import_from_here()
     given = _given(overrides)
@@ -140,9 +140,8 @@ def default_domain() -> str:
     import yaml
 
     first = yaml.safe_load((resource("conf") / "config.yaml").read_text(encoding="utf-8"))
-    return next(
-        str(e["domain"]) for e in first["defaults"] if isinstance(e, dict) and "domain" in e
-    )
+    chosen = [group for group in first["defaults"] if isinstance(group, dict)]
+    return next(str(group["domain"]) for group in chosen if "domain" in group)
 
 
 def _given(overrides: Sequence[str]) -> set[str]:

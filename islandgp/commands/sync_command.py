@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from islandgp.errors import TrackingError
-from islandgp.tracking.brief import brief
+from islandgp.records.brief import brief
 from islandgp.tracking.place import place_from
 from islandgp.tracking.store import Place
 from islandgp.tracking.sync import sync

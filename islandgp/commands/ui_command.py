@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from islandgp.stopping import as_ctrl_c
+from islandgp.running.stopping import as_ctrl_c
 from islandgp.tracking.place import place_from, place_of_latest
 from islandgp.tracking.ui import served
 

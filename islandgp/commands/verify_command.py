@@ -8,8 +8,8 @@ from pathlib import Path
 import click
 
 from islandgp.errors import RunError
+from islandgp.records.verify import Verdict, verify
 from islandgp.tracking.sync import run_folders
-from islandgp.tracking.verify import Verdict, verify
 
 
 @click.command()

@@ -24,7 +24,7 @@ from pydantic import BaseModel, Field
 from islandgp.domain import Outcome
 from islandgp.errors import EvaluationError
 from islandgp.evaluation.base import Job, Setting, blame, simulate
-from islandgp.parent_death import killed_with_parent
+from islandgp.evaluation.parent_death import killed_with_parent
 
 ENDING: Final = 1.0  # s that workers may take to end by themselves
 
@@ -58,9 +58,10 @@ def _run(job: Job) -> Outcome:
 
 
 class ProcessesSettings(BaseModel, frozen=True, extra="forbid"):
-    """How many processes."""
+    """How many processes, and how long they may take."""
 
     workers: int = Field(ge=0, le=1024)  # 0: one for each core
+    episode_timeout: float = Field(600, ge=0, le=1e6)  # s until an episode is given up; 0: never
 
 
 class Processes:
@@ -71,12 +72,16 @@ class Processes:
     @classmethod
     def make(cls, settings: ProcessesSettings, setting: Setting) -> Processes:
         """See `Evaluator`."""
-        return cls(setting, settings.workers or cores())
+        return cls(setting, settings.workers or cores(), episode_timeout=settings.episode_timeout)
 
-    def __init__(self, setting: Setting, workers: int) -> None:
-        """Starts `workers` >= 1 processes, at the first job."""
+    def __init__(self, setting: Setting, workers: int, *, episode_timeout: float = 0) -> None:
+        """Starts `workers` >= 1 processes, at the first job.
+
+        An episode that takes more than `episode_timeout` seconds ends the run; 0: none does.
+        """
         self.setting = setting
         self.workers = workers
+        self.episode_timeout = episode_timeout
         self.simulated = 0
         self._pool = self._new_pool()
 
@@ -91,7 +96,7 @@ class Processes:
         """See `Evaluator`."""
         self.simulated += len(jobs)
         try:
-            futures = [self._pool.submit(_run, job) for job in jobs]
+            futures = self._submitted(jobs)
         except BrokenProcessPool:  # a worker died between two calls
             return self._one_by_one(jobs, {})
         done: dict[Job, Outcome] = {}
@@ -100,8 +105,26 @@ class Processes:
         except BrokenProcessPool:
             return self._one_by_one(jobs, done)
 
+    def _submitted(self, jobs: Sequence[Job]) -> list[Future[Outcome]]:
+        """Raises BrokenProcessPool, also where workers cannot be started."""
+        try:
+            return [self._pool.submit(_run, job) for job in jobs]
+        except (EOFError, OSError) as error:  # the process that starts them was killed
+            raise BrokenProcessPool(str(error)) from error
+
     def _result(self, job: Job, future: Future[Outcome], done: dict[Job, Outcome]) -> Outcome:
-        done[job] = future.result()
+        """Waits for a job. Those before it have ended, so it is at work from now on at least."""
+        try:
+            done[job] = future.result(self.episode_timeout or None)
+        except TimeoutError:
+            self._renew()
+            raise EvaluationError(
+                blame(
+                    job,
+                    f"no answer of its worker in {self.episode_timeout:g} s; mend what keeps it,"
+                    " or raise evaluator.policy.episode_timeout",
+                )
+            ) from None
         return done[job]
 
     def _one_by_one(self, jobs: Sequence[Job], done: dict[Job, Outcome]) -> list[Outcome]:
@@ -109,11 +132,11 @@ class Processes:
         self._renew()
         for job in (job for job in jobs if job not in done):
             try:
-                self._result(job, self._pool.submit(_run, job), done)
+                self._result(job, self._submitted([job])[0], done)
             except BrokenProcessPool:
                 self._renew()
                 try:
-                    self._result(job, self._pool.submit(_run, job), done)
+                    self._result(job, self._submitted([job])[0], done)
                 except BrokenProcessPool:
                     self._renew()
                     raise EvaluationError(blame(job, "that its worker died twice")) from None

@@ -189,7 +189,7 @@ def interval(values: Sequence[float]) -> tuple[float, float, float]:
     n, mean = len(values), fmean(values)
     if n < 2:
         return mean, mean, mean
-    from scipy.special import stdtrit  # imported where it is used: it costs start-up time
+    from scipy.special import stdtrit  # type: ignore[import-untyped] # scipy ships no types
 
     half = float(stdtrit(n - 1, 0.975)) * stdev(values) / sqrt(n)
     return mean, mean - half, mean + half

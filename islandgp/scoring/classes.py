@@ -9,7 +9,7 @@ paper's text.)
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Final
 
@@ -61,12 +61,13 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
 
     @model_validator(mode="after")
     def _fits_together(self) -> Classes:
-        for path, name, known in (
-            *(("specialists.of", name, self.behaviours) for name in self.specialists.of),
-            *(("milestones", name, self.tiers) for name in self.milestones),
-            *((f"tiers.{t}.also", r.also, self.tiers) for t, r in self.tiers.items() if r.also),
+        known: dict[str, Mapping[str, object]] = {"of": self.behaviours, "tiers": self.tiers}
+        for path, name, where in (
+            *(("specialists.of", name, "of") for name in self.specialists.of),
+            *(("milestones", name, "tiers") for name in self.milestones),
+            *((f"tiers.{t}.also", r.also, "tiers") for t, r in self.tiers.items() if r.also),
         ):
-            for line in unknown(path, name, known):
+            for line in unknown(path, name, known[where]):
                 raise ValueError(line)
         names = [*self.behaviours, self.specialists.idle, self.specialists.mixed, *AIMS]
         if twice := {name for name in names if names.count(name) > 1}:

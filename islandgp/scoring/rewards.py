@@ -1,4 +1,4 @@
-"""Fitness: a table of rewards by event (Table 3) under multipliers by component, Eq. (1) and (2)."""
+"""Fitness: rewards by event (Table 3) under multipliers by component, Eq. (1) and (2)."""
 
 from __future__ import annotations
 

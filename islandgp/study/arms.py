@@ -32,7 +32,8 @@ class Run:
     flat: Mapping[str, Any]  # the same by dotted key
     records: tuple[GenerationRecord, ...]  # by generation
     costs: tuple[Cost, ...]  # by generation
-    champion: Champion  # the highest fitness of the run
+    champion: Champion  # the run's best robot
+    validation: tuple[int, ...] = ()  # seeds of the worlds in which it was chosen; (): in none
 
     @property
     def seed(self) -> int:
@@ -121,12 +122,23 @@ class Comparison:
 
 
 def cut(run: Run, generations: int) -> Run:
-    """The run as if it had ended after so many generations, its champion included."""
+    """The run as if it had ended after so many generations.
+
+    Its champion is then the fittest individual of the last stage, which no other world has seen.
+    """
     if len(run.records) <= generations:
         return run
     *before, last = run.records[:generations]
     records = (*before, replace(last, guidance=None))  # nobody is asked after the last one
-    champion = fittest(None, 0, records[0].individuals)
+    champion = None
     for generation, record in enumerate(records):
-        champion = fittest(champion, generation, record.individuals)
-    return replace(run, records=records, costs=run.costs[:generations], champion=champion)
+        if record.snapshot.stage == last.snapshot.stage:
+            champion = fittest(champion, generation, record.individuals)
+    assert champion is not None
+    return replace(
+        run,
+        records=records,
+        costs=run.costs[:generations],
+        champion=champion,
+        validation=(),
+    )

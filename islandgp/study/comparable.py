@@ -9,10 +9,10 @@ from itertools import combinations
 from typing import Any, Final
 
 from islandgp.errors import StudyError
+from islandgp.records.parameters import MACHINERY
 from islandgp.study.arms import Arm, Comparison, Run, cut
 from islandgp.study.paper import Paper, paper_of
 from islandgp.study.select import Selection, in_short, parse_selection
-from islandgp.tracking.parameters import MACHINERY
 
 IRRELEVANT: Final = MACHINERY | {"seed", "name"}
 """Groups that do not change a record, or that are looked at by themselves (the seed)."""
@@ -49,7 +49,7 @@ def compare_arms(
 
     Raises:
         StudyError: fewer than two arms, two of one name, a run in two arms, runs too
-            short; or the arms are not comparable and `force` is not set.
+            short, or of two domains; or the arms are not comparable and `force` is not set.
     """
     _check_names(arms)
     _check_vocabulary(arms)

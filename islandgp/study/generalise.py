@@ -1,7 +1,7 @@
 """How the best trees do on worlds that no run has seen.
 
-A champion's fitness is the highest of all episodes of its run, and so partly luck with
-its world. Here each run's champion meets the same unseen worlds, in the last stage.
+A run chooses its champion, its best robot, in worlds of its own. Here the champions of all
+runs meet the same unseen worlds, in the last stage.
 """
 
 from __future__ import annotations
@@ -12,13 +12,16 @@ from itertools import count, islice
 from statistics import fmean
 from typing import Final
 
+from pydantic import ValidationError
+
 from islandgp.domain import Outcome
+from islandgp.errors import StudyError
 from islandgp.evaluation.base import Evaluator, Job, Setting
 from islandgp.evaluation.recorded import setting_of
 from islandgp.scoring.classes import Classes, tiers
 from islandgp.seeding import Stream, stream
 from islandgp.study import library
-from islandgp.study.arms import Comparison
+from islandgp.study.arms import Comparison, Run
 from islandgp.study.lineage import most_injected
 
 YARDSTICK_WORLDS: Final = 100
@@ -31,7 +34,7 @@ class Generalisation:
 
     arm: str  # or what a yardstick is called
     seed: int | None  # of the run whose champion it is; None: a yardstick, a tree from elsewhere
-    trained: float | None  # points, the fitness that made it champion
+    trained: float | None  # points, its fitness in the generation in which it lived
     worlds: int  # unseen ones that it met, >= 1
     unseen: float  # points, mean over the worlds
     worst: float  # points, the least of the worlds
@@ -43,7 +46,9 @@ def unseen_worlds(study: Comparison, n: int) -> tuple[int, ...]:
 
     Nobody tunes a tree on them: `islandgp play` counts its worlds from 0.
     """
-    used = {w for arm in study.arms for run in arm.runs for r in run.records for w in r.worlds}
+    runs = [run for arm in study.arms for run in arm.runs]
+    used = {world for run in runs for record in run.records for world in record.worlds}
+    used |= {world for run in runs for world in run.validation}
     drawn = (int(stream(0, Stream.UNSEEN, slot=k).integers(2**32)) for k in count())
     return tuple(islice((seed for seed in drawn if seed not in used), n))
 
@@ -78,8 +83,9 @@ def generalise(
 
     Raises:
         EvaluationError: an episode cannot be run.
+        StudyError: the domain's class cannot be imported.
     """
-    setting = setting_of(study.arms[0].runs[0].config)
+    setting = _setting(study.arms[0].runs[0])
     seeds = unseen_worlds(study, max(worlds, yardstick_worlds))
     stage = len(setting.curriculum.stages) - 1
     trees: list[tuple[str, int | None, float | None, list[Job]]] = [
@@ -106,6 +112,17 @@ def generalise(
         _summary(arm, seed, trained, [outcomes[job] for job in mine], study.classes)
         for arm, seed, trained, mine in trees
     )
+
+
+def _setting(run: Run) -> Setting:
+    try:
+        return setting_of(run.config)
+    except ValidationError as error:
+        raise StudyError(
+            f"Expected to find the domain {run.flat['domain.factory']} here, found"
+            f" {error.errors()[0]['msg']}; install it, or leave the unseen worlds out with"
+            " --worlds 0."
+        ) from error
 
 
 def _summary(

@@ -12,11 +12,11 @@ import yaml
 
 from islandgp.errors import RunError, StudyError
 from islandgp.evaluation.recorded import check_version
-from islandgp.evolution.checkpoint import individual_record, snapshot
 from islandgp.evolution.record import Champion, Cost, GenerationRecord, GuidanceRecord
+from islandgp.records.checkpoint import individual_record, snapshot
+from islandgp.records.folder import RunFolder
+from islandgp.records.parameters import flatten
 from islandgp.study.arms import Run
-from islandgp.tracking.folder import RunFolder
-from islandgp.tracking.parameters import flatten
 
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast, if it is there
 
@@ -79,6 +79,7 @@ def read(found: Found) -> Run:
             records=tuple(_record(plain) for plain in folder.records()),
             costs=tuple(_cost(plain) for plain in folder.costs()),
             champion=Champion(champion["generation"], individual_record(champion["record"])),
+            validation=tuple((champion["validation"] or {"worlds": ()})["worlds"]),
         )
     except (OSError, json.JSONDecodeError, KeyError, TypeError) as error:
         raise StudyError(

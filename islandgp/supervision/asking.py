@@ -13,7 +13,7 @@ from islandgp.bt.language import parse, to_text
 from islandgp.bt.node import Node
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.errors import SupervisionError, TreeError
-from islandgp.part import blaming, path_of
+from islandgp.plugin import blaming, path_of
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Pattern, Phase, Supervisor
 

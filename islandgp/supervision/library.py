@@ -73,7 +73,9 @@ def read_library(
             f"library.trees: expected a tree for each behaviour, missing {', '.join(missing)}"
         )
     named = [*settings.trees.values(), *settings.shown.values(), settings.yardsticks]
-    texts = {name: read_tree(folder, name) for name in sorted({n for names in named for n in names})}
+    texts = {
+        name: read_tree(folder, name) for name in sorted({n for names in named for n in names})
+    }
     trees = {
         name: parse(text, vocabulary, name=str(folder / f"{name}.bt"))
         for name, text in texts.items()

@@ -12,7 +12,7 @@ from queue import SimpleQueue
 from threading import Thread
 
 from islandgp.bt.vocabulary import Vocabulary
-from islandgp.part import blaming, path_of
+from islandgp.plugin import blaming, path_of
 from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.asking import ask

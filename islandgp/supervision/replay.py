@@ -16,7 +16,7 @@ from islandgp.errors import SupervisionError
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Setup
 from islandgp.supervision.llm.adviser import Adviser
-from islandgp.supervision.llm.dialect import Dialect
+from islandgp.supervision.llm.capabilities import Dialect, Dialects
 from islandgp.supervision.llm.recorded import RecordedCalls
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.transcript import Transcript, find_transcript
@@ -56,17 +56,19 @@ class Replay:
         try:
             start = transcript.start or {}
             recorded = LLMSettings.model_validate(start["settings"])
-            dialect = Dialect(**start["dialect"])
+            if start["dialect"] is not None:
+                Dialect(**start["dialect"])
         except (KeyError, TypeError, ValidationError) as error:
             raise SupervisionError(
                 f"Expected the settings of a recorded run at the top of {path}, found"
                 f" {type(error).__name__}: {error}."
             ) from None
-        return cls(Adviser(recorded, setup), transcript, dialect)
+        return cls(Adviser(recorded, setup), transcript)
 
-    def __init__(self, adviser: Adviser, transcript: Transcript, dialect: Dialect) -> None:
-        self.adviser, self.dialect = adviser, dialect
+    def __init__(self, adviser: Adviser, transcript: Transcript) -> None:
+        self.adviser = adviser
         self._calls = RecordedCalls(transcript)
+        self._dialects = Dialects(adviser.settings, transcript, self._calls)
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """See `Supervisor`.
@@ -74,4 +76,4 @@ class Replay:
         Raises:
             SupervisionError: the record has no answer to this state.
         """
-        return self.adviser.advise(state, rng, self._calls, self.dialect)
+        return self.adviser.advise(state, rng, self._calls, self._dialects.at)

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from islandgp.app import main
+from islandgp.running.app import main
 from islandgp.testing.faults import Fault, every
 from islandgp.testing.server import MessagesServer
 

@@ -25,6 +25,7 @@ class Fault(StrEnum):
     TRUNCATED = "truncated"  # half of the JSON, with an honest length
     REFUSAL = "refusal"  # stop_reason refusal, no content
     MAX_TOKENS = "max_tokens"  # the answer's text is cut off
+    THOUGHT = "thought"  # the tokens ran out while the model was thinking: no text
     WRONG_BODY = "wrong_body"  # a message whose parts are of wrong types
     WRONG_TYPES = "wrong_types"  # an answer whose fields are of wrong types
     OUT_OF_RANGE = "out_of_range"  # a mutation rate of 7

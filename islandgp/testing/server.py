@@ -24,11 +24,15 @@ class MessagesServer:
         *,
         structured: bool = True,
         temperature: bool = True,
+        usage: bool = True,
         delay: float = 0.0,
     ) -> None:
-        """A server that knows schemas or not, takes temperatures or not, and thinks `delay` s."""
+        """A server that knows schemas, takes temperatures and counts tokens, or not.
+
+        It thinks `delay` s.
+        """
         self.script, self.answer, self.delay = script, answer, delay
-        self.structured, self.temperature = structured, temperature
+        self.structured, self.temperature, self.usage = structured, temperature, usage
         self.requests: list[dict[str, Any]] = []
         self.keys: list[str] = []  # credentials as they were sent
         self.over = threading.Event()
@@ -91,7 +95,10 @@ class _Handler(BaseHTTPRequestHandler):
         if refused:
             self._error(400, "invalid_request_error", refused)
             return
-        self._send(200, _message(request, *self._text(request, fault)))
+        message = _message(request, *self._text(request, fault))
+        if not owner.usage:
+            del message["usage"]
+        self._send(200, message)
 
     def _unsupported(self, request: Mapping[str, Any]) -> str:
         owner = self.server.owner
@@ -149,6 +156,10 @@ class _Handler(BaseHTTPRequestHandler):
                 self.wfile.write(body[: len(body) // 2])
             case Fault.REFUSAL:
                 self._send(200, {**_message(request, "", "refusal"), "content": []})
+            case Fault.THOUGHT:
+                thought = {"type": "thinking", "thinking": "Let me think.", "signature": "s"}
+                message = _message(request, "", "max_tokens")
+                self._send(200, {**message, "content": [thought]})
             case Fault.WRONG_BODY:
                 wrong = {"content": 7, "usage": "many", "stop_reason": ["end_turn"]}
                 self._send(200, {**_message(request, ""), **wrong})

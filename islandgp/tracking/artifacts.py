@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -13,11 +13,11 @@ import yaml
 
 from islandgp.bt.language import parse
 from islandgp.evaluation.recorded import setting_of
+from islandgp.records.fallbacks import fallback_words
+from islandgp.records.files import RunMetadata, score
+from islandgp.records.folder import RunFolder, Status
 from islandgp.supervision.state_json import title
 from islandgp.tracking.chart import Line, Panel, svg
-from islandgp.tracking.fallbacks import fallback_words
-from islandgp.tracking.files import About
-from islandgp.tracking.folder import RunFolder, Status
 
 FILES: Final = (
     "best.bt",
@@ -129,7 +129,14 @@ def curves(records: list[dict[str, Any]]) -> list[Panel]:
     ]
 
 
-def note(folder: RunFolder, about: About, status: Status) -> str:
+def _where(champion: Mapping[str, Any]) -> str:
+    """Where the best robot earned its points."""
+    if champion["validation"] is None:
+        return " in training, not validated in other worlds"
+    return f" in validation worlds, {champion['record']['fitness']:,.0f} in training"
+
+
+def note(folder: RunFolder, about: RunMetadata, status: Status) -> str:
     """What MLflow shows as the run's description, in Markdown."""
     lines = [f"**{about.title}** ({status.value.lower()})", ""]
     if folder.finished():
@@ -137,8 +144,8 @@ def note(folder: RunFolder, about: About, status: Status) -> str:
         best = s["champion"]["record"]
         fallback = fallback_words([s])
         lines += [
-            f"- best fitness **{best['fitness']:,.0f}**"
-            f" in generation {s['champion']['generation']}",
+            f"- best robot, of generation {s['champion']['generation']}:"
+            f" **{score(s):,.0f}** points{_where(s['champion'])}",
             *(
                 f"- first {title(tier)} Robot: {'never' if g is None else f'generation {g}'}"
                 for tier, g in s["first"].items()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from islandgp.tracking.folder import RunFolder, Status
+from islandgp.records.folder import RunFolder, Status
 
 
 class Tracker(Protocol):

@@ -9,7 +9,7 @@ from time import time
 from typing import Final
 
 from islandgp.errors import StudyError, TrackingError
-from islandgp.tracking.brief import brief
+from islandgp.records.brief import brief
 from islandgp.tracking.store import SQLITE, Place, Store, metric
 
 NEEDED: Final = ("config.yaml", "generations.jsonl", "costs.jsonl", "summary.json")

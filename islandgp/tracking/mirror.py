@@ -19,13 +19,14 @@ import yaml
 from filelock import FileLock
 
 from islandgp.errors import TrackingError
+from islandgp.records.checkpoint import remove_leftovers
+from islandgp.records.files import RunMetadata
+from islandgp.records.folder import RunFolder, Status
+from islandgp.records.parameters import flat
 from islandgp.tracking.artifacts import TABLE, Artifact, artifacts, note
-from islandgp.tracking.files import About
-from islandgp.tracking.folder import RunFolder, Status
 from islandgp.tracking.metrics import final_metrics, metrics
-from islandgp.tracking.parameters import flat
 from islandgp.tracking.parent import parent_run
-from islandgp.tracking.sent import LOCK, Sent, read_sent, write_sent
+from islandgp.tracking.sent import FILE, LOCK, Sent, read_sent, write_sent
 from islandgp.tracking.store import POINTS, Place, Store, metric
 
 if TYPE_CHECKING:
@@ -52,6 +53,7 @@ class Mirror:
     def send(self, status: Status) -> str:
         """Sends what is missing; returns the MLflow run's id. Raises whatever MLflow raises."""
         with self._lock:
+            remove_leftovers(self.folder.path, f"{FILE}.*")
             try:
                 sent = self._sent(status)
                 sent = self._generations(sent)
@@ -175,7 +177,7 @@ def end_of(status: Status, generations: int) -> str:
     return f"{status} {generations}"
 
 
-def create_run(store: Store, about: About, key: str) -> str:
+def create_run(store: Store, about: RunMetadata, key: str) -> str:
     """A new MLflow run that `Store.find("islandgp.id", key)` finds again."""
     tags = {
         **about.tags,

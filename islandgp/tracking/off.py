@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
-from islandgp.tracking.folder import RunFolder, Status
+from islandgp.records.folder import RunFolder, Status
 
 
 class OffSettings(BaseModel, frozen=True, extra="forbid"):

@@ -12,13 +12,13 @@ from typing import Final
 
 from filelock import FileLock
 
+from islandgp.records.digest import ending_in_digest
+from islandgp.records.folder import Status
+from islandgp.records.sweep_folder import SweepFile, SweepFolder
 from islandgp.tracking.chart import svg
-from islandgp.tracking.digest import ending_in_digest
-from islandgp.tracking.folder import Status
 from islandgp.tracking.sent import LOCK, Sent, read_sent, write_sent
 from islandgp.tracking.store import POINTS, Store, metric
 from islandgp.tracking.summary import Arm, arm_table, arms, curves_csv, panels, sweep_note
-from islandgp.tracking.sweep_folder import SweepFile, SweepFolder
 
 LONGEST: Final = 180  # characters of an arm's name in a metric's; MLflow takes 250 for the whole
 

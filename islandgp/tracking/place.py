@@ -8,7 +8,8 @@ from typing import Final
 from pydantic import ValidationError
 
 from islandgp.errors import TrackingError
-from islandgp.tracking.folder import RunFolder
+from islandgp.records.folder import RunFolder
+from islandgp.records.parameters import without_credentials
 from islandgp.tracking.store import MLflowSettings, Place
 
 FACTORY: Final = "islandgp.tracking.mlflow:MLflow"
@@ -24,7 +25,7 @@ def place_from(uri: str, experiment: str) -> Place:
         if not experiment:
             raise TrackingError("Expected the name of an experiment, found none.") from None
         raise TrackingError(
-            f"Expected a store as sqlite:///FILE or http://..., found {uri!r}."
+            f"Expected a store as sqlite:///FILE or http://..., found {without_credentials(uri)!r}."
         ) from None
     return Place.of(settings, Path.cwd())
 

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
-from islandgp.evolution.checkpoint import write_atomic
+from islandgp.records.checkpoint import write_atomic
 from islandgp.tracking.store import Place
 
 FILE: Final = "tracking.json"

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import logging
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
+from urllib.parse import unquote
 
 from filelock import FileLock
 from pydantic import BaseModel, Field
 
 from islandgp.errors import TrackingError
+from islandgp.records.parameters import CREDENTIALS, HIDDEN
 
 if TYPE_CHECKING:
     from mlflow.entities import Metric
@@ -50,12 +52,16 @@ class Place:
     uri: str
     artifacts: str | None  # absolute folder; None: the server decides
     experiment: str
+    credentials: str = field(default="", repr=False, compare=False)  # NAME:PASSWORD of the address
 
     @classmethod
     def of(cls, settings: MLflowSettings, home: Path) -> Place:
         """Relative paths are meant from the folder in which the command was given."""
         if not settings.uri.startswith(SQLITE):
-            return cls(settings.uri.rstrip("/"), None, settings.experiment)
+            uri = CREDENTIALS.sub("", settings.uri).rstrip("/")
+            found = CREDENTIALS.search(settings.uri)
+            credentials = found[0].removesuffix("@") if found else ""
+            return cls(uri, None, settings.experiment, credentials)
         file = (home / settings.uri.removeprefix(SQLITE)).resolve()
         artifacts = (home / settings.artifacts).resolve()
         return cls(f"{SQLITE}{file}", str(artifacts), settings.experiment)
@@ -132,6 +138,7 @@ def quiet() -> None:
 
 def _client(place: Place) -> MlflowClient:
     quiet()
+    _authenticate(place)
     from mlflow.tracking import MlflowClient
 
     if place.file is not None and _make(place.file):
@@ -140,6 +147,14 @@ def _client(place: Place) -> MlflowClient:
         # Its connections may be to a file that was deleted.
         _get_store(place.uri).engine.dispose()  # type: ignore[no-untyped-call]
     return MlflowClient(tracking_uri=place.uri)
+
+
+def _authenticate(place: Place) -> None:
+    """Hands MLflow the name and password of the address by the environment, where it looks."""
+    name, _, password = place.credentials.partition(":")
+    if name not in ("", HIDDEN):  # hidden where the address was read from a run's folder
+        os.environ["MLFLOW_TRACKING_USERNAME"] = unquote(name)
+        os.environ["MLFLOW_TRACKING_PASSWORD"] = unquote(password)
 
 
 def _make(file: Path) -> bool:

@@ -14,12 +14,12 @@ from math import inf
 from statistics import fmean, median, stdev
 from typing import Any, Final
 
+from islandgp.records.fallbacks import fallback_words
+from islandgp.records.files import score
+from islandgp.records.folder import RunFolder, Status
+from islandgp.records.sweep_folder import SweepFile, SweepFolder, SweepJob
 from islandgp.supervision.state_json import title
 from islandgp.tracking.chart import Line, Panel
-from islandgp.tracking.fallbacks import fallback_words
-from islandgp.tracking.files import score
-from islandgp.tracking.folder import RunFolder, Status
-from islandgp.tracking.sweep_folder import SweepFile, SweepFolder, SweepJob
 
 MEASURES: Final[dict[str, Callable[[dict[str, Any]], float]]] = {
     "best fitness": lambda s: float(s["best"]),
@@ -188,9 +188,10 @@ def sweep_note(sweep: SweepFolder, file: SweepFile, found: Sequence[Arm], status
     lines = [
         arm_table(found),
         f"{len(file.jobs)} runs, {status.value.lower()}: {len(found)} arm{'s' * (len(found) != 1)},"
-        f" seeds {', '.join(map(str, seeds))}. Best robot: its points in validation worlds, mean ± standard deviation over runs."
-        " Tiers: median generation of the first such robot over all runs, one"
-        " without it counted as later than any, and how many runs had one. Diversity: mean.",
+        f" seeds {', '.join(map(str, seeds))}. Best robot: its points in validation worlds, mean ±"
+        " standard deviation over runs. Tiers: median generation of the first such robot over all"
+        " runs, one without it counted as later than any, and how many runs had one."
+        " Diversity: mean.",
         "",
         *(f"    {command}" for command in file.commands),
         "",

@@ -9,12 +9,12 @@ from typing import Any
 
 from islandgp.errors import IslandError
 from islandgp.evaluation.recorded import check_version
-from islandgp.tracking.folder import RunFolder, Status
+from islandgp.records.folder import RunFolder, Status
+from islandgp.records.sweep_folder import SweepFolder
 from islandgp.tracking.mirror import Mirror, kept, up_to_date
 from islandgp.tracking.parent import send_sweep
 from islandgp.tracking.place import place_of
 from islandgp.tracking.store import Place, Store
-from islandgp.tracking.sweep_folder import SweepFolder
 
 
 @dataclass(slots=True)

@@ -17,7 +17,7 @@ from urllib.error import URLError
 from urllib.request import urlopen
 
 from islandgp.errors import TrackingError
-from islandgp.tracking.brief import brief
+from islandgp.records.brief import brief
 from islandgp.tracking.store import Place, Store
 from islandgp.tracking.view import KEY, runs_page, share_view
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from base64 import b64encode
 from collections.abc import Iterable, Sequence
-from itertools import groupby
+from itertools import groupby, pairwise
 from math import inf, isfinite
 from typing import Any, Final
 
@@ -141,7 +141,7 @@ def _paints(recording: Recording) -> dict[str, int]:
     for node in walk(recording.tree):
         if node.kind == "sequence":
             names = [str(c.args[0]) if c.kind == "action" else "" for c in node.children]
-            for name, behind in reversed([*zip(names, names[1:], strict=False)]):
+            for name, behind in reversed([*pairwise(names)]):
                 if paints.get(name) == -1:
                     paints[name] = paints.get(behind, -1)
     return paints

@@ -44,7 +44,8 @@ def page(recording: Recording, *, title: str) -> str:
     parts = {
         "title": escape(title),
         "style": _part("page.css"),
-        "tree": f'<svg id="tree" role="img" aria-label="Behaviour tree" data-width="{width:g}" data-height="{height:g}">'
+        "tree": f'<svg id="tree" role="img" aria-label="Behaviour tree" data-width="{width:g}"'
+        f' data-height="{height:g}">'
         f'<g id="nodes">{drawing(boxes)}</g></svg>',
         # Inside a script element only this could end it, or begin a comment.
         "data": data.replace("</", "<\\/").replace("<!--", "<\\u0021--"),

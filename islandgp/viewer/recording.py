@@ -230,7 +230,7 @@ class Camera:
         left = [Stay(thing, since, ticks) for (thing, _), since in self._there.items()]
         lows, highs = zip(*((b[:2], b[2:]) for b in self._bounds), strict=True)
         film = Film(
-            bounds=(*map(min, zip(*lows, strict=True)), *map(max, zip(*highs, strict=True))),  # type: ignore[arg-type]
+            bounds=(*map(min, zip(*lows, strict=True)), *map(max, zip(*highs, strict=True))),
             fixed=self._fixed,
             items=tuple(sorted([*self._gone, *left], key=lambda stay: (stay.begin, stay.thing))),
             movers=tuple(map(_mover, self._columns(ticks))),

@@ -10,7 +10,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from threading import Timer
+from threading import Thread, Timer
+from typing import Any
 
 import pytest
 
@@ -117,13 +118,16 @@ class Deadly:
 
     inner: Curriculum
     once: Path | None = None  # written at the first death; with it the stage is harmless
+    seconds: float = 0  # that the deadly stage takes instead, if any
 
     def multipliers(self, stage: int) -> Mapping[str, float]:
         """See `Curriculum`."""
         if stage == DEADLY and not (self.once and self.once.exists()):
             if self.once:
                 self.once.touch()
-            os.kill(os.getpid(), signal.SIGKILL)
+            time.sleep(self.seconds)
+            if not self.seconds:
+                os.kill(os.getpid(), signal.SIGKILL)
         return self.inner.multipliers(0 if stage == DEADLY else stage)
 
 
@@ -186,34 +190,61 @@ def test_a_stopped_worker_beside_a_dead_one_is_replaced() -> None:
         pool.close()
 
 
-@dataclass(frozen=True)
-class Endless:
-    """A curriculum in which an episode takes half a minute, in C code."""
-
-    inner: Curriculum
-
-    def multipliers(self, stage: int) -> Multipliers:
-        """See `Curriculum`."""
-        time.sleep(30)
-        return self.inner.multipliers(stage)
-
-
-def endless() -> Setting:
-    """The setting with such a curriculum."""
-    return replace(setting(), curriculum=Endless(setting().curriculum))  # type: ignore[arg-type]
-
-
 def test_closing_does_not_wait_for_long_episodes() -> None:
     """After Ctrl-C their workers are killed within seconds."""
-    pool = Processes(endless(), 2)
+    pool = Processes(deadly_slow(), 2)
     ctrl_c = Timer(2, os.kill, (os.getpid(), signal.SIGINT))
     ctrl_c.start()
     with pytest.raises(KeyboardInterrupt):
-        pool.evaluate(JOBS)
+        pool.evaluate([KILLER, replace(KILLER, seed=9_002)])
     began = time.monotonic()
     pool.close()
     assert time.monotonic() - began < 10
     assert multiprocessing.active_children() == []
+
+
+def test_an_episode_that_never_ends_is_named() -> None:
+    """After the time limit, with tree and seed; the pool is of use afterwards."""
+    pool = Processes(deadly_slow(), 2, episode_timeout=3)
+    try:
+        pool.evaluate(JOBS[:2])
+        began = time.monotonic()
+        with pytest.raises(
+            EvaluationError,
+            match=r"world seed 9001.*no answer .* in 3 s.*episode_timeout[\s\S]*Pick",
+        ):
+            pool.evaluate([*JOBS[:3], KILLER, *JOBS[3:]])
+        assert time.monotonic() - began < 15
+        assert tuple(pool.evaluate(JOBS)) == expected()
+    finally:
+        pool.close()
+
+
+def deadly_slow() -> Setting:
+    """The setting with a curriculum whose deadly stage takes half a minute."""
+    return replace(setting(), curriculum=Deadly(setting().curriculum, seconds=30))  # type: ignore[arg-type]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a server of forks")
+def test_a_server_of_forks_that_is_killed_while_it_starts_is_replaced() -> None:
+    """The jobs have their outcomes."""
+    from multiprocessing import forkserver
+
+    def kill() -> None:
+        while server._forkserver_pid is None:
+            time.sleep(0.001)
+        os.kill(server._forkserver_pid, signal.SIGKILL)
+
+    server: Any = forkserver._forkserver  # type: ignore[attr-defined]
+    server._stop()
+    killer = Thread(target=kill)
+    killer.start()
+    pool = Processes(setting(), 2)
+    try:
+        assert tuple(pool.evaluate(JOBS)) == expected()
+    finally:
+        killer.join()
+        pool.close()
 
 
 @pytest.mark.slow

@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 from islandgp.bt.language import parse, to_text
 from islandgp.bt.limits import within
 from islandgp.domains.island.vocabulary import VOCABULARY
-from islandgp.evolution.checkpoint import dump
+from islandgp.records.checkpoint import dump
 from islandgp.resources import resource
-from islandgp.run import make_supervisor, setup_of
+from islandgp.running.run import make_supervisor, setup_of
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Pattern, Phase, Service, Supervisor
 from islandgp.supervision.llm.message import FailureKind
@@ -54,9 +54,7 @@ class Recorder:
         """What the replay says to a state that a live supervisor has answered."""
         live = llm()
         live.advise(state, deepcopy(rng))
-        calls = live._open()
-        assert live._dialect is not None
-        return Replay(live.adviser, calls.transcript, live._dialect).advise(state, rng)
+        return Replay(live.adviser, live._open().transcript).advise(state, rng)
 
 
 def yoked() -> Yoked:

@@ -9,8 +9,8 @@ from time import perf_counter
 
 import pytest
 
+from islandgp.records.folder import RunFolder, Status
 from islandgp.tracking.base import Tracker
-from islandgp.tracking.folder import RunFolder, Status
 from islandgp.tracking.mlflow import MLflow
 from islandgp.tracking.off import Off
 from islandgp.tracking.store import MLflowSettings, Store

@@ -8,10 +8,10 @@ from dataclasses import asdict
 import numpy as np
 
 from islandgp.bt.node import Node
-from islandgp.evolution.checkpoint import dump
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.plan import Plan
 from islandgp.evolution.record import GenerationRecord, RunState, Step
+from islandgp.records.checkpoint import dump
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Supervisor
 from tests.composed import composed_plan

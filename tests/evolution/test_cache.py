@@ -8,10 +8,10 @@ import pytest
 
 from islandgp.evaluation.base import Job
 from islandgp.evaluation.cache import Cached
-from islandgp.evolution.checkpoint import dump
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import Step
-from islandgp.run import make_evaluator, make_supervisor
+from islandgp.records.checkpoint import dump
+from islandgp.running.run import make_evaluator, make_supervisor
 from tests.composed import composed, composed_plan
 from tests.evolution.fake import Fake, outcome_of
 

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from islandgp.errors import RunError
-from islandgp.evolution.checkpoint import load_state, save_state, write_atomic
 from islandgp.evolution.loop import initial_state
 from islandgp.evolution.record import RunState
+from islandgp.records.checkpoint import load_state, save_state, write_atomic
 from tests.evolution.runs import Says, lines, plan, run
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from threading import Lock
 from typing import Any
 
-from islandgp.run import setup_of
+from islandgp.running.run import setup_of
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, stream
@@ -148,6 +148,9 @@ class FakeClient:
             self.requests.append(request)
             n = len(self.requests) - 1
             return self.script(request, n) if callable(self.script) else self.script[n]
+
+    def open(self) -> None:
+        """See `Client`."""
 
     def asked(self, kind: str) -> list[Request]:
         """The requests of one kind, in their order; questions of two kinds go out together."""

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import json
+import re
+from contextlib import suppress
+from datetime import datetime
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 from islandgp.errors import ConfigError
+from islandgp.supervision.llm.attempt import Call, Sent
+from islandgp.supervision.llm.client import AnthropicClient
 from islandgp.supervision.llm.ledger import Caps, Ledger, known_usage
-from islandgp.supervision.llm.message import Failure, FailureKind, Request, Usage
+from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage
 from islandgp.supervision.llm.prices import Price, cost, most_tokens
 from islandgp.supervision.llm.supervisor import LLM
 from islandgp.supervision.llm.transcript import Transcript
+from islandgp.testing.server import MessagesServer
 from tests.composed import composed
 from tests.llm.made import (
     DECISION,
@@ -22,6 +29,7 @@ from tests.llm.made import (
     failed,
     said,
     settings,
+    setup,
     state,
     supervisor,
 )
@@ -45,6 +53,36 @@ def test_the_price_table_is_dated_and_knows_the_default_model() -> None:
     assert found.price == Price(input=1, output=5, cache_read=0.1, cache_write=1.25)
     assert found.prices.date.startswith("20")
     assert found.prices.source.startswith("https://")
+
+
+def test_the_table_knows_every_model_of_the_sdk() -> None:
+    """Each has a price or is listed as one without; its retirement is the SDK's."""
+    from anthropic.resources.messages.messages import DEPRECATED_MODELS
+    from anthropic.types.model import Model
+
+    table = settings().prices
+    named = set(get_args(get_args(Model)[0]))
+    assert len(named) > 15
+    assert named == set(table.models) | set(table.unknown)
+    assert not set(table.models) & set(table.unknown)
+    assert set(table.facts) == named
+    assert set(table.aliases.values()) <= set(table.models)
+    retires = {name: facts.retires for name, facts in table.facts.items() if facts.retires}
+    days = {name: day for name, day in DEPRECATED_MODELS.items() if name in named}
+    assert retires == {name: iso(day) for name, day in days.items()}
+
+
+def iso(day: str) -> str:
+    """A day such as "June 1st, 2026" as 2026-06-01."""
+    plain = re.sub(r"(\d)(st|nd|rd|th)", r"\1", day)
+    return datetime.strptime(f"{plain} +0000", "%B %d, %Y %z").date().isoformat()
+
+
+@pytest.mark.parametrize("model", ["claude-fable-5-2", "current-large"])
+def test_a_price_that_nobody_knows_is_not_made_up(model: str) -> None:
+    """A cap in dollars cannot be kept with it, and the error says so."""
+    with pytest.raises(ConfigError, match=f"expected a model with a known price, found '{model}'"):
+        settings(f"model={model}", "caps.usd=1")
 
 
 def test_the_ledger_adds_up() -> None:
@@ -215,3 +253,64 @@ def test_cache_reads_are_counted_and_priced() -> None:
     assert llm.spent()["cache_read_tokens"] == 5000
     assert isinstance(client, FakeClient)
     assert [r.cache for r in client.requests] == [False, True, True]
+
+
+def test_requests_of_a_killed_run_count(tmp_path: Path) -> None:
+    """Each kill loses an answer that was asked for: the cap holds over all processes together."""
+    sent = []
+
+    def killed(request: Request, n: int) -> Reply | Failure:
+        sent.append(n)
+        if len(sent) in (2, 3, 4):
+            raise KeyboardInterrupt
+        return answering()(request, n)
+
+    given = setup(tmp_path, "supervisor.adapt_mutation=false")
+    for _ in range(4):
+        llm, _ = supervisor(killed, "caps.requests=5", given=given)
+        with suppress(KeyboardInterrupt):
+            run_of(llm, 8)
+    assert len(sent) == 5
+    assert llm.spent()["requests"] == 5
+    assert llm.spent()["uncounted_requests"] == 3
+
+
+def test_a_lost_request_counts_as_the_most_it_can_be(tmp_path: Path) -> None:
+    """In tokens and dollars, too."""
+    transcript = Transcript(tmp_path / "transcript.jsonl")
+    call = Call(3, "rate", 0)
+    transcript.announce(Sent(call, 1, Usage(700, 2048)))
+    again = Transcript(tmp_path / "transcript.jsonl")
+    assert again.lost() == [Sent(call, 1, Usage(700, 2048))]
+    price = Price(input=1, output=5, cache_read=0.1, cache_write=1.25)
+    caps = Caps(requests=None, input_tokens=700, output_tokens=None, usd=None, seconds=None)
+    ledger = Ledger(again, price, caps)
+    assert ledger.totals()["cost_usd_at_most"] == pytest.approx((700 + 5 * 2048) / 1e6)
+    assert "input_tokens=700" in ledger.over(Usage(1, 0))
+
+
+def test_a_server_that_counts_nothing_does_not_escape_the_caps() -> None:
+    """What it took is unknown, so it is the most that it can be."""
+    with MessagesServer(usage=False) as server:
+        client = AnthropicClient(key=None, base_url=server.url)
+        llm = LLM(settings("caps.output_tokens=9000"), setup(), client)
+        sources = run_of(llm, 12)
+        llm.close()
+        assert len(server.requests) == 9000 // 2048
+    assert sources[-1] == "fallback"
+    assert llm.spent()["output_tokens"] == 0
+    assert llm.spent()["uncounted_requests"] == 4
+
+
+def test_loading_the_sdk_is_not_charged_to_the_model() -> None:
+    """It takes seconds, and none of an attempt's, nor of the cap on them."""
+
+    class Loading(FakeClient):
+        def open(self) -> None:
+            clock.append(clock[-1] + 2.5)
+
+    clock = [0.0]
+    llm = LLM(settings(), setup(), Loading(answering()))
+    llm._open().clock = lambda: clock[-1]
+    advise(llm)
+    assert llm.spent()["latency_s"] == 0

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import json
+import resource
 import socket
+import ssl
+import subprocess
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+import zlib
+from collections.abc import AsyncIterator, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
 
 import httpx2
 import pytest
@@ -24,6 +31,7 @@ DEADLINE = 0.4  # s
 @contextmanager
 def client_of(url: str) -> Iterator[AnthropicClient]:
     client = AnthropicClient(key=KEY, base_url=url)
+    client.open()
     try:
         yield client
     finally:
@@ -60,7 +68,10 @@ def test_an_answer_comes_back_with_its_usage() -> None:
 
 
 def test_what_is_sent() -> None:
-    """Schema, temperature and a cache mark are sent where the request has them, turns alternate."""
+    """Schema and temperature are sent where the request has them, turns alternate.
+
+    The cache mark is on the system prompt, the only part that is the same each time.
+    """
     schema = {"type": "object"}
     full = Request("m", "s", ("a", "b", "c"), 9, temperature=0.7, schema=schema, cache=True)
     with MessagesServer() as server, client_of(server.url) as client:
@@ -69,7 +80,7 @@ def test_what_is_sent() -> None:
     sent, plain = server.requests
     assert sent == {
         "model": "m",
-        "system": "s",
+        "system": [{"type": "text", "text": "s", "cache_control": {"type": "ephemeral"}}],
         "max_tokens": 9,
         "messages": [
             {"role": "user", "content": "a"},
@@ -78,8 +89,8 @@ def test_what_is_sent() -> None:
         ],
         "temperature": 0.7,
         "output_config": {"format": {"type": "json_schema", "schema": schema}},
-        "cache_control": {"type": "ephemeral"},
     }
+    assert plain["system"] == ASK.system
     assert set(plain) == {"model", "system", "max_tokens", "messages"}
 
 
@@ -189,14 +200,33 @@ def test_odd_text_is_made_storable() -> None:
     assert found.text == "a?b [31m\nc"
 
 
+def test_thinking_and_effort_are_sent() -> None:
+    """As the API takes them, beside the schema; more fields of the body as they are."""
+    asked = replace(
+        ASK,
+        schema={"type": "object"},
+        thinking={"type": "adaptive"},
+        effort="low",
+        extra={"top_k": 3},
+        temperature=0.7,
+    )
+    with MessagesServer() as server, client_of(server.url) as client:
+        client.send(asked, seconds=5)
+    (sent,) = server.requests
+    assert sent["thinking"] == {"type": "adaptive"}
+    assert sent["output_config"]["effort"] == "low"
+    assert sent["output_config"]["format"]["schema"] == {"type": "object"}
+    assert (sent["top_k"], sent["temperature"]) == (3, 0.7)
+
+
 def test_only_text_blocks_are_read() -> None:
-    """A model that thinks aloud in blocks of their own does not spoil its answer."""
+    """What a model thinks is no part of its answer, and is kept beside it."""
     body = (
         b'{"content": [{"type": "thinking", "thinking": "hm"}, {"type": "text", "text": "yes"}],'
         b' "stop_reason": "end_turn", "usage": {"input_tokens": 3, "output_tokens": 4,'
         b' "cache_read_input_tokens": 5, "cache_creation_input_tokens": 6}}'
     )
-    assert mocked(body) == Reply("yes", "end_turn", Usage(3, 4, 5, 6))
+    assert mocked(body) == Reply("yes", "end_turn", Usage(3, 4, 5, 6), "hm")
 
 
 @pytest.mark.parametrize(
@@ -299,3 +329,120 @@ def test_closing_is_prompt_and_final() -> None:
         client.close()
     assert not [t for t in threading.enumerate() if t.name == "llm"]
     assert threading.active_count() <= before + 2
+
+
+@pytest.mark.parametrize(
+    "spelt",
+    [
+        KEY,
+        "".join(f"\\u{ord(c):04x}" for c in KEY),
+        "".join(f"\\u{ord(c):04X}" for c in KEY),
+        "\\u0073" + KEY[1:],
+        KEY.replace("-", "\\\\u002d"),
+        KEY.replace("/", "\\/"),
+    ],
+)
+def test_no_spelling_of_the_key_gets_past_the_client(spelt: str) -> None:
+    """An answer is JSON inside JSON: what it spells with escapes is plain once it is decoded."""
+    text = f'{{"reasoning": "the key is {spelt}, \\n\\"indeed\\""}}'
+    found = mocked(json.dumps({"content": [{"type": "text", "text": text}], "usage": {}}).encode())
+    assert isinstance(found, Reply)
+    assert json.loads(found.text) == {"reasoning": 'the key is [key], \n"indeed"'}
+
+
+@pytest.mark.parametrize("status", [200, 429])
+def test_a_compressed_body_is_not_unpacked(status: int) -> None:
+    """A small body could unpack to a huge one; compression was not asked for and is told."""
+    packer = zlib.compressobj(wbits=31)
+    bomb = b"".join([*(packer.compress(b"x" * 1_000_000) for _ in range(400)), packer.flush()])
+    transport = httpx2.MockTransport(
+        lambda _: httpx2.Response(
+            status, stream=Bytes(bomb), headers={"content-encoding": "gzip", "retry-after": "3"}
+        )
+    )
+    client = AnthropicClient(key=KEY, base_url="http://mock", transport=transport)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    found = client.send(ASK, seconds=10)
+    client.close()
+    assert isinstance(found, Failure)
+    assert (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) < 100_000  # KiB
+    if status == 200:
+        assert found.kind is FailureKind.MALFORMED
+        assert "found the encoding gzip; turn compression off" in found.message
+    else:
+        assert (found.kind, found.retry_after) == (FailureKind.RATE_LIMITED, 3)
+
+
+class Bytes(httpx2.AsyncByteStream):
+    """A body that comes from the network: nothing has unpacked it yet."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data = data
+
+    async def __aiter__(self) -> AsyncIterator[bytes]:
+        yield self.data
+
+
+@pytest.mark.parametrize(("said", "found"), [("false", False), ("true", True), ("", None)])
+def test_what_a_server_says_about_another_attempt(said: str, found: bool | None) -> None:
+    """The header that the SDK would obey is read here, as the retries are ours."""
+    answer = mocked(b"{}", 529, **{"x-should-retry": said})
+    assert isinstance(answer, Failure)
+    assert answer.should_retry is found
+
+
+def test_a_certificate_that_nobody_signed(tmp_path: Path) -> None:
+    """It is told apart from a server that is not there."""
+    with tls_server(tmp_path) as url, client_of(url) as client:
+        found = client.send(ASK, seconds=5)
+    assert isinstance(found, Failure)
+    assert found.kind is FailureKind.UNTRUSTED
+    assert "CERTIFICATE_VERIFY_FAILED" in found.message
+
+
+@contextmanager
+def tls_server(folder: Path) -> Iterator[str]:
+    """A server with a certificate of its own making."""
+    pair = folder / "pair.pem"
+    words = "req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=localhost -keyout"
+    made = subprocess.run(
+        ["openssl", *words.split(), pair, "-out", folder / "cert.pem"],
+        check=False,
+        capture_output=True,
+    )
+    if made.returncode:
+        pytest.skip("no openssl to make a certificate with")
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(folder / "cert.pem", pair)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def greet() -> None:
+            with suppress(OSError):
+                connection, _ = server.accept()
+                with connection, context.wrap_socket(connection, server_side=True):
+                    pass
+
+        thread = threading.Thread(target=greet)
+        thread.start()
+        yield f"https://127.0.0.1:{server.getsockname()[1]}"
+        thread.join()
+
+
+@pytest.mark.parametrize(
+    ("usage", "known"),
+    [
+        ({"input_tokens": 3, "output_tokens": 4}, True),
+        ({"input_tokens": 0, "output_tokens": 4, "cache_read_input_tokens": 3}, True),
+        ({"output_tokens": 4}, False),
+        ({"input_tokens": 3}, False),
+        ({"input_tokens": 0, "output_tokens": 0}, False),
+        ({}, False),
+        (None, False),
+    ],
+)
+def test_a_server_that_does_not_count_is_told_apart(usage: object, known: bool) -> None:
+    """Some count no tokens, or none of one sort: what they took is unknown, not nothing."""
+    message = {"content": [{"type": "text", "text": "yes"}], "usage": usage}
+    found = mocked(json.dumps(message).encode())
+    assert isinstance(found, Reply)
+    assert (found.usage is not None) == known

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from islandgp.commands.estimate_command import command
 from islandgp.resources import resource
-from islandgp.supervision.llm.funnel import Stage
+from islandgp.supervision.llm.validation import Stage
 from islandgp.testing import demo as demo_module
 from islandgp.testing.demo import demo
 from tests.composed import composed

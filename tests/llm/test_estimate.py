@@ -29,6 +29,15 @@ def test_every_generation_but_the_last_asks_twice() -> None:
     assert found.usd == pytest.approx((found.input + 5 * found.output) / 1e6)
 
 
+def test_answers_that_would_come_too_late_cost_nothing() -> None:
+    """With a lag the last generations are not asked about."""
+    assert expected(settings(), setup(), 5).requests == 2 * (40 - 5) + 1
+    assert at_most(settings(), setup(), 5).requests == 3 * 2 * 2 * (40 - 5) + 9
+    text = said("supervisor=llm", "supervisor.lag=5")
+    assert [line.split()[2] for line in text.splitlines() if "a run " in line] == ["71", "429"]
+    assert expected(settings(), setup(), 99).requests == 1
+
+
 def test_what_is_switched_off_costs_nothing() -> None:
     """Half the questions without injection; the tree's prompt is the longer one."""
     whole = expected(settings(), setup())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 
 import pytest
 from hypothesis import given
@@ -14,7 +15,8 @@ from islandgp.bt.limits import Limits, within
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.supervision.base import Pattern, Phase
 from islandgp.supervision.llm.answers import DECISION, LONGEST, faults, proposal_shape, schema
-from islandgp.supervision.llm.funnel import (
+from islandgp.supervision.llm.message import SANE, Reply
+from islandgp.supervision.llm.validation import (
     Accepted,
     RateSettings,
     Rejection,
@@ -23,7 +25,6 @@ from islandgp.supervision.llm.funnel import (
     check_proposal,
     find_object,
 )
-from islandgp.supervision.llm.message import SANE, Reply
 from tests.llm.made import DECISION as GOOD
 from tests.llm.made import PROPOSAL as GOOD_TREE
 from tests.llm.made import USAGE, said
@@ -259,7 +260,7 @@ def test_explanations_are_kept_short() -> None:
 def test_the_first_object_with_a_known_field_wins() -> None:
     """An object of other fields is the answer only where there is no better one."""
     assert find_object('{"x": 1} {"tree": 2}', PROPOSAL_SHAPE) == {"tree": 2}
-    assert find_object('{"x": 1} {"y": 2}', PROPOSAL_SHAPE) == {"x": 1}
+    assert find_object('{"x": 1} {"y": 2}', PROPOSAL_SHAPE) == {"y": 2}
 
 
 @pytest.mark.parametrize(("shape", "good"), [(DECISION, GOOD), (PROPOSAL_SHAPE, GOOD_TREE)])
@@ -281,3 +282,62 @@ def test_the_decision_schema() -> None:
         "risk": {"type": "string"},
         "reasoning": {"type": "string"},
     }
+
+
+DRAFT = {**GOOD, "mutation_rate": 0.11}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"A draft: {json.dumps(DRAFT)}. Better: {json.dumps(GOOD)}",
+        f"{json.dumps(GOOD)} In it, {{'mutation_rate': 0.3}} or {{\"mutation_rate\": 0.3}} stands.",
+        f"<think>{json.dumps(DRAFT)}</think>{json.dumps(GOOD)}",
+        f"{json.dumps(GOOD)} <think>or {json.dumps(DRAFT)}?",
+        f"<thinking>{json.dumps(DRAFT)}</thinking>\n```json\n{json.dumps(GOOD)}\n```",
+        f"so {json.dumps(DRAFT)}, no.</think>{json.dumps(GOOD)}",
+        "selector { " * 30 + json.dumps(GOOD),
+        "{" * 500 + json.dumps(GOOD),
+    ],
+)
+def test_the_last_whole_answer_counts(text: str) -> None:
+    """Drafts, thoughts and trees come before it, remarks after it."""
+    found = decide(said(text))
+    assert isinstance(found, Accepted), found
+    assert found.value.mutation_rate == 0.42
+
+
+def test_line_breaks_inside_a_tree_do_no_harm() -> None:
+    """A model that writes a tree over several lines forgets to escape them."""
+    text = '{"tree": "selector {\n\tPatrolWaypoint\n}", "target": "rare", "rationale": "c"}'
+    assert isinstance(propose(said(text)), Accepted)
+
+
+def test_a_draft_before_a_cut_is_no_answer() -> None:
+    """Where the tokens ran out in the middle of the last object, the model is asked again."""
+    text = f"{json.dumps(DRAFT)} Better: {json.dumps(GOOD)[:40]}"
+    assert rejected(decide(said(text, "max_tokens"))).stage is Stage.JSON
+
+
+def test_an_answer_that_was_all_thought_can_be_repaired() -> None:
+    """No text at the token limit is not a refusal: the model is told to think less."""
+    found = rejected(decide(said("", "max_tokens")))
+    assert found.stage is Stage.JSON
+    assert "think much less" in found.error
+
+
+def test_older_transcripts_are_read_as_they_were() -> None:
+    """A replay must come out as its run did, drafts and all."""
+    old = check_decision(RATES, "first")
+    found = old(said(f"{json.dumps(DRAFT)} {json.dumps(GOOD)}"))
+    assert isinstance(found, Accepted)
+    assert found.value.mutation_rate == 0.11
+    assert rejected(old(said("", "max_tokens"))).stage is Stage.REFUSED
+
+
+@pytest.mark.parametrize("text", ['{"a": 1, ' * 11_000, '{"a":"' * 16_000, "{" * SANE])
+def test_no_text_takes_long_to_read(text: str) -> None:
+    """However many brackets there are."""
+    began = time.monotonic()
+    decide(said(text))
+    assert time.monotonic() - began < 2

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from islandgp.api_key import NONE, key_in, without_key
-from islandgp.app import main
+from islandgp.config.api_key import NONE, key_in, without_key
 from islandgp.errors import ConfigError
 from islandgp.resources import resource
+from islandgp.running.app import main
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.testing.faults import Fault, every
 from islandgp.testing.server import MessagesServer

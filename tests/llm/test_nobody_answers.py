@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from islandgp.app import main
+from islandgp.running.app import main
 from islandgp.testing.answers import scripted_answer
 from islandgp.testing.faults import Fault
 from islandgp.testing.server import MessagesServer
@@ -81,10 +81,16 @@ def test_the_same_command_works_once_the_server_is_there(
 
 
 def test_a_run_of_fallbacks_says_so(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A server that is always overloaded stops nothing; the report tells whose answers they are."""
+    """A server that is always overloaded stops nothing; the exit code tells whose run it is."""
     with MessagesServer(lambda n: Fault.OVERLOADED) as server:  # noqa: ARG005
-        assert main([*SMALL, f"supervisor.policy.base_url={server.url}"]) == 0
-    assert "Supervision: 3 of 3 answers were the fallback's\n" in capsys.readouterr().out
+        assert main([*SMALL, f"supervisor.policy.base_url={server.url}"]) == 3
+        assert main([*SMALL, f"supervisor.policy.base_url={server.url}"]) == 3  # complete already
+    said = capsys.readouterr()
+    assert "Supervision: 3 of 3 answers were the fallback's\n" in said.out
+    assert (
+        "Language model: 0% of the answers, 12 requests, 0 tokens in, 0 out, $0.0000\n" in said.out
+    )
+    assert "this is a run of the fallback" in said.err
     assert found(here, "summary.json")["answers"] == {"total": 3, "fallback": 3, "in_part": 0}
 
 
@@ -100,8 +106,16 @@ def test_answers_that_are_the_fallbacks_in_part(
     with MessagesServer(answer=rates_only) as server:
         words = [*SMALL, f"supervisor.policy.base_url={server.url}", "seed=1", "-m"]
         assert main(words) == 0
-    assert "3 of 3, 3 of them in part" in capsys.readouterr().out
-    assert found(here, "summary.json")["answers"] == {"total": 3, "fallback": 3, "in_part": 3}
+        assert main([*words[:-2], "seed=2"]) == 0
+        assert main([*words, "supervisor.policy.most_fallback=0.4"]) == 3
+    said = capsys.readouterr()
+    assert "3 of 3, 3 of them in part" in said.out
+    assert "Supervision: 3 of 3 answers were the fallback's, 3 of them in part\n" in said.out
+    assert "Language model: 50% of the answers" in said.out
+    assert "in 1 of 1 jobs expected the language model to supervise" in said.err
+    for file in here.rglob("summary.json"):
+        told = json.loads(file.read_text(encoding="utf-8"))
+        assert told["answers"] == {"total": 3, "fallback": 3, "in_part": 3}
 
 
 def test_a_run_without_fallbacks_says_nothing(
@@ -111,3 +125,13 @@ def test_a_run_without_fallbacks_says_nothing(
     assert main([*SMALL[:-2], "supervisor=expert"]) == 0
     assert "Supervision:" not in capsys.readouterr().out
     assert found(here, "summary.json")["answers"]["fallback"] == 0
+
+
+def test_what_a_model_took_is_told(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The share of its answers, and what they cost."""
+    with MessagesServer() as server:
+        assert main([*SMALL, f"supervisor.policy.base_url={server.url}"]) == 0
+    said = capsys.readouterr()
+    assert "Language model: 100% of the answers, 7 requests, " in said.out
+    assert " out, $0.0" in said.out
+    assert found(here, "summary.json")["mostly_fallback"] is False

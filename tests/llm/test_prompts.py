@@ -17,8 +17,7 @@ from islandgp.resources import resource
 from islandgp.supervision.base import Pattern, Phase
 from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.answers import DECISION, proposal_shape
-from islandgp.supervision.llm.dialect import Dialect
-from islandgp.supervision.llm.funnel import Rejection, Stage
+from islandgp.supervision.llm.capabilities import Dialect
 from islandgp.supervision.llm.message import Request
 from islandgp.supervision.llm.prompts import (
     ABORT_RULES,
@@ -29,6 +28,7 @@ from islandgp.supervision.llm.prompts import (
     render,
     urgency,
 )
+from islandgp.supervision.llm.validation import Rejection, Stage
 from tests.goldens import check_golden
 from tests.llm.made import settings, setup, state
 from tests.made import CLASSES

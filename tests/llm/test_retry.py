@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -166,3 +166,13 @@ def test_an_answer_that_is_written_down_is_not_asked_for_again() -> None:
     live, _ = calls(client)
     assert live.ask(CALL, ASK) == live.ask(CALL, ASK) == said("one")
     assert live.ask(CALL, ASK.followed_by("one", "again")) == said("two")
+
+
+def test_a_server_that_says_whether_to_try_again_is_obeyed() -> None:
+    """Its word goes before the kind of the failure, in both directions."""
+    no = replace(failed(FailureKind.OVERLOADED), should_retry=False)
+    yes = replace(failed(FailureKind.REJECTED), should_retry=True)
+    for failure, attempts in ((no, 1), (yes, 3)):
+        client = FakeClient([failure] * 5)
+        calls(client)[0].ask(CALL, ASK)
+        assert len(client.requests) == attempts

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import threading
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,9 +14,12 @@ from islandgp.bt.language import to_text
 from islandgp.errors import SupervisionError
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.base import Guidance, Pattern, Phase
+from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.client import AnthropicClient
-from islandgp.supervision.llm.message import FailureKind, Reply, Request
+from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request
 from islandgp.supervision.llm.supervisor import LLM
+from islandgp.supervision.llm.transcript import Transcript
+from islandgp.supervision.replay import Replay
 from tests.llm.made import (
     DECISION,
     PROPOSAL,
@@ -99,6 +104,44 @@ def test_repairs_are_a_setting(repairs: int) -> None:
     llm, client = supervisor(answering(rate="no JSON"), f"repairs={repairs}")
     advise(llm)
     assert len(client.asked("rate")) == 1 + repairs
+
+
+def test_a_thought_without_an_answer_is_repaired() -> None:
+    """The tokens ran out before the first word: no turn may be empty."""
+    llm, client = supervisor(answering(tree=lambda n: [said("", "max_tokens"), PROPOSAL][n]))
+    found = advise(llm)
+    assert found.notes["tree"] == "llm, repaired"
+    _, repair = client.asked("tree")
+    assert repair.turns[1] == "(no text)"
+    assert "think much less" in repair.turns[2]
+
+
+@pytest.mark.parametrize(
+    ("overrides", "tokens"),
+    [
+        ((), 2048),
+        (("max_tokens=512",), 512),
+        (("model=claude-haiku-5-5",), 16_048),
+        (("model=claude-haiku-5-5", "thinking_tokens=1000"), 3048),
+        (("model=claude-haiku-5-5", "thinking={type: disabled}"), 2048),
+        (("thinking={type: enabled, budget_tokens: 4000}",), 6048),
+    ],
+)
+def test_the_tokens_of_an_answer_follow_the_model(overrides: tuple[str, ...], tokens: int) -> None:
+    """What a model thinks counts as part of its answer, so there is room for it."""
+    llm, client = supervisor(answering(), *overrides)
+    advise(llm)
+    assert {r.max_tokens for r in client.requests} == {tokens}
+
+
+def test_thinking_settings_reach_the_request() -> None:
+    """Also the probe's: a model that takes none of them is found at once."""
+    llm, client = supervisor(
+        answering(), "thinking={type: adaptive}", "effort=low", "extra_body={top_k: 3}"
+    )
+    advise(llm)
+    found = {(str(r.thinking), r.effort, str(r.extra)) for r in client.requests}
+    assert found == {("{'type': 'adaptive'}", "low", "{'top_k': 3}")}
 
 
 def test_a_refusal_is_not_argued_with() -> None:
@@ -252,6 +295,7 @@ def test_the_dialect_shapes_the_requests() -> None:
         (FailureKind.UNAUTHORISED, "set another ANTHROPIC_API_KEY"),
         (FailureKind.NOT_FOUND, "set supervisor.policy.model"),
         (FailureKind.UNREACHABLE, "start the server, or set supervisor.policy.base_url"),
+        (FailureKind.UNTRUSTED, "set SSL_CERT_FILE"),
         (FailureKind.REJECTED, "supervisor=expert"),
     ],
 )
@@ -262,13 +306,150 @@ def test_a_hopeless_probe_stops_the_run_before_it_starts(kind: FailureKind, reme
         llm.start()
 
 
+@pytest.mark.parametrize("address", ["http://here:1/v1", "http://here:1/v1/"])
+def test_an_address_with_a_version_too_many(address: str) -> None:
+    """The client adds /v1 itself: a 404 there is told with the address as it should be."""
+    llm, _ = supervisor(
+        lambda request, n: failed(FailureKind.NOT_FOUND),  # noqa: ARG005
+        f"base_url={address}",
+    )
+    with pytest.raises(SupervisionError, match=r"drop /v1 from the address, as in http://here:1\."):
+        llm.start()
+
+
 @pytest.mark.parametrize("kind", [FailureKind.TIMEOUT, FailureKind.OVERLOADED, FailureKind.CUT])
 def test_a_server_that_is_only_busy_does_not_stop_the_run(kind: FailureKind) -> None:
-    """The run starts in the plainest dialect, and says so."""
+    """The run starts, and says that it will ask again."""
     line, requests = probed(*[failed(kind)] * 3)
-    assert "JSON found in text, no temperature (no answer yet: a made-up" in line
-    assert "the fallback stands in" in line
+    assert "no answer yet: a made-up" in line
+    assert "the fallback stands in, and each generation asks again" in line
     assert len(requests) == 3
+
+
+def busy(times: int) -> Callable[[Request, int], Reply | Failure]:
+    """A server that is overloaded so many times, and sensible from then on."""
+    sensible = answering()
+    return lambda request, n: failed(FailureKind.OVERLOADED) if n < times else sensible(request, n)
+
+
+def test_nothing_is_learnt_from_a_busy_moment() -> None:
+    """The next generation probes again: schema and temperature are sent as if nothing had been."""
+    llm, client = supervisor(busy(6))
+    sources = [advise(llm, state(g)).source for g in range(3)]
+    assert sources == ["fallback", "llm", "llm"]
+    assert [len(client.asked(kind)) for kind in ("probe", "rate", "tree")] == [7, 2, 2]
+    assert all(r.schema and r.temperature == 0.7 for r in client.requests)
+
+
+def test_a_resumed_run_learns_nothing_from_a_busy_moment_either(tmp_path: Path) -> None:
+    """What was learnt since when is in the transcript; a replay comes out the same."""
+    straight, _ = supervisor(busy(6))
+    given = [advise(straight, state(g)) for g in range(4)]
+    first, _ = supervisor(busy(6), folder=tmp_path)
+    found = [advise(first, state(g)) for g in range(1)]
+    again, client = supervisor(answering(), folder=tmp_path)
+    assert "no answer yet" in again.start()
+    found += [advise(again, state(g)) for g in range(1, 3)]
+    assert all(r.schema and r.temperature == 0.7 for r in client.requests)
+    last, client = supervisor(answering(), folder=tmp_path)
+    assert "structured output, temperature 0.7" in last.start()
+    assert advise(last, state(0)) == given[0]  # a lag asks again for an old generation
+    assert client.requests == []
+    found += [advise(last, state(3))]
+    assert found == given
+    replay = Replay(Adviser(last.settings, setup()), Transcript(tmp_path / "transcript.jsonl"))
+    streams = [stream(0, Stream.SUPERVISION, generation=g) for g in range(4)]
+    assert [replay.advise(state(g), rng) for g, rng in enumerate(streams)] == given
+
+
+def test_a_wrong_address_behind_a_busy_proxy_is_noticed(tmp_path: Path) -> None:
+    """529, 429, 529 and then 404: the first generation's probe stops the run."""
+    kinds = [FailureKind.OVERLOADED, FailureKind.RATE_LIMITED, FailureKind.OVERLOADED]
+    script = [*map(failed, kinds), failed(FailureKind.NOT_FOUND)]
+    llm, _ = supervisor(script, folder=tmp_path)
+    llm.start()
+    with pytest.raises(SupervisionError, match="found not_found"):
+        advise(llm, state(0))
+    mended, _ = supervisor(answering(), folder=tmp_path)
+    assert advise(mended, state(0)).source == "llm"
+
+
+def test_an_outage_can_stop_the_run(tmp_path: Path) -> None:
+    """At the probe and later; the same command goes on from there."""
+    stop = "on_outage=stop"
+    for times in (3, 3):  # once more before anything is known, then in the middle of a run
+        llm, _ = supervisor(busy(times), stop, folder=tmp_path)
+        with pytest.raises(SupervisionError, match=r"on_outage=stop says\. The same command"):
+            llm.start()
+    sensible = answering()
+
+    def gone(request: Request, n: int) -> Reply | Failure:
+        return sensible(request, n) if n == 0 else failed(FailureKind.UNREACHABLE)
+
+    llm, _ = supervisor(gone, stop, folder=tmp_path)
+    with pytest.raises(SupervisionError, match="on_outage=stop"):
+        advise(llm, state(0))
+    again, _ = supervisor(answering(), stop, folder=tmp_path)
+    assert advise(again, state(0)).source == "llm"
+
+
+def test_an_outage_can_be_waited_out() -> None:
+    """However many attempts it takes, until the cap on seconds; nothing comes from the fallback."""
+    llm, client = supervisor(busy(20), "on_outage=wait", "caps.requests=60")
+    assert [advise(llm, state(g)).source for g in range(2)] == ["llm", "llm"]
+    assert len(client.requests) == 25
+    never, client = supervisor(busy(999), "on_outage=wait", "caps.requests=30")
+    assert advise(never, state(0)).notes["rate"].startswith("fallback: budget")
+    assert len(client.requests) == 30
+
+
+def test_a_wait_ends_with_the_cap_on_seconds() -> None:
+    """A server that asks for a day gets the time that is left, and no further request."""
+    patient = ("on_outage=wait", "caps.seconds=100", "retry.longest_wait=20")
+    tired = failed(FailureKind.RATE_LIMITED, 86400)
+    llm, client = supervisor(lambda request, n: tired, *patient)  # noqa: ARG005
+    slept: list[float] = []
+    llm._open().sleep = slept.append
+    assert advise(llm, state(0)).notes["tree"].startswith("fallback: budget: the cap seconds=100")
+    assert sum(slept) == pytest.approx(100, abs=1)
+    assert len(client.requests) == 1
+
+
+# A model of no use.
+
+
+@pytest.mark.parametrize("most", [1, 4, 7])
+def test_a_useless_model_is_not_asked_to_the_end(most: int, tmp_path: Path) -> None:
+    """After so many useless answers in a row the fallback goes on alone; a resumed run agrees."""
+    how = (f"useless.most={most}", "repairs=0")
+    llm, client = supervisor(answering(rate="no", tree="no"), *how, folder=tmp_path)
+    given = [advise(llm, state(g)) for g in range(6)]
+    asked = 2 * math.ceil(most / 2)
+    assert len(client.requests) == 1 + asked
+    why = f"fallback: useless: no usable answer to {asked} questions in a row"
+    assert given[-1].notes == {"rate": why, "tree": why}
+    again, client = supervisor(answering(), *how, folder=tmp_path)
+    assert [advise(again, state(g)) for g in range(6)] == given
+    assert client.requests == []
+
+
+def test_a_useless_model_can_stop_the_run() -> None:
+    """The error names the model and the setting."""
+    llm, _ = supervisor(answering(rate="no", tree="no"), "useless={most: 2, then: stop}")
+    advise(llm, state(0))
+    with pytest.raises(SupervisionError, match="none to the last 2 questions; set another"):
+        advise(llm, state(1))
+
+
+def test_a_usable_answer_starts_the_count_anew() -> None:
+    """And one that nobody answered is passed over: it says nothing about the model."""
+    rates = ["no", failed(FailureKind.OVERLOADED), failed(FailureKind.OVERLOADED), "no", DECISION]
+    given = setup(None, "supervisor.inject=false")
+    how = ("useless.most=3", "repairs=0", "retry.attempts=1")
+    llm, client = supervisor(answering(rate=lambda n: (rates * 9)[n]), *how, given=given)
+    for g in range(20):
+        advise(llm, state(g))
+    assert len(client.asked("rate")) == 20
 
 
 def test_a_server_that_goes_away_later_does_not_stop_the_run() -> None:
@@ -300,6 +481,36 @@ def test_a_resumed_run_asks_as_before(tmp_path: object) -> None:
     assert client.requests == []
 
 
+@pytest.mark.parametrize(
+    ("overrides", "told"),
+    [
+        ((), ""),
+        (
+            ("cache=true",),
+            "from 4,096 tokens on; too short, or nearly so, are mutation_rate (about",
+        ),
+        (("cache=true", "model=claude-haiku-5-5"), ""),
+        (("cache=true", "model=mine"), ""),
+        (("model=claude-sonnet-4-5",), "claude-sonnet-4-5 retires on 2026-11-30"),
+    ],
+)
+def test_what_is_known_of_a_model_is_told(overrides: tuple[str, ...], told: str) -> None:
+    """That it keeps no prompts as short as these, or that it is about to go."""
+    llm, _ = supervisor(answering(), *overrides)
+    _, *more = llm.start().splitlines()
+    assert len(more) == bool(told)
+    assert told in "".join(more)
+
+
+def test_an_alias_of_a_model() -> None:
+    """It is the model that is asked, paid and told."""
+    llm, client = supervisor(answering(), "model=current-small", "caps.usd=1")
+    assert llm.start().startswith("Supervised by claude-haiku-5-5 at ")
+    advise(llm)
+    assert {r.model for r in client.requests} == {"claude-haiku-5-5"}
+    assert llm.spent()["cost_usd"] == pytest.approx(3 * (1000 * 0.1 + 100 * 0.5) / 1e6)
+
+
 # What is needed to start.
 
 
@@ -318,6 +529,8 @@ def test_without_key_and_address_three_ways_are_named() -> None:
         (("api_key=abc",), {}, "abc", None),
         (("base_url=http://here:1",), {}, None, "http://here:1"),
         ((), {"ANTHROPIC_API_KEY": "def"}, "def", None),
+        ((), {"ANTHROPIC_AUTH_TOKEN": "ghi"}, "ghi", None),
+        ((), {"ANTHROPIC_API_KEY": "def", "ANTHROPIC_AUTH_TOKEN": "ghi"}, "def", None),
         ((), {"ANTHROPIC_BASE_URL": "http://there:2"}, None, "http://there:2"),
         (("api_key=abc",), {"ANTHROPIC_API_KEY": "def"}, "abc", None),
         (

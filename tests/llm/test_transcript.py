@@ -164,10 +164,18 @@ def test_digests_tell_requests_apart() -> None:
         replace(ASK, temperature=None),
         replace(ASK, schema=None),
         replace(ASK, cache=True),
+        replace(ASK, thinking={"type": "adaptive"}),
+        replace(ASK, effort="low"),
+        replace(ASK, extra={"top_k": 3}),
     ]
     assert len({r.digest for r in [ASK, *others]}) == len(others) + 1
     assert replace(ASK, model="n", schema=None).prompt_digest == ASK.prompt_digest
     assert replace(ASK, system="x").prompt_digest != ASK.prompt_digest
+
+
+def test_a_request_of_an_older_version_keeps_its_digest() -> None:
+    """Fields that came later leave no trace where they say nothing, so old transcripts replay."""
+    assert ASK.digest == "e9bde50f703f937cfd6e98c5394a6aef7d2203f3157b8749b3aa9346b34af1e7"
 
 
 @given(st.text() | st.text(st.characters(categories=["Cs", "Cc", "Cf", "Zl"])))

@@ -76,7 +76,7 @@ def test_a_run_from_another_folder(python: Path, tmp_path: Path) -> None:
     """`python -m islandgp` runs in an empty folder, from the wheel's own configuration."""
     words = ("experiment=smoke", "tracking=off", "progress=off", "evaluator.policy.workers=1")
     found = call(python, "-m", "islandgp", *words, cwd=tmp_path)
-    assert "Best fitness" in found
+    assert "Best robot" in found
     assert [path.name for path in tmp_path.iterdir()] == ["runs"]
     code = "import islandgp.resources as r; print(r.resource('prompts'), r.resource('grammar'))"
     places = call(python, "-c", code, cwd=tmp_path)

@@ -12,11 +12,11 @@ from typing import Any
 
 import pytest
 
-from islandgp.app import main
-from islandgp.compose import run_folder
-from islandgp.tracking.files import About
-from islandgp.tracking.folder import RunFolder
-from islandgp.tracking.lines import Lines
+from islandgp.config.compose import run_folder
+from islandgp.records.files import RunMetadata
+from islandgp.records.folder import RunFolder
+from islandgp.records.lines import Lines
+from islandgp.running.app import main
 from tests.composed import composed
 from tests.running.commands import TINY, fake
 from tests.running.histories import store, tracked
@@ -44,7 +44,7 @@ def test_a_run_leaves_its_records_and_says_where(
     said = capsys.readouterr().out
     (folder,) = leaf(here)
     assert f"Results: {here}/runs/default/{folder}" in said
-    assert "Best fitness" in said
+    assert "Best robot" in said
     assert {path.name for path in here.iterdir()} == {"runs"}
 
 
@@ -99,7 +99,7 @@ def test_a_run_that_another_process_finishes_meanwhile_stays_complete(
 ) -> None:
     """Between the look at a folder and its lock the run may come to its end elsewhere."""
 
-    def late(folder: RunFolder, config: str, about: About) -> None:
+    def late(folder: RunFolder, config: str, about: RunMetadata) -> None:
         (here / "elsewhere").rename(here / "runs")
         before(folder, config, about)
 

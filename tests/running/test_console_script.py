@@ -73,7 +73,7 @@ def test_a_run_finds_parts_in_the_current_folder(tmp_path: Path) -> None:
     """Also in the processes that it starts."""
     done = script(tmp_path, "run", *WORDS)
     assert done.returncode == 0, done.stderr
-    assert "Best fitness" in done.stdout
+    assert "Best robot" in done.stdout
 
 
 def test_jobs_of_a_launcher_find_parts_in_the_current_folder(tmp_path: Path) -> None:

@@ -11,13 +11,14 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from islandgp.app import main
 from islandgp.cli import islandgp
-from islandgp.progress import COLUMNS
+from islandgp.records.parameters import MACHINERY
+from islandgp.running.app import main
+from islandgp.running.progress import columns
 from islandgp.tracking.artifacts import FILES
 from islandgp.tracking.metrics import final_metrics, metrics
-from islandgp.tracking.parameters import MACHINERY
 from islandgp.tracking.sent import FILE
+from tests.made import CLASSES
 from tests.running.commands import ROOT, finish, start
 from tests.tracking.folders import steps
 from tests.tracking.test_metrics import COST
@@ -102,7 +103,9 @@ def test_what_may_differ_at_a_resumption_is_named() -> None:
 
 def test_the_head_of_the_table_is_the_programs() -> None:
     """The example of plain lines has the columns of today."""
-    assert "  ".join(f"{name:>{width}}" for name, width in COLUMNS.items()) in TEXT
+    assert (
+        "  ".join(f"{name:>{width}}" for name, width in columns(CLASSES.milestones).items()) in TEXT
+    )
 
 
 def test_pictures_are_there() -> None:

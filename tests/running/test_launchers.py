@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from hydra._internal.utils import get_args_parser
 
-from islandgp.app import main
-from islandgp.compose import command_line, planned
+from islandgp.config.compose import command_line, planned
 from islandgp.evaluation.processes import cores
-from islandgp.sweep_job import workers_of
+from islandgp.running.app import main
+from islandgp.running.sweep_job import workers_of
 from tests.running.commands import ROOT, finish, group_members, start
 
 WORDS = (

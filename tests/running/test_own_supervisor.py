@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from islandgp.app import main
-from islandgp.tracking.folder import RunFolder
+from islandgp.records.folder import RunFolder
+from islandgp.running.app import main
 from tests.running.commands import TINY, fake
 
 WELL = """\

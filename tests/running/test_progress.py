@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from islandgp.progress import COLUMNS, Progress, duration, row
+from islandgp.running.progress import Progress, columns, duration, row
+from tests.made import CLASSES
 from tests.tracking.folders import steps
+
+MILESTONES = CLASSES.milestones
 
 
 @pytest.mark.parametrize(
@@ -29,27 +32,27 @@ def test_durations_are_for_people(seconds: float, text: str) -> None:
 def test_plain_lines_where_there_is_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:
     """A title, a head, and one aligned line a generation, on the error stream."""
     found = steps()
-    with Progress("auto", 5, "a title") as progress:
+    with Progress("auto", 5, "a title", MILESTONES) as progress:
         for step in found:
             progress.show(step)
     out, err = capsys.readouterr()
     title, head, *lines = err.splitlines()
     assert (out, title) == ("", "a title")
-    assert head.split() == list(COLUMNS)
+    assert head.split() == list(columns(MILESTONES))
     assert [line.split()[0] for line in lines] == [f"{g}/4" for g in range(5)]
     assert lines[1].split()[1] == f"{found[1].record.snapshot.best:,.0f}"
 
 
 def test_a_resumed_run_says_where_it_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
     """The title names the generation; the rest of the run is what is still to come."""
-    with Progress("plain", 5, "a title", done=3) as progress:
+    with Progress("plain", 5, "a title", MILESTONES, done=3) as progress:
         progress.show(steps()[3])
     assert "a title (from generation 3)" in capsys.readouterr().err
 
 
 def test_progress_off_is_silent(capsys: pytest.CaptureFixture[str]) -> None:
     """Nothing on either stream."""
-    with Progress("off", 5, "a title") as progress:
+    with Progress("off", 5, "a title", MILESTONES) as progress:
         progress.show(steps()[0])
     assert capsys.readouterr() == ("", "")
 
@@ -57,9 +60,16 @@ def test_progress_off_is_silent(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_crisis_is_marked_at_the_rate() -> None:
     """The rate of the next generation, with a "!" when a crisis decided it."""
     step = steps()[1]
-    cells = dict(zip(COLUMNS, row(step, 5, 60), strict=True))
+    cells = dict(zip(columns(MILESTONES), row(step, 5, 60, MILESTONES), strict=True))
     guidance = step.record.guidance
     assert guidance is not None
     assert cells["rate"] == f"{guidance.applied_rate:.2f}" + ("!" if guidance.crisis else "")
     assert cells["left"] == "1 min 00 s"
-    assert dict(zip(COLUMNS, row(steps()[-1], 5, 0), strict=True))["rate"] == ""
+    last = row(steps()[-1], 5, 0, MILESTONES)
+    assert dict(zip(columns(MILESTONES), last, strict=True))["rate"] == ""
+
+
+def test_each_milestone_has_a_column() -> None:
+    """Those that the configuration names, in its order, before the rate."""
+    names = list(columns(("good", "better_than_good")))
+    assert names[-4:-2] == ["good", "better_than_good"]

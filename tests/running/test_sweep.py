@@ -13,11 +13,11 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from islandgp.app import main
-from islandgp.compose import Planned, planned, run_folder
+from islandgp.config.compose import Planned, planned, run_folder
 from islandgp.errors import ConfigError
-from islandgp.sweep import run_sweep
-from islandgp.tracking.sweep_folder import SweepFile, SweepFolder
+from islandgp.records.sweep_folder import SweepFile, SweepFolder
+from islandgp.running.app import main
+from islandgp.running.sweep import run_sweep
 from tests.composed import composed
 from tests.running.commands import TINY, fake
 from tests.running.histories import store, tracked

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from islandgp.config.settings import Settings
 from islandgp.resources import resource
-from islandgp.settings import Settings
 from tests.composed import composed, plain
 
 CONF = resource("conf")

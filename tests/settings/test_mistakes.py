@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
-from islandgp.app import main
+from islandgp.running.app import main
 from tests.settings.test_composing import options
 
 OFF = ("tracking=off", "evaluator=serial", "progress=off")
@@ -116,7 +116,7 @@ ONE_LINE = [
     (["classes.specialists.dominance_ratio=0.5"],
      "classes.specialists.dominance_ratio=0.5: input should be greater than or equal to 1"),
     (["domain.factory=nowhere"], "domain.factory='nowhere': invalid python path"),
-    (["domain.factory=islandgp.run:run"],
+    (["domain.factory=islandgp.running.run:run"],
      "domain.factory: expected a class with World, Rewards, make and run_episode, found <function"),
     (["domain=atlantis"], "domain=atlantis: unknown option; there are "),
     (["domain=null"], "domain=null: expected the name of an option, found null; there are "),
@@ -143,11 +143,11 @@ ONE_LINE = [
      "supervisor.policy.rates.refinement: expected 0 <= low <= high <= 1"),
     (["gp.mutation.operators.subtree=-1"], "gp.mutation.operators: expected weights >= 0"),
     (["supervisor.factory=nowhere"], "supervisor.factory='nowhere': invalid python path"),
-    (["supervisor.factory=islandgp.run:run"],
+    (["supervisor.factory=islandgp.running.run:run"],
      "supervisor.factory: expected a class with Settings, make and advise, found <function run"),
     (["supervisor.factory=tests.running.evaluators:Instant"],
      "supervisor.factory: expected a class with Settings, make and advise, found <class"),
-    (["evaluator.factory=islandgp.run:run"],
+    (["evaluator.factory=islandgp.running.run:run"],
      "evaluator.factory: expected a class with Settings and make, found <function run"),
     (["seed=range(5)"],
      "seed=range(5): expected one value, found a sweep; add -m to run all of them."),
@@ -406,7 +406,7 @@ def test_the_right_ones_run(capsys: pytest.CaptureFixture[str]) -> None:
     words = [*OFF, "experiment=smoke", "gp.population=4", "gp.generations=2", "supervisor=baseline"]
     assert main([*words, "gp.tournament=2", "world.episode.length=5"]) == 0
     found = capsys.readouterr()
-    assert "Best fitness" in found.out
+    assert "Best robot" in found.out
     assert [path.name for path in Path.cwd().iterdir()] == ["runs"]
 
 

@@ -18,8 +18,8 @@ from islandgp.evolution.record import (
     GuidanceRecord,
     IndividualRecord,
 )
+from islandgp.records.parameters import flatten
 from islandgp.study.arms import Arm, Run
-from islandgp.tracking.parameters import flatten
 from tests.composed import plain
 from tests.made import ANY, NOTHING, snapshot
 
@@ -149,7 +149,9 @@ def write_run(run: Run, folder: Path, *, finished: bool = True) -> None:
     _lines(folder / "generations.jsonl", [asdict(r) for r in run.records])
     _lines(folder / "costs.jsonl", [{**asdict(c), "at": 1} for c in run.costs])
     if finished:
-        (folder / "summary.json").write_text(json.dumps({"champion": asdict(run.champion)}))
+        worlds = {"worlds": run.validation} if run.validation else None
+        champion = {**asdict(run.champion), "validation": worlds}
+        (folder / "summary.json").write_text(json.dumps({"champion": champion}))
 
 
 def _lines(file: Path, values: Sequence[Mapping[str, Any]]) -> None:

@@ -10,11 +10,13 @@ from typing import Any
 import pytest
 
 from islandgp.domains.island.vocabulary import SCHEMA
+from islandgp.errors import StudyError
+from islandgp.evaluation.serial import Serial
 from islandgp.study.arms import Arm, Run
 from islandgp.study.building import build
 from islandgp.study.comparable import compare_arms
 from islandgp.study.data import runs_csv
-from islandgp.study.generalise import Generalisation
+from islandgp.study.generalise import Generalisation, generalise
 from islandgp.study.library import library_names
 from islandgp.study.page import to_page
 from islandgp.study.report import Report
@@ -104,6 +106,12 @@ def test_no_paper_is_quoted_where_there_is_none(report: Report) -> None:
     assert not any("another simulator" in note for t in report.tables for note in t.notes)
     assert "family of 22 comparisons" not in to_page(report)
     assert "The 11 comparisons of Tables 9, 10 and 11" in to_page(report)
+
+
+def test_unseen_worlds_need_the_domain() -> None:
+    """Where its class cannot be imported the message names it, and what to do."""
+    with pytest.raises(StudyError, match=r"domain nowhere\.maze:Maze here, .* --worlds 0"):
+        generalise(compare_arms(_arms()), Serial, worlds=1, yardsticks={})
 
 
 def test_no_word_of_the_island_is_in_the_report(report: Report) -> None:

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from islandgp import app
 from islandgp.commands.compare_command import command
 from islandgp.errors import StudyError
+from islandgp.running import app
 from islandgp.study.reading import find
 from tests.composed import plain
 

@@ -101,6 +101,8 @@ def test_worlds_of_runs_are_passed_over() -> None:
     record = replace(arm.runs[0].records[0], worlds=(second,))
     met = replace(arm, runs=(replace(arm.runs[0], records=(record,)), arm.runs[1]))
     assert unseen_worlds(replace(study, arms=(study.arms[0], met)), 2) == (first, third)
+    chosen = replace(arm, runs=(replace(arm.runs[0], validation=(first, third)), arm.runs[1]))
+    assert unseen_worlds(replace(study, arms=(study.arms[0], chosen)), 1) == (second,)
 
 
 def test_yardsticks_are_library_trees_by_name() -> None:

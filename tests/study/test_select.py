@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from islandgp.errors import StudyError
+from islandgp.records.parameters import flatten
 from islandgp.study.reading import Found, find, read
 from islandgp.study.select import (
     in_short,
@@ -18,7 +19,6 @@ from islandgp.study.select import (
     parse_selection,
     select,
 )
-from islandgp.tracking.parameters import flatten
 from tests.study.made_runs import config, individual, made_run, write_run
 
 

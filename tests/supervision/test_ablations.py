@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from islandgp.app import main
 from islandgp.bt.node import Node
 from islandgp.errors import SupervisionError
-from islandgp.evolution.checkpoint import dump
+from islandgp.records.checkpoint import dump
 from islandgp.resources import resource
-from islandgp.run import make_supervisor
+from islandgp.running.app import main
+from islandgp.running.run import make_supervisor
 from islandgp.supervision.expert import early
 from islandgp.supervision.untargeted import Untargeted
 from islandgp.supervision.yoked import Yoked, YokedSettings

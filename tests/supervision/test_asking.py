@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from islandgp.app import main
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import SupervisionError
+from islandgp.running.app import main
 from islandgp.supervision.asking import ask
 from islandgp.supervision.base import Guidance, Phase
 from tests.evolution.runs import plan, run

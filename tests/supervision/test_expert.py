@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from islandgp.bt.limits import within
 from islandgp.bt.node import Node, depth, size, walk
 from islandgp.errors import ConfigError
-from islandgp.run import setup_of
+from islandgp.running.run import setup_of
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Pattern, Phase, Setup

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import yaml
 
 from islandgp.evolution.loop import evolve
-from islandgp.evolution.record import Step
-from islandgp.report import summary
+from islandgp.evolution.record import Champion, Step
+from islandgp.evolution.validation import Best
+from islandgp.records.files import RunMetadata
+from islandgp.records.folder import RunFolder
+from islandgp.running.report import summary
 from islandgp.supervision.baseline import Baseline, BaselineSettings
-from islandgp.tracking.files import About
-from islandgp.tracking.folder import RunFolder
 from islandgp.tracking.store import MLflowSettings, Place, Store
 from tests.composed import composed, composed_plan, plain
 from tests.evolution.fake import Fake
@@ -20,10 +23,10 @@ MILESTONES = ("complete", "excellent")
 SMALL = ("supervisor=baseline", "gp.population=8", "gp.generations=5", "tracking=mlflow")
 
 
-def about(name: str, home: Path, **changes: str) -> About:
+def about(name: str, home: Path, **changes: str) -> RunMetadata:
     """What is known of a run of that name."""
     told = {"id": f"id-{name}", "identity": "i1", "command": "python -m islandgp", **changes}
-    return About(
+    return RunMetadata(
         title=name,
         home=str(home),
         started=1_700_000_000_000,
@@ -54,9 +57,15 @@ def written(path: Path, home: Path, generations: int = 5, *, seed: int = 1) -> R
     for step in done[state.generation if state else 0 :]:
         folder.append(step)
     if generations == 5:
-        folder.finish(summary(folder, done[-1].champion, MILESTONES))
+        folder.finish(finished(folder, done[-1].champion))
     folder.close()
     return folder
+
+
+def finished(folder: RunFolder, champion: Champion) -> dict[str, Any]:
+    """The summary of a run that chose its champion in no other worlds."""
+    best = Best(champion.generation, asdict(champion.record), None)
+    return summary(folder, champion, best, MILESTONES)
 
 
 def place(home: Path, experiment: str = "islandgp") -> Place:

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import ClassVar
 
 
 @contextmanager
@@ -27,7 +28,10 @@ def stalling() -> Iterator[str]:
 
 
 class _Broken(BaseHTTPRequestHandler):
+    asked: ClassVar[list[str]] = []  # the credentials of each request
+
     def _answer(self) -> None:
+        self.asked.append(self.headers.get("Authorization", ""))
         self.send_response(500)
         self.end_headers()
         self.wfile.write(b"out of order")
@@ -39,9 +43,10 @@ class _Broken(BaseHTTPRequestHandler):
 
 
 @contextmanager
-def broken() -> Iterator[str]:
-    """A server that answers 500 to everything."""
-    server = ThreadingHTTPServer(("127.0.0.1", 0), _Broken)
+def broken(asked: list[str] | None = None) -> Iterator[str]:
+    """A server that answers 500 to everything; `asked` gets the credentials of each request."""
+    handler = type("Handler", (_Broken,), {"asked": [] if asked is None else asked})
+    server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
     try:

@@ -14,17 +14,18 @@ from time import monotonic, perf_counter, sleep
 from urllib.request import urlopen
 
 import pytest
+import yaml
 
-from islandgp.report import summary
-from islandgp.tracking.folder import Status
+from islandgp.records.folder import Status
 from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.mlflow import MLflow
 from islandgp.tracking.sent import read_sent
 from islandgp.tracking.store import MLflowSettings, Place, Store
 from islandgp.tracking.sync import sync
+from tests.composed import plain
 from tests.running.commands import finish, start
 from tests.tracking import servers
-from tests.tracking.folders import begun, history, place, steps, written
+from tests.tracking.folders import SMALL, begun, finished, history, place, steps, written
 from tests.trees.shell import Cli
 
 
@@ -95,7 +96,7 @@ def test_a_store_deleted_under_way_is_made_again(
     for step in done[1:]:
         folder.append(step)
         follows.generation()
-    folder.finish(summary(folder, done[-1].champion))
+    folder.finish(finished(folder, done[-1].champion))
     assert follows.finish(Status.FINISHED).endswith("islandgp ui shows it")
     folder.close()
     store = Store(place(home))
@@ -160,6 +161,16 @@ def test_a_damaged_folder_is_told_and_stops_no_other(
     assert home / "runs/a/one" in done.sent
     assert [*done.failed] == ([] if file == "tracking.json" else [bad.path])
     assert len(store.client.search_runs([store.experiment])) == 2
+
+
+def test_a_run_of_version_0_1_is_told_in_a_line(home: Path, store: Store) -> None:
+    """It names no domain, and its records hold other things than the store is sent."""
+    folder = written(home / "runs/a/one", home)
+    text = plain(*SMALL)
+    del text["domain"]
+    (folder.path / "config.yaml").write_text(yaml.safe_dump(text))
+    (error,) = sync(home / "runs", store.place).failed.values()
+    assert "found one of version 0.1" in str(error)
 
 
 def test_a_damaged_sweep_is_told_and_stops_no_other(home: Path) -> None:

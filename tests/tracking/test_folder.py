@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from islandgp.errors import EvaluationError, RunError
-from islandgp.evolution.checkpoint import save_state
-from islandgp.tracking.folder import RunFolder, Status, locked
+from islandgp.records.checkpoint import save_state
+from islandgp.records.folder import RunFolder, Status, locked
 from tests.tracking.folders import about, begun, steps, written
 
 
@@ -288,3 +288,12 @@ def test_damaged_costs_before_the_checkpoint_are_an_error(tmp_path: Path, line: 
     file.write_bytes(b"\n".join((first, line, *others)) + b"\n")
     with pytest.raises(RunError, match=r"costs\.jsonl, found a damaged file"):
         folder.resume()
+
+
+def test_what_a_stopped_machine_left_is_cleared_away(tmp_path: Path) -> None:
+    """Temporary files of the run's own, when the run goes on; not those of another process."""
+    folder = written(tmp_path / "one", tmp_path, 2)
+    for name in (".checkpoint.json.17.tmp", ".generations.sha256.18.tmp", ".tracking.json.19.tmp"):
+        (folder.path / name).write_text("half")
+    begun(folder.path, tmp_path).close()
+    assert [file.name for file in folder.path.glob("*.tmp")] == [".tracking.json.19.tmp"]

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from islandgp.errors import TrackingError
-from islandgp.tracking.folder import RunFolder, Status
+from islandgp.records.folder import RunFolder, Status
 from islandgp.tracking.mirror import Mirror, up_to_date
 from islandgp.tracking.sent import read_sent, write_sent
 from islandgp.tracking.store import Store
@@ -98,7 +98,7 @@ def test_a_finished_run_has_everything_that_people_look_for(home: Path, store: S
     assert found.data.params["gp.population"] == "8"
     assert found.data.params["supervisor.name"] == "baseline"
     assert found.data.tags["supervisor"] == "baseline"
-    assert "best fitness" in found.data.tags["mlflow.note.content"]
+    assert "best robot" in found.data.tags["mlflow.note.content"]
     assert {file.path for file in store.client.list_artifacts(run)} == {
         "best.bt",
         "best.bt.txt",

@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 
 from islandgp.errors import RunError
-from islandgp.tracking.folder import Status
+from islandgp.records.folder import Status
+from islandgp.records.sweep_folder import SweepFile, SweepFolder, SweepJob
 from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.parent import metric_names, parent_run, send_sweep
 from islandgp.tracking.sent import read_sent
 from islandgp.tracking.store import Store
 from islandgp.tracking.summary import arm_table, arms
-from islandgp.tracking.sweep_folder import SweepFile, SweepFolder, SweepJob
 from tests.tracking.folders import begun, written
 
 

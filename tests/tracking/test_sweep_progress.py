@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from islandgp.errors import EvaluationError
-from islandgp.sweep_progress import Start
-from islandgp.tracking.sweep_folder import SweepJob
+from islandgp.records.sweep_folder import SweepJob
+from islandgp.running.sweep_progress import Start
 from tests.tracking.folders import written
 
 
@@ -19,7 +19,10 @@ def test_a_clock_that_differs_from_the_file_systems(ahead: int, tmp_path: Path) 
     folder = written(tmp_path / "one", tmp_path, 2)
     other = written(tmp_path / "two", tmp_path, 2)
     folder.fail(EvaluationError("before"))
-    jobs = {run.path: SweepJob(run.path.name, "baseline", 1, (), 5, "") for run in (folder, other)}
+    jobs = {
+        run.path: SweepJob(run.path.name, run.path.name, "baseline", 1, (), 5, "")
+        for run in (folder, other)
+    }
     start = Start.now(jobs)
     assert not start.failed(folder)
     assert not start.failed(other)

@@ -18,6 +18,7 @@ from click.testing import CliRunner
 
 from islandgp.cli import islandgp
 from islandgp.errors import TrackingError
+from islandgp.records.folder import Status
 from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.place import place_from, place_of_latest
 from islandgp.tracking.store import Place, Store
@@ -45,6 +46,16 @@ def test_the_view_of_the_arms_is_kept_in_the_store(store: Store) -> None:
     assert state["groupBy"]["groupByKeys"] == [{"mode": "tag", "groupByData": "supervisor"}]
     assert "fitness/max" in {chart["metricKey"] for chart in state["compareRunCharts"]}
     assert len(tags["mlflow.sharedViewState.arms"]) < 5000  # MLflow's limit of a tag
+
+
+def test_the_view_has_a_chart_for_each_milestone_of_the_runs(home: Path, store: Store) -> None:
+    """Whatever the tiers of their domain are called."""
+    Mirror(written(home / "runs/a/one", home), store).send(Status.FINISHED)
+    share_view(store)
+    text = store.client.get_experiment(store.experiment).tags["mlflow.sharedViewState.arms"]
+    charts = [chart["metricKey"] for chart in json.loads(text)["compareRunCharts"]]
+    assert charts[2:4] == ["tiers/complete", "tiers/excellent"]
+    assert len(text) < 5000
 
 
 def test_a_taken_port_is_named(store: Store) -> None:

@@ -51,7 +51,10 @@ def test_runs_as_they_were_written(tmp_path: Path) -> None:
         (lambda run: (run / "generations.sha256").unlink(), "generations.sha256: it differs"),
         (lambda run: (run / "best.bt").unlink(), "best.bt: it is missing"),
         (lambda run: (run / "best.bt").write_text("PatrolWaypoint\n"), "best.bt: it is not"),
-        (edit("summary.json", b'"fitness": ', b'"fitness": 9'), "summary.json: its champion"),
+        (
+            edit("summary.json", b'"fitness": ', b'"fitness": 9'),
+            "summary.json: its champion is not one",
+        ),
         (edit("summary.json", b'"records": "', b'"records": "0'), "a record differs"),
         (lambda run: (run / "summary.json").write_text("{"), "found a damaged file"),
         (lambda run: (run / "config.yaml").write_text("- 1"), "found a damaged file"),

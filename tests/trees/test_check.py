@@ -197,7 +197,7 @@ class Facts:
     def credit(self, component: str, points: float, event: str, action: str) -> None:
         pass
 
-    def tick(self, values: Sequence[float], scene: Scene | None) -> None:
+    def tick(self, values: Sequence[float], _: Scene | None) -> None:
         board = dict(zip(VOCABULARY.keys, values, strict=True))
         changed: set[str] = set()  # keys, by an action earlier in this tick
         for name, status in self.told:
@@ -236,9 +236,7 @@ domain: {factory: "tests.trees.other:Other"}
 """
 
 
-def test_the_words_of_the_domain_that_the_file_names(
-    islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_words_of_the_domain_that_the_file_names(islandgp: Cli, tmp_path: Path) -> None:
     """`domain NAME` in a file chooses the words, also among several files of several domains."""
     (tmp_path / "domain").mkdir()
     (tmp_path / "domain" / "other.yaml").write_text(DOMAIN)

@@ -16,9 +16,10 @@ from click.shell_completion import ShellComplete
 
 from islandgp.bt.format import format_text
 from islandgp.bt.language import parse, words
-from islandgp.bt.node import ACTIONS, KEYS, KINDS
+from islandgp.bt.node import KINDS
 from islandgp.cli import COMMANDS
 from islandgp.cli import islandgp as group
+from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.resources import resource
 from tests.trees.shell import Cli
 
@@ -43,7 +44,11 @@ def test_language_is_up_to_date() -> None:
     """docs/language.md has the tables that the declarations give (python docs/generate.py)."""
     text = generate.LANGUAGE.read_text(encoding="utf-8")
     assert generate.filled(text, generate.tables()) == text
-    for name in (*ACTIONS, *KEYS, *(kind for kind in KINDS if kind != "action")):
+    for name in (
+        *VOCABULARY.actions,
+        *VOCABULARY.keys,
+        *(kind for kind in KINDS if kind != "action"),
+    ):
         assert name in text
 
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TypeAlias
 
 from islandgp.bt.engine import ABORTED
 from islandgp.bt.node import Node, walk
-from islandgp.domain import Outcome, Scene
+from islandgp.config.settings import Settings
+from islandgp.domain import Outcome
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.evolution.random_trees import TreeSpace, random_tree
 from islandgp.seeding import Stream, stream
-from islandgp.settings import Settings
 
 Tick: TypeAlias = tuple[tuple[tuple[str, bool, int], ...], tuple[str, ...], int]
 Trace: TypeAlias = list[Tick]  # per tick: calls (action, fresh, status), aborted actions, status
@@ -43,10 +42,10 @@ class Follower:
             told = self._aborted if status == ABORTED else self._called
             told.append((self.leaves[place], status))
 
-    def credit(self, component: str, points: float, event: str, action: str) -> None:
+    def credit(self, component: str, points: float, event: str, _: str) -> None:
         self.events.append((len(self.ticks), event, component, points))
 
-    def tick(self, board: Sequence[float], scene: Scene | None) -> None:
+    def tick(self, *_: object) -> None:
         # Aborts of one tick come in document order per subtree, so their order is not told.
         self.ticks.append([*self._called, *sorted(self._aborted)])
         self._called.clear()

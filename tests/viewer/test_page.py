@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
 import math
-from collections.abc import Iterator
+import re
+import struct
+import zlib
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from islandgp.bt.node import KEYS, walk
+from islandgp.bt.node import Node, walk
+from islandgp.domain import Form, Scene, Thing
+from islandgp.viewer.encode import GRID
 from islandgp.viewer.page import page
 from islandgp.viewer.recording import IDLE, Recording, record
-from tests.composed import composed
 from tests.viewer.browser import Browser, chromium
-from tests.viewer.episodes import random_of_size, recorded
+from tests.viewer.episodes import island, random_of_size, recorded, small
 
 LETTERS = ".fsrx"
 STATE = (
@@ -83,13 +88,13 @@ def test_blackboard_and_fitness(opened: Browser) -> None:
     shown = opened.run("[...document.querySelectorAll('.entry b')].map(b => b.textContent)")
     battery, room, lap, garbage, humanoid = recording.boards[2000]
     assert shown == [
-        f"{battery:.1f} %",
+        f"{battery:.1f}",
         f"{room:g}",
         f"{lap:g}",
         "yes" if garbage else "no",
         "yes" if humanoid else "no",
     ]
-    assert len(shown) == len(KEYS)
+    assert len(shown) == len(recording.schema.vocabulary.keys)
     won = sum(c.points for c in recording.credits if c.tick <= 2000)
     text = opened.run("document.getElementById('score').textContent")
     assert text == f"{math.floor(won + 0.5):,} points"
@@ -153,12 +158,12 @@ def centre(browser: Browser, selector: str) -> Any:
 
 def test_scrubbing(opened: Browser) -> None:
     """A click in the middle of the timeline goes to the middle of the episode."""
-    left, top, width = opened.run(
-        "(b => [b.left, b.top, b.width])(timeline.canvas.getBoundingClientRect())"
+    half = recorded().ticks / 2
+    left, top, x = opened.run(
+        f"(b => [b.left, b.top, timeline.place({half})])(timeline.canvas.getBoundingClientRect())"
     )
-    x = left + 172 + (width - 172 - 18) / 2
-    opened.click(x, top + 30)
-    assert abs(opened.run("player.state.tick") - recorded().ticks / 2) < 10
+    opened.click(left + x, top + 30)
+    assert abs(opened.run("player.state.tick") - half) < 10
 
 
 def test_click_on_a_node_goes_to_its_next_start(opened: Browser) -> None:
@@ -172,25 +177,27 @@ def test_click_on_a_node_goes_to_its_next_start(opened: Browser) -> None:
 
 
 def test_zoom(opened: Browser) -> None:
-    """Plus zooms into the island, zero shows all of it again, F follows the robot."""
-    before = opened.run("island.view.scale")
+    """Plus zooms into the world, zero shows all of it again, F follows the robot."""
+    before = opened.run("scene.view.scale")
     opened.press("+")
     opened.run(DRAWN)
-    assert opened.run("island.view.scale") > before
+    assert opened.run("scene.view.scale") > before
     opened.press("0")
     opened.run(DRAWN)
-    assert opened.run("island.view.scale") == before
+    assert opened.run("scene.view.scale") == before
     seek(opened, 500)
     opened.press("f")
     opened.run(DRAWN)
-    at = recorded().robot[500]
-    x, y = opened.run("[island.view.x, island.view.y]")
-    assert abs(complex(x, y) - at) < 0.2
+    film = recorded().film
+    assert film is not None
+    robot, unit = film.movers[-1], film.bounds[2] / GRID
+    x, y = opened.run("[scene.view.x, scene.view.y]")
+    assert abs(complex(x * unit, y * unit) - complex(robot.xs[500], robot.ys[500])) < 0.2
 
 
 def test_something_is_drawn(opened: Browser) -> None:
     """The canvases are not empty: each has many colours."""
-    for canvas in ("island", "chart", "timeline"):
+    for canvas in ("scene", "chart", "timeline"):
         colours = opened.run(
             "(c => new Set(new Uint32Array(c.getContext('2d')"
             ".getImageData(0, 0, c.width, c.height).data.buffer)).size)"
@@ -212,7 +219,7 @@ def test_in_a_frame_without_an_origin(browser: Browser, file: Path) -> None:
 
 def test_fifty_nodes_at_sixty_frames(browser: Browser, tmp_path: Path) -> None:
     """With a tree of 50 nodes a frame is drawn well within a sixtieth of a second."""
-    recording = record(random_of_size(50), composed(), seed=1, stage=3)
+    recording = record(random_of_size(50), island(), seed=1, stage=3)
     path = tmp_path / "fifty.html"
     path.write_text(page(recording, title="fifty"), encoding="utf-8")
     browser.open(f"file://{path}#play=10")
@@ -229,10 +236,7 @@ def test_no_limit_of_nodes(browser: Browser, tmp_path: Path) -> None:
     """A tree of a thousand nodes is drawn, lit and can be stepped through."""
     tree = random_of_size(50)
     tree = tree._replace(kind="selector", args=(), children=tree.children * (1000 // 40))
-    whole = composed()
-    short = whole.world.episode.model_copy(update={"length": 5})
-    settings = whole.model_copy(update={"world": whole.world.model_copy(update={"episode": short})})
-    recording = record(tree, settings, seed=1, stage=3)
+    recording = record(tree, island(length=5), seed=1, stage=3)
     path = tmp_path / "large.html"
     path.write_text(page(recording, title="large"), encoding="utf-8")
     browser.console.clear()
@@ -241,3 +245,204 @@ def test_no_limit_of_nodes(browser: Browser, tmp_path: Path) -> None:
     assert len(expected(recording, 3)) > 1000
     assert browser.run(STATE) == expected(recording, 3)
     assert browser.console == []
+
+
+SIZES = [(400, 800), (800, 600), (1024, 600), (1500, 950)]
+
+
+@pytest.fixture
+def sized(browser: Browser) -> Iterator[Callable[[int, int], None]]:
+    """Sets the size of the window; afterwards it is as before."""
+
+    def resize(width: int, height: int) -> None:
+        browser.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
+
+    yield resize
+    browser.call("Emulation.clearDeviceMetricsOverride")
+
+
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_any_size_of_window(
+    browser: Browser, file: Path, sized: Callable[[int, int], None], width: int, height: int
+) -> None:
+    """Time runs to the right, the whole tree has room, and nothing makes the page too wide."""
+    sized(width, height)
+    browser.open(f"file://{file}")
+    browser.run(DRAWN)
+    first, last, wide = browser.run(
+        f"[timeline.place(0), timeline.place({recorded().ticks - 1}), timeline.canvas.clientWidth]"
+    )
+    assert 0 < first < 0.4 * wide
+    assert 0.8 * wide < last <= wide
+    room, tree = browser.run(
+        "['#tree-box', '#nodes'].map(name => (b => [b.left, b.top, b.right, b.bottom])"
+        "(document.querySelector(name).getBoundingClientRect()))"
+    )
+    assert room[0] <= tree[0] < tree[2] <= room[2] + 1
+    assert room[1] <= tree[1] < tree[3] <= room[3] + 1
+    for canvas in ("scene", "chart", "timeline"):
+        box = browser.run(
+            f"(c => [c.clientWidth, c.clientHeight])(document.getElementById('{canvas}'))"
+        )
+        assert min(box) >= 60, canvas
+    assert browser.run("document.documentElement.scrollWidth <= innerWidth")
+
+
+def test_names_for_those_who_do_not_see(opened: Browser) -> None:
+    """Every canvas, picture of a tree, button and choice has a name, and the time is a slider."""
+    seek(opened, 1234)
+    for role, name in (("img", "The world"), ("img", "Fitness"), ("img", "Behaviour tree")):
+        names = opened.run(f"[...document.querySelectorAll('[role={role}]')].map(e => e.ariaLabel)")
+        assert any(found.startswith(name) for found in names), name
+    unnamed = opened.run(
+        "[...document.querySelectorAll('canvas, button, select')].filter(e =>"
+        " !e.getAttribute('aria-label') && !/[a-z]/.test(e.textContent)).length"
+    )
+    assert unnamed == 0
+    slider = "document.querySelector('[role=slider]')"
+    assert opened.run(f"{slider}.getAttribute('aria-valuetext')") == "123.4 s"
+    assert opened.run(f"{slider}.getAttribute('aria-valuenow')") == "1234"
+
+
+def luminance(colour: str) -> float:
+    """Relative luminance, as WCAG defines it."""
+    parts = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+    red, green, blue = (c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts)
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+def contrast(one: str, other: str) -> float:
+    """From 1 to 21."""
+    low, high = sorted(map(luminance, (one, other)))
+    return (high + 0.05) / (low + 0.05)
+
+
+@pytest.mark.parametrize("theme", [0, 1], ids=["light", "dark"])
+def test_contrast(theme: int) -> None:
+    """Text has a contrast of 4.5 to what it stands on, lines and bars one of 3 (WCAG AA)."""
+    style = page(small(), title="t").split("<style>")[1]
+    block = re.findall(r":root[^{]*\{(.*?)\n *\}", style, re.DOTALL)[theme]
+    paint = dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6})", block))
+    texts = [(ink, ground) for ink in ("ink", "soft") for ground in ("paper", "panel")]
+    texts += [("quiet-ink", "quiet"), ("good-edge", "panel")]
+    texts += [("ink", lit) for lit in ("run", "good", "bad", "cut")]
+    texts += [("panel", f"{lit}-edge") for lit in ("run", "good", "bad", "cut")]
+    for ink, ground in texts:
+        assert contrast(paint[ink], paint[ground]) >= 4.5, (ink, ground)
+    for line in ("plain", "run-edge", *(f"part-{i}" for i in range(8))):
+        assert contrast(paint[line], paint["panel"]) >= 3, line
+
+
+def open_small(browser: Browser, folder: Path, **changes: Any) -> None:
+    """Opens the page of an episode of the small domain."""
+    path = folder / "small.html"
+    path.write_text(page(small(**changes), title="small"), encoding="utf-8")
+    browser.console.clear()
+    browser.open(f"file://{path}")
+
+
+def test_a_domain_that_draws_nothing(browser: Browser, tmp_path: Path) -> None:
+    """The place of the world goes to the tree, and every key still does what it can."""
+    open_small(browser, tmp_path)
+    for key in ("f", "0", "+", "-", " ", "End"):
+        browser.press(key)
+    seek(browser, 19)
+    assert browser.run("document.getElementById('map')") is None
+    wide = browser.run("document.getElementById('mind').clientWidth / innerWidth")
+    assert wide > 0.9
+    assert browser.run("document.getElementById('score').textContent") == "5.00 points"
+    shown = browser.run("[...document.querySelectorAll('.entry b')].map(b => b.textContent)")
+    assert shown == ["yes", "19"]
+    assert browser.console == []
+
+
+def test_one_tick(browser: Browser, tmp_path: Path) -> None:
+    """An episode of a single tick has a page as well."""
+    open_small(browser, tmp_path, ticks=1, silent=True)
+    browser.press(" ")
+    browser.run(DRAWN)
+    assert browser.run(STATE) == "rr"
+    assert browser.console == []
+
+
+@pytest.mark.parametrize("shape", ["circle", "ring", "square", "triangle", "diamond", "cross"])
+def test_every_shape_is_drawn(browser: Browser, tmp_path: Path, shape: Any) -> None:
+    """A thing is where it is said to be, y upwards, in its colour; the legend tells its meaning."""
+    schema = small().schema
+    forms = {**schema.forms, "robot": Form("my robot", "R", shape, "#ff00ff")}
+    schema = dataclasses.replace(schema, forms=forms)
+    scenes = [Scene((0, 0, 20, 10), movers=(Thing("robot", 18, 9, 0.8),))]
+    open_small(browser, tmp_path, scenes=scenes, schema=schema)
+    seek(browser, 18)
+    at = browser.run(
+        "(c => { const {data, width, height} = c.getContext('2d').getImageData(0, 0, c.width,"
+        " c.height); let x = 0, y = 0, n = 0; for (let i = 0; i < data.length; i += 4)"
+        " if (data[i] > 180 && data[i + 1] < 200 && data[i + 2] > 180 &&"
+        " data[i] - data[i + 1] > 40) { x += i / 4 % width; y += Math.floor(i / 4 / width); n++; }"
+        " return [x / n / width, y / n / height, n]; })(scene.canvas)"
+    )
+    assert at[0] > 0.8
+    assert at[1] < 0.4
+    assert at[2] > 20
+    assert "my robot" in browser.run("document.getElementById('legend').textContent")
+    assert browser.console == []
+
+
+def png(size: int, colour: tuple[int, int, int]) -> bytes:
+    """A square picture of one colour."""
+    rows = (b"\0" + bytes(colour) * size) * size
+    head = struct.pack(">IIBBBBB", size, size, 8, 2, 0, 0, 0)
+    chunks = ((b"IHDR", head), (b"IDAT", zlib.compress(rows)), (b"IEND", b""))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        for kind, data in chunks
+    )
+
+
+@pytest.mark.parametrize("bounds", [(0, 0, 8, 8), (0, 0, 0, 0)])
+def test_pictures_of_a_simulator(
+    browser: Browser, tmp_path: Path, bounds: tuple[float, float, float, float]
+) -> None:
+    """Where a domain gives pictures, the one of the tick is shown."""
+    pictures = [png(8, (200, 0, 0)), png(8, (0, 0, 200))]
+    scenes = [Scene(bounds, frame=pictures[tick // 10]) for tick in range(20)]
+    open_small(browser, tmp_path, scenes=scenes)
+    browser.run("new Promise(done => setTimeout(() => done(1), 200))")
+    for tick, colour in ((3, [200, 0, 0]), (15, [0, 0, 200])):
+        seek(browser, tick)
+        middle = (
+            "(c => [...c.getContext('2d').getImageData(c.width / 2, c.height / 2, 1, 1)"
+            ".data].slice(0, 3))(scene.canvas)"
+        )
+        assert browser.run(middle) == colour
+    assert browser.run("document.getElementById('follow')") is None
+    assert [line for line in browser.console if "readback" not in line] == []  # by this test
+
+
+def test_many_actions_scroll(browser: Browser, tmp_path: Path) -> None:
+    """Forty lanes have names that can be read, in a box that leaves room for the rest."""
+    schema = small().schema
+    actions = {f"Action{i}": schema.vocabulary.actions["Stay"] for i in range(40)}
+    words = dataclasses.replace(schema.vocabulary, actions={**schema.vocabulary.actions, **actions})
+    recording = small(schema=dataclasses.replace(schema, vocabulary=words))
+    tree = recording.tree._replace(
+        children=tuple(Node("action", (name,)) for name in ("Go", *actions))
+    )
+    statuses = (recording.statuses[0], *[recording.statuses[1]] * 41)
+    recording = dataclasses.replace(
+        recording, tree=tree, statuses=statuses, counts=(recording.counts[0],) * 42
+    )
+    path = tmp_path / "many.html"
+    path.write_text(page(recording, title="many"), encoding="utf-8")
+    browser.open(f"file://{path}")
+    lanes, box, window = browser.run(
+        "[timeline.canvas.clientHeight, timeline.canvas.parentElement.clientHeight, innerHeight]"
+    )
+    assert lanes > 41 * 12
+    assert box < 0.35 * window

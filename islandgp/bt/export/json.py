@@ -1,8 +1,8 @@
 """Trees as JSON, without loss: reading what was written gives the tree again.
 
     {"format": "islandgp-tree", "version": 1,
-     "tree": {"kind": "when", "key": "batteryLevel", "op": "<", "number": 25,
-              "abort": "lower", "children": [{"kind": "action", "name": "SeekCharger"}]}}
+     "tree": {"kind": "when", "key": "charge", "op": "<", "number": 25,
+              "abort": "lower", "children": [{"kind": "action", "name": "GoHome"}]}}
 
 An argument's name is that of `KINDS`. Comments and named subtrees are not part of
 a tree, so they are not in here.

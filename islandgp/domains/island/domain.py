@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import ClassVar, Final, Self
 
 from pydantic import BaseModel
@@ -11,8 +12,9 @@ from islandgp.bt.node import Node
 from islandgp.domain import Observer, Outcome, Scene, Schema, Thing
 from islandgp.domains.island import world as settings
 from islandgp.domains.island.episode import Episode, run_episode
+from islandgp.domains.island.garbage import Item
 from islandgp.domains.island.journal import Event
-from islandgp.domains.island.script import obstacles
+from islandgp.domains.island.schedule import obstacles
 from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.scoring.rewards import RewardTable, Worth, worth
@@ -129,14 +131,14 @@ class Island:
     def _scene(self, island: State, fixed: tuple[Thing, ...]) -> Scene:
         world, robot, people = self.world, island.robot, island.humanoids
         reach, size = world.robot.pickup_reach / 2, world.humanoids.radius
-        items = [Thing("garbage", item.x, item.y, reach) for item in island.ground.items()]
+        items = _lying(tuple(island.ground.items()), reach)
         if robot.driving:
-            items.append(Thing("goal", robot.wish[0], robot.wish[1], GOAL_SIZE))
+            items = (*items, Thing("goal", robot.wish[0], robot.wish[1], GOAL_SIZE))
         positions = island.physics.humanoid_positions()
         return Scene(
             bounds=(0.0, 0.0, world.side, world.side),
             fixed=fixed,
-            items=tuple(items),
+            items=items,
             movers=(
                 Thing("sight", robot.x, robot.y, world.robot.perception),
                 *(
@@ -148,3 +150,9 @@ class Island:
                 Thing("robot", robot.x, robot.y, world.robot.radius, str(robot.load)),
             ),
         )
+
+
+@lru_cache(maxsize=1)  # it changes seldom from tick to tick
+def _lying(items: tuple[Item, ...], size: float) -> tuple[Thing, ...]:
+    """The garbage on the ground."""
+    return tuple(Thing("garbage", item.x, item.y, size) for item in items)

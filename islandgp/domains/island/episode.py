@@ -17,8 +17,8 @@ from functools import partial
 from islandgp.bt.engine import compile_tree, thresholds
 from islandgp.bt.node import AGAIN, RUNNING, Node, walk
 from islandgp.domains.island.actions import ACTIONS
+from islandgp.domains.island.advance import advance
 from islandgp.domains.island.journal import Award, Event
-from islandgp.domains.island.passing import advance
 from islandgp.domains.island.robot import MICRO, steps_to
 from islandgp.domains.island.sensing import look_for_garbage, refresh, sense, visit_left
 from islandgp.domains.island.state import State, build_island

@@ -13,7 +13,7 @@ from math import ceil, inf
 import pymunk
 
 from islandgp.domains.island import engine
-from islandgp.domains.island.script import Circle
+from islandgp.domains.island.schedule import Circle
 from islandgp.domains.island.steering import steer
 from islandgp.domains.island.world import FAR, ROCK_MARGIN, World
 

@@ -15,7 +15,7 @@ import pymunk
 from pymunk.batch import BodyFields, Buffer, get_space_bodies
 
 from islandgp.domains.island import engine
-from islandgp.domains.island.script import Script
+from islandgp.domains.island.schedule import Script
 from islandgp.domains.island.world import WALL, World
 
 ROBOT_MASS, HUMANOID_MASS = 50.0, 70.0  # kg

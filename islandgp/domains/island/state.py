@@ -9,7 +9,7 @@ from islandgp.domains.island.garbage import Ground, Item
 from islandgp.domains.island.humanoids import Humanoids
 from islandgp.domains.island.journal import Award, Event, Journal
 from islandgp.domains.island.robot import MICRO, Robot
-from islandgp.domains.island.script import Script, write_script
+from islandgp.domains.island.schedule import Script, write_script
 from islandgp.domains.island.space import Space, build_space
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.domains.island.world import FAR, EpisodeSettings, World

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import hypot, inf, sqrt
 
-from islandgp.domains.island.script import Circle
+from islandgp.domains.island.schedule import Circle
 
 SHORTEST_LEG = 1.0  # m: around a rock the robot drives chords of at least this length
 TOUCHING = 1e-9  # m: a way that comes this near to a circle's rim does not cross it

@@ -181,7 +181,7 @@ def generalisation(found: tuple[Generalisation, ...], study: Comparison) -> Pict
         axes.plot([low, high], [low, high], color="#bbbbbb", linewidth=0.9, zorder=0.5)
         axes.set_xlim(low, high)
         axes.set(
-            xlabel="Fitness that made it champion (points)",
+            xlabel="Fitness in training (points)",
             ylabel="Mean fitness in unseen worlds (points)",
         )
         for axis in (axes.xaxis, axes.yaxis):
@@ -192,7 +192,7 @@ def generalisation(found: tuple[Generalisation, ...], study: Comparison) -> Pict
         "generalisation",
         "Champions on unseen worlds",
         "Each point is a run's champion; on the grey line it would do as well in unseen worlds as"
-        " in the one that made it champion. Lines across: trees of the library.",
+        " it did in training. Lines across: trees of the library.",
         draw,
         height=4.0,
     )

@@ -158,8 +158,8 @@ def drawn(key: str, heading: str, specimen: Specimen) -> Picture:
             axes.axis("off")
             _column(axes, rows, range(k * each, min((k + 1) * each, len(rows))), scale)
 
-    height = each * LINE * scale
-    return picture(key, heading, specimen.caption, draw, height=height, layout=None)
+    caption = specimen.caption + " It goes on in the second column." * (columns - 1)
+    return picture(key, heading, caption, draw, height=each * LINE * scale, layout=None)
 
 
 def _column(axes: Axes, rows: list[Row], shown: range, scale: float) -> None:

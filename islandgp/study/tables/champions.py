@@ -68,7 +68,7 @@ def components_table(study: Comparison) -> Table:
         "Fitness of the champions by component (points)",
         ("Component", *(arm.name for arm in study.arms)),
         (*rows, ("Fitness", *total)),
-        ("A run's champion is the individual with its highest fitness ever; ± is over runs.",),
+        ("A run's champion is its best robot, by its fitness in training; ± is over runs.",),
     )
 
 
@@ -80,8 +80,8 @@ def generalisation_table(found: Sequence[Generalisation], worlds: int) -> Table:
     rows += [_generalisation_row(g.arm, [g]) for g in found if g.seed is None]
     notes = [
         f"Each run's champion in the same {worlds} worlds that no run used, in the last stage of"
-        " the curriculum. 'Trained' is the fitness that made it champion, in one world and perhaps"
-        " under an earlier stage's multipliers. ± is over runs.",
+        " the curriculum. 'Trained' is its fitness in the generation in which it lived. A run"
+        " chooses its champion in validation worlds of its own. ± is over runs.",
     ]
     if len(champions) < len(rows):
         notes.append(

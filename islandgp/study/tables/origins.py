@@ -139,7 +139,7 @@ def champion_sources_table(study: Comparison) -> Table:
         ("Source", *columns),
         tuple(rows),
         (
-            "Best: the run's individual with the highest fitness ever; final elite: the best tenth"
+            "Best: the run's best robot (its champion); final elite: the best tenth"
             " of the last generation, all runs together. An unchanged copy is what it was copied"
             " from. A tree that is injected as it is has the name of the library's file"
             " that it is, else of the supervisor that wrote it. The last row is the base rate:"

@@ -18,7 +18,7 @@ import numpy as np
 
 from islandgp.bt.limits import Limits
 from islandgp.errors import SupervisionError
-from islandgp.part import blaming, path_of
+from islandgp.plugin import blaming, path_of
 from islandgp.resources import resource
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.asking import ask
@@ -31,15 +31,22 @@ from islandgp.supervision.llm.answers import (
     schema,
 )
 from islandgp.supervision.llm.calls import Calls
-from islandgp.supervision.llm.conversation import Outcome, converse
-from islandgp.supervision.llm.dialect import Dialect
-from islandgp.supervision.llm.funnel import Check, Rejection, check_decision, check_proposal
-from islandgp.supervision.llm.message import Request
+from islandgp.supervision.llm.capabilities import Dialect
+from islandgp.supervision.llm.conversation import Outcome, converse, unasked
+from islandgp.supervision.llm.message import Failure, FailureKind, Request
 from islandgp.supervision.llm.prompts import fixed_values, load_prompt, render, urgency
 from islandgp.supervision.llm.settings import LLMSettings, TreeSize
+from islandgp.supervision.llm.validation import (
+    Check,
+    Reading,
+    Rejection,
+    check_decision,
+    check_proposal,
+)
 from islandgp.supervision.state_json import state_text
 
 T = TypeVar("T")
+NEAR: Final = 1.2  # times a prompt's least length; tokens are only guessed here
 REASON: Final = 600  # characters of a fallback's reason that the record keeps
 _FILES: Final = ("mutation_rate", "tree_explore", "tree_exploit", "repair")
 _LATER: Final = ("generation", "state", "urgency", "stage", "error")  # known only in a generation
@@ -71,10 +78,25 @@ class Adviser:
             self.fallback: Supervisor = part.factory.make(part.settings(), setup)
 
     def advise(
-        self, state: PopulationState, rng: np.random.Generator, calls: Calls, dialect: Dialect
+        self,
+        state: PopulationState,
+        rng: np.random.Generator,
+        calls: Calls,
+        dialect: Callable[[int], Dialect | Failure],
     ) -> Guidance:
-        """Guidance from the answers; the fallback, which consumes `rng`, fills in what lacks."""
-        rate, tree = self._both(state, calls, dialect)
+        """Guidance from the answers; the fallback, which consumes `rng`, fills in what lacks.
+
+        `dialect` tells how requests are made in a generation, or why none can be.
+
+        Raises:
+            SupervisionError: the answers were of no use for too long, and the run is to stop.
+        """
+        generation = state.now.generation
+        how = self._given_up(calls, generation) or dialect(generation)
+        if isinstance(how, Failure):
+            rate, tree = self._unasked(calls, generation, how)
+        else:
+            rate, tree = self._both(state, calls, how)
         asked = [outcome for outcome in (rate, tree) if outcome is not None]
         missing = sum(outcome.value is None for outcome in asked)
         backup = ask(self.fallback, state, rng) if missing else None
@@ -98,6 +120,26 @@ class Adviser:
             )
         return guidance
 
+    def too_short(self) -> str:
+        """Which system prompts the model will not keep, in words; "" for none, or unknown."""
+        least = self.settings.facts.caches_from
+        if not self.settings.cache or least is None:
+            return ""
+        size = _size(self.settings.explore)
+        values = {**self.values, **size, **dict.fromkeys(_LATER, "")}
+        tokens = {
+            name: round(len(render(prompt, values)[0]) / self.settings.facts.characters, -2)
+            for name, prompt in self.prompts.items()
+            if name != "repair"
+        }
+        short = [f"{name} (about {n:,.0f})" for name, n in tokens.items() if n < NEAR * least]
+        if not short:
+            return ""
+        return (
+            f"cache=true: {self.settings.model_name} keeps prompts from {least:,} tokens on;"
+            f" too short, or nearly so, are {', '.join(short)}"
+        )
+
     def rate_request(self, state: PopulationState, dialect: Dialect) -> Request:
         """The question for a mutation rate."""
         return self._request("mutation_rate", state, dialect, schema(DECISION), {})
@@ -109,6 +151,31 @@ class Adviser:
             name, state, dialect, schema(proposal_shape(state.targets)), _size(size)
         )
 
+    def _given_up(self, calls: Calls, generation: int) -> Failure | None:
+        """Why the model is not asked any more; None: it is."""
+        how = self.settings.useless
+        if how is None or (found := calls.useless_before(generation)) < how.most:
+            return None
+        if how.then == "stop":
+            raise SupervisionError(
+                f"Expected a usable answer of {self.settings.model_name}, found none to the last"
+                f" {found} questions; set another supervisor.policy.model, or raise"
+                " supervisor.policy.useless.most."
+            )
+        return Failure(FailureKind.USELESS, f"no usable answer to {found} questions in a row")
+
+    def _unasked(
+        self, calls: Calls, generation: int, why: Failure
+    ) -> tuple[Outcome[Decision] | None, Outcome[Proposal] | None]:
+        """Nobody can be asked: the fallback answers what would be asked."""
+        rate: Outcome[Decision] | None = None
+        tree: Outcome[Proposal] | None = None
+        if self.setup.adapt_mutation:
+            rate = unasked(calls, generation, "rate", why)
+        if self.setup.inject:
+            tree = unasked(calls, generation, "tree", why)
+        return rate, tree
+
     def _both(
         self, state: PopulationState, calls: Calls, dialect: Dialect
     ) -> tuple[Outcome[Decision] | None, Outcome[Proposal] | None]:
@@ -116,28 +183,28 @@ class Adviser:
         adapt, inject = self.setup.adapt_mutation, self.setup.inject
         for_rate = self.rate_request(state, dialect)
         for_tree = self.tree_request(state, dialect)
+        how = dialect.reading
         if adapt and inject and calls.room_for((for_rate, for_tree), self.settings.repairs):
-            aside = _aside(lambda: self._tree(state, calls, for_tree))
-            return self._rate(state, calls, for_rate), aside.result()
+            aside = _aside(lambda: self._tree(state, calls, for_tree, how))
+            return self._rate(state, calls, for_rate, how), aside.result()
         return (
-            self._rate(state, calls, for_rate) if adapt else None,
-            self._tree(state, calls, for_tree) if inject else None,
+            self._rate(state, calls, for_rate, how) if adapt else None,
+            self._tree(state, calls, for_tree, how) if inject else None,
         )
 
-    def _rate(self, state: PopulationState, calls: Calls, request: Request) -> Outcome[Decision]:
-        return self._ask(calls, state, "rate", request, check_decision(self.settings.rate))
+    def _rate(
+        self, state: PopulationState, calls: Calls, request: Request, how: Reading
+    ) -> Outcome[Decision]:
+        return self._ask(calls, state, "rate", request, check_decision(self.settings.rate, how))
 
-    def _tree(self, state: PopulationState, calls: Calls, request: Request) -> Outcome[Proposal]:
+    def _tree(
+        self, state: PopulationState, calls: Calls, request: Request, how: Reading
+    ) -> Outcome[Proposal]:
         _, size = self._tree_phase(state)
         most = self.setup.limits
         limits = Limits(min(size.most_depth, most.max_depth), min(size.most_nodes, most.max_nodes))
-        return self._ask(
-            calls,
-            state,
-            "tree",
-            request,
-            check_proposal(limits, self.setup.schema.vocabulary, state.targets),
-        )
+        words, targets = self.setup.schema.vocabulary, state.targets
+        return self._ask(calls, state, "tree", request, check_proposal(limits, words, targets, how))
 
     def _ask(
         self, calls: Calls, state: PopulationState, part: str, request: Request, check: Check[T]
@@ -178,13 +245,16 @@ class Adviser:
         )
         how = self.settings
         return Request(
-            model=how.model,
+            model=how.model_name,
             system=system,
             turns=(user,),
-            max_tokens=how.max_tokens,
+            max_tokens=how.reply_tokens,
             temperature=dialect.temperature,
             schema=answer if dialect.structured else None,
             cache=how.cache,
+            thinking=how.thinking_value,
+            effort=how.effort,
+            extra=how.extra_body,
         )
 
     def _repair(self, rejection: Rejection) -> str:
@@ -220,7 +290,8 @@ def _notes(rate: Outcome[Decision] | None, tree: Outcome[Proposal] | None) -> di
         if outcome is not None:
             why = f": {outcome.why[:REASON]}" if outcome.why else ""
             notes[name] = outcome.source + why
-            notes[f"{name}_prompts"] = " ".join(outcome.prompts)
+            if outcome.prompts:
+                notes[f"{name}_prompts"] = " ".join(outcome.prompts)
             if outcome.rejected:
                 notes[f"{name}_rejected"] = " ".join(outcome.rejected)
     return notes

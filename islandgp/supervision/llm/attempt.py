@@ -23,6 +23,15 @@ class Call:
 
 
 @dataclass(frozen=True, slots=True)
+class Sent:
+    """An attempt that is about to be made."""
+
+    call: Call
+    number: int  # from 1
+    at_most: Usage  # tokens that it can take
+
+
+@dataclass(frozen=True, slots=True)
 class Attempt:
     """One attempt at a call."""
 
@@ -80,7 +89,8 @@ def from_line(line: Mapping[str, Any], systems: Mapping[str, str]) -> Attempt:
     request = Request(**{**said, "system": systems[said["system"]], "turns": tuple(said["turns"])})
     answer: Reply | Failure
     if line["reply"] is not None:
-        answer = Reply(**{**line["reply"], "usage": Usage(**line["reply"]["usage"])})
+        reply = line["reply"]
+        answer = Reply(**{**reply, "usage": _usage(reply["usage"])})
     else:
         failure = line["failure"]
         answer = Failure(**{**failure, "kind": FailureKind(failure["kind"])})
@@ -89,10 +99,14 @@ def from_line(line: Mapping[str, Any], systems: Mapping[str, str]) -> Attempt:
         number=line["attempt"],
         request=request,
         answer=answer,
-        usage=None if line["usage"] is None else Usage(**line["usage"]),
+        usage=_usage(line["usage"]),
         at_most=Usage(**line["at_most"]),
         usd=line["usd"],
         seconds=line["seconds"],
         waited=line["waited"],
         at=line["at"],
     )
+
+
+def _usage(found: Mapping[str, Any] | None) -> Usage | None:
+    return None if found is None else Usage(**found)

@@ -6,17 +6,19 @@ again. `recorded.RecordedCalls` asks nobody.
 
 from __future__ import annotations
 
+import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
-from typing import Final, Protocol
+from typing import Any, Final, Literal, Protocol
 
 from islandgp.errors import SupervisionError
 from islandgp.seeding import Stream, stream
-from islandgp.supervision.llm.attempt import Attempt, Call, Part
+from islandgp.supervision.llm.attempt import Attempt, Call, Part, Sent
 from islandgp.supervision.llm.ledger import Ledger, known_usage
 from islandgp.supervision.llm.message import (
     QUOTED,
+    TRANSIENT,
     Client,
     Failure,
     FailureKind,
@@ -27,6 +29,9 @@ from islandgp.supervision.llm.message import (
 from islandgp.supervision.llm.prices import cost, most_tokens
 from islandgp.supervision.llm.retry import RetrySettings, final, wait
 from islandgp.supervision.llm.transcript import Transcript
+
+Outage = Literal["fallback", "wait", "stop"]
+"""What happens where nobody answers: the fallback stands in, the run waits, or it stops."""
 
 _SLOTS: Final = {"probe": 0, "rate": 1, "tree": 2}  # of Stream.NETWORK
 
@@ -40,6 +45,14 @@ class Calls(Protocol):
 
     def conclude(self, part: Part) -> None:
         """Takes note of what became of a part of the guidance."""
+        ...
+
+    def learn(self, generation: int, dialect: Mapping[str, Any]) -> None:
+        """Takes note of how requests are made from a generation on."""
+        ...
+
+    def useless_before(self, generation: int) -> int:
+        """How many questions in a row, up to a generation, had answers of no use."""
         ...
 
     def room_for(self, requests: Sequence[Request], repairs: int) -> bool:
@@ -58,25 +71,22 @@ class LiveCalls:
         retry: RetrySettings,
         *,
         seed: int,
+        on_outage: Outage = "fallback",
         sleep: Callable[[float], None] = time.sleep,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """`sleep` and `clock` take the time's place in tests."""
         self.client, self.transcript, self.ledger, self.retry = client, transcript, ledger, retry
-        self.seed, self.sleep, self.clock = seed, sleep, clock
+        self.seed, self.on_outage, self.sleep, self.clock = seed, on_outage, sleep, clock
         self._closed = False
 
     def ask(self, call: Call, request: Request) -> Reply | Failure:
         """See `Calls`. An answer that is written down for the same request is given again.
 
-        But for a probe's failure: it ended a run that had not begun, and may be mended by now.
+        Raises:
+            SupervisionError: nobody answers, and an outage is to stop the run.
         """
-        done = [
-            a
-            for a in self.transcript.of(call)
-            if a.request.digest == request.digest
-            and (call.part != "probe" or isinstance(a.answer, Reply))
-        ]
+        done = [a for a in self.transcript.of(call) if a.request.digest == request.digest]
         rng = stream(
             self.seed,
             Stream.NETWORK,
@@ -85,18 +95,75 @@ class LiveCalls:
         )
         answer = done[-1].answer if done else None
         number = done[-1].number if done else 0
-        while answer is None or not final(answer, number, self.retry):
-            waited = 0.0
-            if isinstance(answer, Failure):
-                waited = wait(answer, number, self.retry, rng)
-                self.sleep(waited)
-            number += 1
-            answer = self._attempt(call, number, request, waited)
-        return answer
+        before = 0  # attempts that do not count any more
+        if (
+            answer is not None
+            and final(answer, number, self.retry)
+            and self._forgotten(call, answer)
+        ):
+            answer, before = None, number
+        pause = 0.0
+        while True:
+            while answer is None or not final(answer, number - before, self.retry):
+                waited, pause = pause, 0.0
+                if isinstance(answer, Failure):
+                    waited = wait(answer, number - before, self.retry, rng)
+                    self.sleep(waited)
+                number += 1
+                answer = self._attempt(call, number, request, waited)
+            if not self._is_outage(call, answer):
+                return answer
+            assert isinstance(answer, Failure)
+            pause = self._sit_out(answer)
+            answer, before = None, number
+
+    def _forgotten(self, call: Call, answer: Reply | Failure) -> bool:
+        """Whether a written answer is asked for again, as it may be mended by now.
+
+        So it is with a failure that ended a run, or kept one from starting.
+        """
+        if isinstance(answer, Reply) or answer.kind is FailureKind.BUDGET:
+            return False
+        if call.part == "probe" and (call.generation < 0 or answer.kind not in TRANSIENT):
+            return True
+        return answer.kind in TRANSIENT and self.on_outage != "fallback"
+
+    def _is_outage(self, call: Call, answer: Reply | Failure) -> bool:
+        """Whether nobody answers and the fallback must not stand in."""
+        if isinstance(answer, Reply) or answer.kind not in TRANSIENT:
+            return False
+        never_there = call.generation < 0 and answer.kind is FailureKind.UNREACHABLE
+        return self.on_outage != "fallback" and not never_there
+
+    def _sit_out(self, failure: Failure) -> float:
+        """Waits for the server; returns for how long, s."""
+        if self.on_outage == "stop":
+            raise SupervisionError(
+                f"Expected an answer of the model, found {failure.kind} ({failure.message}); the"
+                " run stops, as supervisor.policy.on_outage=stop says. The same command goes on"
+                " once the server answers."
+            )
+        asked = max(failure.retry_after or 0.0, self.retry.longest_wait)
+        pause = min(asked, self.ledger.seconds_left())
+        logging.getLogger("islandgp").warning(
+            "No answer of the model (%s); the next attempt is in %.0f s (on_outage=wait)",
+            failure.message,
+            pause,
+        )
+        self.sleep(pause)
+        return pause
 
     def conclude(self, part: Part) -> None:
         """See `Calls`."""
         self.transcript.conclude(part)
+
+    def learn(self, generation: int, dialect: Mapping[str, Any]) -> None:
+        """See `Calls`."""
+        self.transcript.learn(generation, dialect)
+
+    def useless_before(self, generation: int) -> int:
+        """See `Calls`."""
+        return self.transcript.useless_before(generation)
 
     def room_for(self, requests: Sequence[Request], repairs: int) -> bool:
         """See `Calls`: as long as no cap could end one of them.
@@ -127,11 +194,13 @@ class LiveCalls:
     def _attempt(self, call: Call, number: int, request: Request, waited: float) -> Reply | Failure:
         self._check_open()
         most = most_tokens(request)
+        self.client.open()
         at, began = datetime.now(UTC).isoformat(timespec="milliseconds"), self.clock()
         answer: Reply | Failure
-        if why := self.ledger.over(most):
+        if why := self.ledger.over(most, waited):
             answer = Failure(FailureKind.BUDGET, why)
         else:
+            self.transcript.announce(Sent(call, number, most))
             answer = self.client.send(request, seconds=self.retry.deadline)
         self._check_open()
         usage, price = known_usage(answer), self.ledger.price

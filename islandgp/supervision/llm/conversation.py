@@ -8,8 +8,8 @@ from typing import Generic, TypeVar
 
 from islandgp.supervision.llm.attempt import Call, Part
 from islandgp.supervision.llm.calls import Calls
-from islandgp.supervision.llm.funnel import Check, Rejection, Stage
 from islandgp.supervision.llm.message import QUOTED, Failure, Request
+from islandgp.supervision.llm.validation import Check, Rejection, Stage
 
 T = TypeVar("T")
 
@@ -61,6 +61,12 @@ def converse(
             break
         request = request.followed_by(answer.text[:QUOTED], repair(found))
     outcome: Outcome[T] = Outcome(None, "fallback", why, tuple(rejected), tuple(prompts))
+    return _concluded(calls, generation, part, outcome)
+
+
+def unasked(calls: Calls, generation: int, part: str, why: Failure) -> Outcome[T]:
+    """A question that is not asked, and why."""
+    outcome: Outcome[T] = Outcome(None, "fallback", f"{why.kind}: {why.message}", (), ())
     return _concluded(calls, generation, part, outcome)
 
 

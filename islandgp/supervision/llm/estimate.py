@@ -9,14 +9,13 @@ from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Setup
 from islandgp.supervision.llm.adviser import Adviser
-from islandgp.supervision.llm.dialect import Dialect
+from islandgp.supervision.llm.capabilities import Dialect
 from islandgp.supervision.llm.ledger import Caps
 from islandgp.supervision.llm.message import QUOTED, Request, Usage
 from islandgp.supervision.llm.prices import cost, most_tokens
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.transcript import Transcript
 
-CHARACTERS: Final = 3.5  # of a token; an assumption: English and JSON have three to four
 ANSWER: Final = 300  # tokens of an answer; an assumption: a paragraph, or a tree of 20 nodes
 
 
@@ -39,26 +38,26 @@ class Bill:
         )
 
 
-def expected(settings: LLMSettings, setup: Setup) -> Bill:
-    """The bill where every question is answered at once, by CHARACTERS and ANSWER."""
+def expected(settings: LLMSettings, setup: Setup, lag: int = 0) -> Bill:
+    """The bill where every question is answered at once, with ANSWER tokens."""
     asked = _requests(settings, setup)
-    times = setup.generations - 1
+    times = _times(setup, lag)
     sizes = [sum(map(len, (r.system, *r.turns))) for r in asked]
     return _bill(
         settings,
         times * len(asked) + 1,  # and the probe
-        times * sum(sizes) / CHARACTERS,
+        times * sum(sizes) / settings.facts.characters,
         times * len(asked) * ANSWER,
     )
 
 
-def at_most(settings: LLMSettings, setup: Setup) -> Bill:
+def at_most(settings: LLMSettings, setup: Setup, lag: int = 0) -> Bill:
     """The bill where everything fails late, is repaired, and is as long as it may be.
 
     Caps cut it short.
     """
     asked = _requests(settings, setup)
-    times = (setup.generations - 1) * settings.retry.attempts
+    times = _times(setup, lag) * settings.retry.attempts
     turns = 1 + settings.repairs
     most = [most_tokens(request, longer=QUOTED * settings.repairs) for request in asked]
     bill = _bill(
@@ -70,18 +69,25 @@ def at_most(settings: LLMSettings, setup: Setup) -> Bill:
     return _capped(bill, settings.caps)
 
 
-def as_recorded(settings: LLMSettings, setup: Setup, record: Transcript) -> Bill:
+def as_recorded(settings: LLMSettings, setup: Setup, record: Transcript, lag: int = 0) -> Bill:
     """The bill where each generation takes what it took in a recorded run, on the mean."""
     attempts = record.attempts
     generations = len({a.call.generation for a in attempts if a.call.generation >= 0}) or 1
-    share = (setup.generations - 1) / generations
+    share = _times(setup, lag) / generations
     usages = [a.usage for a in attempts if a.usage is not None]
+    requests = len(attempts) * share
+    share *= len(attempts) / (len(usages) or 1)  # those that nobody has counted took as much
     return _bill(
         settings,
-        len(attempts) * share,
+        requests,
         sum(u.input + u.cache_read + u.cache_write for u in usages) * share,
         sum(u.output for u in usages) * share,
     )
+
+
+def _times(setup: Setup, lag: int) -> int:
+    """Generations that are asked about: an answer after the last one would come too late."""
+    return max(0, setup.generations - 1 - lag)
 
 
 def _bill(settings: LLMSettings, requests: float, tokens: float, output: float) -> Bill:

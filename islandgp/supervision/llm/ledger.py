@@ -7,6 +7,7 @@ made: a cap is never passed, not even by an answer that never arrived.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import dataclass
 
@@ -42,7 +43,8 @@ class Sums:
 def known_usage(answer: Reply | Failure) -> Usage | None:
     """The tokens of an answer; None where a request was perhaps charged and nobody says how much.
 
-    A server that turns a request away does not charge it.
+    That is so for a lost answer and for a server that counts no tokens. A server that turns
+    a request away does not charge it.
     """
     if isinstance(answer, Reply):
         return answer.usage
@@ -60,14 +62,22 @@ class Ledger:
         """`price` is None where nobody knows it; then no dollars are counted."""
         self.transcript, self.price, self.caps = transcript, price, caps
 
-    def over(self, next_at_most: Usage) -> str:
-        """Which cap another request could pass, in words; "" for none."""
+    def over(self, next_at_most: Usage, waited: float = 0.0) -> str:
+        """Which cap another request could pass, in words; "" for none.
+
+        `waited` are the seconds before it that stand in no attempt yet.
+        """
         for name, found, cap in self._after(1, next_at_most):
             if cap is not None and found > cap:
                 return f"another request could pass the cap {name}={cap}"
-        if self.caps.seconds is not None and self._most().seconds >= self.caps.seconds:
+        if self.seconds_left() <= waited:
             return f"the cap seconds={self.caps.seconds:g} is reached"
         return ""
+
+    def seconds_left(self) -> float:
+        """Until the cap on seconds is reached, >= 0; infinite without one."""
+        most = self.caps.seconds
+        return math.inf if most is None else max(0.0, most - self._most().seconds)
 
     def room_for(self, requests: int, at_most: Usage, *, seconds: float) -> bool:
         """Whether so much more keeps every cap, in whatever order it comes."""
@@ -97,17 +107,24 @@ class Ledger:
             sums.input += _input(a.at_most)
             sums.output += a.at_most.output
             sums.usd += self._usd(a.at_most)
-            sums.seconds += a.seconds + a.waited
+        # Waiting counts also where a cap ended it.
+        sums.seconds = sum(a.seconds + a.waited for a in list(self.transcript.attempts))
+        for sent in self.transcript.lost():
+            sums.requests += 1
+            sums.input += _input(sent.at_most)
+            sums.output += sent.at_most.output
+            sums.usd += self._usd(sent.at_most)
         return sums
 
     def totals(self) -> dict[str, float]:
         """Sums from the run's start by name, for the costs of a generation and for MLflow."""
         attempts, parts = _sent(self.transcript.attempts), list(self.transcript.parts)
+        lost = len(self.transcript.lost())
         usages = [a.usage for a in attempts if a.usage is not None]
         failures = Counter(a.answer.kind for a in attempts if isinstance(a.answer, Failure))
         rejected = Counter(stage for part in parts for stage in part.rejected)
         found: dict[str, float] = {
-            "requests": len(attempts),
+            "requests": len(attempts) + lost,
             "calls": len({a.call for a in attempts}),
             "input_tokens": sum(u.input for u in usages),
             "output_tokens": sum(u.output for u in usages),
@@ -115,7 +132,7 @@ class Ledger:
             "cache_write_tokens": sum(u.cache_write for u in usages),
             "latency_s": sum(a.seconds for a in attempts),
             "waited_s": sum(a.waited for a in attempts),
-            "uncounted_requests": len(attempts) - len(usages),
+            "uncounted_requests": len(attempts) + lost - len(usages),
             "failures": failures.total(),
             "rejections": rejected.total(),
             "repaired": sum("repaired" in part.source for part in parts),

@@ -14,6 +14,8 @@ from typing import Any, Final, Protocol
 
 SANE: Final = 100_000  # characters of an answer that are looked at; 2048 tokens have about 8,000
 
+NO_TEXT: Final = "(no text)"  # stands for an empty answer in a repair turn
+
 QUOTED: Final = 6000  # characters of a useless answer that a repair turn sends back
 
 
@@ -22,6 +24,7 @@ class FailureKind(StrEnum):
 
     TIMEOUT = "timeout"  # no whole answer before the deadline
     UNREACHABLE = "unreachable"  # no connection at all; nothing was sent
+    UNTRUSTED = "untrusted"  # the certificate is not signed by anybody known; nothing was sent
     CUT = "cut"  # the connection broke off
     RATE_LIMITED = "rate_limited"  # 429
     OVERLOADED = "overloaded"  # 529
@@ -31,6 +34,7 @@ class FailureKind(StrEnum):
     UNAUTHORISED = "unauthorised"  # 401, 403: the key is refused
     NOT_FOUND = "not_found"  # 404: no such model, or no such address
     BUDGET = "budget"  # a cap is reached; nothing was sent
+    USELESS = "useless"  # too many useless answers in a row; nothing was sent
 
 
 TRANSIENT: Final = frozenset(
@@ -70,7 +74,10 @@ class Request:
     max_tokens: int
     temperature: float | None = None  # None: not sent
     schema: dict[str, Any] | None = field(default=None)  # JSON schema; None: not sent
-    cache: bool = False  # ask the server to keep the prompt
+    cache: bool = False  # ask the server to keep the system prompt
+    thinking: dict[str, Any] | None = None  # as the API takes it; None: not sent
+    effort: str | None = None  # None: not sent
+    extra: dict[str, Any] | None = None  # more fields of the request's body; None: none
 
     @property
     def digest(self) -> str:
@@ -83,7 +90,8 @@ class Request:
         return _sha256([self.system, *self.turns])
 
     def plain(self) -> dict[str, Any]:
-        """As JSON values."""
+        """As JSON values. Fields that came later stand there only where they say something."""
+        later = {"thinking": self.thinking, "effort": self.effort, "extra": self.extra}
         return {
             "model": self.model,
             "system": self.system,
@@ -92,11 +100,12 @@ class Request:
             "temperature": self.temperature,
             "schema": self.schema,
             "cache": self.cache,
+            **{name: value for name, value in later.items() if value is not None},
         }
 
     def followed_by(self, answer: str, question: str) -> Request:
-        """The request that goes on after an answer."""
-        return replace(self, turns=(*self.turns, answer, question))
+        """The request that goes on after an answer; the API takes no empty turn."""
+        return replace(self, turns=(*self.turns, answer if answer.strip() else NO_TEXT, question))
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +114,8 @@ class Reply:
 
     text: str
     stop_reason: str  # "end_turn", "max_tokens", "refusal", ..., or "" where none is given
-    usage: Usage
+    usage: Usage | None  # None: the server does not say
+    thinking: str = ""  # what the model thought before, as far as the server tells it
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,10 +125,15 @@ class Failure:
     kind: FailureKind
     message: str  # one line for people
     retry_after: float | None = None  # s that the server asks to wait
+    should_retry: bool | None = None  # what the server says about another attempt; None: nothing
 
 
 class Client(Protocol):
     """One attempt at one request. Never raises for anything the other side does."""
+
+    def open(self) -> None:
+        """Loads what is needed, which may take seconds: they are no part of an attempt."""
+        ...
 
     def send(self, request: Request, *, seconds: float) -> Reply | Failure:
         """Returns after at most `seconds`, whatever the other side does."""

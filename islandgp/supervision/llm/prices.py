@@ -1,4 +1,4 @@
-"""What tokens cost: the dated price table of `conf/prices`."""
+"""What is known of models and what their tokens cost: the dated table of `conf/prices`."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from pydantic import BaseModel, Field
 from islandgp.supervision.llm.message import Request, Usage
 
 PER: Final = 1e6  # tokens that a price is for
+CHARACTERS: Final = 3.5  # of a token; an assumption: English and JSON have three to four
+DATE: Final = r"^\d{4}-\d\d-\d\d$"
 
 
 class Price(BaseModel, frozen=True, extra="forbid"):
@@ -20,12 +22,24 @@ class Price(BaseModel, frozen=True, extra="forbid"):
     cache_write: float = Field(ge=0)  # kept for 5 minutes
 
 
+class Facts(BaseModel, frozen=True, extra="forbid"):
+    """What else is known of one model."""
+
+    thinks: bool = False  # before each answer, if nothing else is said
+    caches_from: int | None = Field(default=None, ge=1)  # tokens of the shortest prompt it keeps
+    characters: float = Field(default=CHARACTERS, gt=0)  # of a token, about
+    retires: str | None = Field(default=None, pattern=DATE)  # None: no date is announced
+
+
 class Prices(BaseModel, frozen=True, extra="forbid"):
     """The prices of one day."""
 
-    date: str = Field(pattern=r"^\d{4}-\d\d-\d\d$")  # when they were read
+    date: str = Field(pattern=DATE)  # when they were read
     source: str
     models: dict[str, Price]
+    unknown: tuple[str, ...] = ()  # models whose price was nowhere to be found on that day
+    aliases: dict[str, str] = Field(default_factory=dict)  # a name of ours: the model
+    facts: dict[str, Facts] = Field(default_factory=dict)
 
 
 def cost(usage: Usage, price: Price) -> float:

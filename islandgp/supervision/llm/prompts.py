@@ -146,10 +146,8 @@ def fixed_values(schema: Schema, classes: Classes, library: Library) -> dict[str
 def _tier(name: str, tier: Tier) -> str:
     asked = [f"{measure} of at least {value:g}" for measure, value in tier.at_least.items()]
     asked += [f"{measure} above {value:g}" for measure, value in tier.above.items()]
-    asked += [f"what a {title(tier.also)} Robot has"] if tier.also else []
-    return (
-        f"- A {title(name)} Robot has in one episode {', '.join(asked) or 'nothing in particular'}."
-    )
+    asked += [f"and all that makes a {title(tier.also)} Robot"] if tier.also else []
+    return f"- {title(name)} Robot: in one episode {', '.join(asked) or 'anything'}."
 
 
 def _examples(part: str, library: Library) -> str:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from islandgp.errors import SupervisionError
 from islandgp.supervision.llm.attempt import Call, Part
@@ -44,6 +45,13 @@ class RecordedCalls:
     def conclude(self, part: Part) -> None:
         """See `Calls`."""
 
+    def learn(self, generation: int, dialect: Mapping[str, Any]) -> None:
+        """See `Calls`."""
+
+    def useless_before(self, generation: int) -> int:
+        """See `Calls`."""
+        return self.transcript.useless_before(generation)
+
     def room_for(self, requests: Sequence[Request], repairs: int) -> bool:  # noqa: ARG002 -- the protocol's
         """See `Calls`: nothing is gained by it."""
         return False
@@ -61,6 +69,6 @@ def difference(recorded: Request, now: Request) -> str:
 def _lines(request: Request) -> list[str]:
     plain = request.plain()
     turns = [line for turn in request.turns for line in turn.splitlines()]
-    rest = {key: plain[key] for key in ("model", "max_tokens", "temperature", "schema", "cache")}
+    rest = {key: value for key, value in plain.items() if key not in ("system", "turns")}
     settings = [f"{key}: {json.dumps(value)}" for key, value in rest.items()]
     return [*settings, *request.system.splitlines(), *turns]

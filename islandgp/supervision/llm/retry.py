@@ -20,9 +20,15 @@ class RetrySettings(BaseModel, frozen=True, extra="forbid"):
 
 def final(answer: Reply | Failure, attempt: int, how: RetrySettings) -> bool:
     """Whether a call ends with the answer to attempt number `attempt` (from 1)."""
-    if isinstance(answer, Reply) or attempt >= how.attempts or answer.kind not in TRANSIENT:
+    if isinstance(answer, Reply) or attempt >= how.attempts or not _may_help(answer):
         return True
     return answer.retry_after is not None and answer.retry_after > how.retry_after_most
+
+
+def _may_help(failure: Failure) -> bool:
+    """Whether another attempt may: as the server says, else by the kind of the failure."""
+    told = failure.should_retry
+    return failure.kind in TRANSIENT if told is None else told
 
 
 def wait(failure: Failure, attempt: int, how: RetrySettings, rng: np.random.Generator) -> float:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import os
-from typing import Literal
+from typing import Annotated, Any, Final, Literal
 from urllib.parse import urlsplit
 
 from pydantic import BaseModel, Field, SecretStr, field_validator, model_validator
 
-from islandgp.part import Part
+from islandgp.plugin import Part
 from islandgp.supervision.base import SUPERVISES, Phase
-from islandgp.supervision.llm.funnel import RateSettings
 from islandgp.supervision.llm.ledger import Caps
-from islandgp.supervision.llm.prices import Price, Prices
+from islandgp.supervision.llm.prices import Facts, Price, Prices
 from islandgp.supervision.llm.retry import RetrySettings
+from islandgp.supervision.llm.validation import RateSettings
+
+THINKING_TOKENS: Final = 14_000  # room for what a model thinks before an answer
 
 
 class TreeSize(BaseModel, frozen=True, extra="forbid"):
@@ -23,6 +25,30 @@ class TreeSize(BaseModel, frozen=True, extra="forbid"):
     nodes: str  # about how many, asked for
     most_depth: int = Field(ge=1)  # taken; the run's own limits hold besides
     most_nodes: int = Field(ge=1)
+
+
+class Thinking(BaseModel, frozen=True, extra="forbid"):
+    """Whether a model thinks before it answers, as the Messages API takes it."""
+
+    type: Literal["adaptive", "enabled", "disabled", "between_tools"]
+    budget_tokens: int | None = Field(default=None, ge=1024)  # of "enabled"
+    display: Literal["summarized", "omitted"] | None = None  # what of it comes back
+
+    @model_validator(mode="after")
+    def _budgeted(self) -> Thinking:
+        if (self.type == "enabled") != (self.budget_tokens is not None):
+            raise ValueError(
+                f"budget_tokens: expected a number with type=enabled and with no other, found"
+                f" {self.budget_tokens} with type={self.type}"
+            )
+        return self
+
+
+class Useless(BaseModel, frozen=True, extra="forbid"):
+    """When a model whose answers cannot be used is not asked any more."""
+
+    most: int = Field(ge=1)  # questions in a row, repairs included, without a usable answer
+    then: Literal["fallback", "stop"]  # the fallback goes on, or the run ends
 
 
 class Fallback(Part, frozen=True, extra="ignore"):
@@ -38,8 +64,12 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     base_url: str | None  # None: ANTHROPIC_BASE_URL, else the Anthropic API
     api_key: SecretStr | None = None  # None: ANTHROPIC_API_KEY; never written anywhere
     max_tokens: int = Field(ge=64, le=200_000)  # of an answer
+    thinking_tokens: Annotated[int, Field(ge=0, le=200_000)] | Literal["auto"] = 0  # before it
     temperature: float | None = Field(ge=0, le=2)  # sent where the model takes one
     output: Literal["auto", "structured", "text"]  # auto: as the probe at the start finds
+    thinking: Thinking | None = None  # None: as the model does by itself
+    effort: Literal["low", "medium", "high", "xhigh", "max"] | None = None  # None: the model's own
+    extra_body: dict[str, Any] | None = None  # more fields of each request's body
     cache: bool  # ask the server to keep the system prompts
     retry: RetrySettings
     repairs: int = Field(ge=0, le=5)  # further turns after an answer that cannot be used
@@ -49,6 +79,9 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     exploit: TreeSize  # phase 2
     exploit_from: str | None  # milestone whose first robot begins phase 2; None: the last one
     rare: float = Field(ge=0, le=1)  # share of the population below which a behaviour is rare
+    on_outage: Literal["fallback", "wait", "stop"] = "fallback"  # where nobody answers
+    useless: Useless | None = None  # None: asked to the end, whatever the answers are
+    most_fallback: float | None = Field(default=None, ge=0, le=1)  # share; None: any
     caps: Caps
     prices: Prices
     prompts: str | None  # a folder of prompts; None: the project's own
@@ -80,11 +113,27 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
             )
         if self.caps.usd is not None and self.price is None:
             raise ValueError(
-                f"caps.usd: expected a model with a known price, found {self.model!r}; the prices"
-                f" of {self.prices.date} know {', '.join(self.prices.models)}. Add the model to"
-                " prices.models, or set caps.usd=null"
+                f"caps.usd: expected a model with a known price, found {self.model_name!r}; the"
+                f" prices of {self.prices.date} know {', '.join(self.prices.models)}. Add the"
+                " model to prices.models, or set caps.usd=null"
             )
         return self
+
+    @property
+    def thinking_value(self) -> dict[str, Any] | None:
+        """`thinking` as a request has it."""
+        return None if self.thinking is None else self.thinking.model_dump(exclude_none=True)
+
+    @property
+    def reply_tokens(self) -> int:
+        """The most tokens of a reply: of the answer, and of what the model thinks before it."""
+        if self.thinking_tokens != "auto":
+            return self.max_tokens + self.thinking_tokens
+        if self.thinking is not None and self.thinking.budget_tokens is not None:
+            return self.max_tokens + self.thinking.budget_tokens
+        by_itself = self.thinking is None and self.facts.thinks
+        thinks = by_itself or (self.thinking is not None and self.thinking.type == "adaptive")
+        return self.max_tokens + (THINKING_TOKENS if thinks else 0)
 
     @property
     def address(self) -> str | None:
@@ -94,4 +143,14 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     @property
     def price(self) -> Price | None:
         """The model's price, None where nobody knows it."""
-        return self.prices.models.get(self.model)
+        return self.prices.models.get(self.model_name)
+
+    @property
+    def model_name(self) -> str:
+        """The model as the server knows it: what an alias stands for."""
+        return self.prices.aliases.get(self.model, self.model)
+
+    @property
+    def facts(self) -> Facts:
+        """What is known of the model."""
+        return self.prices.facts.get(self.model_name, Facts())

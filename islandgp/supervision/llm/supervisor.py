@@ -13,8 +13,8 @@ from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Setup
 from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.calls import LiveCalls
+from islandgp.supervision.llm.capabilities import Dialect, Dialects
 from islandgp.supervision.llm.client import AnthropicClient
-from islandgp.supervision.llm.dialect import Dialect, find_dialect
 from islandgp.supervision.llm.ledger import Ledger
 from islandgp.supervision.llm.message import Client
 from islandgp.supervision.llm.settings import LLMSettings
@@ -22,11 +22,14 @@ from islandgp.supervision.llm.transcript import NAME, Transcript
 
 _WAYS = """\
 Expected a key or an address for supervisor=llm, found none. There are three ways:
-  1. the Anthropic API: set ANTHROPIC_API_KEY in the environment;
+  1. the Anthropic API: set ANTHROPIC_API_KEY (or ANTHROPIC_AUTH_TOKEN) in the environment;
   2. a local server that speaks its language (Ollama, vLLM, llama.cpp):
      supervisor.policy.base_url=http://localhost:11434 supervisor.policy.model=<its model>;
   3. no model: supervisor=expert works offline and free of charge, and
      supervisor=replay supervisor.policy.transcript=<a run's folder> repeats a recorded run."""
+
+
+_AGAIN = "the fallback stands in, and each generation asks again"
 
 
 class LLM:
@@ -52,28 +55,37 @@ class LLM:
         self.settings, self.setup, self.client = settings, setup, client
         self.adviser = Adviser(settings, setup)
         self._calls: LiveCalls | None = None
-        self._dialect: Dialect | None = None
         self._warned = False
 
     def start(self) -> str:
         """See `Service`: opens the transcript, and finds out how the server wants to be asked."""
         calls = self._open()
-        start = calls.transcript.start
-        if start is None:
-            self._dialect = find_dialect(calls, self.settings)
+        found = self._dialects.start()
+        if calls.transcript.start is None:
             told = self.settings.model_dump(mode="json", exclude={"api_key"})
-            calls.transcript.begin({"settings": told, "dialect": asdict(self._dialect)})
-        else:
-            self._dialect = Dialect(**start["dialect"])
+            known = asdict(found) if isinstance(found, Dialect) else None
+            calls.transcript.begin({"settings": told, "dialect": known})
         place = self.settings.address or "the Anthropic API"
-        return f"Supervised by {self.settings.model} at {place}: {self._dialect}"
+        name, retires = self.settings.model_name, self.settings.facts.retires
+        how = found if isinstance(found, Dialect) else f"no answer yet: {found.message}; {_AGAIN}"
+        lines = [
+            f"Supervised by {name} at {place}: {how}",
+            f"{name} retires on {retires}" if retires else "",
+            self.adviser.too_short(),
+        ]
+        return "\n".join(line for line in lines if line)
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
-        """See `Supervisor`. A failure of any kind ends in the fallback, never in an error."""
-        if self._dialect is None:
+        """See `Supervisor`. A failure ends in the fallback.
+
+        Raises:
+            SupervisionError: the settings want the run to stop, or no request of it would
+                ever be answered.
+        """
+        calls = self._open()
+        if calls.transcript.start is None:
             self.start()
-        assert self._dialect is not None
-        guidance = self.adviser.advise(state, rng, self._open(), self._dialect)
+        guidance = self.adviser.advise(state, rng, calls, self._dialects.at)
         self._warn(guidance, state.now.generation)
         return guidance
 
@@ -93,22 +105,31 @@ class LLM:
             transcript = Transcript(None if folder is None else folder / NAME)
             ledger = Ledger(transcript, how.price, how.caps)
             self._calls = LiveCalls(
-                self.client, transcript, ledger, how.retry, seed=self.setup.seed
+                self.client,
+                transcript,
+                ledger,
+                how.retry,
+                seed=self.setup.seed,
+                on_outage=how.on_outage,
             )
+            self._dialects = Dialects(how, transcript, self._calls)
         return self._calls
 
     def _warn(self, guidance: Guidance, generation: int) -> None:
-        """Tells once that the budget is used up; the record tells it in every generation."""
-        said = [why for why in guidance.notes.values() if why.startswith("fallback: budget")]
+        """Tells once that the model is not asked any more; the record tells it every time."""
+        ends = ("fallback: budget: ", "fallback: useless: ")
+        said = [why for why in guidance.notes.values() if why.startswith(ends)]
         if said and not self._warned:
             self._warned = True
             logging.getLogger("islandgp").warning(
                 "Supervision goes on with the fallback from generation %d: %s",
                 generation,
-                said[0].removeprefix("fallback: budget: "),
+                said[0].split(": ", 2)[2],
             )
 
 
 def _key(settings: LLMSettings) -> str | None:
+    """The credential, None where there is none; the API takes keys and tokens in one header."""
     given = settings.api_key.get_secret_value() if settings.api_key is not None else ""
-    return given or os.environ.get("ANTHROPIC_API_KEY") or None
+    found = os.environ.get
+    return given or found("ANTHROPIC_API_KEY") or found("ANTHROPIC_AUTH_TOKEN") or None

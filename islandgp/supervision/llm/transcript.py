@@ -4,8 +4,10 @@ It is what a resumed run and a replay read instead of asking again, what the
 ledger counts, and what a person reads to see who said what. Its lines are JSON
 objects with a field `line` that says of which sort they are:
 
-start    the settings and the dialect that the requests were made with
+start    the settings and the dialect that the requests were made with; null: not yet known
+dialect  the dialect, and the generation from which on it was known
 system   a system prompt, once, under its hash
+sent     an attempt is about to be made; without its attempt line, nobody knows what it came to
 attempt  one attempt at a call: where, request, reply or failure, tokens, dollars, seconds
 part     what became of one part of the guidance: its source, and the stages that rejected it
 """
@@ -15,6 +17,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -22,7 +25,8 @@ from threading import Lock
 from typing import Any, Final
 
 from islandgp.errors import SupervisionError
-from islandgp.supervision.llm.attempt import Attempt, Call, Part, from_line, to_line
+from islandgp.supervision.llm.attempt import Attempt, Call, Part, Sent, from_line, to_line
+from islandgp.supervision.llm.message import Usage
 
 NAME: Final = "transcript.jsonl"
 FORMAT: Final = 1
@@ -41,6 +45,8 @@ class Transcript:
         self.start: dict[str, Any] | None = None
         self.attempts: list[Attempt] = []
         self.parts: list[Part] = []
+        self.sent: list[Sent] = []
+        self.learnt: tuple[int, dict[str, Any]] | None = None  # a dialect, and since when
         self._systems: dict[str, str] = {}
         self._lock = Lock()  # the two questions of a generation are asked at the same time
         self._whole: int | None = None  # bytes of whole lines, where a piece of one follows
@@ -59,6 +65,43 @@ class Transcript:
         """Writes how the requests are made."""
         self.start = {"format": FORMAT, **start}
         self._write({"line": "start", **self.start})
+
+    def learn(self, generation: int, dialect: Mapping[str, Any]) -> None:
+        """Writes down how requests are made from a generation on."""
+        with self._lock:
+            self.learnt = (generation, dict(dialect))
+            self._write({"line": "dialect", "generation": generation, "dialect": self.learnt[1]})
+
+    def useless_before(self, generation: int) -> int:
+        """How many questions in a row, up to a generation, had answers of no use.
+
+        One that nobody answered is passed over.
+        """
+        count = 0
+        for part in sorted(self.parts, key=lambda part: (part.generation, part.part)):
+            if part.generation < generation and part.source != "fallback":
+                count = 0
+            elif part.generation < generation and part.rejected:
+                count += 1
+        return count
+
+    def announce(self, sent: Sent) -> None:
+        """Writes down that an attempt is about to be made."""
+        with self._lock:
+            self.sent.append(sent)
+            self._write({"line": "sent", **asdict(sent)})
+
+    def lost(self) -> list[Sent]:
+        """What was sent and never heard of again, e.g. because the process was killed."""
+        with self._lock:
+            heard = Counter((a.call, a.number) for a in self.attempts)
+            found = []
+            for sent in reversed(self.sent):  # of two with one number the later was heard of
+                if heard[sent.call, sent.number]:
+                    heard[sent.call, sent.number] -= 1
+                else:
+                    found.append(sent)
+        return found
 
     def add(self, attempt: Attempt) -> None:
         """Writes an attempt down before it returns."""
@@ -98,6 +141,12 @@ class Transcript:
                     self.start = line
                 elif kind == "system":
                     self._systems[line["sha256"]] = line["text"]
+                elif kind == "dialect":
+                    self.learnt = (line["generation"], line["dialect"])
+                elif kind == "sent":
+                    self.sent.append(
+                        Sent(Call(**line["call"]), line["number"], Usage(**line["at_most"]))
+                    )
                 elif kind == "attempt":
                     self.attempts.append(from_line(line, self._systems))
                 elif kind == "part":

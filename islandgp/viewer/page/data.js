@@ -131,5 +131,5 @@ function marks(low, high, wanted) {
 }
 
 // The times to write below an axis of `width` px: as many as there is room for.
-const times = width => marks(0, Math.max(episode.step, seconds(episode.ticks)), Math.min(12, width / 62));
+const times = width => marks(0, Math.max(episode.step, seconds(episode.ticks - 1)), Math.min(12, width / 62));
 const timeText = s => s.toLocaleString("en") + " s";

@@ -11,7 +11,6 @@ const scene = (() => {
   const view = {scale: 1, x: 0, y: 0, fitted: true, follow: false};
   const ground = document.createElement("canvas");  // what never changes, drawn once a view
   const robot = world.movers[world.movers.length - 1];  // the last one is on top, and followed
-  const START = [world.width / 2, world.height / 2];
   const LEAST = {fixed: world.fixed.length > 200 ? 2 : 5, item: 3.2, mover: 5, robot: 10};  // px of a thing's radius
   const hooks = {ready: () => {}};
   let groundOf = "", width = 1, height = 1;
@@ -114,7 +113,7 @@ const scene = (() => {
     c.fillText(text, x + r + 2, y);
   }
 
-  function draw1(c, thing, x, y, least, heading) {
+  function place(c, thing, x, y, least, heading) {
     const roomy = thing.text && thing.text.length <= 2 && FILLED.includes(thing.form.shape);
     const r = Math.max(roomy ? 6.5 : least, thing.size * view.scale);
     shape(c, thing.form, x, y, r, heading);
@@ -155,17 +154,17 @@ const scene = (() => {
     }
     if (!images.length) c.stroke();
     c.restore();
-    for (const thing of world.fixed) draw1(c, thing, ...screen(thing.x, thing.y), LEAST.fixed);
+    for (const thing of world.fixed) place(c, thing, ...screen(thing.x, thing.y), LEAST.fixed);
   }
 
   function drawFrame(c, tick) {
     const image = images[world.shown.at(tick)];
     if (!image || !image.complete || !image.naturalWidth) return;
     const s = Math.min(world.width / image.naturalWidth, world.height / image.naturalHeight) * view.scale;
-    const [x, y] = screen(...START), [w, h] = [image.naturalWidth * s, image.naturalHeight * s];
+    const [x, y] = screen(world.width / 2, world.height / 2);
+    const [w, h] = [image.naturalWidth * s, image.naturalHeight * s];
     c.imageSmoothingEnabled = s < 1;
-    const [cx, cy] = world.width ? screen(world.width / 2, world.height / 2) : [x, y];
-    c.drawImage(image, cx - w / 2, cy - h / 2, w, h);
+    c.drawImage(image, x - w / 2, y - h / 2, w, h);
   }
 
   // The robot's way so far: all of it thin, the last part thicker.
@@ -199,7 +198,7 @@ const scene = (() => {
   function drawMovers(c, tick) {
     for (const mover of world.movers) {
       const look = mover.look(Math.floor(tick)), [x, y] = screen(...placeAt(mover.way, tick));
-      draw1(c, look, x, y, mover === robot ? LEAST.robot : LEAST.mover, headingAt(mover.way, tick));
+      place(c, look, x, y, mover === robot ? LEAST.robot : LEAST.mover, headingAt(mover.way, tick));
     }
   }
 
@@ -240,7 +239,7 @@ const scene = (() => {
     if (robot) drawPath(c, tick);
     const now = Math.floor(tick);
     for (const item of world.items) {
-      if (item.from <= now && now < item.to) draw1(c, item, ...screen(item.x, item.y), LEAST.item);
+      if (item.from <= now && now < item.to) place(c, item, ...screen(item.x, item.y), LEAST.item);
     }
     drawMovers(c, tick);
     drawCredits(c, tick, window);

@@ -3,16 +3,17 @@ const timeline = (() => {
   const canvas = document.getElementById("timeline"), backdrop = document.createElement("canvas");
   const FONT = 'system-ui, "DejaVu Sans", sans-serif';
   const names = [...new Set(episode.nodes.filter(node => node.kind === "action").map(node => node.label))];
-  const RIGHT = 18, BOTTOM = 18, LANE = 12.5;  // px
+  const RIGHT = 18, BOTTOM = 18, LANE = [12.5, 26], BOX = 80;  // px
   const span = Math.max(1, episode.ticks - 1);
   let drawnFor = "", width = 1, height = 1, left = 10;
   const x = tick => left + (width - left - RIGHT) * tick / span;
 
   // A lane is high enough for its name; very many of them scroll.
   function room() {
-    const high = names.length * LANE + BOTTOM;
-    canvas.style.height = high + "px";
-    canvas.parentElement.style.height = Math.max(70, Math.min(high, innerHeight * 0.3)) + "px";
+    const [high, most] = LANE.map(lane => names.length * lane + BOTTOM);
+    const wanted = Math.max(high, Math.min(most, BOX));
+    canvas.style.height = wanted + "px";
+    canvas.parentElement.style.height = Math.max(Math.min(wanted, BOX), Math.min(wanted, innerHeight * 0.3)) + "px";
   }
 
   function drawBackdrop(ratio) {

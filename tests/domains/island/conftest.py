@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import pytest
 
 from islandgp.domains.island import state
-from islandgp.domains.island.script import Circle, Script, Spawn, Turn
+from islandgp.domains.island.schedule import Circle, Script, Spawn, Turn
 from islandgp.domains.island.world import FAR
 
 Lay = Callable[..., None]

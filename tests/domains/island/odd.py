@@ -8,7 +8,7 @@ from hypothesis import assume
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from islandgp.domains.island.script import obstacles
+from islandgp.domains.island.schedule import obstacles
 from islandgp.domains.island.world import World
 from islandgp.errors import ConfigError
 from tests.domains.island.days import world

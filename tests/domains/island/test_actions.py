@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 
 from islandgp.domains.island.journal import Event
-from islandgp.domains.island.script import Turn
+from islandgp.domains.island.schedule import Turn
 from islandgp.domains.island.world import World
 from tests.domains.island.conftest import Lay
 from tests.domains.island.days import day, world

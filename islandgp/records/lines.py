@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from islandgp.errors import RunError
-from islandgp.evolution.checkpoint import dump, write_atomic
+from islandgp.records.checkpoint import dump, write_atomic
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,18 +17,20 @@ from typing import Any, Final
 from hydra.core.override_parser.types import Quote, QuotedString
 from omegaconf import DictConfig
 
-from islandgp.compose import Planned, is_choice
+from islandgp.config.compose import Planned, is_choice
 from islandgp.errors import ConfigError, RunError
-from islandgp.joblib_workers import tie_joblib_workers
-from islandgp.printing import say
-from islandgp.resume import choose, differences
-from islandgp.sweep_job import sweep_job
-from islandgp.sweep_progress import Start, Watch
-from islandgp.tracking.brief import brief
-from islandgp.tracking.folder import RunFolder, Status
-from islandgp.tracking.parameters import redacted, shape
+from islandgp.records.brief import brief
+from islandgp.records.checkpoint import remove_leftovers
+from islandgp.records.folder import RunFolder, Status
+from islandgp.records.parameters import redacted, shape, without_credentials
+from islandgp.records.sweep_folder import SweepFolder, SweepJob
+from islandgp.running.joblib_workers import tie_joblib_workers
+from islandgp.running.printing import say
+from islandgp.running.report import MOSTLY_FALLBACK, is_mostly_fallback
+from islandgp.running.resume import choose, differences
+from islandgp.running.sweep_job import sweep_job
+from islandgp.running.sweep_progress import Start, Watch
 from islandgp.tracking.summary import arm_lines, arms
-from islandgp.tracking.sweep_folder import SweepFolder, SweepJob
 
 Launch = Callable[[Callable[[DictConfig], None], list[str]], None]
 """Hands a job function to Hydra, with overrides besides the command's own."""
@@ -38,7 +40,9 @@ LAUNCHES: Final = 3  # starts of a launcher that breaks down, the first one incl
 
 
 def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
-    """Runs the jobs; returns the exit code: 0, 1 when jobs failed, 130 after Ctrl-C.
+    """Runs the jobs; returns the exit code.
+
+    0: all is done; 1: jobs failed; 3: a fallback gave too many answers; 130: Ctrl-C.
 
     Raises:
         ConfigError: two jobs are the same run, or would share a folder.
@@ -50,6 +54,7 @@ def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
         for sweep, own in entries.items():
             sweep.open(command, list(own.values()))
             stack.callback(sweep.close)
+            remove_leftovers(sweep.path, "sweep.json.*")
         try:
             _launch_all(jobs, entries, launch)
         except KeyboardInterrupt:
@@ -65,7 +70,7 @@ def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
     if interrupted:
         print("islandgp: stopped; the same command goes on from here", file=sys.stderr)
         return 130
-    return _report_unfinished(entries)
+    return _report_unfinished(entries) or _report_fallbacks(entries)
 
 
 Entries = dict[SweepFolder, dict[Path, SweepJob]]
@@ -118,7 +123,7 @@ def _entry(job: Planned) -> SweepJob:
         folder=folder.path.name,
         supervisor=job.settings.supervisor.name,
         seed=job.settings.seed,
-        choices=tuple(o for o in job.overrides if is_choice(o)),
+        choices=tuple(without_credentials(o) for o in job.overrides if is_choice(o)),
         generations=job.settings.gp.generations,
         command=job.command,
     )
@@ -221,3 +226,15 @@ def _report_unfinished(entries: Entries) -> int:
             print(f"    error:  {run.path / 'error.txt'}", file=sys.stderr)
         print(f"    again:  {job.command}", file=sys.stderr)
     return 1
+
+
+def _report_fallbacks(entries: Entries) -> int:
+    """Lists each job in which a language model's fallback gave too many of the answers."""
+    runs = [sweep.run(job) for sweep, own in entries.items() for job in own.values()]
+    bad = [run for run in runs if is_mostly_fallback(run.summary())]
+    if not bad:
+        return 0
+    print(f"\nislandgp: in {len(bad)} of {len(runs)} jobs {MOSTLY_FALLBACK}", file=sys.stderr)
+    for run in bad:
+        print(f"  {run.path.name}", file=sys.stderr)
+    return 3

@@ -26,7 +26,7 @@ from islandgp.errors import ConfigError
 from islandgp.evolution.allocation import Allocation
 from islandgp.evolution.plan import GP, Plan, Switches
 from islandgp.evolution.random_trees import check_growth
-from islandgp.part import Part, Plugin, blaming, path_of
+from islandgp.plugin import Part, Plugin, blaming, path_of
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.scoring.rewards import RewardTable

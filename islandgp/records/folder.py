@@ -1,7 +1,7 @@
 """A run's own folder: the truth about the run, whatever becomes of a tracking server.
 
 config.yaml         the resolved configuration, secrets left out
-about.json          what the run is called and where it was started (About)
+about.json          what the run is called and where it was started (RunMetadata)
 generations.jsonl   one generation record a line (evolution.record.GenerationRecord)
 generations.sha256  a checksum for each of these lines (tracking.checksums)
 costs.jsonl         what each generation took, and when; differs from machine to machine
@@ -25,22 +25,23 @@ from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from time import time
-from typing import Any
+from typing import Any, Final
 
 from filelock import FileLock, Timeout
 
 from islandgp.errors import BusyError, IslandError, RunError
-from islandgp.evolution.checkpoint import (
+from islandgp.evolution.record import RunState, Step
+from islandgp.records.brief import brief
+from islandgp.records.checkpoint import (
     read_checkpoint,
+    remove_leftovers,
     save_state,
     snapshot,
     state_of,
     usable,
     write_atomic,
 )
-from islandgp.evolution.record import RunState, Step
-from islandgp.tracking.brief import brief
-from islandgp.tracking.checksums import (
+from islandgp.records.checksums import (
     append_digest,
     chained,
     digests,
@@ -48,8 +49,8 @@ from islandgp.tracking.checksums import (
     write_digests,
     wrong_record,
 )
-from islandgp.tracking.files import (
-    About,
+from islandgp.records.files import (
+    RunMetadata,
     check_summary,
     damaged,
     pretty,
@@ -57,8 +58,22 @@ from islandgp.tracking.files import (
     read_configuration,
     read_summary,
 )
-from islandgp.tracking.lineage import write_lineage
-from islandgp.tracking.lines import Lines
+from islandgp.records.lineage import write_lineage
+from islandgp.records.lines import Lines
+from islandgp.records.parameters import without_credentials
+
+OWN: Final = (
+    "about.json",
+    "config.yaml",
+    "generations.jsonl",
+    "generations.sha256",
+    "costs.jsonl",
+    "checkpoint.json",
+    "best.bt",
+    "summary.json",
+    "error.txt",
+)
+"""The files that only the process writes that holds the folder."""
 
 
 class Status(StrEnum):
@@ -83,7 +98,7 @@ class RunFolder:
         self._previous = path / "checkpoint.previous.json"
         self._digest = ""  # of the records that this object has found or written
 
-    def open(self, config: str, about: About) -> None:
+    def open(self, config: str, about: RunMetadata) -> None:
         """Takes the folder for this process and writes down whose it is.
 
         A run that is finished keeps what is written there.
@@ -94,6 +109,8 @@ class RunFolder:
         """
         with usable(self.path):
             self._take()
+            for name in OWN:
+                remove_leftovers(self.path, f"{name}.*")
             if self.finished():
                 return
             write_atomic(self.path / "about.json", pretty(asdict(about)))
@@ -123,7 +140,7 @@ class RunFolder:
         text = f"{error}\n\n{trace}" if isinstance(error, IslandError) else trace
         with suppress(OSError):
             self.path.mkdir(parents=True, exist_ok=True)
-            write_atomic(self.path / "error.txt", text.encode())
+            write_atomic(self.path / "error.txt", without_credentials(text).encode())
 
     def error(self) -> str:
         """Why the run failed, or ""."""
@@ -143,7 +160,7 @@ class RunFolder:
             return Status.RUNNING
         return Status.FAILED if self.error() else Status.KILLED
 
-    def about(self) -> About | None:
+    def about(self) -> RunMetadata | None:
         """As `read_about`."""
         return read_about(self.path / "about.json")
 

@@ -19,12 +19,12 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
-from islandgp.config_source import Source
+from islandgp.config.errors import MISTAKES, explain, parsed, unresolved
+from islandgp.config.settings import Settings, read_settings
+from islandgp.config.sources import Source
 from islandgp.errors import ConfigError
-from islandgp.mistakes import MISTAKES, explain, parsed, unresolved
-from islandgp.settings import Settings, read_settings
-from islandgp.tracking.digest import ending_in_digest
-from islandgp.tracking.parameters import HIDDEN, MACHINERY, is_secret
+from islandgp.records.digest import ending_in_digest
+from islandgp.records.parameters import HIDDEN, MACHINERY, is_secret, without_credentials
 
 NOT_IN_FOLDER: Final = MACHINERY | {
     "hydra",
@@ -116,7 +116,7 @@ def is_choice(override: str) -> bool:
 def command_line(words: Sequence[str]) -> str:
     """The command for a shell, secrets hidden."""
     shown = [f"{w.partition('=')[0]}={HIDDEN}" if is_secret(_key(w)) else w for w in words]
-    return shlex.join(["python", "-m", "islandgp", *shown])
+    return shlex.join(["python", "-m", "islandgp", *map(without_credentials, shown)])
 
 
 def _key(override: str) -> str:

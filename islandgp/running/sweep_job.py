@@ -11,14 +11,14 @@ from typing import Any, Final
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from islandgp.compose import read, run_folder
+from islandgp.config.compose import read, run_folder
+from islandgp.config.settings import Settings
 from islandgp.errors import BusyError
 from islandgp.evaluation.processes import cores
-from islandgp.part import Part
-from islandgp.printing import shown
-from islandgp.run import run
-from islandgp.settings import Settings
-from islandgp.sweep_progress import Start, job_line, sweep_line
+from islandgp.plugin import Part
+from islandgp.running.printing import shown
+from islandgp.running.run import run
+from islandgp.running.sweep_progress import Start, job_line, sweep_line
 
 ALONE: Final = frozenset({"BasicLauncher", "SlurmLauncher"})
 """Launchers whose jobs have a terminal, or a log, to themselves."""

@@ -11,7 +11,7 @@ import hashlib
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from islandgp.evolution.checkpoint import write_atomic
+from islandgp.records.checkpoint import write_atomic
 
 
 def chained(before: str, line: bytes) -> str:

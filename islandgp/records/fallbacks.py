@@ -19,6 +19,12 @@ def answers(records: Iterable[Mapping[str, Any]]) -> dict[str, int]:
     }
 
 
+def fallback_share(found: Mapping[str, int]) -> float:
+    """The share of the fallback in what `answers` counts; an answer in part counts half."""
+    total = found.get("total", 0)
+    return (found["fallback"] - found["in_part"] / 2) / total if total else 0.0
+
+
 def fallback_words(summaries: Iterable[Mapping[str, Any]]) -> str:
     """The same over some runs in words, "" where no answer was the fallback's."""
     found: Counter[str] = Counter()

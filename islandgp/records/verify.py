@@ -9,11 +9,11 @@ from enum import StrEnum
 from typing import Any
 
 from islandgp.errors import RunError
-from islandgp.evolution.checkpoint import read_checkpoint
-from islandgp.tracking.brief import brief
-from islandgp.tracking.checksums import digests, read_digests, wrong_record
-from islandgp.tracking.folder import RunFolder
-from islandgp.tracking.lines import Lines
+from islandgp.records.brief import brief
+from islandgp.records.checkpoint import read_checkpoint
+from islandgp.records.checksums import digests, read_digests, wrong_record
+from islandgp.records.folder import RunFolder
+from islandgp.records.lines import Lines
 
 
 class Verdict(StrEnum):
@@ -97,9 +97,9 @@ def _inconsistent(folder: RunFolder, records: Sequence[dict[str, Any]]) -> str:
         return "best.bt: it is missing; the run's command makes it again"
     if not folder.finished():
         return ""  # the best tree may be of a generation that is being written down
-    champion = max((i for r in records for i in r["individuals"]), key=lambda i: i["fitness"])
+    champion = folder.summary()["champion"]["record"]
+    if not any(champion == one for record in records for one in record["individuals"]):
+        return "summary.json: its champion is not one of the records' individuals"
     if file.read_text(encoding="utf-8") != champion["tree"]:
-        return "best.bt: it is not the tree with the highest fitness of the records"
-    if folder.summary()["champion"]["record"] != champion:
-        return "summary.json: its champion is not the best individual of the records"
+        return "best.bt: it is not the tree of the summary's champion"
     return ""

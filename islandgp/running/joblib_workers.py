@@ -6,7 +6,7 @@ import os
 from functools import partial
 from typing import Any
 
-from islandgp.parent_death import end_with_parent
+from islandgp.evaluation.parent_death import end_with_parent
 
 
 def tie_joblib_workers() -> None:

@@ -57,6 +57,15 @@ def write_atomic(path: Path, data: bytes, *, previous: Path | None = None) -> No
         raise
 
 
+def remove_leftovers(folder: Path, pattern: str = "*") -> None:
+    """Removes what `write_atomic` left of files when the machine stopped in the middle of it.
+
+    Only for the one process that may write them.
+    """
+    for file in folder.glob(f".{pattern}.tmp"):
+        file.unlink(missing_ok=True)
+
+
 def dump(value: Any) -> str:
     """JSON of dataclasses' plain dicts, the same bytes each time, on one line."""
     return json.dumps(value, separators=(",", ":"), ensure_ascii=False, allow_nan=False)

@@ -17,9 +17,9 @@ from uuid import uuid4
 from filelock import FileLock, Timeout
 
 from islandgp.errors import RunError
-from islandgp.evolution.checkpoint import usable, write_atomic
-from islandgp.tracking.brief import brief
-from islandgp.tracking.folder import RunFolder, Status, locked
+from islandgp.records.brief import brief
+from islandgp.records.checkpoint import usable, write_atomic
+from islandgp.records.folder import RunFolder, Status, locked
 
 
 @dataclass(frozen=True, slots=True)

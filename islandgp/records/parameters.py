@@ -12,11 +12,13 @@ MACHINERY: Final = frozenset({"evaluator", "tracking", "runs", "resume", "progre
 
 SECRET: Final = re.compile(r"(^|_)(api_?key|token|secret|password)$", re.IGNORECASE)
 HIDDEN: Final = "***"
+CREDENTIALS: Final = re.compile(r"(?<=://)[^/\s'\"]*@")
+"""A user's name and password in an address, with the sign behind them."""
 ALLOWED: Final = re.compile(r"[\w. :/-]+")  # names that MLflow takes; `<` is none
 
 
 def redacted(config: Mapping[str, Any]) -> dict[str, Any]:
-    """The same configuration with every secret's value hidden."""
+    """The same configuration with every secret's value hidden, and passwords in addresses."""
     return {str(key): _hidden(str(key), value) for key, value in config.items()}
 
 
@@ -28,7 +30,16 @@ def shape(config: Mapping[str, Any]) -> dict[str, Any]:
 def _hidden(key: str, value: Any) -> Any:
     if isinstance(value, Mapping):
         return redacted(value)
-    return HIDDEN if value and SECRET.search(key) else value
+    if value and SECRET.search(key):
+        return HIDDEN
+    if isinstance(value, list | tuple):
+        return [_hidden(key, item) for item in value]
+    return without_credentials(value) if isinstance(value, str) else value
+
+
+def without_credentials(text: str) -> str:
+    """The text with the user's name and password hidden in every address: `http://***@server`."""
+    return CREDENTIALS.sub(f"{HIDDEN}@", text)
 
 
 def is_secret(key: str) -> bool:

@@ -10,11 +10,11 @@ from threading import Event, Thread
 from time import time
 from typing import Final, Literal, Self
 
-from islandgp.progress import duration
+from islandgp.records.files import score
+from islandgp.records.folder import RunFolder, Status
+from islandgp.records.sweep_folder import SweepJob
+from islandgp.running.progress import duration
 from islandgp.supervision.state_json import title
-from islandgp.tracking.files import score
-from islandgp.tracking.folder import RunFolder, Status
-from islandgp.tracking.sweep_folder import SweepJob
 
 PERIOD: Final = 1.0  # s between two looks
 

@@ -10,21 +10,21 @@ from time import time
 from typing import Any
 from uuid import uuid4
 
-from islandgp.settings import Settings
-from islandgp.tracking.files import About
-from islandgp.tracking.folder import RunFolder
-from islandgp.tracking.parameters import shape
+from islandgp.config.settings import Settings
+from islandgp.records.files import RunMetadata
+from islandgp.records.folder import RunFolder
+from islandgp.records.parameters import shape
 from islandgp.version import code_version
 
 
 def about_run(
     settings: Settings, config: Mapping[str, Any], target: RunFolder, home: Path, command: str
-) -> About:
+) -> RunMetadata:
     """The same id and start as before, where a run goes on."""
     before = target.about()
     shaping = shape(config)
     alike = {key: value for key, value in shaping.items() if key not in {"seed", "name"}}
-    return About(
+    return RunMetadata(
         id=before.id if before else uuid4().hex,
         title=target.path.name,
         home=str(home),

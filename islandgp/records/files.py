@@ -11,16 +11,16 @@ from typing import Any, Final
 import yaml
 
 from islandgp.errors import RunError
-from islandgp.evolution.checkpoint import usable
-from islandgp.tracking.brief import brief
+from islandgp.records.brief import brief
+from islandgp.records.checkpoint import usable
 
 SUMMARY: Final = frozenset({"champion", "first", "mean_diversity", "generations", "seconds"})
 """What summary.json holds for those who read it."""
 
 
 @dataclass(frozen=True, slots=True)
-class About:
-    """What nobody can tell from a run's configuration."""
+class RunMetadata:
+    """Identity and provenance of a run."""
 
     id: str  # unique; the same after each resumption
     title: str  # what people call the run
@@ -31,14 +31,16 @@ class About:
     tags: dict[str, str]
 
 
-def read_about(file: Path) -> About | None:
+def read_about(file: Path) -> RunMetadata | None:
     """What was written down at the start; None if there was no start.
 
     Raises:
         RunError: the file is damaged, or of another version.
     """
     try:
-        return About(**json.loads(file.read_text(encoding="utf-8"))) if file.exists() else None
+        return (
+            RunMetadata(**json.loads(file.read_text(encoding="utf-8"))) if file.exists() else None
+        )
     except (ValueError, TypeError) as error:
         raise damaged("what a run says of itself", file, brief(error)) from error
 

@@ -7,34 +7,42 @@ import json
 import sys
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from islandgp.about import about_run
 from islandgp.bt.language import parse, to_text
+from islandgp.config.settings import Settings
 from islandgp.domain import Domain
 from islandgp.errors import ConfigError
 from islandgp.evaluation.base import Evaluator, Setting
 from islandgp.evaluation.cache import Cached
-from islandgp.evolution.checkpoint import write_atomic
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import Champion, Step
 from islandgp.evolution.single_behaviours import single_behaviours
 from islandgp.evolution.validation import Best, Validation, candidates, validate
 from islandgp.evolution.validation import worlds_of as validation_worlds
-from islandgp.part import blaming, path_of
-from islandgp.progress import Progress
-from islandgp.report import report, summary
-from islandgp.resume import choose
-from islandgp.settings import Settings
+from islandgp.plugin import blaming, path_of
+from islandgp.records.checkpoint import write_atomic
+from islandgp.records.folder import RunFolder, Status
+from islandgp.records.parameters import redacted
+from islandgp.running.about import about_run
+from islandgp.running.progress import Progress
+from islandgp.running.report import is_mostly_fallback, report, summary
+from islandgp.running.resume import choose
 from islandgp.supervision.base import Service, Setup, Supervisor
 from islandgp.supervision.library import Library, library_folder, read_library, read_tree
 from islandgp.tracking.base import Tracker
-from islandgp.tracking.folder import RunFolder, Status
-from islandgp.tracking.parameters import redacted
+
+
+@dataclass(frozen=True, slots=True)
+class End:
+    """How a finished run ended."""
+
+    text: str  # what it came to, for people
+    mostly_fallback: bool  # its fallback gave more of the answers than its settings allow
 
 
 def setup_of(settings: Settings, domain: Domain, folder: Path | None) -> Setup:
@@ -136,8 +144,8 @@ def run(
     home: Path,
     command: str = "",
     keep_display: bool = True,
-) -> str:
-    """Runs an experiment, or what is missing of it, in `folder`; returns the summary text.
+) -> End:
+    """Runs an experiment, or what is missing of it, in `folder`.
 
     `config` is the resolved configuration that `settings` were read from, `home` the
     folder in which the command was given, and `command` does the run again. The live
@@ -161,16 +169,21 @@ def run(
         where = _tracked(settings, target, supervisor, tracker, keep_display)
     finally:
         target.close()
-    return f"{report(target)}\n{where}".rstrip()
+    return _end(target, where)
 
 
-def _complete(target: RunFolder, tracker: Tracker) -> str:
+def _end(target: RunFolder, *more: str) -> End:
+    text = "\n".join((report(target), *more)).rstrip()
+    return End(text, is_mostly_fallback(target.summary()))
+
+
+def _complete(target: RunFolder, tracker: Tracker) -> End:
     """A finished run as it is; the tracker sends what is missing of it."""
     target.restore()
     tracker.start(target)
     where = tracker.finish(Status.FINISHED)
     again = "This run was complete already; resume=never runs it again."
-    return f"{report(target)}\n{again}\n{where}".rstrip()
+    return _end(target, again, where)
 
 
 def _tracked(
@@ -241,7 +254,8 @@ def _evolve(
     finally:
         steps.close()  # now, and not when the interpreter ends
         evaluator.close()
-    target.finish(summary(target, fittest, best, settings.classes.milestones))
+    most = settings.supervisor.policy.get("most_fallback")  # None: a supervisor without a fallback
+    target.finish(summary(target, fittest, best, settings.classes.milestones, most))
 
 
 def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> Best:

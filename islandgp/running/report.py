@@ -4,19 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Final
 
 from islandgp.evolution.record import Champion
 from islandgp.evolution.validation import Best
+from islandgp.records.fallbacks import answers, fallback_share
+from islandgp.records.folder import RunFolder
 from islandgp.supervision.state_json import title
-from islandgp.tracking.fallbacks import answers, fallback_words
-from islandgp.tracking.folder import RunFolder
+
+MOSTLY_FALLBACK: Final = (
+    "expected the language model to supervise, found that the fallback gave more of the answers"
+    " than supervisor.policy.most_fallback allows: this is a run of the fallback. The record's"
+    " notes tell why; mend that and run again with resume=never, or raise most_fallback."
+)
 
 
 def summary(
-    target: RunFolder, fittest: Champion, best: Best, milestones: Sequence[str]
+    target: RunFolder,
+    fittest: Champion,
+    best: Best,
+    milestones: Sequence[str],
+    most_fallback: float | None = None,
 ) -> dict[str, Any]:
-    """What a run came to, from its records; `seconds` are those spent in its generations."""
+    """What a run came to, from its records; `seconds` are those spent in its generations.
+
+    `most_fallback` is the largest share of the fallback's answers that is in order, None: any.
+    """
+    given = answers(target.records())
     first: dict[str, int | None] = dict.fromkeys(milestones)
     snapshots = [record["snapshot"] for record in target.records()]
     seconds = (c["evaluation"] + c["supervision"] + c["operators"] for c in target.costs())
@@ -34,7 +48,8 @@ def summary(
         "final_mean": snapshots[-1]["mean"],
         "mean_diversity": sum(s["diversity"] for s in snapshots) / len(snapshots),
         "generations": len(snapshots),
-        "answers": answers(target.records()),
+        "answers": given,
+        "mostly_fallback": most_fallback is not None and fallback_share(given) > most_fallback,
         "seconds": round(sum(seconds), 3),
     }
 
@@ -45,7 +60,6 @@ def report(target: RunFolder) -> str:
     best = s["champion"]["record"]
     parts = sorted(best["components"].items(), key=lambda part: -abs(part[1]))
     came_from = ", ".join(f"{name} {points:+,.0f}" for name, points in parts if points)
-    fallback = fallback_words([s])
     first = [
         f"first {title(tier)} Robot: {'never' if g is None else f'generation {g}'}"
         for tier, g in s["first"].items()
@@ -57,13 +71,43 @@ def report(target: RunFolder) -> str:
             f"Highest fitness in training: {s['fittest']['record']['fitness']:,.0f} in generation"
             f" {s['fittest']['generation']}",
             _sentence("; ".join(first)),
-            *([f"Supervision: {fallback} answers were the fallback's"] if fallback else []),
+            *_supervision(target, s.get("answers", {})),
             f"Results: {target.path}",
             "",
             best["tree"].rstrip(),
             "",
         )
     )
+
+
+def is_mostly_fallback(summary: Mapping[str, Any]) -> bool:
+    """Whether a finished run relied on its fallback more than its settings allow."""
+    return bool(summary.get("mostly_fallback"))  # a run of an older version lacks it
+
+
+def _supervision(target: RunFolder, given: Mapping[str, int]) -> Iterator[str]:
+    """Whose answers guided the run, and what a language model's took."""
+    if given.get("fallback"):
+        part = f", {given['in_part']:,} of them in part" if given["in_part"] else ""
+        share = f"{given['fallback']:,} of {given['total']:,}"
+        yield f"Supervision: {share} answers were the fallback's{part}"
+    spent: Mapping[str, float] = {}
+    for cost in target.costs():
+        spent = cost["llm"]
+    if spent.get("requests"):
+        tokens = f"{spent['input_tokens']:,.0f} tokens in, {spent['output_tokens']:,.0f} out"
+        yield (
+            f"Language model: {1 - fallback_share(given):.0%} of the answers,"
+            f" {spent['requests']:,.0f} requests, {tokens}, {_dollars(spent)}"
+        )
+
+
+def _dollars(spent: Mapping[str, float]) -> str:
+    if "cost_usd" not in spent:
+        return "at an unknown price"
+    known, most = spent["cost_usd"], spent["cost_usd_at_most"]
+    more = f" (at most ${most:,.4f}: some answers were lost)" if spent["uncounted_requests"] else ""
+    return f"${known:,.4f}{more}"
 
 
 def validated(champion: Mapping[str, Any]) -> Iterator[str]:

@@ -21,10 +21,10 @@ from hydra.errors import HydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from islandgp.config_source import Source
+from islandgp.config.settings import unknown_key
+from islandgp.config.sources import Source
 from islandgp.errors import ConfigError
-from islandgp.settings import unknown_key
-from islandgp.tracking.parameters import HIDDEN, flatten, is_secret
+from islandgp.records.parameters import HIDDEN, flatten, is_secret
 
 MISTAKES: Final = (
     HydraException,

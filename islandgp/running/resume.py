@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from islandgp.errors import RunError
-from islandgp.tracking.folder import RunFolder
-from islandgp.tracking.parameters import MACHINERY
+from islandgp.records.folder import RunFolder
+from islandgp.records.parameters import MACHINERY
 
 AGAIN: Final = "~"
 """Before the number of a run that is made anew; no folder that a configuration names holds it."""

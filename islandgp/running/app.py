@@ -21,26 +21,28 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
 from omegaconf import DictConfig
 
-from islandgp.api_key import NONE, key_in, without_key
-from islandgp.compose import Planned, command_line, planned, read, run_folder
-from islandgp.config_source import Source
+from islandgp.config.api_key import NONE, key_in, without_key
+from islandgp.config.compose import Planned, command_line, planned, read, run_folder
+from islandgp.config.errors import MISTAKES, explain, parsed
+from islandgp.config.sources import Source
 from islandgp.errors import ConfigError, IslandError, PartError
-from islandgp.mistakes import MISTAKES, explain, parsed
-from islandgp.printing import printed, say, shown
+from islandgp.records.brief import brief
+from islandgp.records.folder import RunFolder
+from islandgp.records.parameters import redacted, without_credentials
 from islandgp.resources import resource
-from islandgp.resume import choose
-from islandgp.run import check_ready, run
-from islandgp.stopping import as_ctrl_c
-from islandgp.sweep import run_sweep
-from islandgp.tracking.brief import brief
-from islandgp.tracking.folder import RunFolder
-from islandgp.tracking.parameters import redacted
+from islandgp.running.printing import printed, say, shown
+from islandgp.running.report import MOSTLY_FALLBACK
+from islandgp.running.resume import choose
+from islandgp.running.run import End, check_ready, run
+from islandgp.running.stopping import as_ctrl_c
+from islandgp.running.sweep import run_sweep
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command line; returns the exit code.
 
-    0: all is done; 1: a job failed; 2: the user's error; 130: stopped by Ctrl-C or SIGTERM.
+    0: all is done; 1: a job failed; 2: the user's error; 3: all is done, but a language model's
+    fallback gave more of the answers than allowed; 130: stopped by Ctrl-C or SIGTERM.
     """
     with shown():
         return _main(arguments)
@@ -71,13 +73,13 @@ def _main(arguments: Sequence[str] | None) -> int:
                     command_line(words),
                     lambda job, extra: _start([*extra, *words], job),
                 )
-            _run_single(words)
+            return _run_single(words)
     except PartError as error:
         traceback.print_exception(error.__cause__)
-        print(f"islandgp: {error}", file=sys.stderr)
+        print(f"islandgp: {without_credentials(str(error))}", file=sys.stderr)
         return 2
     except IslandError as error:
-        print(f"islandgp: {error}", file=sys.stderr)
+        print(f"islandgp: {without_credentials(str(error))}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("islandgp: stopped; the same command goes on from here", file=sys.stderr)
@@ -86,7 +88,6 @@ def _main(arguments: Sequence[str] | None) -> int:
         traceback.print_exc()
         print("islandgp: this is a fault of the program; what the run has is kept", file=sys.stderr)
         return 1
-    return 0
 
 
 def _must_be_somewhere() -> None:
@@ -144,14 +145,15 @@ def _parsed(words: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
     return args, [*args.overrides, *options]
 
 
-def _run_single(words: Sequence[str]) -> None:
-    """The only job of a command.
+def _run_single(words: Sequence[str]) -> int:
+    """The only job of a command; returns the exit code.
 
     Raises:
         ConfigError: Hydra cannot start it.
         Exception: what the run raises.
     """
     errors: list[Exception] = []
+    ends: list[End] = []
     begun = False
 
     def job(config: DictConfig) -> None:
@@ -162,7 +164,9 @@ def _run_single(words: Sequence[str]) -> None:
         home, overrides = Path(found.runtime.cwd), list(found.overrides.task)
         folder = run_folder(settings, overrides, home)
         try:
-            say(run(settings, plain, folder, home=home, command=command_line(words)))
+            end = run(settings, plain, folder, home=home, command=command_line(words))
+            ends.append(end)
+            say(end.text)
         except Exception as error:  # Hydra would print the overrides, and any secret in them
             errors.append(error)
 
@@ -177,3 +181,7 @@ def _run_single(words: Sequence[str]) -> None:
         ) from None
     if errors:
         raise errors[0]
+    if any(end.mostly_fallback for end in ends):
+        print(f"islandgp: {MOSTLY_FALLBACK}", file=sys.stderr)
+        return 3
+    return 0

@@ -8,7 +8,8 @@ can mend its answer by.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterator, Mapping
+import re
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Final, Generic, Literal, TypeAlias, TypeVar
@@ -32,7 +33,13 @@ from islandgp.supervision.llm.answers import (
 from islandgp.supervision.llm.message import SANE, Reply, clean
 
 T = TypeVar("T")
-_CANDIDATES: Final = 20  # places of a text where a JSON object is looked for
+Reading = Literal["first", "last"]
+"""Which JSON object of an answer counts; "first" is how older transcripts were read."""
+
+_CANDIDATES: Final = 2000  # places of a text where a JSON object is looked for
+_FIRST_CANDIDATES: Final = 20  # the same for "first"
+_THINKING: Final = re.compile(r"<(think(?:ing)?)>.*?(?:</\1>|\Z)", re.DOTALL | re.IGNORECASE)
+_THOUGHT: Final = re.compile(r"</think(?:ing)?>", re.IGNORECASE)
 
 
 class Stage(StrEnum):
@@ -80,11 +87,11 @@ class RateSettings(BaseModel, frozen=True, extra="forbid"):
         return self
 
 
-def check_decision(rates: RateSettings) -> Check[Decision]:
+def check_decision(rates: RateSettings, reading: Reading = "last") -> Check[Decision]:
     """The funnel of decisions."""
 
     def check(reply: Reply) -> Accepted[Decision] | Rejection:
-        found = _fields(reply, DECISION)
+        found = _fields(reply, DECISION, reading)
         if isinstance(found, Rejection):
             return found
         asked = float(found["mutation_rate"])
@@ -112,13 +119,13 @@ def check_decision(rates: RateSettings) -> Check[Decision]:
 
 
 def check_proposal(
-    limits: Limits, vocabulary: Vocabulary, targets: tuple[str, ...]
+    limits: Limits, vocabulary: Vocabulary, targets: tuple[str, ...], reading: Reading = "last"
 ) -> Check[Proposal]:
     """The funnel of trees."""
     shape = proposal_shape(targets)
 
     def check(reply: Reply) -> Accepted[Proposal] | Rejection:
-        found = _fields(reply, shape)
+        found = _fields(reply, shape, reading)
         if isinstance(found, Rejection):
             return found
         try:
@@ -135,18 +142,37 @@ def check_proposal(
     return check
 
 
-def _fields(reply: Reply, shape: Mapping[str, FieldType]) -> dict[str, Any] | Rejection:
+def _fields(
+    reply: Reply, shape: Mapping[str, FieldType], reading: Reading
+) -> dict[str, Any] | Rejection:
     """The answer's JSON object, with every field of the right type."""
-    if reply.stop_reason == "refusal" or not reply.text.strip():
-        why = "the model refused to answer" if reply.stop_reason == "refusal" else "no text"
-        return Rejection(Stage.REFUSED, why)
-    found = find_object(reply.text, shape)
-    if found is None:
+    if reply.stop_reason == "refusal":
+        return Rejection(Stage.REFUSED, "the model refused to answer")
+    if not reply.text.strip():
+        return _no_text(reply, reading)
+    found = find_object(reply.text, shape, reading)
+    if found is None or (reading == "last" and _cut_off(reply)):
         return Rejection(Stage.JSON, _no_json(reply))
     if wrong := faults(found, shape):
         return Rejection(Stage.FIELDS, "\n".join(wrong))
     # JSON inside a text can spell characters that the text itself could not have.
     return {key: clean(value) if isinstance(value, str) else value for key, value in found.items()}
+
+
+def _no_text(reply: Reply, reading: Reading) -> Rejection:
+    """Nothing was said; a model that ran out of tokens while it was thinking may still say it."""
+    if reply.stop_reason == "max_tokens" and reading == "last":
+        return Rejection(
+            Stage.JSON,
+            "Expected one JSON object, found an answer that was cut off before its first word;"
+            " think much less.",
+        )
+    return Rejection(Stage.REFUSED, "no text")
+
+
+def _cut_off(reply: Reply) -> bool:
+    """Whether another JSON object was begun when the tokens ran out: those before are drafts."""
+    return reply.stop_reason == "max_tokens" and "{" in _objects(reply.text)[1]
 
 
 def _no_json(reply: Reply) -> str:
@@ -155,31 +181,58 @@ def _no_json(reply: Reply) -> str:
     return "Expected one JSON object, found none that can be read."
 
 
-def find_object(text: str, fields: Collection[str]) -> dict[str, Any] | None:
-    """The first JSON object in a text that has one of the fields, else the first of all.
+def find_object(
+    text: str, fields: Collection[str], reading: Reading = "last"
+) -> dict[str, Any] | None:
+    """The last JSON object in a text that has all of the fields, else any of them, else the last.
 
-    It may stand between other words, as in the answers of servers that take no schema.
+    It may stand between other words, as in the answers of servers that take no schema:
+    drafts come before it, and what stands inside `<think>` is none of the answer.
     """
     if len(text) > SANE:
         return None
+    if reading == "first":
+        return _first_object(text, fields)
+    found, _ = _objects(text)
+    whole = [value for value in found if all(field in value for field in fields)]
+    some = [value for value in found if any(field in value for field in fields)]
+    return next((values[-1] for values in (whole, some, found) if values), None)
+
+
+def _objects(text: str) -> tuple[list[dict[str, Any]], str]:
+    """The JSON objects of an answer that are in no other one, and the text after the last."""
+    text = _THINKING.sub(" ", text)
+    text = _THOUGHT.split(text)[-1]  # some servers leave the opening tag out
+    decoder = json.JSONDecoder(strict=False)  # line breaks inside a text do no harm
+    found: list[dict[str, Any]] = []
+    end, at = 0, text.find("{")
+    for _ in range(_CANDIDATES):
+        if at < 0:
+            break
+        try:
+            value, end = decoder.raw_decode(text, at)
+        except (ValueError, RecursionError):
+            at = text.find("{", at + 1)
+        else:
+            found.append(value)
+            at = text.find("{", end)
+    return found, text[end:]
+
+
+def _first_object(text: str, fields: Collection[str]) -> dict[str, Any] | None:
+    """How transcripts were read whose dialect does not say so: the first object that fits."""
     decoder = json.JSONDecoder()
     other: dict[str, Any] | None = None
-    for start in _braces(text):
-        try:
-            found, _ = decoder.raw_decode(text, start)
-        except (ValueError, RecursionError):
-            continue
-        if isinstance(found, dict):
-            if any(field in found for field in fields):
-                return found
-            other = other or found
-    return other
-
-
-def _braces(text: str) -> Iterator[int]:
     at = -1
-    for _ in range(_CANDIDATES):
+    for _ in range(_FIRST_CANDIDATES):
         at = text.find("{", at + 1)
         if at < 0:
-            return
-        yield at
+            break
+        try:
+            found, _ = decoder.raw_decode(text, at)
+        except (ValueError, RecursionError):
+            continue
+        if any(field in found for field in fields):
+            return dict(found)
+        other = other or found
+    return other

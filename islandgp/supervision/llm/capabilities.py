@@ -1,0 +1,142 @@
+"""The probe at a run's start: how the server wants to be asked.
+
+It asks for a greeting in plain words and at the same time for a JSON schema.
+A server that answers with JSON keeps to schemas; one that greets does not know
+them. What a server refuses is left out the next time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Final
+
+from islandgp.errors import SupervisionError
+from islandgp.supervision.llm.attempt import Call
+from islandgp.supervision.llm.calls import Calls
+from islandgp.supervision.llm.message import TRANSIENT, Failure, FailureKind, Reply, Request
+from islandgp.supervision.llm.settings import LLMSettings
+from islandgp.supervision.llm.transcript import Transcript
+from islandgp.supervision.llm.validation import Reading, find_object
+
+_SYSTEM: Final = "Answer in one short sentence."
+_QUESTION: Final = "Please greet me."
+_SCHEMA: Final[dict[str, Any]] = {
+    "type": "object",
+    "properties": {"greeting": {"type": "string"}},
+    "required": ["greeting"],
+    "additionalProperties": False,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect:
+    """How requests are made."""
+
+    structured: bool  # with a JSON schema; else a JSON object is looked for in the text
+    temperature: float | None  # None: not sent
+    note: str  # one line for people: what the probe found
+    reading: Reading = "first"  # which JSON object of a text counts; older transcripts lack it
+
+    def __str__(self) -> str:
+        output = "structured output" if self.structured else "JSON found in text"
+        heat = "no temperature" if self.temperature is None else f"temperature {self.temperature:g}"
+        return f"{output}, {heat} ({self.note})"
+
+
+class Dialects:
+    """How the server wants to be asked, from the generation on in which it said so.
+
+    What a probe learns from a server that is busy is nothing: the next generation probes again.
+    """
+
+    def __init__(self, settings: LLMSettings, transcript: Transcript, calls: Calls) -> None:
+        self.settings, self.transcript, self.calls = settings, transcript, calls
+
+    def start(self) -> Dialect | Failure:
+        """The dialect at a run's start, from the transcript or by a probe."""
+        if self.transcript.start is not None:
+            known = self._known(self.transcript.learnt[0] if self.transcript.learnt else 0)
+            return known or Failure(FailureKind.OVERLOADED, "none when the run was stopped")
+        return find_dialect(self.calls, self.settings)
+
+    def at(self, generation: int) -> Dialect | Failure:
+        """The dialect for a generation's questions; a failure where there is still no answer.
+
+        Raises:
+            SupervisionError: as `find_dialect`.
+        """
+        if (known := self._known(generation)) is not None:
+            return known
+        found = find_dialect(self.calls, self.settings, generation)
+        if isinstance(found, Dialect) and self.transcript.learnt is None:
+            self.calls.learn(generation, asdict(found))
+        return found
+
+    def _known(self, generation: int) -> Dialect | None:
+        start, learnt = self.transcript.start, self.transcript.learnt
+        if start is not None and start["dialect"] is not None:
+            return Dialect(**start["dialect"])
+        return Dialect(**learnt[1]) if learnt is not None and learnt[0] <= generation else None
+
+
+def find_dialect(calls: Calls, settings: LLMSettings, generation: int = -1) -> Dialect | Failure:
+    """Asks the server, with at most three calls; a failure where it does not answer just now.
+
+    Raises:
+        SupervisionError: no request of this run would ever be answered: the key, the model or
+            the address is wrong, or nobody listens there at the run's start.
+    """
+    structured, temperature = settings.output != "text", settings.temperature
+    for turn in range(3):
+        request = Request(
+            settings.model_name,
+            _SYSTEM,
+            (_QUESTION,),
+            settings.reply_tokens,
+            temperature,
+            _SCHEMA if structured else None,
+            thinking=settings.thinking_value,
+            effort=settings.effort,
+            extra=settings.extra_body,
+        )
+        answer = calls.ask(Call(generation, "probe", turn), request)
+        if isinstance(answer, Reply):
+            if settings.output == "auto" and structured and answer.text:
+                structured = find_object(answer.text, ["greeting"]) is not None
+            return Dialect(structured, temperature, "as the probe found", "last")
+        if generation < 0 and answer.kind is FailureKind.UNREACHABLE:
+            raise _hopeless(answer, settings)
+        if answer.kind in TRANSIENT or answer.kind is FailureKind.BUDGET:
+            return answer
+        if answer.kind is not FailureKind.REJECTED or not (structured or temperature is not None):
+            raise _hopeless(answer, settings)
+        if structured and settings.output == "auto" and not _about_temperature(answer):
+            structured = False
+        elif temperature is not None:
+            temperature = None
+        else:
+            raise _hopeless(answer, settings)
+    raise AssertionError("each turn leaves something out, and there are two things to leave out")
+
+
+def _about_temperature(failure: Failure) -> bool:
+    return "temperature" in failure.message
+
+
+def _hopeless(failure: Failure, settings: LLMSettings) -> SupervisionError:
+    where = settings.address or "the Anthropic API"
+    address = settings.address or ""
+    remedy = {
+        FailureKind.UNAUTHORISED: "set another ANTHROPIC_API_KEY",
+        FailureKind.NOT_FOUND: (
+            f"drop /v1 from the address, as in {address.rstrip('/').removesuffix('/v1')}"
+            if address.rstrip("/").endswith("/v1")
+            else "set supervisor.policy.model, or supervisor.policy.base_url"
+        ),
+        FailureKind.UNREACHABLE: "start the server, or set supervisor.policy.base_url",
+        FailureKind.UNTRUSTED: "set SSL_CERT_FILE to the certificate of whoever signed it",
+    }.get(failure.kind, "see what it says, or use supervisor=expert, which asks nobody")
+    return SupervisionError(
+        f"Expected an answer of the model {settings.model_name} from {where}, found"
+        f" {failure.kind} ({failure.message}); {remedy}."
+    )

@@ -1,0 +1,159 @@
+"""Domains over simulators that are stepped: leaves, events, counters, endings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from islandgp.bt.language import parse
+from islandgp.bt.vocabulary import Action, Vocabulary, flag, number
+from islandgp.domain import Counter, Event, Schema
+from islandgp.errors import DomainError
+from islandgp.scoring.rewards import RewardTable
+from islandgp.ticking import RUNNING, EventLog, run_ticks
+
+SCHEMA = Schema(
+    vocabulary=Vocabulary(
+        "counting",
+        {name: Action(name) for name in ("Yes", "No", "Wait", "Twice", "Odd")},
+        {"ready": flag("it is"), "n": number("how many ticks", 0, 9)},
+    ),
+    components={"points": "what is earned"},
+    events={"done": Event("something is done", "things")},
+    counters={"done": Counter("things done"), "calls": Counter("calls of leaves")},
+    task="Counts.",
+)
+REWARDS = RewardTable.model_validate({"events": {"done": {"component": "points", "per_unit": 2}}})
+
+
+class Counting:
+    """Leaves of every sort."""
+
+    def __init__(self, log: EventLog) -> None:
+        self.log = log
+        self.calls: list[str] = []
+        self.n = 0
+
+    def sense(self) -> dict[str, float]:
+        return {"ready": self.n > 2, "n": self.n}
+
+    def step(self) -> str:
+        self.n += 1
+        return "enough" if self.n == 6 else ""
+
+    def yes(self) -> bool:
+        self.calls.append("yes")
+        self.log("done", 1.5)
+        return True
+
+    def no(self) -> bool:
+        self.calls.append("no")
+        return False
+
+    def wait(self) -> int:
+        self.calls.append("wait")
+        return RUNNING
+
+    def twice(self) -> Iterator[None]:
+        self.calls.append("begin")
+        yield
+        self.calls.append("go on")
+        return True
+
+    def odd(self) -> None:
+        self.calls.append("odd")
+
+
+def run(text: str, ticks: int = 10) -> tuple[list[str], object]:
+    """The calls of leaves, and the outcome."""
+    log = EventLog(REWARDS, SCHEMA, {"points": 10.0})
+    world = Counting(log)
+    leaves = {
+        "Yes": world.yes,
+        "No": world.no,
+        "Wait": world.wait,
+        "Twice": world.twice,
+        "Odd": world.odd,
+    }
+    outcome = run_ticks(
+        parse(text, SCHEMA.vocabulary),
+        SCHEMA,
+        leaves,
+        world.sense,
+        log,
+        ticks=ticks,
+        step_s=0.5,
+        step=world.step,
+        measures=lambda: {"calls": len(world.calls)},
+    )
+    return world.calls, outcome
+
+
+def test_events_earn_points_and_are_counted() -> None:
+    """Six ticks of one event each: amount 1.5 at 2 points, times the weight 10."""
+    calls, outcome = run("Yes")
+    assert calls == ["yes"] * 6
+    assert outcome.components == {"points": 6 * 30.0}
+    assert outcome.counters == {"done": 6.0, "calls": 6.0}
+    assert (outcome.seconds, outcome.endings) == (3.0, ("enough",))
+
+
+def test_time_runs_out() -> None:
+    """Where `step` never ends the episode, the ticks do."""
+    _, outcome = run("Yes", ticks=4)
+    assert (outcome.seconds, outcome.endings) == (2.0, ("time",))
+
+
+def test_a_generator_runs_over_several_ticks() -> None:
+    """Each yield is a tick; it begins anew when its node starts again."""
+    calls, _ = run("sequence { Twice Yes }", ticks=4)
+    assert calls == ["begin", "go on", "yes", "begin", "go on", "yes"]
+
+
+def test_two_leaves_of_a_generator_do_not_share_it() -> None:
+    """Two nodes of one action in a parallel have a generator each."""
+    calls, _ = run("parallel { Twice Twice }", ticks=2)
+    assert calls == ["begin", "begin", "go on", "go on"]
+
+
+def test_an_aborted_generator_begins_anew() -> None:
+    """The guard turns true in the fourth tick, and stops what runs behind it."""
+    calls, _ = run("selector { when ready abort lower { Yes } Twice }", ticks=4)
+    assert calls == ["begin", "go on", "begin", "yes"]
+
+
+def test_keys_are_sensed_before_the_tick() -> None:
+    """A number on the blackboard is the one of the tick's start."""
+    calls, _ = run("selector { when n >= 4 { Yes } No }")
+    assert calls == ["no"] * 4 + ["yes"] * 2
+
+
+def test_a_leaf_without_a_status_is_told() -> None:
+    """A forgotten return is no status."""
+    with pytest.raises(DomainError, match="True, False or RUNNING from the action Odd, found None"):
+        run("Odd")
+
+
+def test_an_unknown_event_is_told() -> None:
+    """With the events that there are."""
+    with pytest.raises(DomainError, match=r"an event of the schema \(done\), found 'dome'"):
+        EventLog(REWARDS, SCHEMA, {})("dome")
+
+
+def test_a_missing_key_or_counter_is_told() -> None:
+    """What `sense` or `measures` leaves out."""
+    log = EventLog(REWARDS, SCHEMA, {})
+    tree = parse("Yes", SCHEMA.vocabulary)
+    leaves = {name: lambda: True for name in SCHEMA.vocabulary.actions}
+    common = {"ticks": 1, "step_s": 1.0}
+    with pytest.raises(DomainError, match="a value of the key n"):
+        run_ticks(tree, SCHEMA, leaves, lambda: {"ready": 1}, log, **common)
+    with pytest.raises(DomainError, match="the counter calls from `measures`"):
+        run_ticks(tree, SCHEMA, leaves, lambda: {"ready": 1, "n": 0}, log, **common)
+
+
+def test_counters_default_to_the_events() -> None:
+    """A schema without counters counts every event."""
+    schema = Schema(SCHEMA.vocabulary, SCHEMA.components, SCHEMA.events, "Counts.")
+    assert {name: c.meaning for name, c in schema.counters.items()} == {"done": "something is done"}

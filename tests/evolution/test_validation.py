@@ -1,0 +1,139 @@
+"""The best robot of a run: candidates of the last stage race in worlds that trained nobody."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import isclose
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from islandgp.domain import Outcome
+from islandgp.evaluation.base import Job
+from islandgp.evolution.validation import (
+    FINALISTS,
+    MOST,
+    Candidate,
+    candidates,
+    interval,
+    rounds,
+    validate,
+    worlds_of,
+)
+from islandgp.seeding import world_seed
+from tests.composed import composed
+from tests.made import outcome
+
+CLASSES = composed().classes
+
+
+def record(generation: int, stage: int, *fitness: float) -> dict[str, Any]:
+    """A generation whose individuals have these fitnesses, and trees of their own."""
+    return {
+        "snapshot": {"generation": generation, "stage": stage},
+        "individuals": [
+            {
+                "id": f"{generation}.{slot}",
+                "tree": f"tree {generation}.{slot}\n",
+                "fitness": points,
+                "tiers": ["complete"] if points == 7 else [],
+                "specialist": "patrol_only",
+            }
+            for slot, points in enumerate(fitness)
+        ],
+    }
+
+
+class Worlds:
+    """An evaluator in which a tree's worth is known, and each world adds some luck."""
+
+    def __init__(self, worth: dict[str, float]) -> None:
+        self.worth = worth
+        self.jobs: list[Job] = []
+        self.simulated = 0
+
+    def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
+        self.jobs += jobs
+        return [
+            outcome(components={"garbage": self.worth[job.tree] + job.seed % 7}) for job in jobs
+        ]
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+def test_candidates_are_of_the_last_stage() -> None:
+    """A high fitness under other multipliers does not count; the best of a tier does."""
+    found = candidates(
+        [record(0, 0, 99, 98), record(1, 1, 5, 4, 3, 7), record(2, 1, 6, 2)], CLASSES
+    )
+    assert {c.generation for c in found} == {1, 2}
+    assert "tree 1.3\n" in {c.tree for c in found}
+    assert len({c.tree for c in found}) == len(found)
+
+
+def test_candidates_are_few() -> None:
+    """However long the stage is."""
+    assert len(candidates([record(g, 0, 1, 2, 3) for g in range(100)], CLASSES)) == MOST
+
+
+@given(n=st.integers(1, MOST), episodes=st.integers(MOST, 2000))
+def test_rounds_keep_the_budget(n: int, episodes: int) -> None:
+    """Half of the candidates go in each round, and the episodes are about as many as allowed."""
+    found = rounds(n, episodes)
+    assert found[0][0] == n
+    assert found[-1][0] <= max(FINALISTS, n if n <= FINALISTS else FINALISTS)
+    sizes = [size for size, _ in found]
+    assert sizes == sorted(sizes, reverse=True)
+    assert sum(size * new for size, new in found) <= episodes + sum(sizes)
+
+
+def test_the_best_wins_and_luck_in_training_does_not() -> None:
+    """The winner is the tree that is worth most in unseen worlds, with its interval and shares."""
+    found = [Candidate(0, f"0.{i}", f"tree {i}\n", trained=100.0 - i) for i in range(10)]
+    worlds = worlds_of(0, frozenset(), 200)
+    evaluator = Worlds({f"tree {i}\n": 10.0 * i for i in range(10)} | {"yardstick\n": 50.0})
+    (winner, verdict), *_ = validate(
+        found, worlds, evaluator, 0, CLASSES, episodes=200, yardstick=("good", "yardstick\n")
+    )
+    assert winner.id == "0.9"
+    assert verdict.low <= verdict.mean <= verdict.high
+    assert (verdict.yardstick, verdict.difference) == ("good", 40.0)
+    assert isclose(verdict.difference_low, 40.0)
+    assert set(verdict.reached) == set(CLASSES.tiers)
+    raced = [job for job in evaluator.jobs if job.tree != "yardstick\n"]
+    assert len(raced) <= 200
+    met = {c.tree: [job.seed for job in raced if job.tree == c.tree] for c in found}
+    longest = max(met.values(), key=len)
+    assert all(worlds == longest[: len(worlds)] for worlds in met.values())
+
+
+def test_a_single_candidate_is_measured() -> None:
+    """With nobody to race against it meets as many worlds as there may be episodes."""
+    found = [Candidate(0, "0.0", "tree\n", trained=1.0)]
+    worlds = worlds_of(0, frozenset(), 30)
+    ((_, verdict),) = validate(found, worlds, Worlds({"tree\n": 1.0}), 0, CLASSES, episodes=30)
+    assert len(verdict.worlds) == 30
+
+
+@given(seed=st.integers(0, 1000))
+def test_validation_worlds_trained_nobody(seed: int) -> None:
+    """They come from a stream of their own, and worlds that a run used are left out."""
+    used = frozenset(world_seed(seed, generation=g) for g in range(41))
+    worlds = worlds_of(seed, used, 50)
+    assert len(set(worlds)) == 50
+    assert not used & set(worlds)
+    assert worlds_of(seed, used | {worlds[0]}, 49) == worlds[1:]
+
+
+@pytest.mark.parametrize(
+    ("values", "low", "high"),
+    [((5.0,), 5.0, 5.0), ((1.0, 3.0), 2 - 12.706, 2 + 12.706), ((2.0,) * 9, 2.0, 2.0)],
+)
+def test_interval(values: tuple[float, ...], low: float, high: float) -> None:
+    """Student's t: for two values 1 apart from their mean the half width is 12.706."""
+    _, found_low, found_high = interval(values)
+    assert isclose(found_low, low, abs_tol=1e-3)
+    assert isclose(found_high, high, abs_tol=1e-3)

@@ -1,0 +1,83 @@
+"""A password in a store's address: the server gets it, and nothing and nobody else."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from pathlib import Path
+
+import pytest
+
+from islandgp.records.parameters import redacted, without_credentials
+from islandgp.tracking.store import MLflowSettings, Place
+from tests.running.commands import TINY, fake, finish, start
+from tests.tracking import servers
+
+PASSWORD = "s3cret-w%40rd"
+PIECE = "s3cret"
+
+
+@pytest.mark.parametrize("how", ["command", "sweep", "file"])
+def test_only_the_server_gets_the_password(how: str, tmp_path: Path) -> None:
+    """No file below the folder holds a piece of it, no line on the screen shows it."""
+    asked: list[str] = []
+    conf = tmp_path / "conf/tracking"
+    conf.mkdir(parents=True)
+    with servers.broken(asked) as address:
+        uri = address.replace("://", f"://me:{PASSWORD}@")
+        words = [f"tracking.policy.uri={uri}"]
+        if how == "file":
+            (conf / "mine.yaml").write_text(f"defaults: [mlflow]\npolicy: {{uri: {uri!r}}}\n")
+            words = ["tracking=mine", "--config-dir", "conf"]
+        if how == "sweep":
+            words += ["seed=0,1", "-m"]
+        home = tmp_path / "home"
+        home.mkdir()
+        (home / "conf").symlink_to(tmp_path / "conf")
+        code, said = finish(
+            start(home, *TINY, *fake("Instant"), *words, "tracking.policy.patience=15")
+        )
+    assert code == 0, said
+    assert b"Basic " + b64encode(b"me:s3cret-w@rd") in {line.encode() for line in asked}
+    assert PIECE not in said
+    assert "***@127.0.0.1" in (next(home.rglob("config.yaml"))).read_text()
+    assert [f for f in home.rglob("*") if f.is_file() and PIECE in f.read_text()] == []
+
+
+@pytest.mark.usefixtures("home")
+def test_a_wrong_address_is_told_without_its_password(tmp_path: Path) -> None:
+    """The message of a mistake shows the value that is wrong."""
+    code, said = finish(start(tmp_path, f"tracking.policy.uri=ftp://me:{PASSWORD}@host"))
+    assert code == 2
+    assert "ftp://***@host" in said
+    assert PIECE not in said
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("http://me:pass@host:5000/x", "http://***@host:5000/x"),
+        ("see https://a:b@c@host, and http://host", "see https://***@host, and http://host"),
+        ("http://host/a@b", "http://host/a@b"),
+        ("sqlite:////home/a@b/mlflow.db", "sqlite:////home/a@b/mlflow.db"),
+    ],
+)
+def test_which_addresses_hold_credentials(text: str, shown: str) -> None:
+    """What stands before an @ and the first slash; paths stay as they are."""
+    assert without_credentials(text) == shown
+    assert redacted({"a": {"b": [text]}, "c": text}) == {"a": {"b": [shown]}, "c": shown}
+
+
+def test_a_place_is_the_same_with_and_without_credentials(tmp_path: Path) -> None:
+    """So a run finds what it has sent, and an address from a run's folder works as well."""
+    places = {
+        Place.of(
+            MLflowSettings(
+                uri=f"http://{user}host:5000", artifacts="a", experiment="e", patience=0
+            ),
+            tmp_path,
+        )
+        for user in ("", "me:pass@", "***@")
+    }
+    (place,) = places
+    assert place.uri == "http://host:5000"
+    assert "pass" not in repr(places)
