@@ -29,6 +29,9 @@ test: lint       ## lint, types and the fast tests
 test-slow: $(STAMP) ## the long, exhaustive tests
 	$(BIN)/python -m pytest -n auto -m slow
 
+btcpp: $(STAMP)  ## build BehaviorTree.CPP in build/, for the tests of exports
+	$(BIN)/python tests/trees/btcpp/build_btcpp.py
+
 bench: $(STAMP)  ## the benchmarks, with goals beside figures
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]' -c constraints.txt
 	$(BIN)/python -m benchmarks

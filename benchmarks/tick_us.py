@@ -151,7 +151,7 @@ def _behaviortreepy(tree: Node) -> Prepare:
     factory = behaviortreepy.BehaviorTreeFactory()
     for name in VOCABULARY.actions:
         factory.register_simple_stateful_action(name, lambda _: status, lambda _: status)
-    made = factory.create_tree_from_text(to_xml(tree, VOCABULARY))
+    made = factory.create_tree_from_text(to_xml(tree, VOCABULARY, plain=True))
     board = made.root_blackboard()
 
     def prepare(situation: Situation) -> Callable[[], object]:

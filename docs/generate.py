@@ -85,6 +85,10 @@ def tables() -> dict[str, str]:
             ("what", "at most"),
             [
                 ("characters of a file", f"{MAX_CHARACTERS:,}"),
+                (
+                    "characters of a tree's canonical text, each `use` expanded",
+                    f"{MAX_CHARACTERS:,}",
+                ),
                 ("levels of a tree, each `use` expanded", f"{MAX_LEVELS:,}"),
                 ("nodes of a tree, each `use` expanded", f"{MAX_NODES:,}"),
                 ("a number, with either sign", f"{MAX_NUMBER:,}"),

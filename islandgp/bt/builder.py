@@ -45,8 +45,8 @@ class Builder:
         self._vocabulary = vocabulary
         self._subtrees: dict[str, _Subtree] = {}
         self._later: set[str] = set()  # subtrees whose definition is not finished
-        self._nodes = 0  # of the tree that is being built, so far
-        self._levels = 0
+        self.nodes = 0  # of the tree that is being built, so far
+        self.levels = 0
         self._name = ""  # of the subtree that is being built
 
     def build(self, definitions: Sequence[_Tree], root: _Tree) -> Node:
@@ -62,11 +62,11 @@ class Builder:
                 name, f"subtree {shown(name)} is defined twice", expected="a new name"
             )
         node = self._whole(body, name)
-        self._subtrees[str(name)] = _Subtree(node, self._nodes, self._levels)
+        self._subtrees[str(name)] = _Subtree(node, self.nodes, self.levels)
         self._later.discard(str(name))
 
     def _whole(self, tree: _Tree, name: str = "") -> Node:
-        self._nodes = self._levels = 0
+        self.nodes = self.levels = 0
         self._name = name
         return self._node(tree, 1)
 
@@ -98,12 +98,12 @@ class Builder:
         return subtree.node
 
     def _count(self, token: _Token, *, nodes: int, deepest: int) -> None:
-        self._nodes += nodes
-        self._levels = max(self._levels, deepest)
-        if self._levels > MAX_LEVELS or self._nodes > MAX_NODES:
+        self.nodes += nodes
+        self.levels = max(self.levels, deepest)
+        if self.levels > MAX_LEVELS or self.nodes > MAX_NODES:
             raise self._source.error_at(
                 token,
-                "the tree is too deep" if self._levels > MAX_LEVELS else "the tree is too large",
+                "the tree is too deep" if self.levels > MAX_LEVELS else "the tree is too large",
                 expected=f"at most {MAX_LEVELS} levels and {MAX_NODES} nodes, each use expanded",
                 kind=LimitError,
             )

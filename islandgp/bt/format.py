@@ -12,9 +12,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from islandgp.bt.comments import Comment
+from islandgp.bt.language import MAX_CHARACTERS
 from islandgp.bt.node import Node
 from islandgp.bt.printer import INDENT, INLINE_LEVELS, WIDTH, head
 from islandgp.bt.syntax import File, Written, read
+from islandgp.errors import LimitError
 
 
 def format_text(text: str, *, name: str = "<tree>") -> str:
@@ -22,9 +24,16 @@ def format_text(text: str, *, name: str = "<tree>") -> str:
 
     Raises:
         TreeError: the text is not a tree of the language.
+        LimitError: its canonical form would be too long to be read again.
     """
     lines = list(_file(read(text, name=name)))
-    return "\n".join(lines).lstrip("\n") + "\n"
+    formatted = "\n".join(lines).lstrip("\n") + "\n"
+    if len(formatted) > MAX_CHARACTERS:
+        raise LimitError(
+            f"{name}: expected a canonical form of at most {MAX_CHARACTERS} characters, found"
+            f" {len(formatted)}; shorten the tree or its comments."
+        )
+    return formatted
 
 
 def _file(file: File) -> Iterator[str]:

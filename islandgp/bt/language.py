@@ -72,14 +72,33 @@ def parse(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<tree
     source = Source(text, name)
     parser = _parser()
     try:
-        tree = parser.parse(text)
+        tree: Any = parser.parse(text)  # lark mixes trees and tokens; the grammar tells which
     except UnexpectedInput as error:
         raise syntax_error(source, error, parser.lex(text), vocabulary) from None
     parts: list[Any] = list(tree.children)  # trees, as the grammar says
     *head, root = parts
     if head and head[0].data == "domain":
         _check_domain(source, head.pop(0).children[0], vocabulary)
-    return Builder(source, vocabulary).build(head, root)
+    builder = Builder(source, vocabulary)
+    node = builder.build(head, root)
+    _check_length(source, node, expanded=bool(head), indents=builder.nodes * builder.levels)
+    return node
+
+
+def _check_length(source: Source, tree: Node, *, expanded: bool, indents: int) -> None:
+    """Refuses a tree whose canonical text `parse` would refuse. Raises LimitError."""
+    # Two lines a node, indented by two blanks a level; the words are those of the text.
+    if not expanded and 2 * len(source.text) + 4 * indents <= MAX_CHARACTERS:
+        return
+    length = len(to_text(tree))
+    if length > MAX_CHARACTERS:
+        raise source.error(
+            f"the tree's canonical text, each use expanded, has {length} characters",
+            line=1,
+            column=1,
+            expected=f"at most {MAX_CHARACTERS}; shorten the tree",
+            kind=LimitError,
+        )
 
 
 def domain_of(text: str) -> str:

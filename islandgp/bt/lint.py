@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import takewhile
+from functools import lru_cache
 from typing import NamedTuple
 
 from islandgp.bt.language import plain
@@ -41,8 +41,13 @@ class Finding:
 
     def text(self, source: str, *, name: str) -> str:
         """The warning with the offending line and a caret, in the form of errors."""
-        written = Source(plain(source), name)
+        written = Source(_plain(source), name)
         return str(written.error(f"warning: {self.message}", self.line, self.column))
+
+
+@lru_cache(maxsize=1)
+def _plain(text: str) -> str:
+    return plain(text)
 
 
 class _Place(NamedTuple):
@@ -64,10 +69,11 @@ def warnings(text: str, vocabulary: Vocabulary, *, name: str = "<tree>") -> list
     found = set(_unused(file))
     cold: set[int] = set()  # places below a node that never runs: one warning is enough
     places = list(_places(_tree(written), root_of(vocabulary), ()))
+    course = _Course(places)
     for index, place in enumerate(places):
         if index in cold:
             continue
-        for at, message, whole in _about(place, index, places):
+        for at, message, whole in _about(place, index, course):
             found.add(Finding(written[at].line, written[at].column, message))
             if whole:
                 cold.update(range(at, at + size(places[at].node)))
@@ -107,7 +113,7 @@ def _all(file: File) -> Iterator[Written]:
         waiting += written.children
 
 
-def _about(place: _Place, at: int, places: Sequence[_Place]) -> Iterator[tuple[int, str, bool]]:
+def _about(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, bool]]:
     """Warnings about one node: where, what, and whether all below that place never runs."""
     node, standing, above = place
     kind = node.kind
@@ -118,7 +124,7 @@ def _about(place: _Place, at: int, places: Sequence[_Place]) -> Iterator[tuple[i
     elif kind == "when":
         yield from _guard(node, standing, above, at)
     elif kind == "action":
-        yield from _action(place, at, places)
+        yield from _action(place, at, course)
 
 
 def _never_goes_on(node: Node, standing: Standing, at: int) -> Iterator[tuple[int, str, bool]]:
@@ -157,7 +163,7 @@ def _why_never(asked: Condition, standing: Standing, above: Above) -> str:
     return why_not(asked, standing.at_start, above, standing.vocabulary)
 
 
-def _action(place: _Place, at: int, places: Sequence[_Place]) -> Iterator[tuple[int, str, bool]]:
+def _action(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, bool]]:
     node, standing, above = place
     name = str(node.args[0])
     known = standing.vocabulary.action(name)
@@ -166,36 +172,61 @@ def _action(place: _Place, at: int, places: Sequence[_Place]) -> Iterator[tuple[
     for needed, holding in needs:
         if not excludes(holding, needed):
             continue
-        if _changed_before(needed.key, known.changes.get(needed.key, 0), at, places):
+        if course.changed_before(needed.key, known.changes.get(needed.key, 0), at):
             continue
         reason = why_not(needed, holding, above, standing.vocabulary, for_action=True)
         yield at, f"{name} can never succeed here: {reason}", False
         return
 
 
-def _changed_before(key: str, sign: int, at: int, places: Sequence[_Place]) -> bool:
-    """Whether an action before this one may undo in the same tick how this one changes a key.
+class _Course:
+    """The nodes in the order in which a tick runs them.
 
-    The blackboard tells the key at the start of the tick. In a tick, actions
-    run in document order. `sign` is how this action changes it; 0: it does not.
+    The blackboard tells a key at the start of the tick. An action before another one may undo in
+    the same tick how that one changes the key.
     """
-    own, vocabulary = places[at].above, places[at].standing.vocabulary
-    for place in places[:at]:
-        if place.node.kind != "action":
-            continue
-        if vocabulary.action(str(place.node.args[0])).changes.get(key, 0) * sign >= 0:
-            continue
-        same = sum(
-            1
-            for _ in takewhile(lambda pair: pair[0] == pair[1], zip(place.above, own, strict=False))
-        )
-        (split, _), *rest = place.above[same:]
-        # Behind a success a selector does not go on; only these pass a success up unchanged.
-        passes = all(
-            above.kind in ("when", "selector", "repeater")
-            or (above.kind == "sequence" and index == len(above.children) - 1)
-            for above, index in rest
-        )
-        if not (split.kind == "selector" and passes):
-            return True
-    return False
+
+    def __init__(self, places: Sequence[_Place]) -> None:
+        self._places = places
+        self._undone: dict[tuple[str, int], list[bool]] = {}
+
+    def changed_before(self, key: str, sign: int, at: int) -> bool:
+        """Whether an action before the place changes a key in the other way.
+
+        `sign` is how the action of this place changes it; 0: it does not.
+        """
+        if not sign:
+            return False
+        if (key, sign) not in self._undone:
+            self._undone[key, sign] = self._all_undone(key, sign)
+        return self._undone[key, sign][at]
+
+    def _all_undone(self, key: str, sign: int) -> list[bool]:
+        """For each place, whether it is so; one walk through the tree."""
+        found: list[bool] = []
+        places = self._places
+
+        def visit(before: bool) -> tuple[bool, bool]:
+            """Whether an action below changes the key, and one whose success may not pass up."""
+            node, standing, _ = places[len(found)]
+            found.append(before)
+            if node.kind == "action":
+                known = standing.vocabulary.action(str(node.args[0]))
+                return known.changes.get(key, 0) * sign < 0, False
+            changes = stays = False
+            for index in range(len(node.children)):
+                below_changes, below_stays = visit(before)
+                changes |= below_changes
+                stays |= below_stays or (below_changes and not _passes_up(node, index))
+                # Behind a success a selector does not go on.
+                before |= below_stays if node.kind == "selector" else below_changes
+            return changes, stays
+
+        visit(False)
+        return found
+
+
+def _passes_up(node: Node, index: int) -> bool:
+    """Whether the success of that child is the success of the node, at once."""
+    last = index == len(node.children) - 1
+    return node.kind in ("when", "selector", "repeater") or (node.kind == "sequence" and last)

@@ -14,6 +14,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from islandgp.errors import TreeError
@@ -43,7 +44,7 @@ class Source:
         kind: type[TreeError] = TreeError,
     ) -> TreeError:
         """The error for a place; `line` and `column` count from 1."""
-        source = self.text.split("\n")[line - 1]
+        source = _lines(self.text)[line - 1]
         start = max(0, column - 1 - _EXCERPT * 2 // 3)
         excerpt = "".join(c if c.isprintable() else " " for c in source[start : start + _EXCERPT])
         parts = [
@@ -69,6 +70,11 @@ class Source:
         """The error for a word of the text."""
         line, column = token.line or 1, token.column or 1
         return self.error(message, line, column, expected=expected, guess=guess, kind=kind)
+
+
+@lru_cache(maxsize=1)  # a file may have thousands of warnings
+def _lines(text: str) -> list[str]:
+    return text.split("\n")
 
 
 def closest(word: str, words: Iterable[str]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 import sys
 from collections.abc import Callable, Iterator
 from typing import Final
@@ -66,7 +67,8 @@ def _by_nodes(a: Node, b: Node, whole: bool) -> Iterator[str]:
         if line.mark is Mark.SAME:
             texts = texts[:1]
         text = f"{line.mark} {'  ' * line.level}{' -> '.join(texts)}"
-        yield click.style(text, fg=COLOURS.get(line.mark))
+        plain = bool(os.environ.get("NO_COLOR"))  # as no-color.org has it
+        yield text if plain else click.style(text, fg=COLOURS.get(line.mark))
     counts = [sum(line.mark is mark for line in lines) for mark in COLOURS]
     yield "{} deleted, {} inserted, {} changed".format(*counts)
 

@@ -20,37 +20,54 @@ _BY_ENDING: Final = {"json": "json", "xml": "btcpp", "py": "pytrees"}
 
 
 @click.command()
-@click.argument("file", type=FILE)
+@click.argument("file", type=FILE, required=False)
 @click.option("--to", "form", type=click.Choice(FORMATS), help="Default: by the ending of -o.")
 @click.option("-o", "--output", type=OUTPUT, default=STDIN, help="File to write.")
+@click.option("--plain", is_flag=True, help="Only nodes of the library itself, with losses.")
+@click.option("--header", is_flag=True, help="Write the C++ header with our nodes; no FILE.")
 @with_domain_options
 def command(
-    file: str,
+    file: str | None,
     form: str | None,
     output: str,
+    plain: bool,
+    header: bool,
     overrides: tuple[str, ...],
     config_dir: str | None,
 ) -> None:
     """Write the tree in FILE for another tool.
 
-    json: without loss, for your own programs. btcpp: XML for BehaviorTree.CPP 4.
-    pytrees: a Python module that builds a py_trees tree. What does not mean the
-    same there is told on the standard error, and explained in docs/exports.md.
+    json: for your own programs. btcpp: XML for BehaviorTree.CPP 4, with the nodes of
+    --header where the library's own do something else. pytrees: a Python module
+    that builds a py_trees tree. With --plain, what does not mean the same there is
+    told on the standard error, and explained in docs/exports.md.
     """
-    form = form or _BY_ENDING.get(output.rpartition(".")[2], "")
+    if header:
+        write_text(output, behaviortree_cpp.header())
+        return
+    if file is None:
+        raise click.UsageError("Missing argument 'FILE'.")
+    form = form or _BY_ENDING.get(output.rpartition(".")[2].lower(), "")
     if not form:
         raise click.UsageError(f"Missing option '--to', one of {', '.join(FORMATS)}.")
     text, name = read_text(file), called(file)
     vocabulary = vocabulary_of(text, overrides, config_dir, name=name)
-    exported, losses = _export(parse(text, vocabulary, name=name), form, vocabulary)
+    tree = parse(text, vocabulary, name=name)
+    exported, losses = _export(tree, form, vocabulary, plain)
     write_text(output, exported)
     for loss in losses:
         click.echo(f"not the same ({loss.about}): {loss.message}", err=True)
+    if form == "btcpp" and not plain and behaviortree_cpp.needs_header(tree):
+        click.echo(
+            f"needs {behaviortree_cpp.HEADER}, which `islandgp export --header -o"
+            f" {behaviortree_cpp.HEADER}` writes; --plain does without it",
+            err=True,
+        )
 
 
-def _export(tree: Node, form: str, vocabulary: Vocabulary) -> tuple[str, list[Loss]]:
+def _export(tree: Node, form: str, vocabulary: Vocabulary, plain: bool) -> tuple[str, list[Loss]]:
     if form == "json":
         return to_json(tree), []
-    if form == "btcpp":
-        return behaviortree_cpp.to_xml(tree, vocabulary), behaviortree_cpp.losses(tree)
-    return py_trees.to_python(tree, vocabulary), py_trees.losses(tree)
+    other = behaviortree_cpp if form == "btcpp" else py_trees
+    write = behaviortree_cpp.to_xml if form == "btcpp" else py_trees.to_python
+    return write(tree, vocabulary, plain=plain), other.losses(tree) if plain else []

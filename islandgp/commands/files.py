@@ -30,6 +30,11 @@ def called(file: str) -> str:
 
 def read_text(file: str) -> str:
     """The text of a file. Raises IslandError when it cannot be read as UTF-8."""
+    if file == STDIN and (sys.stdin is None or sys.stdin.closed):
+        raise IslandError(
+            "Expected text on the standard input, found that it is closed; pipe a file into it or"
+            " name one."
+        )
     try:
         data = sys.stdin.buffer.read() if file == STDIN else Path(file).read_bytes()
         return data.decode("utf-8")

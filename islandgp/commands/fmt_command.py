@@ -9,6 +9,7 @@ import click
 
 from islandgp.bt.format import format_text
 from islandgp.commands.files import FILE, STDIN, called, read_text, write_text
+from islandgp.errors import IslandError
 
 
 @click.command()
@@ -19,12 +20,18 @@ def command(files: tuple[str, ...], check: bool, diff: bool) -> None:
     """Bring FILES into the canonical form.
 
     Comments and named subtrees stay. `-` reads the standard input and prints
-    the result.
+    the result. A file that is no tree is told and left as it is; exit code 2.
     """
     changed = 0
+    wrong: list[str] = []
     for file in files:
-        before, name = read_text(file), called(file)
-        after = format_text(before, name=name)
+        name = called(file)
+        try:
+            before = read_text(file)
+            after = format_text(before, name=name)
+        except IslandError as error:
+            wrong.append(str(error))
+            continue
         if diff:
             lines = difflib.unified_diff(
                 before.splitlines(), after.splitlines(), name, f"{name} (formatted)", lineterm=""
@@ -38,4 +45,6 @@ def command(files: tuple[str, ...], check: bool, diff: bool) -> None:
                 write_text(file, after)
             click.echo(f"{'would change' if check else 'changed'} {name}", err=True)
         changed += before != after
+    if wrong:
+        raise IslandError("\n".join(wrong))
     sys.exit(1 if check and changed else 0)

@@ -4,33 +4,50 @@ from __future__ import annotations
 
 import click
 
-from islandgp.bt.export.import_cpp import from_xml
+from islandgp.bt.export.import_cpp import Imported, read_tree
 from islandgp.bt.export.json import from_json
 from islandgp.bt.language import to_text
 from islandgp.commands.files import FILE, OUTPUT, STDIN, called, read_text, write_text
 from islandgp.commands.setting import default_domain, vocabulary_of, with_domain_options
+from islandgp.errors import TreeError
 
 
 @click.command()
 @click.argument("file", type=FILE)
 @click.option("--from", "form", type=click.Choice(["json", "btcpp"]), help="Default: by content.")
+@click.option("--tree", "identity", default="", help="ID of a tree; default: the main tree.")
+@click.option("--strict", is_flag=True, help="Refuse what would not mean the same.")
 @click.option("-o", "--output", type=OUTPUT, default=STDIN, help="File to write.")
 @with_domain_options
 def command(
     file: str,
     form: str | None,
+    identity: str,
+    strict: bool,
     output: str,
     overrides: tuple[str, ...],
     config_dir: str | None,
 ) -> None:
     """Turn JSON or BehaviorTree.CPP XML in FILE into a tree of the language.
 
-    A node that the language does not have is refused, with its place. The result
+    A node that the language does not have is refused, with its place. What does not
+    mean quite the same is told on the standard error. The result
     names its domain, unless that is the project's default.
     """
     text, name = read_text(file), called(file)
     form = form or ("btcpp" if text.lstrip("\ufeff \t\r\n").startswith("<") else "json")
     vocabulary = vocabulary_of("", overrides, config_dir, name=name)
-    tree = (from_xml if form == "btcpp" else from_json)(text, vocabulary, name=name)
+    if form == "json":
+        found = Imported(from_json(text, vocabulary, name=name), ())
+    else:
+        found = read_tree(text, vocabulary, name=name, tree=identity)
+    told = [
+        f"{name}:{line}:{column}: not the same ({loss.about}): there, {loss.message}"
+        for line, column, loss in found.differences
+    ]
+    if strict and told:
+        raise TreeError("\n".join([*told, "Nothing is written; leave out --strict to take it."]))
     named = vocabulary.domain != default_domain()
-    write_text(output, (f"domain {vocabulary.domain}\n\n" if named else "") + to_text(tree))
+    write_text(output, (f"domain {vocabulary.domain}\n\n" if named else "") + to_text(found.tree))
+    for line in told:
+        click.echo(line, err=True)

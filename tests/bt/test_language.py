@@ -168,7 +168,11 @@ def test_largest_tree() -> None:
     assert depth(parse(nested(MAX_LEVELS))) == MAX_LEVELS
     half = (MAX_NODES - 2) // 2
     doubled = "subtree half = sequence { %s } selector { use half use half }"
-    assert size(parse(doubled % ("PatrolWaypoint " * (half - 1)))) <= MAX_NODES
+    largest = parse(doubled % ("Act " * (half - 1)))
+    assert size(largest) == MAX_NODES - 1
+    assert parse(to_text(largest)) == largest  # what is printed can be read
+    with pytest.raises(LimitError, match="canonical text"):
+        parse(doubled % ("PatrolWaypoint " * (half - 1)))
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,11 @@
 
 The file holds one tree, `Robot`, and the model of its actions for Groot. The
 blackboard keys keep their names; numbers and flags must be on the blackboard
-before the first tick. What is not the same over there: `losses`.
+before the first tick. Where the library's own nodes do something else, the file
+names nodes of ours, which `nodes/islandgp_nodes.hpp` brings; a plain file does
+without them, and what is not the same then is told by `losses`.
+
+One tick of ours is one call of `Tree::tickExactlyOnce()`.
 """
 
 from __future__ import annotations
@@ -11,13 +15,16 @@ from collections.abc import Iterator
 from typing import Final
 from xml.sax.saxutils import escape, quoteattr
 
+from islandgp.bt.export.exact import OWN, exact_plan, own_nodes, parts
 from islandgp.bt.export.plan import Loss, Part, guard_losses, plan
 from islandgp.bt.node import Node, walk
 from islandgp.bt.printer import number_text
 from islandgp.bt.vocabulary import NOTHING, Vocabulary
+from islandgp.errors import DomainError
 
 TREE_ID: Final = "Robot"
 REST: Final = "rest"  # the name of a node that stands for the later branches of the one above it
+HEADER: Final = "islandgp_nodes.hpp"
 
 TAGS: Final[dict[str, str]] = {
     "fallback": "Fallback",
@@ -31,10 +38,39 @@ TAGS: Final[dict[str, str]] = {
 }
 """Our names of `plan` and theirs."""
 
+OWN_TAGS: Final[dict[str, str]] = {
+    "when": "When",
+    "interruptible_fallback": "InterruptibleFallback",
+    "interruptible_sequence": "InterruptibleSequence",
+    "judged_parallel": "JudgedParallel",
+    "repeat_per_tick": "RepeatPerTick",
+}
+"""Our names of `exact`, and the nodes of ours for this library."""
+
+_PORTS: Final[dict[str, tuple[str, ...]]] = {
+    "when": ("key", "op", "number", "abort"),
+    "judged_parallel": ("success", "failure"),
+    "repeat_per_tick": ("num_cycles",),
+}
+"""Attributes of our nodes: the arguments of ours, in their order."""
+
+BUILT_IN: Final = frozenset((
+    *TAGS.values(), *OWN_TAGS.values(), "Action", "Condition", "Control", "Decorator", "SubTree",
+    "AlwaysFailure", "AlwaysSuccess", "AsyncFallback", "AsyncSequence", "Delay", "EntryUpdated",
+    "ForceFailure", "ForceSuccess", "IfThenElse", "KeepRunningUntilFailure", "LoopBool",
+    "LoopDouble", "LoopInt", "LoopString", "ManualSelector", "ParallelAll", "Precondition",
+    "RetryUntilSuccessful", "RetryUntilSuccesful", "RunOnce", "Script", "SequenceWithMemory",
+    "SetBlackboard", "SkipUnlessUpdated", "Sleep", "SubTreePlus", "Switch2", "Switch3", "Switch4",
+    "Switch5", "Switch6", "TestNode", "Timeout", "UnsetBlackboard", "WaitValueUpdate",
+    "WasEntryUpdated", "WhileDoElse",
+))  # fmt: skip
+"""Names of nodes that no action can have over there."""
+
 REPEAT = Loss(
     "repeat",
-    "Repeat begins the next repetition in the tick in which one ends; a repeater here begins it in"
-    " the next tick",
+    "Repeat begins the next repetition in the tick in which one ends; where a repetition ended in"
+    " its first tick, tickExactlyOnce leaves the next one to its next call, tickOnce does not. A"
+    " repeater here always takes the next tick",
 )
 JUDGED = Loss(
     "judged",
@@ -46,35 +82,81 @@ POLICY = Loss(
     "a parallel with success all and failure all fails at the first failure, as it can't succeed"
     " any more",
 )
+EQUAL = Loss(
+    "equal",
+    "== and != take two numbers that differ by no more than 0.00000012 as equal",
+)
 
 
 def losses(tree: Node) -> list[Loss]:
-    """What does not mean the same in BehaviorTree.CPP, each kind once."""
+    """What does not mean the same in a plain file, each kind once."""
     found = guard_losses(tree)
     for node in walk(tree):
-        if node.kind == "repeater" and node.args[0] != 1:
+        if node.kind == "repeater" and differs(node):
             found.add(REPEAT)
         if node.kind == "parallel" and len(node.children) > 1:
             found.add(POLICY if node.args == ("all", "all") else JUDGED)
+        if node.kind == "when" and differs(node):
+            found.add(EQUAL)
     return sorted(found)
 
 
-def to_xml(tree: Node, vocabulary: Vocabulary = NOTHING) -> str:
-    """The text of an XML file; the vocabulary gives the actions' meanings."""
+def differs(node: Node) -> bool:
+    """Whether the library's own node for a parallel, a repeater or a `when` does something else."""
+    if node.kind == "repeater":
+        return node.args[0] != 1
+    if node.kind == "parallel":
+        # With one child only the words differ; they come back when the file is read.
+        return len(node.children) > 1 or node.args != ("all", "one")
+    return node.args[1] in ("==", "!=")
+
+
+def to_xml(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = False) -> str:
+    """The text of an XML file; the vocabulary gives the actions' meanings.
+
+    Args:
+        tree: what to write.
+        vocabulary: its actions and keys.
+        plain: only nodes of the library; what is not the same then is told by `losses`.
+
+    Raises:
+        DomainError: an action has the name of a node of the library.
+    """
     used = sorted({str(node.args[0]) for node in walk(tree) if node.kind == "action"})
-    lines = [
-        f'<root BTCPP_format="4" main_tree_to_execute="{TREE_ID}">',
-        f'  <BehaviorTree ID="{TREE_ID}">',
-        *_lines(plan(tree), "    "),
+    if taken := BUILT_IN.intersection(used):
+        raise DomainError(
+            f"Expected action names that are no nodes of BehaviorTree.CPP, found {min(taken)!r};"
+            " rename the action in the domain."
+        )
+    whole = plan(tree) if plain else exact_plan(tree, differs)
+    own = {part.kind for part in parts(whole)} & OWN
+    identity = TREE_ID if TREE_ID not in used else f"{TREE_ID}Tree"
+    lines = [f'<root BTCPP_format="4" main_tree_to_execute="{identity}">']
+    if own:
+        lines.append(f"  <!-- Needs {HEADER}: islandgp::register_nodes(factory). -->")
+    lines += [
+        f'  <BehaviorTree ID="{identity}">',
+        *_lines(whole, "    "),
         "  </BehaviorTree>",
         "",
         "  <TreeNodesModel>",
     ]
     for name in used:
-        words = vocabulary.action(name).meaning
+        words = vocabulary.action(name).meaning.replace("--", "-")
         meaning = f"<!-- {escape(words)} -->" if words else ""
         lines.append(f"    <Action ID={quoteattr(name)}/> {meaning}".rstrip())
+    lines += (line for kind in sorted(own) for line in _model(kind))
     return "\n".join([*lines, "  </TreeNodesModel>", "</root>", ""])
+
+
+def needs_header(tree: Node) -> bool:
+    """Whether the file of a tree, unless it is plain, names nodes of ours."""
+    return any(part.kind in OWN for part in parts(exact_plan(tree, differs)))
+
+
+def header() -> str:
+    """The C++ header with our nodes."""
+    return own_nodes(HEADER)
 
 
 def _lines(part: Part, indent: str) -> Iterator[str]:
@@ -84,7 +166,7 @@ def _lines(part: Part, indent: str) -> Iterator[str]:
     if part.kind == "check":
         yield f"{indent}<ScriptCondition code={quoteattr(_script(part))}/>"
         return
-    tag = TAGS[part.kind]
+    tag = TAGS.get(part.kind) or OWN_TAGS[part.kind]
     yield f"{indent}<{tag}{_attributes(part)}>"
     for child in part.children:
         yield from _lines(child, indent + "  ")
@@ -92,13 +174,34 @@ def _lines(part: Part, indent: str) -> Iterator[str]:
 
 
 def _attributes(part: Part) -> str:
+    if part.kind in _PORTS:
+        values = ((name, _word(v)) for name, v in zip(_PORTS[part.kind], part.args, strict=True))
+        return "".join(f" {name}={quoteattr(value)}" for name, value in values)
     if part.kind == "repeat":
         return f' num_cycles="{int(part.args[0])}"'
     if part.kind == "parallel":
         success, failure = part.args
-        fails = 1 if failure == "one" else len(part.children)
+        # With success all, the first failure fails it, whatever stands here.
+        fails = 1 if failure == "one" or success == "all" else len(part.children)
         return f' success_count="{1 if success == "one" else -1}" failure_count="{fails}"'
     return f' name="{REST}"' if part.rest else ""
+
+
+def _word(value: str | float) -> str:
+    return value if isinstance(value, str) else number_text(float(value))
+
+
+def _model(kind: str) -> Iterator[str]:
+    """What Groot must know of a node of ours."""
+    sort = "Decorator" if kind in ("when", "repeat_per_tick") else "Control"
+    ports = _PORTS.get(kind, ())
+    if not ports:
+        yield f'    <{sort} ID="{OWN_TAGS[kind]}"/>'
+        return
+    yield f'    <{sort} ID="{OWN_TAGS[kind]}">'
+    for port in ports:
+        yield f'      <input_port name="{port}"/>'
+    yield f"    </{sort}>"
 
 
 def _script(check: Part) -> str:

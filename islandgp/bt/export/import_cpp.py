@@ -1,111 +1,251 @@
 """Reads BehaviorTree.CPP XML, version 4, for the nodes that the language has too.
 
-Reactive composites become guards with abort rules: a condition in a
-ReactiveSequence checks itself, one in a ReactiveFallback interrupts. What has
+The nodes of `nodes/islandgp_nodes.hpp` are those of the language. Of the library's
+own, a condition in a ReactiveSequence checks itself, and one in a ReactiveFallback
+interrupts. What does not mean quite the same here is told with its place; what has
 no equal here is refused with its place and a reason, never guessed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, NoReturn
+from typing import Final, NamedTuple, NoReturn
 
-from islandgp.bt.export.behaviortree_cpp import REST, TAGS
-from islandgp.bt.export.plan import hands_over
-from islandgp.bt.export.scripts import OPPOSITE, read_condition
+from islandgp.bt.export.behaviortree_cpp import (
+    EQUAL,
+    JUDGED,
+    OWN_TAGS,
+    REPEAT,
+    REST,
+    TAGS,
+)
+from islandgp.bt.export.plan import LEVEL, ORDER, RESUMED, Loss, hands_over
+from islandgp.bt.export.scripts import OPPOSITE, condition_of, read_condition
 from islandgp.bt.export.xml_reader import Element, read_xml
-from islandgp.bt.language import MAX_LEVELS, parse, to_text
-from islandgp.bt.node import REPEATS, Node
-from islandgp.bt.source import closest
+from islandgp.bt.language import MAX_LEVELS, MAX_NODES, parse, to_text
+from islandgp.bt.node import ABORTS, POLICIES, REPEATS, Node
+from islandgp.bt.source import closest, shown
 from islandgp.bt.truth import with_aborts
 from islandgp.bt.vocabulary import Vocabulary
-from islandgp.errors import TreeError
+from islandgp.errors import LimitError, TreeError
 
 _EXPLICIT: Final = ("Action", "Condition", "Control", "Decorator")  # <Action ID="X"/> is <X/>
+_HIDDEN: Final = {"both": "self", "lower": "none"}  # abort rules of a guard that nobody observes
 _ATTRIBUTES: Final[dict[str, tuple[str, ...]]] = {
     "ScriptCondition": ("code",),
     "Repeat": ("num_cycles",),
     "Parallel": ("success_count", "failure_count"),
     "SubTree": ("_autoremap",),
+    "When": ("key", "op", "number", "abort"),
+    "JudgedParallel": ("success", "failure"),
+    "RepeatPerTick": ("num_cycles",),
+}
+_COMPOSITES: Final = {
+    "Fallback": "selector",
+    "Sequence": "sequence",
+    "ReactiveFallback": "selector",
+    "ReactiveSequence": "sequence",
+    "InterruptibleFallback": "selector",
+    "InterruptibleSequence": "sequence",
 }
 
+SCOPE = Loss(
+    "scope",
+    'a SubTree without _autoremap="true" has a blackboard of its own, in which the keys of its'
+    " conditions are not set; here there is one blackboard",
+)
 
-def from_xml(text: str, vocabulary: Vocabulary, *, name: str = "<xml>") -> Node:
-    """The main tree of a file, with its SubTrees expanded.
+
+class Difference(NamedTuple):
+    """A loss, and where in the file it comes in first."""
+
+    line: int
+    column: int
+    loss: Loss
+
+
+class Imported(NamedTuple):
+    """A tree, and what does not mean the same as in the file: each kind of loss once."""
+
+    tree: Node
+    differences: tuple[Difference, ...]  # in the order of the file
+
+
+def from_xml(text: str, vocabulary: Vocabulary, *, name: str = "<xml>", tree: str = "") -> Node:
+    """The tree of `read_tree`, whatever is lost."""
+    return read_tree(text, vocabulary, name=name, tree=tree).tree
+
+
+def read_tree(
+    text: str, vocabulary: Vocabulary, *, name: str = "<xml>", tree: str = ""
+) -> Imported:
+    """A tree of a file, with its SubTrees expanded.
+
+    Args:
+        text: the file.
+        vocabulary: the actions and keys that there are.
+        name: what messages call the file.
+        tree: the ID of the tree; "": the file's main tree.
 
     Raises:
         TreeError: not such a file, or it holds something that the language has not; the message
             tells the place.
+        LimitError: the tree is larger than any limit on trees could allow.
     """
-    root = read_xml(text, name=name)
-    tree = _Importer(name, root, vocabulary).main()
+    importer = _Importer(name, read_xml(text, name=name), vocabulary)
+    found = importer.tree(tree)
     # The text of the tree is read again, as only the language knows what a right tree is.
-    return parse(to_text(tree), vocabulary, name=f"{name}, as text")
+    checked = parse(to_text(found), vocabulary, name=f"{name}, as text")
+    return Imported(checked, tuple(sorted(importer.differences.values())))
+
+
+class _Subtree(NamedTuple):
+    node: Node
+    nodes: int
+    levels: int
+    asks: bool  # the blackboard
 
 
 class _Importer:
+    """Reads each tree of a file once, however often it is used.
+
+    Sizes are counted with a SubTree as large as its tree, so that trees which double each other
+    are refused before they are expanded.
+    """
+
     def __init__(self, name: str, root: Element, vocabulary: Vocabulary) -> None:
         self._name = name
         self._vocabulary = vocabulary
         self._root = root
-        self._trees = {
-            element.attributes.get("ID", ""): element
-            for element in root.children
-            if element.tag == "BehaviorTree"
-        }
-        self._open: list[str] = []  # trees that are being expanded
-        self._level = 0
+        self._trees = self._all_trees()
+        self._read: dict[str, _Subtree] = {}
+        self._open: list[str] = []  # trees that are being read
+        self._nodes = 0  # of the tree that is being read, so far
+        self._level = 0  # in it
+        self._levels = 0
+        self._asks = False
+        self.differences: dict[Loss, Difference] = {}
 
-    def main(self) -> Node:
-        if self._root.tag != "root" or not self._trees:
-            self._fail(self._root, "expected <root> with a <BehaviorTree>")
-        version = self._root.attributes.get("BTCPP_format", "3")
+    def tree(self, identity: str) -> Node:
+        """The tree of that ID, or the main tree."""
+        asked = identity or self._root.attributes.get("main_tree_to_execute", "")
+        if not asked and len(self._trees) > 1:
+            self._fail(
+                self._root,
+                "expected main_tree_to_execute, as there are several trees:"
+                f" {_listed(self._trees)}; add it, or choose one by --tree ID",
+            )
+        return self._subtree(asked or next(iter(self._trees)), self._root).node
+
+    def _all_trees(self) -> dict[str, Element]:
+        root = self._root
+        if root.tag != "root":
+            self._fail(root, f"expected <root> with a <BehaviorTree>, found <{shown(root.tag)}>")
+        version = root.attributes.get("BTCPP_format", "3")
         if version != "4":
-            self._fail(self._root, f'expected BTCPP_format="4", found version {version}')
-        first = next(iter(self._trees))
-        asked = self._root.attributes.get("main_tree_to_execute")
-        if asked is None and len(self._trees) > 1:
-            self._fail(self._root, "expected main_tree_to_execute, as there are several trees")
-        return self._tree(asked or first, self._root)
+            self._fail(
+                root,
+                f'expected BTCPP_format="4", found version {shown(version)}; the library brings'
+                " convert_v3_to_v4.py",
+            )
+        found: dict[str, Element] = {}
+        for element in root.children:
+            if element.tag == "include":
+                self._fail(
+                    element,
+                    "an <include> is not followed; put the trees of that file into this one",
+                )
+            if element.tag == "TreeNodesModel":
+                continue
+            if element.tag != "BehaviorTree":
+                self._fail(element, f"expected a <BehaviorTree>, found <{shown(element.tag)}>")
+            identity = element.attributes.get("ID", "")
+            if identity in found:
+                self._fail(element, f"the tree {shown(identity)} stands twice; rename one")
+            found[identity] = element
+        if not found:
+            self._fail(root, "expected <root> with a <BehaviorTree>, found none")
+        return found
 
-    def _tree(self, identity: str, user: Element) -> Node:
+    def _subtree(self, identity: str, user: Element) -> _Subtree:
+        if identity in self._read:
+            return self._read[identity]
         if identity not in self._trees:
-            known = ", ".join(self._trees)
-            self._fail(user, f"there is no <BehaviorTree ID={identity!r}>; there are {known}")
+            self._fail(
+                user,
+                f"there is no <BehaviorTree ID={shown(identity)}>; there are"
+                f" {_listed(self._trees)}",
+            )
         if identity in self._open:
-            self._fail(user, f"the tree {identity!r} contains itself")
+            self._fail(user, f"the tree {shown(identity)} contains itself")
+        if len(self._open) >= MAX_LEVELS:
+            self._fail(user, f"expected at most {MAX_LEVELS} SubTrees in each other")
         tree = self._trees[identity]
         if len(tree.children) != 1:
             self._fail(tree, f"expected one node in a <BehaviorTree>, found {len(tree.children)}")
         self._open.append(identity)
+        outside = self._nodes, self._level, self._levels, self._asks
+        self._nodes = self._level = self._levels = 0
+        self._asks = False
         node = self._node(tree.children[0])
+        self._read[identity] = _Subtree(node, self._nodes, self._levels, self._asks)
+        self._nodes, self._level, self._levels, self._asks = outside
         self._open.pop()
-        return node
+        return self._read[identity]
+
+    def _count(self, element: Element, nodes: int, levels: int) -> None:
+        """Takes in nodes below the present level."""
+        self._nodes += nodes
+        self._levels = max(self._levels, self._level + levels)
+        if self._nodes > MAX_NODES or self._levels > MAX_LEVELS:
+            raise LimitError(
+                f"{self._name}:{element.line}:{element.column}: expected a tree of at most"
+                f" {MAX_LEVELS} levels and {MAX_NODES} nodes, each SubTree expanded",
+                line=element.line,
+                column=element.column,
+            )
 
     def _node(self, element: Element) -> Node:
+        tag = _tag(element)
+        if tag == "SubTree":
+            return self._use(element)
+        self._count(element, 1, 1)
         self._level += 1
-        if self._level > MAX_LEVELS:
-            self._fail(element, f"expected at most {MAX_LEVELS} levels")
-        node = self._read(element)
+        node = self._inside(element, tag)
         self._level -= 1
         return node
 
-    def _read(self, element: Element) -> Node:
-        tag = _tag(element)
-        if tag == "SubTree":
-            self._check_attributes(element, tag)
-            return self._tree(element.attributes.get("ID", ""), element)
-        if tag not in TAGS.values() and tag not in self._vocabulary.actions:
+    def _use(self, element: Element) -> Node:
+        self._check_attributes(element, "SubTree")
+        found = self._subtree(element.attributes.get("ID", ""), element)
+        self._count(element, found.nodes, found.levels)
+        self._asks |= found.asks
+        if found.asks and element.attributes.get("_autoremap") not in ("true", "1"):
+            self._differs(element, SCOPE)
+        return found.node
+
+    def _inside(self, element: Element, tag: str) -> Node:
+        if tag not in (*TAGS.values(), *OWN_TAGS.values()) and tag not in self._vocabulary.actions:
             self._unknown(element, tag)
         self._check_attributes(element, tag)
         if tag in ("Sequence", "Fallback"):
-            return self._with_memory(tag, self._children(element))
+            return self._with_memory(element, self._children(element))
         if tag in ("ReactiveSequence", "ReactiveFallback"):
             return self._reactive(element, self._children(element))
+        if tag in _COMPOSITES:
+            return Node(_COMPOSITES[tag], (), tuple(map(self._node, self._children(element))))
+        if tag == "When":
+            return self._own_guard(element)
+        if tag == "JudgedParallel":
+            policies = (
+                self._policy(element, "success", "all"),
+                self._policy(element, "failure", "one"),
+            )
+            return Node("parallel", policies, tuple(map(self._node, self._children(element))))
         if tag == "Inverter":
             return Node("inverter", (), (self._node(self._only_child(element)),))
-        if tag == "Repeat":
-            return self._repeat(element)
+        if tag in ("Repeat", "RepeatPerTick"):
+            return self._repeat(element, tag)
         if tag == "Parallel":
             return self._parallel(element)
         if tag == "ScriptCondition":
@@ -117,33 +257,46 @@ class _Importer:
             self._fail(element, f"the action {tag} has no children")
         return Node("action", (tag,))
 
-    def _with_memory(self, tag: str, elements: Sequence[Element]) -> Node:
+    def _with_memory(self, element: Element, elements: Sequence[Element]) -> Node:
         """A condition guards all that stands behind it."""
-        kind = "sequence" if tag == "Sequence" else "selector"
+        kind = _COMPOSITES[_tag(element)]
         parts: list[Node] = []
-        for index, element in enumerate(elements):
-            behind = elements[index + 1 :]
-            if _tag(element) == "ScriptCondition" and behind:
-                inner = (
-                    self._node(behind[0]) if len(behind) == 1 else self._with_memory(tag, behind)
-                )
-                parts.append(self._guard(element, inner, "none", inverted=kind == "selector"))
+        for index, each in enumerate(elements[:-1]):
+            if _tag(each) == "ScriptCondition":
+                parts.append(self._guarding(each, element, elements[index + 1 :], "none"))
                 break
-            part = self._node(element)
-            if element.attributes.get("name") == REST and part.kind == kind and not behind:
-                parts += part.children  # as our own export nested it
-            else:
-                parts.append(part)
+            # Over there nobody observes the guards of this branch.
+            parts.append(with_aborts(self._node(each), _HIDDEN))
+        else:
+            last = elements[-1]
+            node = self._node(last)
+            ours = last.attributes.get("name") == REST and node.kind == kind
+            parts += node.children if ours and parts else (node,)  # as our own export nested it
         return parts[0] if len(parts) == 1 and len(elements) > 1 else Node(kind, (), tuple(parts))
 
     def _reactive(self, element: Element, elements: Sequence[Element]) -> Node:
         """Conditions at the front guard the rest and check themselves; the others interrupt."""
-        kind = "sequence" if _tag(element) == "ReactiveSequence" else "selector"
         first, *rest = elements
-        if _tag(first) != "ScriptCondition" or not rest:
-            return self._interrupting(kind, element, elements)
-        inner = self._node(rest[0]) if len(rest) == 1 else self._reactive(element, rest)
-        return self._guard(first, inner, "self", inverted=kind == "selector")
+        if _tag(first) == "ScriptCondition" and rest:
+            return self._guarding(first, element, rest, "self")
+        return self._interrupting(_COMPOSITES[_tag(element)], element, elements)
+
+    def _guarding(
+        self, condition: Element, element: Element, behind: Sequence[Element], abort: str
+    ) -> Node:
+        """A condition in a composite, and all that stands behind it there."""
+        inverted = _COMPOSITES[_tag(element)] == "selector"
+        self._count(condition, 1, 1)
+        self._level += 1
+        if len(behind) == 1:
+            inner = self._node(behind[0])
+        elif abort == "none":
+            inner = self._with_memory(element, behind)
+        else:
+            inner = self._reactive(element, behind)
+        self._level -= 1
+        # Over there nobody observes a guard behind a condition.
+        return self._guard(condition, with_aborts(inner, _HIDDEN), abort, inverted=inverted)
 
     def _interrupting(self, kind: str, element: Element, elements: Sequence[Element]) -> Node:
         """A composite whose branches, but for the last, begin with a guard that interrupts."""
@@ -154,10 +307,13 @@ class _Importer:
             if not hands_over(part, kind):
                 self._fail(
                     branch,
-                    f"in a {element.tag}, all but the last child must begin with a condition:"
+                    f"in a {_tag(element)}, all but the last child must begin with a condition:"
                     " the language takes a branch up again only when a condition asks for it",
                 )
             parts.append(with_aborts(part, {"none": "lower", "self": "both"}))
+        if earlier:
+            for loss in (LEVEL, ORDER, RESUMED):
+                self._differs(element, loss)
         end = self._node(last)
         nested = last.attributes.get("name") == REST and end.kind == kind
         parts += end.children if nested else [end]
@@ -166,7 +322,10 @@ class _Importer:
     def _guard(self, element: Element, child: Node, abort: str, *, inverted: bool) -> Node:
         """Runs its child where a condition holds; inverted: succeeds there, else runs the child."""
         self._check_attributes(element, "ScriptCondition")
+        self._asks = True
         for key, operator, number in reversed(self._conditions(element, alone=inverted)):
+            if operator in ("==", "!="):
+                self._differs(element, EQUAL)
             if inverted:
                 guard = Node(
                     "when",
@@ -180,37 +339,69 @@ class _Importer:
 
     def _conditions(self, element: Element, *, alone: bool) -> list[tuple[str, str, float]]:
         code = element.attributes.get("code", "")
+        terms = [code] if alone else code.split("&&", MAX_LEVELS)
         try:
-            return [
-                read_condition(term, self._vocabulary)
-                for term in ([code] if alone else code.split("&&"))
-            ]
+            return [read_condition(term, self._vocabulary) for term in terms]
         except ValueError as error:
             self._fail(element, str(error))
 
-    def _repeat(self, element: Element) -> Node:
+    def _own_guard(self, element: Element) -> Node:
+        self._asks = True
+        given = element.attributes
+        abort = given.get("abort", ABORTS[-1])
+        if abort not in ABORTS:
+            self._fail(
+                element, f"expected abort {', '.join(ABORTS)}, found {shown(abort)}; choose one"
+            )
+        try:
+            condition = condition_of(
+                given.get("key", ""),
+                given.get("op", "is"),
+                given.get("number", "0"),
+                self._vocabulary,
+            )
+        except ValueError as error:
+            self._fail(element, str(error))
+        return Node("when", (*condition, abort), (self._node(self._only_child(element)),))
+
+    def _repeat(self, element: Element, tag: str) -> Node:
         count = element.attributes.get("num_cycles", "")
         fewest, most = REPEATS
-        if not (count.isdecimal() and fewest <= int(count) <= most):
-            self._fail(element, f"expected num_cycles from {fewest} to {most}, found {count!r}")
+        if not (count.isdecimal() and len(count) < 10 and fewest <= int(count) <= most):
+            self._fail(
+                element, f"expected num_cycles from {fewest} to {most}, found {shown(count)}"
+            )
+        if tag == "Repeat" and int(count) != 1:
+            self._differs(element, REPEAT)
         return Node("repeater", (int(count),), (self._node(self._only_child(element)),))
+
+    def _policy(self, element: Element, attribute: str, default: str) -> str:
+        found = element.attributes.get(attribute, default)
+        if found not in POLICIES:
+            self._fail(element, f"expected {attribute} one or all, found {shown(found)}")
+        return found
 
     def _parallel(self, element: Element) -> Node:
         children = self._children(element)
-        policies = []
-        for attribute, default in (("success_count", "-1"), ("failure_count", "1")):
-            value = element.attributes.get(attribute, default)
-            if value in ("-1", str(len(children))) and value != "1":
-                policies.append("all")
-            elif value == "1":
-                policies.append("one")
-            else:
-                self._fail(
-                    element,
-                    f"expected {attribute} 1 or all {len(children)} (-1), found {value!r}:"
-                    " a parallel here asks one child or all",
-                )
-        return Node("parallel", tuple(policies), tuple(map(self._node, children)))
+        success = self._threshold(element, "success_count", "-1", len(children))
+        failure = self._threshold(element, "failure_count", "1", len(children))
+        if success == "all":
+            failure = "one"  # it fails when it can't succeed any more: at the first failure
+        if len(children) > 1:
+            self._differs(element, JUDGED)
+        return Node("parallel", (success, failure), tuple(map(self._node, children)))
+
+    def _threshold(self, element: Element, attribute: str, default: str, count: int) -> str:
+        value = element.attributes.get(attribute, default)
+        if value in ("-1", str(count)) and value != "1":
+            return "all"
+        if value != "1":
+            self._fail(
+                element,
+                f"expected {attribute} 1 or all {count} (-1), found {shown(value)}: a parallel here"
+                " asks one child or all",
+            )
+        return "one"
 
     def _children(self, element: Element) -> list[Element]:
         if not element.children:
@@ -225,20 +416,34 @@ class _Importer:
         return element.children[0]
 
     def _check_attributes(self, element: Element, tag: str) -> None:
-        for attribute in element.attributes:
+        for attribute, value in element.attributes.items():
+            if tag == "SubTree" and value == f"{{{attribute}}}":
+                continue  # the entry keeps its name
             if attribute not in ("name", "ID", *_ATTRIBUTES.get(tag, ())):
-                self._fail(element, f"the language has nothing like {attribute!r} of {tag}")
+                self._fail(element, f"the language has nothing like {shown(attribute)} of {tag}")
+
+    def _differs(self, element: Element, loss: Loss) -> None:
+        self.differences.setdefault(loss, Difference(element.line, element.column, loss))
 
     def _unknown(self, element: Element, tag: str) -> NoReturn:
-        known = (*TAGS.values(), "SubTree", *self._vocabulary.actions)
+        known = (*TAGS.values(), *OWN_TAGS.values(), "SubTree", *self._vocabulary.actions)
         guess = closest(tag, known)
         hint = f"did you mean {guess}?" if guess else f"there are {', '.join(known)}"
-        self._fail(element, f"the language has no node {tag!r}; {hint}")
+        self._fail(element, f"the language has no node {shown(tag)}; {hint}")
 
     def _fail(self, element: Element, message: str) -> NoReturn:
         line, column = element.line, element.column
         raise TreeError(f"{self._name}:{line}:{column}: {message}", line=line, column=column)
 
 
+def _listed(names: Sequence[str] | dict[str, Element]) -> str:
+    """The first names of many."""
+    first = [shown(name) for name in list(names)[:10]]
+    return ", ".join(first) + (", ..." if len(names) > 10 else "")
+
+
 def _tag(element: Element) -> str:
-    return element.attributes.get("ID", "") if element.tag in _EXPLICIT else element.tag
+    """What node it is: <Action ID="X"/> is <X/>."""
+    if element.tag in _EXPLICIT:
+        return element.attributes.get("ID", element.tag)
+    return element.tag

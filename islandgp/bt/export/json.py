@@ -13,14 +13,22 @@ from __future__ import annotations
 import json
 from typing import Any, Final, NoReturn
 
-from islandgp.bt.language import MAX_LEVELS, parse, to_text
-from islandgp.bt.node import KINDS, Node
+from islandgp.bt.language import MAX_LEVELS, MAX_NODES, MAX_NUMBER, parse, to_text
+from islandgp.bt.node import ABORTS, FLAG_OPERATORS, KINDS, OPERATORS, POLICIES, Node
 from islandgp.bt.source import closest
-from islandgp.bt.vocabulary import Vocabulary
-from islandgp.errors import TreeError
+from islandgp.bt.vocabulary import NAME, RESERVED, Vocabulary
+from islandgp.errors import LimitError, TreeError
 
 FORMAT: Final = "islandgp-tree"
 VERSION: Final = 1
+
+WORDS: Final[dict[str, tuple[str, ...]]] = {
+    "op": (*OPERATORS, *FLAG_OPERATORS),
+    "abort": ABORTS,
+    "success": POLICIES,
+    "failure": POLICIES,
+}
+"""Arguments that are one of a few words."""
 
 
 def to_json(tree: Node) -> str:
@@ -36,19 +44,26 @@ def from_json(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<
         TreeError: it is not JSON, or not such a tree; the message tells where.
     """
     try:
-        whole = json.loads(text)
+        whole = json.loads(text.removeprefix("\ufeff"))
     except json.JSONDecodeError as error:
         raise TreeError(
             f"{name}:{error.lineno}:{error.colno}: not JSON: {error.msg}",
             line=error.lineno,
             column=error.colno,
         ) from None
+    except ValueError:  # Python converts no more than some thousand digits
+        raise TreeError(
+            f"{name}: expected numbers from {-MAX_NUMBER} to {MAX_NUMBER}, found one of thousands"
+            " of digits"
+        ) from None
     except RecursionError:
         raise TreeError(f"{name}: the tree is nested too deeply") from None
     if not isinstance(whole, dict) or whole.get("format") != FORMAT:
         raise TreeError(f'{name}: expected an object with "format": "{FORMAT}"')
     if whole.get("version") != VERSION:
-        raise TreeError(f'{name}: expected "version": {VERSION}, found {whole.get("version")!r}')
+        raise TreeError(
+            f'{name}: expected "version": {VERSION}, found {whole.get("version")!r:.40}'
+        )
     tree = _Reader(name).node(whole.get("tree"), "tree", 1)
     # The text of the tree is read again, as only the language knows what a right tree is.
     return parse(to_text(tree), vocabulary, name=f"{name}, as text")
@@ -69,13 +84,18 @@ class _Reader:
 
     def __init__(self, name: str) -> None:
         self._name = name
+        self._nodes = 0
 
     def node(self, value: Any, at: str, level: int) -> Node:
         """The node at a path such as `tree.children[0]`."""
         if not isinstance(value, dict):
             self._fail(at, f"expected a node, found {value!r:.40}")
-        if level > MAX_LEVELS:
-            self._fail(at, f"expected at most {MAX_LEVELS} levels")
+        self._nodes += 1
+        if level > MAX_LEVELS or self._nodes > MAX_NODES:
+            raise LimitError(
+                f"{self._name}: {_shortened(at)}: expected a tree of at most {MAX_LEVELS} levels"
+                f" and {MAX_NODES} nodes"
+            )
         kind = value.get("kind")
         if not isinstance(kind, str) or kind not in KINDS:
             guess = closest(str(kind), KINDS)
@@ -90,9 +110,12 @@ class _Reader:
         if not isinstance(children, list) or not least <= len(children) <= most:
             wanted = least if least == most else f"at least {least}"
             self._fail(at, f"expected {wanted} children of {kind}")
+        args = tuple(self._argument(value, argument, at) for argument in names)
+        if kind == "when" and args[1] in FLAG_OPERATORS and args[2] != 0:
+            self._fail(at, f'expected "number": 0 beside the op {args[1]}, found {args[2]:g}')
         return Node(
             kind,
-            tuple(self._argument(value, argument, at) for argument in names),
+            args,
             tuple(
                 self.node(child, f"{at}.children[{i}]", level + 1)
                 for i, child in enumerate(children)
@@ -104,12 +127,30 @@ class _Reader:
         if argument in ("number", "count"):
             if isinstance(found, bool) or not isinstance(found, int | float):
                 self._fail(at, f"expected a number as {argument!r}, found {found!r:.40}")
-            if not abs(found) < 1e9:
-                self._fail(at, f"{argument!r} is out of range: {found!r:.40}")
+            if not abs(found) <= MAX_NUMBER:
+                self._fail(
+                    at,
+                    f"expected {argument!r} from {-MAX_NUMBER} to {MAX_NUMBER}: out of range is"
+                    f" {found!r:.40}",
+                )
             return int(found) if found == int(found) and argument == "count" else float(found)
-        if not isinstance(found, str) or (not found.isidentifier() and argument != "op"):
+        words = WORDS.get(argument)
+        if words is not None and found not in words:
+            guess = closest(str(found), words)
+            hint = f"; did you mean {guess!r}?" if guess else ""
+            self._fail(
+                at, f"expected {argument!r}: one of {' '.join(words)}, found {found!r:.40}{hint}"
+            )
+        if not isinstance(found, str) or (
+            words is None and (not NAME.fullmatch(found) or found in RESERVED)
+        ):
             self._fail(at, f"expected a word as {argument!r}, found {found!r:.40}")
         return found
 
     def _fail(self, at: str, message: str) -> NoReturn:
-        raise TreeError(f"{self._name}: {at}: {message}")
+        raise TreeError(f"{self._name}: {_shortened(at)}: {message}")
+
+
+def _shortened(at: str) -> str:
+    """A path whose middle is left out if it is very long."""
+    return at if len(at) <= 100 else f"{at[:40]}...{at[-40:]}"

@@ -34,7 +34,7 @@ class Part(NamedTuple):
 class Loss(NamedTuple):
     """Something that is not the same after the export."""
 
-    about: str  # level, inner, dropped, repeat, judged, policy: the rows of docs/exports.md
+    about: str  # level, order, resumed, inner, ...: the rows of docs/exports.md
     message: str
 
 
@@ -42,6 +42,16 @@ LEVEL = Loss(
     "level",
     "an interrupting guard takes over whenever it holds, not only when it turns true:"
     " a branch that failed is tried again in the next tick",
+)
+ORDER = Loss(
+    "order",
+    "an interrupting branch starts before the branch that it interrupts is halted, so that two"
+    " branches act at once for a moment; here the halt comes first",
+)
+RESUMED = Loss(
+    "resumed",
+    "when an interrupting branch fails at once, the branch that it would have interrupted goes on"
+    " as if nothing had been; here it was halted, and starts anew",
 )
 DROPPED = Loss(
     "dropped",
@@ -76,8 +86,9 @@ def guard_losses(tree: Node) -> set[Loss]:
     if tree.kind in ("selector", "sequence"):
         for branch in tree.children[:-1]:
             if exposes(branch):
-                found.add(LEVEL if _reacts(branch, tree.kind) else DROPPED)
-                if _reacts(branch, tree.kind) and not all(map(interrupts, chain(branch))):
+                reacts = _reacts(branch, tree.kind)
+                found |= {LEVEL, ORDER, RESUMED} if reacts else {DROPPED}
+                if reacts and not all(map(interrupts, chain(branch))):
                     found.add(INNER)
     for child in tree.children:
         found |= guard_losses(child)
@@ -112,12 +123,16 @@ def _reacts(branch: Node, composite: str) -> bool:
 def hands_over(branch: Node, composite: str) -> bool:
     """Whether a branch with a guard hands over to those behind it while its guard is false.
 
-    A failing guard does so in a selector, an inverted one in a sequence.
+    A failing guard does so in a selector, an inverted one in a sequence. One whose success a
+    repeater counts does not: it would hand over after several ticks only, each time anew.
     """
     failure_does = composite == "selector"
+    counted = False  # whether a repeater above counts what comes up here as the handing over
     while branch.kind in ("when", "inverter", "repeater"):
         if branch.kind == "when":
-            return failure_does
+            return failure_does and not counted
         failure_does ^= branch.kind == "inverter"
+        # Through a repeater a failure passes at once, a success in the last repetition.
+        counted |= branch.kind == "repeater" and branch.args[0] != 1 and not failure_does
         branch = branch.children[0]
     return False

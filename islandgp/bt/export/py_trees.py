@@ -2,7 +2,10 @@
 
 The module needs py_trees alone. Its `create_tree(action)` asks `action(name)`
 for the behaviour of each leaf, which is where the robot's own code comes in,
-and reads the blackboard under our keys. What is not the same: `losses`.
+and reads the blackboard under our keys. Where the library's own behaviours do
+something else, the module holds behaviours of ours, copied from
+`nodes/islandgp_nodes.py`; a plain module does without them, and what is not the
+same then is told by `losses`.
 """
 
 from __future__ import annotations
@@ -10,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
+from islandgp.bt.export.exact import OWN, exact_plan, own_nodes, parts
 from islandgp.bt.export.plan import Loss, Part, guard_losses, plan
 from islandgp.bt.language import to_text
 from islandgp.bt.node import Node, walk
@@ -31,9 +35,9 @@ Blackboard keys (a robot writes them before each tick):
 import operator
 
 from py_trees.behaviours import CheckBlackboardVariableValue
-from py_trees.common import ComparisonExpression, ParallelPolicy
-from py_trees.composites import Parallel, Selector, Sequence
-from py_trees.decorators import EternalGuard, Inverter, Repeat
+from py_trees.common import Access, ComparisonExpression, ParallelPolicy, Status
+from py_trees.composites import Composite, Parallel, Selector, Sequence
+from py_trees.decorators import Decorator, EternalGuard, Inverter, Repeat
 
 
 def check(key, compare, value):
@@ -48,7 +52,7 @@ def guard(key, compare, value, child):
     return EternalGuard(key, child, holds, {{key}})
 
 
-def create_tree(action):
+{own}def create_tree(action):
     """The root; `action(name)` gives the behaviour of a leaf, a new one at each call."""
     return {tree}
 '''
@@ -56,22 +60,38 @@ _COMPARE: Final = {"<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "!=
 
 
 def losses(tree: Node) -> list[Loss]:
-    """What does not mean the same in py_trees, each kind once."""
+    """What does not mean the same in a plain module, each kind once."""
     found = guard_losses(tree)
-    for node in walk(tree):
-        if node.kind == "parallel" and node.args[1] == "all" and len(node.children) > 1:
-            found.add(POLICY)
+    if any(node.kind == "parallel" and differs(node) for node in walk(tree)):
+        found.add(POLICY)
     return sorted(found)
 
 
-def to_python(tree: Node, vocabulary: Vocabulary = NOTHING) -> str:
-    """The text of a Python module; the vocabulary gives the keys' meanings."""
+def differs(node: Node) -> bool:
+    """Whether the library's own node for a parallel, a repeater or a `when` does something else."""
+    return node.kind == "parallel" and node.args[1] == "all" and len(node.children) > 1
+
+
+def to_python(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = False) -> str:
+    """The text of a Python module; the vocabulary gives the keys' meanings.
+
+    Plain: only behaviours of the library; what is not the same then is told by `losses`.
+    """
+    whole = plan(tree) if plain else exact_plan(tree, differs)
+    own = _own() if any(part.kind in OWN for part in parts(whole)) else ""
     text = "".join(f"    {line}\n" for line in to_text(tree).splitlines())
     asked = dict.fromkeys(str(node.args[0]) for node in walk(tree) if node.kind == "when")
     known = {name: key.meaning for name, key in vocabulary.keys.items()} or dict.fromkeys(asked, "")
     keys = "\n".join(f"    {name}: {meaning}".rstrip(": ") for name, meaning in known.items())
-    body = "\n".join(_lines(plan(tree), "    ")).strip().removesuffix(",")
-    return _HEAD.format(text=text, keys=keys, tree=body)
+    keys = keys.replace("\\", "\\\\").replace('"""', "'''")  # it stands in a docstring
+    body = "\n".join(_lines(whole, "    ")).strip().removesuffix(",")
+    return _HEAD.format(text=text, keys=keys, own=own, tree=body)
+
+
+def _own() -> str:
+    """The text of our behaviours, without what stands before the first of them."""
+    text = own_nodes("islandgp_nodes.py")
+    return text[text.index("class When(") :].rstrip() + "\n\n\n"
 
 
 def _lines(part: Part, indent: str) -> Iterator[str]:
@@ -102,10 +122,18 @@ def _around(part: Part) -> tuple[str, str]:
         return f"check({_condition(part)}", ")"
     if _is_guard(part):
         return f"guard({_condition(part.children[0])}, child=", ")"
+    if kind == "when":
+        return f"When({_condition(part)}, {str(part.args[3])!r}, child=", ")"
+    if kind in ("interruptible_fallback", "interruptible_sequence"):
+        word = "selector" if kind == "interruptible_fallback" else "sequence"
+        return f"Interruptible{word.title()}({word!r}, children=[", "])"
     if kind in ("fallback", "reactive_fallback"):
         return f"Selector('selector', memory={kind == 'fallback'}, children=[", "])"
     if kind in ("sequence", "reactive_sequence"):
         return f"Sequence('sequence', memory={kind == 'sequence'}, children=[", "])"
+    if kind == "judged_parallel":
+        success, failure = map(str, part.args)
+        return f"JudgedParallel('parallel', {success!r}, {failure!r}, children=[", "])"
     if kind == "parallel":
         node = Node("parallel", part.args)
         policy = "SuccessOnOne()" if part.args[0] == "one" else "SuccessOnAll(synchronise=True)"
@@ -116,7 +144,7 @@ def _around(part: Part) -> tuple[str, str]:
 
 
 def _condition(check: Part) -> str:
-    key, operator, number = check.args
+    key, operator, number = check.args[:3]
     if operator in ("is", "not"):
         return f"{str(key)!r}, operator.{'ne' if operator == 'is' else 'eq'}, 0"
     return f"{str(key)!r}, operator.{_COMPARE[str(operator)]}, {number_text(float(number))}"

@@ -1,0 +1,167 @@
+"""Behaviours for py_trees 2 that keep the meaning of islandgp's trees.
+
+`islandgp export` copies the classes below into the modules that it writes. The
+library's own composites without memory start an interrupting branch before they
+stop the one that it interrupts, interrupt whenever a condition *is* true, and take
+a running branch up again when the interrupting one fails. These stop first, and
+interrupt when a condition *turns* true. What each does in a tick is told in
+islandgp's docs/semantics.md.
+"""
+
+from py_trees.common import Access, Status
+from py_trees.composites import Composite
+from py_trees.decorators import Decorator
+
+
+class When(Decorator):
+    """Runs its child while `compare(blackboard[key], value)` holds.
+
+    `abort` says what a change of the condition stops. none: nothing, it is asked at the start
+    only; self: the child; lower: later branches of the nearest InterruptibleSelector or
+    -Sequence above; both: the last two.
+    """
+
+    def __init__(self, key, compare, value, abort, child):
+        """The arguments are told above."""
+        super().__init__(key, child)
+        self.attach_blackboard_client().register_key(key, access=Access.READ)
+        self.key, self.compare, self.value = key, compare, value
+        self.stops_itself = abort in ("self", "both")
+        self.interrupts = abort in ("lower", "both")
+        self.seen = None  # the condition when last asked; None: not since the composite started
+
+    def holds(self):
+        """Whether the condition holds now."""
+        return bool(self.compare(self.blackboards[0].get(self.key), self.value))
+
+    def tick(self):
+        """Asks, then ticks the child."""
+        if self.status != Status.RUNNING:
+            self.seen = asked = self.holds()
+        else:
+            asked = not self.stops_itself or self.holds()
+        if not asked:
+            self.stop(Status.FAILURE)  # stops a running child
+            yield self
+            return
+        yield from super().tick()
+
+    def update(self):
+        """It is what its child is."""
+        return self.decorated.status
+
+
+class Interruptible(Composite):
+    """Goes back to an earlier branch when a guard in front of it turns true.
+
+    The branch that ran is stopped before the other one starts. Otherwise it has memory.
+    """
+
+    hands_over = Status.INVALID  # the status with which it goes on to the next branch
+
+    def __init__(self, name, children):
+        """The children are the branches, in the order of their urgency."""
+        super().__init__(name, children)
+        self.guards = [
+            (branch, guard)
+            for branch, child in enumerate(children[:-1])
+            for guard in _guards(child)
+        ]
+
+    def tick(self):
+        """Looks for a guard that turned true, then ticks the branch that is due."""
+        fresh = self.status != Status.RUNNING
+        at = 0 if fresh else self._due()
+        if fresh:
+            self._forget(0)
+            self.initialise()
+        elif self.children[at] is not self.current_child:
+            self.current_child.stop(Status.INVALID)
+            self._forget(at)
+            fresh = True
+        while True:
+            child = self.current_child = self.children[at]
+            yield from child.tick()
+            if child.status != self.hands_over or at == len(self.children) - 1:
+                break
+            if not fresh:
+                # From now on the guards of this branch are observed, and what they were when
+                # the branch started may be long ago.
+                for branch, guard in self.guards:
+                    if branch == at and guard.seen is not None:
+                        guard.seen = guard.holds()
+            fresh = True
+            at += 1
+        if child.status != Status.RUNNING:
+            self.stop(child.status)
+        self.status = child.status
+        yield self
+
+    def _due(self):
+        """The branch of the first observed guard that turned true, else the running branch."""
+        current = self.children.index(self.current_child)
+        for branch, guard in self.guards:
+            if branch < current and guard.seen is not None:
+                before, guard.seen = guard.seen, guard.holds()
+                if guard.seen and not before:
+                    return branch
+        return current
+
+    def _forget(self, first):
+        """Guards from that branch on are not observed until they are asked again."""
+        for branch, guard in self.guards:
+            if branch >= first:
+                guard.seen = None
+
+
+class InterruptibleSelector(Interruptible):
+    """Ticks its children in order until one does not fail."""
+
+    hands_over = Status.FAILURE
+
+
+class InterruptibleSequence(Interruptible):
+    """Ticks its children in order until one does not succeed."""
+
+    hands_over = Status.SUCCESS
+
+
+class JudgedParallel(Composite):
+    """Ticks every child that is not finished, and judges afterwards, failures first.
+
+    `success` and `failure` are "one" or "all": how many children decide.
+    """
+
+    def __init__(self, name, success, failure, children):
+        """The arguments are told above."""
+        super().__init__(name, children)
+        self.needed = [1 if word == "one" else len(children) for word in (success, failure)]
+
+    def tick(self):
+        """Ticks the children, then judges."""
+        fresh = self.status != Status.RUNNING
+        if fresh:
+            self.initialise()
+        for child in self.children:
+            if fresh or child.status == Status.RUNNING:
+                yield from child.tick()
+        results = [child.status for child in self.children]
+        succeeded, failed = results.count(Status.SUCCESS), results.count(Status.FAILURE)
+        succeeds, fails = succeeded >= self.needed[0], failed >= self.needed[1]
+        self.current_child = self.children[-1]
+        if succeeds or fails or succeeded + failed == len(results):
+            for child in self.children:
+                if child.status == Status.RUNNING:
+                    child.stop(Status.INVALID)
+            self.stop(Status.SUCCESS if succeeds and not fails else Status.FAILURE)
+        else:
+            self.status = Status.RUNNING
+        yield self
+
+
+def _guards(branch):
+    """The guards of a branch that interrupt, down to its first node that is no decorator."""
+    while isinstance(branch, Decorator):
+        if isinstance(branch, When) and branch.interrupts:
+            yield branch
+        branch = branch.decorated

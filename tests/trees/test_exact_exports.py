@@ -1,0 +1,245 @@
+"""Every exported tree does in other libraries what it does here, call by call."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import count
+
+import pytest
+from hypothesis import HealthCheck, Phase, assume, given, settings
+from hypothesis import strategies as st
+
+from islandgp.bt.export import behaviortree_cpp, py_trees
+from islandgp.bt.language import parse
+from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node
+from islandgp.bt.vocabulary import Action, Vocabulary, flag
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.errors import DomainError
+from islandgp.resources import resource
+from tests.bt.stage import short_tree
+from tests.strategies import few_boards, few_numbers, nodes
+from tests.trees.targets import (
+    BehaviorTreeCpp,
+    compiled,
+    in_py_trees,
+    leaves,
+    ours,
+    with_own_names,
+)
+
+PLACES = VOCABULARY.places
+BOARDS = st.lists(few_boards(), min_size=2, max_size=14)
+RESULTS = st.lists(st.sampled_from([FAILURE, SUCCESS, RUNNING, RUNNING]), min_size=1, max_size=40)
+TREES = nodes(few_numbers(), max_leaves=10, max_repeats=3)
+EXAMPLES = sorted((resource("grammar") / "examples").glob("*.bt"), key=lambda path: path.name)
+MANY = settings(
+    max_examples=300, suppress_health_check=[*HealthCheck], phases=[Phase.explicit, Phase.generate]
+)
+
+
+@pytest.fixture(scope="module")
+def cpp(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BehaviorTreeCpp]:
+    """The real BehaviorTree.CPP with our nodes."""
+    process = BehaviorTreeCpp(compiled(tmp_path_factory.mktemp("btcpp")), VOCABULARY)
+    yield process
+    process.close()
+
+
+def named(tree: Node) -> Node:
+    return with_own_names(tree, count())
+
+
+@MANY
+@given(tree=TREES, boards=BOARDS, results=RESULTS)
+def test_py_trees(tree: Node, boards: list[list[float]], results: list[int]) -> None:
+    """The exported module starts, resumes and halts the same leaves in the same order."""
+    tree = named(tree)
+    assert in_py_trees(tree, boards, results, PLACES) == ours(tree, boards, results, PLACES)
+
+
+@MANY
+@given(tree=TREES, boards=BOARDS, results=RESULTS)
+def test_behaviortree_cpp(
+    cpp: BehaviorTreeCpp, tree: Node, boards: list[list[float]], results: list[int]
+) -> None:
+    """The exported file does so with our header, whichever function ticks the tree once."""
+    tree = named(tree)
+    expected = ours(tree, boards, results, PLACES)
+    assert cpp.trace(tree, boards, results) == expected
+    assert cpp.trace(tree, boards, results, how="once") == expected
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+@settings(max_examples=30, suppress_health_check=[*HealthCheck])
+@given(boards=st.lists(few_boards(), min_size=20, max_size=40), results=RESULTS)
+def test_examples_in_py_trees(path, boards: list[list[float]], results: list[int]) -> None:  # type: ignore[no-untyped-def]
+    """So do the example trees in py_trees."""
+    tree = named(parse(path.read_text(encoding="utf-8"), VOCABULARY))
+    assert in_py_trees(tree, boards, results, PLACES) == ours(tree, boards, results, PLACES)
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+@settings(max_examples=30, suppress_health_check=[*HealthCheck])
+@given(boards=st.lists(few_boards(), min_size=20, max_size=40), results=RESULTS)
+def test_examples_in_behaviortree_cpp(  # type: ignore[no-untyped-def]
+    cpp: BehaviorTreeCpp, path, boards: list[list[float]], results: list[int]
+) -> None:
+    """And in BehaviorTree.CPP."""
+    tree = named(parse(path.read_text(encoding="utf-8"), VOCABULARY))
+    assert cpp.trace(tree, boards, results) == ours(tree, boards, results, PLACES)
+
+
+@MANY
+@given(tree=TREES, boards=BOARDS, results=RESULTS)
+def test_plain_py_trees(tree: Node, boards: list[list[float]], results: list[int]) -> None:
+    """A plain module of a tree without stated losses does the same, halts included."""
+    tree = named(tree)
+    assume(not py_trees.losses(tree))
+    expected = ours(tree, boards, results, PLACES)
+    assert in_py_trees(tree, boards, results, PLACES, plain=True) == expected
+
+
+@MANY
+@given(tree=TREES, boards=BOARDS, results=RESULTS)
+def test_plain_behaviortree_cpp(
+    cpp: BehaviorTreeCpp, tree: Node, boards: list[list[float]], results: list[int]
+) -> None:
+    """So does a plain file."""
+    tree = named(tree)
+    assume(not behaviortree_cpp.losses(tree))
+    expected = ours(tree, boards, results, PLACES)
+    assert cpp.trace(tree, boards, results, plain=True) == expected
+
+
+# What the outside check of a plain file shows: the tree, what is on the board in each tick (p:
+# foundGarbage, q: isHumanoidWantToClear), what the leaves return one after the other, and what is
+# told to whom: here, and there.
+SHOWN = {
+    "level": (
+        "selector { when p { A } B }", ["p", "p", "p"], "FRRRRR",
+        ["A! B!", "B", "B"], ["A! B!", "A! -B", "A"],
+    ),
+    "order": (
+        "selector { when p { A } B }", ["", "p"], "RR",
+        ["B!", "-B A!"], ["B!", "A! -B"],
+    ),
+    "resumed": (
+        "selector { when p { A } B }", ["", "p"], "RFR",
+        ["B!", "-B A! B!"], ["B!", "A! B"],
+    ),
+    "inner": (
+        "selector { when p { when q abort none { A } } B }", ["p", "p", "pq"], "RRRRRR",
+        ["B!", "B", "B"], ["B!", "B", "A! -B"],
+    ),
+    "dropped": (
+        "sequence { when p { A } B }", ["p", "", "p"], "SRRRRR",
+        ["A! B!", "B", "-B A!"], ["A! B!", "B", "B"],
+    ),
+}  # fmt: skip
+SHOWN_IN_CPP = {
+    "repeat": ("repeater 2 { A }", [""] * 3, "RSRRR", ["A!", "A", "A!"], ["A!", "A A!", "A"]),
+    "judged": ("parallel { A B }", [""] * 2, "FRFR", ["A! B! -B", "A! B! -B"], ["A!", "A! B! -A"]),
+    "policy": ("parallel failure all { A B }", [""] * 2, "FRRRRR", ["A! B!", "B"], ["A!", "A! B!"]),
+    # A guard under a repeater hands over after its repetitions only: dropped, not reactive.
+    "dropped": (
+        "sequence { repeater 2 { inverter { when p { A } } } B }", ["", "", "p"], "RRR",
+        ["", "B!", "-B A!"], ["", "B!", "B"],
+    ),
+}  # fmt: skip
+
+
+def boards_of(shown: list[str]) -> list[list[float]]:
+    keys = {"foundGarbage": "p", "isHumanoidWantToClear": "q"}
+    return [[float(keys.get(name, "-") in now) for name in PLACES] for now in shown]
+
+
+def told(trace: list[str], tree: Node) -> list[str]:
+    """The trace in the short names of `stage`, without the root's status."""
+    letters = dict(zip(VOCABULARY.actions, "ABCDEFG", strict=True))
+    found = []
+    for line in trace:
+        words = line.partition("=")[0]
+        for name in leaves(tree):
+            words = words.replace(name, letters[name])
+        found.append(words.strip())
+    return found
+
+
+@pytest.mark.parametrize("about", SHOWN)
+def test_losses_of_plain_files(cpp: BehaviorTreeCpp, about: str) -> None:
+    """Each loss is stated for its tree, both libraries show it, and our nodes take it away."""
+    text, shown, letters, here, there = SHOWN[about]
+    tree, boards = short_tree(text), boards_of(shown)
+    results = ["FSR".index(letter) for letter in letters]
+    assert about in {loss.about for loss in behaviortree_cpp.losses(tree)}
+    assert about in {loss.about for loss in py_trees.losses(tree)}
+    assert told(ours(tree, boards, results, PLACES), tree) == here
+    assert told(cpp.trace(tree, boards, results, plain=True), tree) == there
+    assert told(in_py_trees(tree, boards, results, PLACES, plain=True), tree) == there
+    assert told(cpp.trace(tree, boards, results), tree) == here
+    assert told(in_py_trees(tree, boards, results, PLACES), tree) == here
+
+
+@pytest.mark.parametrize("about", SHOWN_IN_CPP)
+def test_losses_of_plain_files_in_behaviortree_cpp(cpp: BehaviorTreeCpp, about: str) -> None:
+    """So for the losses that only BehaviorTree.CPP has."""
+    text, shown, letters, here, there = SHOWN_IN_CPP[about]
+    tree, boards = short_tree(text), boards_of(shown)
+    results = ["FSR".index(letter) for letter in letters]
+    assert about in {loss.about for loss in behaviortree_cpp.losses(tree)}
+    assert told(ours(tree, boards, results, PLACES), tree) == here
+    assert told(cpp.trace(tree, boards, results, plain=True), tree) == there
+    assert told(cpp.trace(tree, boards, results), tree) == here
+
+
+def test_equal_within_a_little(cpp: BehaviorTreeCpp) -> None:
+    """`==` of a plain file takes 3.0000001 for 3; our node does not."""
+    tree = short_tree("when x == 3 { A }")
+    boards = [[3.0000001 if name == "batteryLevel" else 0.0 for name in PLACES]]
+    assert [loss.about for loss in behaviortree_cpp.losses(tree)] == ["equal"]
+    assert told(cpp.trace(tree, boards, [RUNNING], plain=True), tree) == ["A!"]
+    assert told(cpp.trace(tree, boards, [RUNNING]), tree) == [""]
+
+
+# Which function is one tick: a Repeat of the library, told by tickExactlyOnce and by tickOnce.
+REPEATS = {
+    # The leaf ends in its first tick. Repeat gives way to others, with a wake-up signal: until the
+    # next call of tickExactlyOnce; not at all under tickOnce, which obeys the signal.
+    "S": (["A! = RUNNING", "A! = RUNNING", "A! = SUCCESS"], ["A! A! A! = SUCCESS"] * 2),
+    # It ends in a later tick: the next repetition begins at once, under both.
+    "RS": (["A! = RUNNING", *["A A! = RUNNING"] * 2], ["A! = RUNNING", *["A A! = RUNNING"] * 2]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("letters", REPEATS)
+def test_repeat_and_the_tick_function(cpp: BehaviorTreeCpp, letters: str) -> None:
+    """What docs/exports.md says of Repeat is so for both tick functions."""
+    tree = Node("repeater", (3,), (Node("action", ("A",)),))
+    results = ["FSR".index(letter) for letter in letters]
+    exactly, once = REPEATS[letters]
+    xml = behaviortree_cpp.to_xml(tree, plain=True)
+    boards = boards_of([""] * 3)
+    assert cpp.trace_of(xml, ["A"], boards[: len(exactly)], results, how="exactly") == exactly
+    assert cpp.trace_of(xml, ["A"], boards[: len(once)], results, how="once") == once
+
+
+def test_names_of_the_library() -> None:
+    """An action with the name of a node over there is refused; one called Robot is not."""
+    with pytest.raises(DomainError, match="found 'Fallback'; rename"):
+        behaviortree_cpp.to_xml(Node("action", ("Fallback",)))
+    assert 'ID="RobotTree"' in behaviortree_cpp.to_xml(Node("action", ("Robot",)))
+
+
+def test_files_without_our_nodes() -> None:
+    """A tree that needs none of our nodes is the plain file."""
+    tree = short_tree("selector { when p abort self { A } inverter { B } repeater 1 { C } }")
+    assert not behaviortree_cpp.needs_header(tree)
+    assert behaviortree_cpp.to_xml(tree) == behaviortree_cpp.to_xml(tree, plain=True)
+    assert py_trees.to_python(tree) == py_trees.to_python(tree, plain=True)
+
+
+def test_meanings_in_a_docstring() -> None:
+    """No meaning of a key ends the docstring of the exported module."""
+    words = Vocabulary("odd", {"A": Action("")}, {"p": flag('a """ quote, a \\N backslash')})
+    tree = parse("when p { A }", words)
+    compile(py_trees.to_python(tree, words), "exported", "exec")

@@ -1,0 +1,326 @@
+"""What comes in: each change of meaning is told; no input takes long or ends in a traceback."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+
+from islandgp.bt.export.behaviortree_cpp import to_xml
+from islandgp.bt.export.import_cpp import from_xml, read_tree
+from islandgp.bt.export.json import from_json, to_json
+from islandgp.bt.format import format_text
+from islandgp.bt.language import parse, to_text
+from islandgp.bt.lint import warnings
+from islandgp.bt.node import Node, walk
+from islandgp.cli import main
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.errors import LimitError, TreeError
+from tests.bt.stage import short_tree
+from tests.strategies import nodes
+from tests.trees.shell import Cli
+
+A, B = list(VOCABULARY.actions)[:2]
+LIMIT = 6.0  # seconds; measured: below 2 for each
+
+
+def xml_of(*trees: str, head: str = "") -> str:
+    """A file with these trees, called T0, T1, ..., the first being the main one."""
+    inside = "".join(
+        f'<BehaviorTree ID="T{i}">{tree}</BehaviorTree>' for i, tree in enumerate(trees)
+    )
+    return f'<root BTCPP_format="4" main_tree_to_execute="T0">{head}{inside}</root>'
+
+
+def short_xml(text: str) -> str:
+    for letter, name in zip("ABC", VOCABULARY.actions, strict=False):
+        text = text.replace(f"<{letter}/>", f"<{name}/>")
+    return text
+
+
+@settings(max_examples=300)
+@given(tree=nodes())
+def test_every_export_comes_back(tree: Node) -> None:
+    """Reading what was written gives the tree again, and nothing is lost on the way."""
+    assert read_tree(to_xml(tree), VOCABULARY) == (tree, ())
+    assert from_json(to_json(tree), VOCABULARY) == tree
+
+
+LOST = {
+    "<Sequence><A/><B/></Sequence>": "",
+    "<Sequence><ScriptCondition code='lap &lt; 1'/><A/></Sequence>": "",
+    "<ReactiveSequence><ScriptCondition code='lap &lt; 1'/><A/></ReactiveSequence>": "",
+    "<Sequence><ScriptCondition code='lap == 1'/><A/></Sequence>": "equal",
+    "<ReactiveFallback><Sequence><ScriptCondition code='foundGarbage'/><A/></Sequence><B/>"
+    "</ReactiveFallback>": "level order resumed",
+    "<Parallel><A/><B/></Parallel>": "judged",
+    "<Parallel><A/></Parallel>": "",
+    "<Repeat num_cycles='3'><A/></Repeat>": "repeat",
+    "<Repeat num_cycles='1'><A/></Repeat>": "",
+    "<RepeatPerTick num_cycles='3'><A/></RepeatPerTick>": "",
+    "<JudgedParallel success='one' failure='all'><A/><B/></JudgedParallel>": "",
+    "<InterruptibleFallback><When key='lap' op='&lt;' number='3'><A/></When><B/>"
+    "</InterruptibleFallback>": "",
+}
+
+
+@pytest.mark.parametrize("text", LOST)
+def test_losses_of_an_import(text: str) -> None:
+    """Each node that does not mean quite the same is told, and no other."""
+    found = read_tree(short_xml(xml_of(text)), VOCABULARY)
+    assert {d.loss.about for d in found.differences} == set(LOST[text].split())
+
+
+def test_guards_that_nobody_observes() -> None:
+    """A When in a composite of the library interrupts nothing there, so it does not here."""
+    guard = "<When key='foundGarbage'><A/></When>"
+    text = short_xml(xml_of(f"<Fallback>{guard}<B/></Fallback>"))
+    assert from_xml(text, VOCABULARY) == short_tree("selector { when p abort self { A } B }")
+    behind = f"<Sequence><ScriptCondition code='lap &lt; 1'/>{guard}</Sequence>"
+    text = short_xml(xml_of(f"<InterruptibleFallback>{behind}<B/></InterruptibleFallback>"))
+    tree = from_xml(text, VOCABULARY)
+    assert [n.args[3] for n in walk(tree) if n.kind == "when"] == ["none", "self"]
+
+
+def test_a_parallel_that_fails_at_the_first_failure() -> None:
+    """With success_count -1 any failure fails it over there, whatever failure_count says."""
+    text = short_xml(xml_of('<Parallel success_count="-1" failure_count="2"><A/><B/></Parallel>'))
+    assert from_xml(text, VOCABULARY) == short_tree("parallel { A B }")
+
+
+def test_subtree_with_a_blackboard_of_its_own() -> None:
+    """A SubTree that asks the blackboard without _autoremap is told."""
+    asks = "<Sequence><ScriptCondition code='foundGarbage'/><A/></Sequence>"
+    for inside, attributes, lost in (
+        (asks, "", ["scope"]),
+        (asks, "_autoremap='false'", ["scope"]),
+        (asks, "_autoremap='true'", []),
+        ("<A/>", "", []),
+    ):
+        text = short_xml(xml_of(f"<SubTree ID='T1' {attributes}/>", inside))
+        told = [d.loss.about for d in read_tree(text, VOCABULARY).differences]
+        assert told == lost, (inside, attributes)
+
+
+def test_one_of_several_trees(islandgp: Cli, tmp_path: Path) -> None:
+    """--tree ID chooses; without a main tree the IDs are told."""
+    file = tmp_path / "trees.xml"
+    file.write_text(short_xml(xml_of("<A/>", "<B/>")))
+    assert islandgp("import", file).out == f"{A}\n"
+    assert islandgp("import", file, "--tree", "T1").out == f"{B}\n"
+    assert "there are 'T0', 'T1'" in islandgp("import", file, "--tree", "T2").err
+    file.write_text(short_xml(xml_of("<A/>", "<B/>")).replace('main_tree_to_execute="T0"', ""))
+    said = islandgp("import", file)
+    assert (said.code, said.out) == (2, "")
+    assert "'T0', 'T1'" in said.err
+    assert "--tree ID" in said.err
+
+
+def test_strict(islandgp: Cli, tmp_path: Path) -> None:
+    """A loss is told with its place; --strict writes nothing."""
+    file = tmp_path / "t.xml"
+    file.write_text(short_xml(xml_of("<Parallel><A/><B/></Parallel>")))
+    said = islandgp("import", file)
+    assert said.code == 0
+    assert f"{file}:1:" in said.err
+    assert "not the same (judged): there, Parallel ends" in said.err
+    said = islandgp("import", file, "--strict")
+    assert (said.code, said.out) == (2, "")
+    assert "leave out --strict" in said.err
+
+
+WRONG = {
+    "includes": (xml_of("<A/>", head='<include path="other.xml"/>'), "<include> is not followed"),
+    "entities": ('<!DOCTYPE r [<!ENTITY x "y">]>' + xml_of("&x;"), "no document type"),
+    "external": ('<!DOCTYPE r SYSTEM "file:///etc/passwd">' + xml_of("<A/>"), "no document type"),
+    "digits": (
+        xml_of(f"<Sequence><ScriptCondition code='lap &lt; {'9' * 400}'/><A/></Sequence>"),
+        "from -1000000 to 1000000",
+    ),
+    "cycles": (xml_of(f"<Repeat num_cycles='{'9' * 5000}'><A/></Repeat>"), "from 1 to 100"),
+    "twice": (xml_of("<A/>").replace("</root>", '<BehaviorTree ID="T0"/></root>'), "stands twice"),
+    "abort": (xml_of("<When key='foundGarbage' abort='all'><A/></When>"), "expected abort none"),
+    "op": (xml_of("<When key='lap' op='is'><A/></When>"), "expected op < <="),
+    "flag": (xml_of("<When key='foundGarbage' op='&lt;'><A/></When>"), "expected op is not"),
+    "policy": (xml_of("<JudgedParallel success='two'><A/></JudgedParallel>"), "one or all"),
+    "conditions": (
+        xml_of("<Sequence>" + "<ScriptCondition code='foundGarbage'/>" * 5000 + "<A/></Sequence>"),
+        "at most 100 levels",
+    ),
+    "terms": (
+        xml_of("<Sequence><ScriptCondition code='foundGarbage &amp;&amp; lap'/><A/></Sequence>"),
+        "lap is a number",
+    ),
+    "nothing": (xml_of("<ScriptCondition/>"), "must stand before"),
+    "nul": (xml_of("<A/>") + "\0", "not XML"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_xml(case: str) -> None:
+    """Each is refused in a message that is short and points into the file."""
+    text, words = WRONG[case]
+    with pytest.raises(TreeError) as caught:
+        from_xml(short_xml(text), VOCABULARY, name="t.xml")
+    assert words in str(caught.value)
+    assert str(caught.value).startswith("t.xml:1:")
+    assert len(str(caught.value)) < 500
+
+
+def json_of(tree: object) -> str:
+    return json.dumps({"format": "islandgp-tree", "version": 1, "tree": tree})
+
+
+SMUGGLED = {
+    "op": {"kind": "when", "key": "lap", "op": "< 1 { SeekCharger } #", "number": 1,
+           "abort": "both", "children": [{"kind": "action", "name": A}]},
+    "abort": {"kind": "when", "key": "lap", "op": "<", "number": 1, "abort": "always",
+              "children": [{"kind": "action", "name": A}]},
+    "number": {"kind": "when", "key": "foundGarbage", "op": "is", "number": 7, "abort": "both",
+               "children": [{"kind": "action", "name": A}]},
+    "failure": {"kind": "parallel", "success": "all", "failure": "two",
+                "children": [{"kind": "action", "name": A}]},
+    "name": {"kind": "action", "name": "use"},
+    "list": {"kind": "parallel", "success": ["all"], "failure": "one",
+             "children": [{"kind": "action", "name": A}]},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", SMUGGLED)
+def test_json_arguments_are_checked(case: str) -> None:
+    """No argument can hold anything but its own words."""
+    with pytest.raises(TreeError, match=r"^t\.json: tree: expected"):
+        from_json(json_of(SMUGGLED[case]), VOCABULARY, name="t.json")
+
+
+def test_json_with_thousands_of_digits() -> None:
+    """A count of 5,000 digits is an error like any other."""
+    text = json_of({"kind": "repeater", "count": 0}).replace("0}", f"{'9' * 5000}}}")
+    with pytest.raises(TreeError, match="thousands of digits"):
+        from_json(text, VOCABULARY)
+
+
+def test_byte_order_marks(islandgp: Cli, tmp_path: Path) -> None:
+    """Files as some editors write them are read in both forms."""
+    tree = Node("action", (A,))
+    for name, text in (("t.json", to_json(tree)), ("t.xml", to_xml(tree))):
+        (tmp_path / name).write_text("\ufeff" + text, encoding="utf-8")
+        assert islandgp("import", tmp_path / name).out == f"{A}\n"
+
+
+@pytest.mark.parametrize("command", [["check"], ["fmt"], ["import"], ["export", "--to", "json"]])
+def test_closed_input(command: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """`-` with a closed standard input is one line."""
+    monkeypatch.setattr(sys, "argv", ["islandgp", *command, "-"])
+    monkeypatch.setattr(sys, "stdin", None)
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 2
+
+
+def test_fmt_goes_on(islandgp: Cli, tmp_path: Path) -> None:
+    """A file that is no tree is told, and those behind it are brought into form all the same."""
+    files = [tmp_path / name for name in ("a.bt", "b.bt", "c.bt")]
+    for file, text in zip(
+        files, (f"selector{{{A}}}", "selector {", f"sequence{{{B}}}"), strict=True
+    ):
+        file.write_text(text)
+    said = islandgp("fmt", *files)
+    assert said.code == 2
+    assert f"{files[1]}:1:" in said.err
+    assert files[2].read_text() == f"sequence {{ {B} }}\n"
+    assert files[1].read_text() == "selector {"
+
+
+def test_diff_without_colour(
+    islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """NO_COLOR is obeyed where the output could show colours."""
+    (tmp_path / "a.bt").write_text(A)
+    (tmp_path / "b.bt").write_text(B)
+    monkeypatch.setattr("click.utils.should_strip_ansi", lambda *_, **__: False)
+    monkeypatch.setattr("click._compat.should_strip_ansi", lambda *_, **__: False)
+    assert "\x1b[" in islandgp("diff", tmp_path / "a.bt", tmp_path / "b.bt").out
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert "\x1b[" not in islandgp("diff", tmp_path / "a.bt", tmp_path / "b.bt").out
+
+
+# Sizes: linear, or refused at once.
+
+
+def doubled(count: int) -> str:
+    """A small file whose trees use each other twice: 2^count leaves, were they expanded."""
+    use = "<Sequence><SubTree ID='T{0}'/><SubTree ID='T{0}'/></Sequence>"
+    return short_xml(xml_of(*(use.format(i + 1) for i in range(count)), "<A/>"))
+
+
+def quick(act: object, *arguments: object) -> object:
+    before = time.process_time()
+    try:
+        return act(*arguments)  # type: ignore[operator]
+    except TreeError as error:
+        return error
+    finally:
+        assert time.process_time() - before < LIMIT
+
+
+def test_subtrees_that_double() -> None:
+    """20 trees in 2 kB are refused before they are expanded; few are read."""
+    assert isinstance(quick(from_xml, doubled(20), VOCABULARY), LimitError)
+    assert isinstance(quick(from_xml, doubled(90), VOCABULARY), LimitError)
+    assert isinstance(quick(from_xml, doubled(8), VOCABULARY), Node)
+
+
+def test_many_children() -> None:
+    """5,000 children are read; 200,000 are refused."""
+    for tag in ("Sequence", "Fallback", "JudgedParallel", "InterruptibleSequence"):
+        text = short_xml(xml_of(f"<{tag}>{'<A/>' * 5000}</{tag}>"))
+        found = quick(from_xml, text, VOCABULARY)
+        assert isinstance(found, Node)
+        assert len(found.children) == 5000
+    text = short_xml(xml_of(f"<Sequence>{'<A/>' * 200_000}</Sequence>"))
+    assert isinstance(quick(from_xml, text, VOCABULARY), LimitError)
+
+
+def guarded(levels: int, actions: Sequence[str]) -> str:
+    """Actions in a sequence below nested guards."""
+    lines = [f"when batteryLevel < {100 - i} {{" for i in range(levels)]
+    return " ".join([*lines, "sequence {", *actions, "}", "}" * levels])
+
+
+@pytest.mark.parametrize(
+    ("levels", "count"), [(1, 6000), (95, 300), (20, 1500)], ids=["wide", "deep", "both"]
+)
+def test_check_of_large_trees(levels: int, count: int) -> None:
+    """check takes a second or two for the largest trees that there are."""
+    for actions in (["SeekCharger"], ["MoveToGarbage", "ExecuteCharge"]):
+        text = guarded(levels, actions * (count // len(actions) ** 2))
+        assert isinstance(quick(warnings, text, VOCABULARY), list)
+
+
+def test_what_is_written_can_be_read() -> None:
+    """A tree whose canonical text is too long to be read back is refused."""
+    lines = ["subtree s0 = sequence { SeekCharger ExecuteCharge }"]
+    lines += [f"subtree s{i + 1} = selector {{ use s{i} use s{i} }}" for i in range(11)]
+    for last, refused in ((8, False), (11, True)):
+        text = "\n".join([*lines[: last + 1], f"use s{last}"])
+        if refused:
+            with pytest.raises(LimitError, match=r"(?s)canonical text.*at most 100000"):
+                parse(text, VOCABULARY)
+        else:
+            tree = parse(text, VOCABULARY)
+            assert parse(to_text(tree), VOCABULARY) == tree
+
+
+def test_formatted_files_can_be_read() -> None:
+    """So is a file that fmt would make too long, by indenting its comments."""
+    comments = "\n".join(["# what a person wrote"] * 2000)
+    text = "".join(["inverter {"] * 60) + "\n" + comments + f"\n{A}" + "}" * 60
+    assert parse(text, VOCABULARY)
+    with pytest.raises(LimitError, match="canonical form of at most 100000"):
+        format_text(text)
