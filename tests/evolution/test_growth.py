@@ -7,9 +7,9 @@ from statistics import fmean
 import numpy as np
 import pytest
 from islandgp.evolution.generation import TreeSettings, grow
-from islandgp.evolution.growth import MOST_NODES, expected_nodes
 
 from islandgp.bt.node import size
+from islandgp.evolution.random_trees import MOST_NODES, expected_nodes
 from tests.composed import composed
 
 

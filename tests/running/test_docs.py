@@ -7,14 +7,19 @@ import shlex
 from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any, cast
 
 import pytest
 from click.testing import CliRunner
 
+import islandgp as library
 from islandgp.cli import islandgp
+from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import MACHINERY
+from islandgp.results import COLUMNS
 from islandgp.running.app import main
 from islandgp.running.progress import columns
+from islandgp.running.report import report
 from islandgp.tracking.artifacts import FILES
 from islandgp.tracking.metrics import final_metrics, metrics
 from islandgp.tracking.sent import FILE
@@ -60,6 +65,76 @@ def test_the_commands_run_as_they_stand(home: Path, monkeypatch: pytest.MonkeyPa
             assert main(small(words[3:])) == 0, words
 
 
+def test_the_python_runs_as_it_stands(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its blocks one after the other, as one script, in a folder with a run."""
+    monkeypatch.chdir(home)
+    blocks = re.findall(r"^```python\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
+    assert len(blocks) == 3
+    assert main([*TINY, "progress=off", "tracking=off", "evaluator=serial"]) == 0
+    names: dict[str, object] = {"__name__": "__main__"}
+    exec(compile("\n".join(blocks), "running.md", "exec"), names)
+    results = names["results"]
+    assert isinstance(results, library.Results)
+    assert list(results.runs["seed"]) == [1]
+    assert len(names["outcomes"]) == 10  # type: ignore[arg-type] # a list
+
+
+def test_the_groups_of_columns_are_named() -> None:
+    """What the page says of the frames' columns is what they have."""
+    part = TEXT.partition("## Results in Python")[2].partition("## MLflow")[0]
+    for kind, name in (("runs", "best"), ("runs", "trained")):
+        assert f"`{name}`" in part
+        assert name in COLUMNS[kind]
+    for group in ("first", "tiers", "specialists", "doing", "components", "counters"):
+        assert f"`{group}.`" in part
+
+
+class Finished:
+    """A finished run's folder with the numbers of the page's example."""
+
+    path = Path("/home/me/runs/default/baseline-seed3-gp.population=20")
+
+    def summary(self) -> dict[str, Any]:
+        """As in summary.json."""
+        validation = {
+            "worlds": list(range(20)),
+            "mean": 15131,
+            "low": 12960,
+            "high": 17301,
+            "reached": {"balanced_elite": 0.55},
+            "yardstick": "all_rounder",
+            "difference": -35979,
+            "difference_low": -38551,
+            "difference_high": -33407,
+        }
+        components = {
+            "garbage": 28800,
+            "battery": -5400,
+            "humanoid": 1350,
+            "delivery": 1900,
+            "leftover": -10000,
+            "patrol": 161,
+            "idle": 0,
+            "collision": 0,
+        }
+        record = {"id": "39.14", "fitness": 16811, "components": components, "tree": "the tree"}
+        return {
+            "champion": {"record": record, "validation": validation},
+            "fittest": {"record": {"fitness": 16811}, "generation": 39},
+            "first": {"complete": 34, "excellent": None},
+        }
+
+    def costs(self) -> list[dict[str, Any]]:
+        """None is read."""
+        return []
+
+
+def test_the_end_of_a_run_is_as_told() -> None:
+    """The example is what the program prints for its numbers."""
+    said = report(cast("RunFolder", Finished()))
+    assert f"```text\n{said.partition(chr(10) * 2)[0]}\n```" in TEXT
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["", "ray", "submitit"])
 def test_the_commands_of_launchers_run(kind: str, tmp_path: Path) -> None:
@@ -76,7 +151,7 @@ def test_the_commands_of_launchers_run(kind: str, tmp_path: Path) -> None:
 def test_the_files_of_a_run_are_all_named() -> None:
     """The table of the folder names each file that a run leaves."""
     for name in {*FILES, "config.yaml", "about.json", "checkpoint.json", FILE, *CHECKS}:
-        assert f"`{name}`" in TEXT or name == "transcript.jsonl", name
+        assert f"`{name}`" in TEXT, name
 
 
 def test_every_section_of_charts_is_named() -> None:

@@ -6,10 +6,18 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from tests.composed import plain
+from islandgp.bt.node import size
+from islandgp.evolution.random_trees import random_tree
+from islandgp.running.run import make_library
+from islandgp.seeding import Stream, stream
+from islandgp.supervision.expert import Expert, early
+from tests.composed import composed, plain
 
+ROOT = Path(__file__).parents[2]
+TEXT = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
 BAND = [{"below": 15, "points": 800}, {"below": 25, "points": 400}, {"below": 45, "points": 200}]
 
 PAPER: list[tuple[str, str, Any]] = [
@@ -123,8 +131,7 @@ def test_llm_numbers(where: str, key: str, value: object) -> None:
 
 def test_docs_name_the_keys() -> None:
     """docs/paper.md names the key of each of the paper's numbers."""
-    text = (Path(__file__).parents[2] / "docs" / "paper.md").read_text(encoding="utf-8")
-    named = set(re.findall(r"`([a-z_.]+)`", text))
+    named = set(re.findall(r"`([a-z_.]+)`", TEXT))
     missing = [
         key
         for _, key, _ in PAPER + LLM
@@ -135,11 +142,12 @@ def test_docs_name_the_keys() -> None:
 
 def test_docs_name_keys_that_exist() -> None:
     """Each dotted key that docs/paper.md names stands in some configuration."""
-    text = (Path(__file__).parents[2] / "docs" / "paper.md").read_text(encoding="utf-8")
     default, llm = plain(), plain("supervisor=llm")
     groups = {key for key in default if isinstance(default[key], dict)}
     named = {
-        name for name in re.findall(r"`([a-z_]+\.[a-z_.]+)`", text) if name.split(".")[0] in groups
+        name
+        for name in re.findall(r"`([a-z_]+\.[a-z_.]+)`", TEXT)
+        if name.split(".")[0] in groups and not name.endswith(".py")
     }
     assert len(named) > 40
 
@@ -153,3 +161,37 @@ def test_docs_name_keys_that_exist() -> None:
     baseline = plain("supervisor=baseline")
     absent = [k for k in sorted(named) if not any(exists(c, k) for c in (default, llm, baseline))]
     assert absent == []
+
+
+def test_docs_name_files_that_exist() -> None:
+    """Each file and folder that docs/paper.md names is there."""
+    named = set(re.findall(r"`([a-z0-9_/]+/|[a-z0-9_/]+\.(?:py|lark|yaml))`", TEXT))
+    assert len(named) > 25
+    absent = [
+        n for n in sorted(named) if not any((ROOT / top / n).exists() for top in ("islandgp", ""))
+    ]
+    assert absent == []
+
+
+def test_docs_tell_the_size_of_random_trees() -> None:
+    """6,000 random trees, and the trees that the expert injects until a Complete Robot exists."""
+    settings = composed()
+    domain = settings.make_domain()
+    space = settings.plan(domain).space
+    sizes = [
+        size(random_tree(stream(seed, Stream.INITIAL, slot=slot), space))
+        for seed in range(200)
+        for slot in range(30)
+    ]
+    least, median, most, nearly_all = np.percentile(sizes, [25, 50, 75, 95])
+    library = make_library(settings, domain)
+    expert = Expert(settings.supervisor.settings(), library)
+    injected = [
+        size(library.trees[name])
+        for target in early(settings.classes.targets)
+        for name in expert.fitting(target, compact=True)
+    ]
+    words = " ".join(TEXT.split())
+    assert f"the median has {median:g} nodes, half have {least:g} to {most:g}" in words
+    assert f"{nearly_all:g}, the largest {max(sizes)}" in words
+    assert f"have {min(injected)} to {max(injected)} nodes" in words
