@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import count
+from random import Random
 
 import pytest
 from hypothesis import HealthCheck, Phase, assume, given, settings
@@ -11,7 +12,16 @@ from hypothesis import strategies as st
 
 from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.language import parse
-from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node
+from islandgp.bt.node import (
+    ABORTS,
+    FAILURE,
+    FLAG_OPERATORS,
+    OPERATORS,
+    POLICIES,
+    RUNNING,
+    SUCCESS,
+    Node,
+)
 from islandgp.bt.vocabulary import Action, Vocabulary, flag
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import DomainError
@@ -67,6 +77,59 @@ def test_behaviortree_cpp(
     expected = ours(tree, boards, results, PLACES)
     assert cpp.trace(tree, boards, results) == expected
     assert cpp.trace(tree, boards, results, how="once") == expected
+
+
+def random_tree(rng: Random, levels: int) -> Node:
+    """A tree rich in guards that interrupt; Hypothesis makes few of them."""
+    kinds = ["action"] * 2 + ["selector", "when"] * 3 + ["sequence", "parallel", "inverter"]
+    kind = rng.choice([*kinds, "repeater"]) if levels > 1 else "action"
+    if kind == "action":
+        return Node("action", ("A",))
+    several = kind in ("selector", "sequence", "parallel")
+    args: tuple[str | float, ...] = ()
+    if kind == "when":
+        key, abort = rng.choice([*VOCABULARY.keys]), rng.choice(["lower", "both", *ABORTS])
+        if VOCABULARY.keys[key].flag:
+            args = (key, rng.choice(FLAG_OPERATORS), 0.0, abort)
+        else:
+            args = (key, rng.choice(OPERATORS), float(rng.randint(1, 3)), abort)
+    elif kind == "parallel":
+        args = (rng.choice(POLICIES), rng.choice(POLICIES))
+    elif kind == "repeater":
+        args = (rng.randint(1, 4),)
+    children = range(rng.randint(1, 4) if several else 1)
+    return Node(kind, args, tuple(random_tree(rng, levels - 1) for _ in children))
+
+
+def random_boards(rng: Random) -> list[list[float]]:
+    """Blackboards of which one key changes from tick to tick."""
+    board = [0.0] * len(PLACES)
+    boards = []
+    for _ in range(25):
+        board = list(board)
+        name = rng.choice([*PLACES])
+        board[PLACES[name]] = float(rng.randint(0, 1 if VOCABULARY.keys[name].flag else 4))
+        boards.append(board)
+    return boards
+
+
+def random_cases(number: int) -> Iterator[tuple[Node, list[list[float]], list[int]]]:
+    for seed in range(number):
+        rng = Random(seed)
+        tree = named(random_tree(rng, rng.randint(3, 6)))
+        yield tree, random_boards(rng), rng.choices([FAILURE, SUCCESS, RUNNING], [1, 1, 3], k=37)
+
+
+def test_many_interruptions_in_py_trees() -> None:
+    """So it is for 1,000 trees with many guards that interrupt."""
+    for tree, boards, results in random_cases(1000):
+        assert in_py_trees(tree, boards, results, PLACES) == ours(tree, boards, results, PLACES)
+
+
+def test_many_interruptions_in_behaviortree_cpp(cpp: BehaviorTreeCpp) -> None:
+    """And there."""
+    for tree, boards, results in random_cases(1000):
+        assert cpp.trace(tree, boards, results) == ours(tree, boards, results, PLACES)
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
