@@ -6,11 +6,10 @@ from statistics import fmean
 
 import numpy as np
 import pytest
-from islandgp.evolution.generation import TreeSettings, grow
 
 from islandgp.bt.node import size
-from islandgp.evolution.random_trees import MOST_NODES, expected_nodes
-from tests.composed import composed
+from islandgp.evolution.random_trees import MOST_NODES, TreeSettings, expected_nodes, grow
+from tests.composed import composed, composed_plan
 
 
 def trees(**changes: object) -> TreeSettings:
@@ -30,9 +29,9 @@ def test_exact_sizes() -> None:
 @pytest.mark.parametrize("depth", [2, 4, 6])
 def test_the_mean_of_trees_that_are_made(depth: int) -> None:
     """By the default weights, over a thousand trees."""
-    rng, settings = np.random.default_rng(1), trees()
-    made = fmean(size(grow(rng, settings, depth)) for _ in range(1000))
-    assert made == pytest.approx(expected_nodes(settings, depth), rel=0.1)
+    rng, space = np.random.default_rng(1), composed_plan().space
+    made = fmean(size(grow(rng, space, depth)) for _ in range(1000))
+    assert made == pytest.approx(expected_nodes(space.settings, depth), rel=0.1)
 
 
 def test_counting_ends() -> None:

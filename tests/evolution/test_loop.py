@@ -215,7 +215,12 @@ def test_adapt_mutation_off() -> None:
         (["supervisor.inject=false"], CHARGER, "injection is switched off", 0),
         (["supervisor.inject=true"], None, "", 0),
         (
-            ["supervisor.inject=true", "gp.max_nodes=3", "gp.max_depth=2"],
+            [
+                "supervisor.inject=true",
+                "gp.max_nodes=3",
+                "gp.max_depth=2",
+                "gp.trees.children=[1,3]",
+            ],
             parse("sequence { SeekCharger ExecuteCharge PatrolWaypoint }"),
             "the tree breaks the limits",
             0,

@@ -9,71 +9,203 @@ import shlex
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from tests.running.commands import ROOT, finish, start
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.evolution.selection import SELECTIONS
+from islandgp.evolution.variation import CROSSOVERS, MUTATIONS
+from islandgp.plugin import Part
+from tests.running.commands import ROOT
 
 TEXT = (ROOT / "docs/extending.md").read_text(encoding="utf-8")
-COPIED = ("islandgp", "conf", "grammar", "prompts", "pyproject.toml")
+COPIED = ("islandgp", "conf", "grammar", "prompts", "tests", "pyproject.toml")
 SMALL = ("gp.generations=3", "gp.population=6", "world.episode.length=20", "progress=off")
 NEAR = ("--set", "world.waypoints=[[150,160],[150,140]]")
 LAPS = "selector { when batteryLevel < 40 { ReturnToStart } PatrolWaypoint }"
+COLLECT = "selector { when robotCurrentExtraCapacity < 15 { DeliverToClearingPoint } %s }"
+CALL = "from islandgp.cli import main; main()"  # what the command `islandgp` does
+
+Say = Callable[..., str]
 
 
-def blocks(kind: str) -> list[str]:
+def blocks(kind: str, text: str = TEXT) -> list[str]:
     """The blocks ```KIND of the page."""
-    return re.findall(rf"^```{kind}\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
+    return re.findall(rf"^```{kind}\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
 
 
-def test_worlds_and_supervisors_from_outside(tmp_path: Path) -> None:
-    """The page's files in an empty folder, and its commands on a small run."""
+def commands(kind: str) -> list[list[str]]:
+    """The commands of the blocks ```KIND, as words."""
+    return [shlex.split(line) for block in blocks(kind) for line in block.splitlines()]
+
+
+def write_files(folder: Path) -> None:
+    """The page's files, each under the name in its first line."""
     for text in [*blocks("yaml"), *blocks("python")]:
-        path = tmp_path / text.splitlines()[0].removeprefix("# ")
+        path = folder / text.splitlines()[0].removeprefix("# ")
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
-    lines = [shlex.split(line) for block in blocks("sh") for line in block.splitlines()]
-    assert len(lines) == 2
-    for words in lines:
-        code, said = finish(start(tmp_path, *words[3:], *SMALL))
-        assert code == 0, said
-    rates = [
-        json.loads(line)["guidance"]["wanted_rate"]
-        for path in tmp_path.glob("runs/smoke/cooling-*/generations.jsonl")
-        for line in path.read_text().splitlines()[:-1]
-    ]
-    assert rates == [0.5, pytest.approx(0.3)]
-    assert list(tmp_path.glob("runs/smoke/*world=pond*/summary.json"))
 
 
-def test_actions_and_rewards_in_a_checkout(tmp_path: Path) -> None:
-    """The page's changes in a copy of the checkout: the action drives, the reward pays."""
-    if shutil.which("git") is None:
-        pytest.skip("git is not installed, and applies the changes")
-    for name in COPIED:
-        copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
-        copy(ROOT / name, tmp_path / name)
-    changes = blocks("diff")
-    assert len(changes) == 2
-    for change in changes:
-        subprocess.run(["git", "apply", "-"], cwd=tmp_path, input=change, text=True, check=True)
-    (tmp_path / "laps.bt").write_text(LAPS)
-    program = "from islandgp.cli import main; main()"
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+def words_of(words: list[str]) -> list[str]:
+    """A command of the page for Python, a run as a small one."""
+    if words[0] == "islandgp":
+        return ["-c", CALL, *words[1:]]
+    assert words[:3] == ["python", "-m", "islandgp"]
+    return [*words[1:], "evaluator=serial", *SMALL]
 
-    def run(*words: str) -> str:
+
+def sayer(cwd: Path, source: Path) -> Say:
+    """Runs Python with the package of `source` in `cwd`; returns what it printed."""
+
+    def say(*words: str) -> str:
         done = subprocess.run(
-            [sys.executable, *words], cwd=tmp_path, env=environment, capture_output=True, text=True
+            [sys.executable, *words],
+            cwd=cwd,
+            env={**os.environ, "PYTHONPATH": str(source)},
+            capture_output=True,
+            text=True,
+            check=False,
         )
-        assert done.returncode == 0, done.stderr
+        assert done.returncode == 0, f"{shlex.join(words)}\n{done.stdout}{done.stderr}"
         return done.stdout
 
-    said = {
-        points: run("-c", program, "play", "laps.bt", "--set", f"rewards.lap={points}", *NEAR)
-        for points in (0, 500)
-    }
-    assert said[0] != said[500]
-    run("-m", "islandgp", "experiment=smoke", "tracking=off", "evaluator=serial", *SMALL)
-    (record,) = tmp_path.glob("runs/smoke/*/generations.jsonl")
-    assert "ReturnToStart" in record.read_text()
+    return say
+
+
+def records(folder: Path, run: str) -> Iterator[Any]:
+    """The generations of the only run whose folder's name has `run` in it."""
+    (file,) = folder.glob(f"runs/smoke/*{run}*/generations.jsonl")
+    return (json.loads(line) for line in file.read_text(encoding="utf-8").splitlines())
+
+
+def played(say: Say, tree: str, *words: str) -> list[Any]:
+    """A tree's outcomes in two worlds, without a multiplier."""
+    Path(tree_file := "tree.bt")
+    flat = ("--set", "curriculum=flat", "--seeds", "2", "--json", *words)
+    found: list[Any] = json.loads(say("-c", WRITE, tree_file, tree, "play", tree_file, *flat))
+    return found
+
+
+WRITE = (
+    "import sys; from pathlib import Path; Path(sys.argv[1]).write_text(sys.argv[2]);"
+    " del sys.argv[1:3]; " + CALL
+)
+
+
+@pytest.fixture(scope="module")
+def outside(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the page's files, where each of its commands has been run."""
+    folder = tmp_path_factory.mktemp("outside")
+    write_files(folder)
+    say = sayer(folder, ROOT)
+    found = commands("sh")
+    assert len(found) == 5
+    for words in found:
+        say(*words_of(words))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the checkout with the page's changes and files."""
+    if shutil.which("git") is None:
+        pytest.skip("git is not installed, and applies the changes")
+    folder = tmp_path_factory.mktemp("checkout")
+    leave = shutil.ignore_patterns("__pycache__")
+    for name in COPIED:
+        if (ROOT / name).is_dir():
+            shutil.copytree(ROOT / name, folder / name, ignore=leave)
+        else:
+            shutil.copy(ROOT / name, folder / name)
+    changes = blocks("diff")
+    assert len(changes) == 3
+    for change in changes:
+        subprocess.run(["git", "apply", "-"], cwd=folder, input=change, text=True, check=True)
+    write_files(folder)
+    return folder
+
+
+def test_a_world(outside: Path) -> None:
+    """The run's world is the pond: what the file says, and the island's values besides."""
+    assert list(outside.glob("runs/smoke/*world=pond*/summary.json"))
+    (file,) = outside.glob("runs/smoke/*world=pond*/config.yaml")
+    text = file.read_text(encoding="utf-8")
+    assert "side: 200" in text
+    assert "capacity: 30" in text
+
+
+def test_a_reward(outside: Path) -> None:
+    """A delivery earns what its band says, a collision four times the penalty."""
+    say = sayer(outside, ROOT)
+    tree = COLLECT % "sequence { MoveToGarbage PickupGarbage } PatrolWaypoint"
+    own = played(say, tree, "--config-dir", "mine", "--set", "rewards=careful")
+    paper = played(say, tree)
+    for a, b in zip(own, paper, strict=True):
+        assert a["counters"] == b["counters"]
+        n = a["counters"]["deliveries"]
+        assert n > 0
+        assert a["components"]["delivery"] == 1500 * n
+        assert a["components"]["collision"] == 4 * b["components"]["collision"]
+        assert a["components"]["garbage"] == b["components"]["garbage"]
+    assert list(outside.glob("runs/smoke/*rewards=careful*/summary.json"))
+    assert list(outside.glob("runs/smoke/*collision.base=-1000*/summary.json"))
+
+
+def test_a_tier(outside: Path) -> None:
+    """The tier is counted in each generation, and the first of it is looked for."""
+    assert all("courier" in r["snapshot"]["tiers"] for r in records(outside, "classes=courier"))
+    (file,) = outside.glob("runs/smoke/*classes=courier*/summary.json")
+    assert list(json.loads(file.read_text(encoding="utf-8"))["first"]) == ["complete", "courier"]
+
+
+def test_a_supervisor(outside: Path) -> None:
+    """Its rates are those of its rule."""
+    rates = [r["guidance"]["wanted_rate"] for r in records(outside, "cooling-") if r["guidance"]]
+    assert rates == [0.5, pytest.approx(0.3)]
+
+
+def test_operators(checkout: Path) -> None:
+    """The mutation changes trees, and the crossover and the selection make children."""
+    say = sayer(checkout, checkout)
+    for words in commands("sh checkout")[:2]:
+        say(*words_of(words), "gp.population=12")
+    hoisted, crossed = records(checkout, "hoist=2"), list(records(checkout, "crossover=leaf"))
+    assert "hoist" in {i["mutation"] for r in hoisted for i in r["individuals"]}
+    assert "crossover" in {i["origin"] for r in crossed for i in r["individuals"]}
+
+
+def test_actions_and_events(checkout: Path) -> None:
+    """The action drives, random trees have it, and the event pays by the file's row."""
+    say = sayer(checkout, checkout)
+    for words in commands("sh checkout")[2:]:
+        assert "FAILED" not in say(*words_of(words))
+    (file,) = checkout.glob("runs/smoke/*rewards=laps*/generations.jsonl")
+    assert "ReturnToStart" in file.read_text(encoding="utf-8")
+    own = played(say, LAPS, *NEAR, "--config-dir", "mine", "--set", "rewards=laps")
+    paper = played(say, LAPS, *NEAR)
+    for a, b in zip(own, paper, strict=True):
+        assert a["counters"]["laps"] > 0
+        gained = a["components"]["patrol"] - b["components"]["patrol"]
+        assert gained == 500 * a["counters"]["laps"]
+
+
+def test_the_action_is_in_the_tests(checkout: Path) -> None:
+    """The tests of skipped ticks take it up by themselves, and it passes them."""
+    words = ("-m", "pytest", "tests/domains/island/test_determinism.py", "-k", "ReturnToStart")
+    said = sayer(checkout, checkout)(*words, "-q", "-p", "no:xdist", "-p", "no:cacheprovider")
+    assert "no tests ran" not in said
+
+
+def test_the_page_names_what_there_is() -> None:
+    """Files, classes and tables that the page names exist, and the changes are not yet made."""
+    named = re.findall(r"`((?:islandgp|tests|docs|conf)/[\w/.]+)`", TEXT)
+    assert len(named) > 8
+    assert [name for name in named if not (ROOT / name).exists()] == []
+    assert "ReturnToStart" not in VOCABULARY.actions
+    assert {"hoist", "leaf", "ranking"}.isdisjoint({*MUTATIONS, *CROSSOVERS, *SELECTIONS})
+    assert Part.models == ("Settings",)
+    assert Part.needs == ("make",)
