@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
+from contextlib import suppress
 from importlib import import_module
+from pathlib import Path
 from typing import Final
 
 import click
@@ -65,7 +67,20 @@ def main() -> None:
         _main()
 
 
+def import_from_here() -> None:
+    """Puts the current folder first on the path, as `python -m islandgp` does.
+
+    Domains and other classes of the user's own are found there. The processes that evaluate,
+    and those of launchers, get their paths from this one.
+    """
+    with suppress(FileNotFoundError):  # the folder was deleted; commands tell that themselves
+        here = str(Path.cwd())
+        if not sys.flags.safe_path and sys.path[0] not in ("", here):
+            sys.path.insert(0, here)
+
+
 def _main() -> None:
+    import_from_here()
     try:
         with printed():
             sys.exit(islandgp.main(standalone_mode=False) or 0)

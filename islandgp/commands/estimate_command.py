@@ -7,7 +7,6 @@ from pathlib import Path
 
 import click
 
-from islandgp.commands.here import import_from_here
 from islandgp.supervision.base import Setup
 from islandgp.supervision.llm.estimate import (
     ANSWER,
@@ -92,7 +91,6 @@ def _jobs(overrides: Sequence[str]) -> tuple[list[Job], int]:
     from islandgp.config.compose import planned
     from islandgp.running.run import setup_of
 
-    import_from_here()
     args = get_args_parser().parse_args(list(overrides))
     jobs, free = [], 0
     for job in planned(args, overrides, Path.cwd()):

@@ -6,7 +6,6 @@ import sys
 
 import click
 
-from islandgp.commands.here import import_from_here
 from islandgp.running.app import main
 
 
@@ -17,5 +16,4 @@ from islandgp.running.app import main
 @click.argument("overrides", nargs=-1, type=click.UNPROCESSED)
 def command(overrides: tuple[str, ...]) -> None:
     """The same as `python -m islandgp OVERRIDES...`."""
-    import_from_here()
     sys.exit(main(overrides))

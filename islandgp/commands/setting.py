@@ -13,7 +13,6 @@ import click
 
 from islandgp.bt.language import domain_of, parse
 from islandgp.commands.files import called, read_text
-from islandgp.commands.here import import_from_here
 from islandgp.errors import ConfigError, DomainError
 from islandgp.resources import resource
 
@@ -67,7 +66,6 @@ def configured(overrides: Sequence[str], config_dir: str | None = None) -> Setti
 
     from islandgp.config.compose import planned
 
-    import_from_here()
     given = _given(overrides)
     words = [f"{group}={part}" for group, part in _QUICK.items() if group not in given]
     words += overrides
@@ -166,7 +164,6 @@ def _domain_file(domain: str, config_dir: str | None) -> Path | None:
 def _vocabulary(overrides: tuple[str, ...], config_dir: str | None) -> Vocabulary:
     quick = None
     if _given(overrides) <= {"domain"}:
-        import_from_here()
         name = overrides[-1].partition("=")[2] if overrides else default_domain()
         # Whatever is wrong with the class or its file, the whole configuration tells it better.
         with suppress(Exception):

@@ -274,10 +274,16 @@ class RunFolder:
             if not lineage.exists():
                 write_lineage(lineage, self.records())
 
+    def best_text(self, tree: str) -> str:
+        """What best.bt holds for a tree: the domain that it is for, and its canonical text."""
+        about = self.about()
+        domain = "" if about is None else about.tags.get("domain", "")
+        return f"domain {domain}\n\n{tree}" if domain else tree
+
     def _restore_best(self, tree: str) -> None:
-        best = self.path / "best.bt"
-        if not best.exists() or best.read_bytes() != tree.encode():
-            write_atomic(best, tree.encode())
+        best, text = self.path / "best.bt", self.best_text(tree).encode()
+        if not best.exists() or best.read_bytes() != text:
+            write_atomic(best, text)
 
     def append(self, step: Step) -> None:
         """Writes a generation down, then the state to go on from.
@@ -291,7 +297,7 @@ class RunFolder:
             append_digest(self._sums, step.record.snapshot.generation, self._digest)
             self._costs.append({**asdict(step.cost), "at": int(1000 * time())})
             if step.champion.generation == step.record.snapshot.generation:
-                write_atomic(self.path / "best.bt", step.champion.record.tree.encode())
+                self._restore_best(step.champion.record.tree)
             if step.state is not None:
                 save_state(
                     self._checkpoint, step.state, records=self._digest, previous=self._previous

@@ -100,6 +100,6 @@ def _inconsistent(folder: RunFolder, records: Sequence[dict[str, Any]]) -> str:
     champion = folder.summary()["champion"]["record"]
     if not any(champion == one for record in records for one in record["individuals"]):
         return "summary.json: its champion is not one of the records' individuals"
-    if file.read_text(encoding="utf-8") != champion["tree"]:
+    if file.read_text(encoding="utf-8") != folder.best_text(champion["tree"]):
         return "best.bt: it is not the tree of the summary's champion"
     return ""

@@ -79,7 +79,15 @@ def automatic_library(settings: Settings, domain: Domain) -> Library:
     Raises ConfigError where no tree shows any behaviour.
     """
     shape = settings.model_dump(
-        mode="json", include={"domain", "world", "rewards", "curriculum", "classes", "gp"}
+        mode="json",
+        include={
+            "domain": True,
+            "world": True,
+            "rewards": True,
+            "curriculum": {"stages"},
+            "classes": {"behaviours"},
+            "gp": {"trees", "mutation", "max_depth", "max_nodes"},
+        },
     )
     digest = hashlib.sha256(json.dumps([shape, repr(domain.schema)]).encode()).hexdigest()[:16]
     file = Path(settings.runs) / ".libraries" / f"{digest}.json"

@@ -219,6 +219,8 @@ def run_suite(suite: DomainSuite) -> Iterator[tuple[str, str]]:
                 getattr(suite, name)()
             except AssertionError as error:
                 yield _words(name), str(error) or "it does not hold"
+            except Exception as error:  # whatever a domain raises breaks this promise
+                yield _words(name), f"Expected no error, found {type(error).__name__}: {error}"
             else:
                 yield _words(name), ""
 

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import re
 import shlex
+import tempfile
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
 from islandgp.commands.estimate_command import command
+from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.resources import resource
+from islandgp.supervision.base import Phase
+from islandgp.supervision.llm.adviser import Adviser
+from islandgp.supervision.llm.prompts import render
 from islandgp.supervision.llm.validation import Stage
-from islandgp.testing import demo as demo_module
 from islandgp.testing.demo import demo
 from tests.composed import composed
-from tests.llm.made import advise, answering, supervisor
+from tests.llm.made import advise, answering, settings, setup, supervisor
 
 TEXT = (resource("conf").parent / "docs" / "llm.md").read_text(encoding="utf-8")
 COMMANDS = re.findall(r"^    (\S.*)$", TEXT, re.MULTILINE) + re.findall(
@@ -60,7 +64,7 @@ def test_the_demo(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It needs no key, says that the answers are scripted, and ends with two equal records."""
-    monkeypatch.setattr(demo_module.tempfile, "mkdtemp", lambda prefix: str(tmp_path / prefix))
+    monkeypatch.setattr(tempfile, "mkdtemp", lambda prefix: str(tmp_path / prefix))
     small = ("evaluator=serial", "gp.population=6", "world.episode.length=5")
     assert demo(small) == 0
     said = capsys.readouterr().out
@@ -81,3 +85,29 @@ def test_the_names_of_the_record_are_real() -> None:
         assert f"`llm/{name}`" in TEXT
     stages = [stage.value for stage in Stage if stage is not Stage.REFUSED]
     assert all(re.search(rf"\b{stage}\b", TEXT, re.IGNORECASE) for stage in stages)
+
+
+def variables(text: str) -> set[str]:
+    """The names in double braces."""
+    return set(re.findall(r"\{\{([\w.]+)\}\}", text))
+
+
+def test_the_variables_of_the_prompts_are_told() -> None:
+    """The table has each variable that can be used, and no others."""
+    table = TEXT.partition("| variable | what it is |")[2].partition("\n\n")[0]
+    told = variables(table) - {"rate.PHASE"} | {f"rate.{phase}" for phase in Phase}
+    adviser = Adviser(settings(), setup())
+    values = dict.fromkeys(told, "")
+    for prompt in adviser.prompts.values():
+        render(prompt, values)
+    later = {"generation", "state", "urgency", "stage", "error"}
+    sizes = {"depth", "nodes", "most_depth", "most_nodes"}
+    assert told == {*adviser.values, *later, *sizes}
+
+
+def test_prompts_are_of_no_domain() -> None:
+    """They name no action, no key and no tier of the island."""
+    words = {*VOCABULARY.actions, *VOCABULARY.keys, *(t.title() for t in composed().classes.tiers)}
+    for file in resource("prompts").glob("*.md"):
+        text = file.read_text(encoding="utf-8")
+        assert words.isdisjoint(re.findall(r"\w+", text))

@@ -18,7 +18,6 @@ import pytest
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.evolution.selection import SELECTIONS
 from islandgp.evolution.variation import CROSSOVERS, MUTATIONS
-from islandgp.plugin import Part
 from tests.running.commands import ROOT
 
 TEXT = (ROOT / "docs/extending.md").read_text(encoding="utf-8")
@@ -28,6 +27,10 @@ NEAR = ("--set", "world.waypoints=[[150,160],[150,140]]")
 LAPS = "selector { when batteryLevel < 40 { ReturnToStart } PatrolWaypoint }"
 COLLECT = "selector { when robotCurrentExtraCapacity < 15 { DeliverToClearingPoint } %s }"
 CALL = "from islandgp.cli import main; main()"  # what the command `islandgp` does
+WRITE = (  # the same, after its second word was written to the file of its first
+    "import sys; from pathlib import Path; Path(sys.argv[1]).write_text(sys.argv[2]);"
+    " del sys.argv[1:3]; " + CALL
+)
 
 Say = Callable[..., str]
 
@@ -84,16 +87,9 @@ def records(folder: Path, run: str) -> Iterator[Any]:
 
 def played(say: Say, tree: str, *words: str) -> list[Any]:
     """A tree's outcomes in two worlds, without a multiplier."""
-    Path(tree_file := "tree.bt")
     flat = ("--set", "curriculum=flat", "--seeds", "2", "--json", *words)
-    found: list[Any] = json.loads(say("-c", WRITE, tree_file, tree, "play", tree_file, *flat))
+    found: list[Any] = json.loads(say("-c", WRITE, "tree.bt", tree, "play", "tree.bt", *flat))
     return found
-
-
-WRITE = (
-    "import sys; from pathlib import Path; Path(sys.argv[1]).write_text(sys.argv[2]);"
-    " del sys.argv[1:3]; " + CALL
-)
 
 
 @pytest.fixture(scope="module")
@@ -207,5 +203,3 @@ def test_the_page_names_what_there_is() -> None:
     assert [name for name in named if not (ROOT / name).exists()] == []
     assert "ReturnToStart" not in VOCABULARY.actions
     assert {"hoist", "leaf", "ranking"}.isdisjoint({*MUTATIONS, *CROSSOVERS, *SELECTIONS})
-    assert Part.models == ("Settings",)
-    assert Part.needs == ("make",)

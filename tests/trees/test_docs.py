@@ -140,6 +140,27 @@ def test_tutorial_runs(islandgp: Cli, tmp_path: Path, monkeypatch: pytest.Monkey
             assert "warning:" not in said.out
 
 
+def test_tutorial_shows_what_is_said(
+    islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each line of its ```text blocks is one that the commands before it print."""
+    monkeypatch.chdir(tmp_path)
+    for name, text in generate.files(TUTORIAL).items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    said: list[str] = []
+    shown = 0
+    for kind, block in re.findall(r"^```(sh|text)\n(.*?)^```$", TUTORIAL, re.DOTALL | re.MULTILINE):
+        if kind == "sh":
+            commanded = [shlex.split(line)[1:] for line in block.splitlines()]
+            said = [
+                line.rstrip() for words in commanded for line in islandgp(*words).out.splitlines()
+            ]
+            continue
+        shown += 1
+        assert [line for line in block.splitlines() if line not in said] == []
+    assert shown == 4
+
+
 def test_tutorial_trees_are_in_canonical_form() -> None:
     """What the tutorial shows is how `fmt` writes it, but for the first tree's three lines."""
     for name, text in generate.files(TUTORIAL).items():
