@@ -119,7 +119,7 @@ def validated(champion: Mapping[str, Any]) -> Iterator[str]:
         return
     yield (
         f"{best}: {v['mean']:,.0f} points on {len(v['worlds'])} unseen worlds"
-        f" (95 %: {v['low']:,.0f} to {v['high']:,.0f})"
+        + (f" (95 %: {v['low']:,.0f} to {v['high']:,.0f})" if len(v["worlds"]) > 1 else "")
     )
     shares = [f"{title(tier)} in {share:.0%}" for tier, share in v["reached"].items() if share]
     if shares:

@@ -93,7 +93,7 @@ def job_line(run: RunFolder) -> str:
     robot = f"{title(tier)} Robot"
     emerged = f"no {robot}" if first is None else f"first {robot} in generation {first}"
     best = score(s)
-    return f"{run.path.name}: best fitness {best:,.0f}, {emerged}, {duration(s['seconds'])}"
+    return f"{run.path.name}: best robot {best:,.0f}, {emerged}, {duration(s['seconds'])}"
 
 
 class Watch:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
@@ -12,6 +13,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+
+from islandgp.testing.server import MessagesServer
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "pick_place"
@@ -80,14 +83,40 @@ def test_the_commands_run(tmp_path: Path) -> None:
 def test_every_supervisor_runs(tmp_path: Path, supervisor: str) -> None:
     """Each supervisor that needs no server runs on the domain."""
     words = ("--config-dir", str(EXAMPLE / "conf"), "domain=pick_place", "gp.generations=3")
+    assert "Best robot" in run_here(tmp_path, *words, f"supervisor={supervisor}")
+
+
+def test_a_language_model_supervises_it(tmp_path: Path) -> None:
+    """Prompts, answers and trees of the domain, against the scripted server; then the replay."""
+    common = ("--config-dir", str(EXAMPLE / "conf"), "domain=pick_place", "gp.generations=4")
+    with MessagesServer() as server:
+        asked = ("supervisor=llm", f"supervisor.policy.base_url={server.url}", "runs=live")
+        live = run_here(tmp_path, *common, *asked)
+        prompts = " ".join(str(request) for request in server.requests)
+    assert "at most" not in live  # a note on answers that were lost
+    assert "A mobile robot with an arm carries blocks" in prompts
+    assert "MoveToPlace" in prompts
+    assert "PatrolWaypoint" not in prompts
+    (record,) = (tmp_path / "live").rglob("generations.jsonl")
+    sources = [json.loads(line)["guidance"] for line in record.read_text().splitlines()][:-1]
+    assert {guidance["source"] for guidance in sources} == {"llm"}
+    again = f"supervisor.policy.transcript='{record.parent}'"
+    run_here(tmp_path, *common, "supervisor=replay", again, "runs=again")
+    (repeated,) = (tmp_path / "again").rglob("generations.jsonl")
+    assert repeated.read_bytes() == record.read_bytes()
+
+
+def run_here(folder: Path, *words: str) -> str:
+    """Runs the program in a folder; returns what it printed."""
     env = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{EXAMPLE}"}
+    env.pop("ANTHROPIC_API_KEY", None)
     done = subprocess.run(
-        [sys.executable, "-m", "islandgp", *words, f"supervisor={supervisor}", *QUICK],
-        cwd=tmp_path,
+        [sys.executable, "-m", "islandgp", *words, *QUICK],
+        cwd=folder,
         env=env,
         capture_output=True,
         text=True,
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    assert "Best robot" in done.stdout
+    return done.stdout
