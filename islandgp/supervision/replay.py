@@ -1,6 +1,6 @@
 """A recorded run again, offline: the answers come from its transcript.
 
-The states, the prompts, the funnel and the fallback are worked out anew, by the
+The states, the prompts, the validation and the fallback are worked out anew, by the
 same code as in the recorded run; only the network's part is read. So the
 records come out the same bit for bit, or the replay ends with the difference.
 """

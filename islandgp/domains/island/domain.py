@@ -67,7 +67,8 @@ class Island:
 
         def award(event: Event, amount: float) -> float:
             component, points = value(event, amount)
-            observer.credit(component, points, event.value, EARNED_BY.get(event, ""))
+            if component:
+                observer.credit(component, points, event.value, EARNED_BY.get(event, ""))
             return points
 
         fixed = self._fixed()

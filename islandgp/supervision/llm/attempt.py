@@ -55,7 +55,7 @@ class Part:
     part: str
     source: str  # "llm", "llm, repaired", "fallback", ...
     why: str  # of a fallback, else ""
-    rejected: tuple[str, ...]  # stages of the funnel, in order
+    rejected: tuple[str, ...]  # stages of the validation, in order
 
 
 def to_line(attempt: Attempt, system: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The funnel that an answer goes through before anything in it is used (section 2.4.6).
+"""The validation that an answer goes through before anything in it is used (section 2.4.6).
 
 A decision: JSON, fields, range. A tree: JSON, fields, grammar, names, limits.
 Each stage ends in a rejection that says what was wrong, in words that a model
@@ -88,7 +88,7 @@ class RateSettings(BaseModel, frozen=True, extra="forbid"):
 
 
 def check_decision(rates: RateSettings, reading: Reading = "last") -> Check[Decision]:
-    """The funnel of decisions."""
+    """The validation of decisions."""
 
     def check(reply: Reply) -> Accepted[Decision] | Rejection:
         found = _fields(reply, DECISION, reading)
@@ -121,7 +121,7 @@ def check_decision(rates: RateSettings, reading: Reading = "last") -> Check[Deci
 def check_proposal(
     limits: Limits, vocabulary: Vocabulary, targets: tuple[str, ...], reading: Reading = "last"
 ) -> Check[Proposal]:
-    """The funnel of trees."""
+    """The validation of trees."""
     shape = proposal_shape(targets)
 
     def check(reply: Reply) -> Accepted[Proposal] | Rejection:
