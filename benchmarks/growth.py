@@ -15,7 +15,7 @@ from islandgp.bt.language import parse
 from islandgp.bt.node import Node, size
 from islandgp.domains.island.episode import run_episode
 from islandgp.domains.island.world import World
-from islandgp.evaluation.base import Setting
+from islandgp.evaluation.base import Problem
 from islandgp.evaluation.serial import Serial
 from islandgp.evolution.loop import evolve
 from islandgp.running.run import make_supervisor
@@ -137,7 +137,7 @@ def _operators(population: int, effort: Effort) -> float:
         "world.episode.length=1",
     )
     domain = chosen.make_domain()
-    evaluator = Serial(Setting(domain, chosen.curriculum))
+    evaluator = Serial(Problem(domain, chosen.curriculum))
     steps = evolve(chosen.plan(domain), SEED, make_supervisor(chosen, None), evaluator)
     costs = [step.cost for step in steps][:-1]  # the last generation has no successor
     return median(cost.operators + cost.supervision for cost in costs)

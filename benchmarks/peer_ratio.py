@@ -15,7 +15,7 @@ from islandgp.bt.language import to_text
 from islandgp.domains.island.episode import run_episode
 from islandgp.domains.island.journal import Event
 from islandgp.domains.island.world import World
-from islandgp.evaluation.base import Job, Setting
+from islandgp.evaluation.base import Job, Problem
 from islandgp.evaluation.processes import Processes, cores
 
 TREES: Final = (  # of grammar/examples
@@ -66,7 +66,7 @@ def measure(effort: Effort) -> list[Figure]:
 
 
 def _batches(
-    effort: Effort, setting: Setting, world: World, workers: int
+    effort: Effort, setting: Problem, world: World, workers: int
 ) -> list[tuple[float, ...]]:
     """Rows of seconds: the peer's pool, our pool; both have been warmed up."""
     from benchmarks.peer import batch

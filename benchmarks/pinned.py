@@ -13,7 +13,7 @@ from islandgp.config.settings import Settings, read_settings
 from islandgp.domains.island.journal import Award
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.domains.island.world import World
-from islandgp.evaluation.base import Setting
+from islandgp.evaluation.base import Problem
 from islandgp.resources import resource
 from islandgp.scoring.rewards import worth
 
@@ -31,10 +31,10 @@ def settings(*overrides: str) -> Settings:
     return read_settings({str(key): value for key, value in plain.items()})
 
 
-def setting(*overrides: str) -> Setting:
+def setting(*overrides: str) -> Problem:
     """What evaluators get of it."""
     chosen = settings(*overrides)
-    return Setting(chosen.make_domain(), chosen.curriculum)
+    return Problem(chosen.make_domain(), chosen.curriculum)
 
 
 def points() -> Award:

@@ -11,7 +11,7 @@ from benchmarks.pinned import SEED, STAGE, example, settings
 from benchmarks.waiting import episode_seconds, limit
 from islandgp.bt.language import to_text
 from islandgp.config.settings import Settings
-from islandgp.evaluation.base import Job, Setting
+from islandgp.evaluation.base import Job, Problem
 from islandgp.evaluation.cache import Cached
 from islandgp.evaluation.processes import Processes, cores
 from islandgp.evolution.loop import evolve
@@ -105,7 +105,7 @@ def measure(effort: Effort) -> list[Figure]:
 
 def _evolve(chosen: Settings, workers: int) -> Evolution:
     domain = chosen.make_domain()
-    setting = Setting(domain, chosen.curriculum)
+    setting = Problem(domain, chosen.curriculum)
     supervisor = make_supervisor(chosen, None)
     tree = to_text(example("all_rounder"))
     began = perf_counter()

@@ -9,7 +9,7 @@ from time import process_time
 from benchmarks.pinned import SEED
 from islandgp.config.settings import Settings
 from islandgp.domain import Outcome
-from islandgp.evaluation.base import Job, Setting, simulate
+from islandgp.evaluation.base import Job, Problem, simulate
 from islandgp.evaluation.cache import Cached
 from islandgp.evolution.loop import evolve
 from islandgp.running.run import make_supervisor
@@ -18,7 +18,7 @@ from islandgp.running.run import make_supervisor
 class _Timed:
     """An evaluator in this process that writes down what each episode took."""
 
-    def __init__(self, setting: Setting) -> None:
+    def __init__(self, setting: Problem) -> None:
         self.setting = setting
         self.simulated = 0
         self.batches: list[list[float]] = []  # s of processor time
@@ -41,7 +41,7 @@ class _Timed:
 def episode_seconds(chosen: Settings) -> list[list[float]]:
     """Seconds of each episode, by generation."""
     domain = chosen.make_domain()
-    timed = _Timed(Setting(domain, chosen.curriculum))
+    timed = _Timed(Problem(domain, chosen.curriculum))
     for _ in evolve(chosen.plan(domain), SEED, make_supervisor(chosen, None), Cached(timed)):
         pass
     return timed.batches

@@ -22,7 +22,7 @@ from islandgp.bt.node import ABORTS, KINDS, OPERATORS, POLICIES, REPEATS
 from islandgp.bt.render.label import SYMBOLS
 from islandgp.commands.setting import configured
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
-from islandgp.evaluation.base import Job, Setting, simulate
+from islandgp.evaluation.base import Job, Problem, simulate
 from islandgp.resources import resource
 from islandgp.supervision.state_json import field_meanings
 
@@ -117,7 +117,7 @@ def files(tutorial: str) -> dict[str, str]:
 def results(tutorial: str, *, worlds: int = 30) -> dict[str, float]:
     """Mean fitness of the tutorial's trees and of the example, by name, in the last stage."""
     settings = configured([])
-    setting = Setting(settings.make_domain(), settings.curriculum)
+    setting = Problem(settings.make_domain(), settings.curriculum)
     texts = {f"`{name}`": text for name, text in files(tutorial).items()}
     example = resource("grammar") / "examples" / "all_rounder.bt"
     texts["`grammar/examples/all_rounder.bt`"] = example.read_text(encoding="utf-8")

@@ -18,7 +18,7 @@ from islandgp.bt.language import parse, to_text
 from islandgp.bt.node import Node
 from islandgp.config.settings import Settings
 from islandgp.domain import Domain, Outcome
-from islandgp.evaluation.base import Setting
+from islandgp.evaluation.base import Problem
 from islandgp.evaluation.serial import Serial
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import Step
@@ -46,7 +46,7 @@ class Experiment:
         from islandgp.running.run import make_supervisor
 
         supervisor = make_supervisor(self.settings, None)
-        evaluator = Serial(Setting(self.domain, self.settings.curriculum))
+        evaluator = Serial(Problem(self.domain, self.settings.curriculum))
         yield from evolve(
             self.settings.plan(self.domain), self.settings.seed, supervisor, evaluator
         )

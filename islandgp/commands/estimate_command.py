@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from islandgp.supervision.base import Setup
+from islandgp.supervision.base import RunContext
 from islandgp.supervision.llm.estimate import (
     ANSWER,
     Bill,
@@ -18,7 +18,7 @@ from islandgp.supervision.llm.estimate import (
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.transcript import Transcript, find_transcript
 
-Job = tuple[LLMSettings, Setup, int]  # the last is the lag, generations
+Job = tuple[LLMSettings, RunContext, int]  # the last is the lag, generations
 HEAD = ("", "requests", "input tokens", "output tokens", "US dollars")
 
 
@@ -74,7 +74,7 @@ def command(overrides: tuple[str, ...], record: Path | None) -> None:
         click.echo(f"{free} other runs ask no language model.")
 
 
-def _of(estimate: Callable[[LLMSettings, Setup, int], Bill]) -> Callable[[Job], Bill]:
+def _of(estimate: Callable[[LLMSettings, RunContext, int], Bill]) -> Callable[[Job], Bill]:
     return lambda job: estimate(*job)
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from islandgp.bt.node import Node
     from islandgp.bt.vocabulary import Vocabulary
     from islandgp.config.settings import Settings
-    from islandgp.evaluation.base import Setting
+    from islandgp.evaluation.base import Problem
 
 _QUICK: Final = {"tracking": "off", "supervisor": "fixed"}
 """Parts that no episode needs: the ones that are quick to load."""
@@ -84,20 +84,20 @@ def stage_index(settings: Settings, stage: int | None) -> int:
 
 def tree_in_domain(
     file: str, overrides: Sequence[str], config_dir: str | None
-) -> tuple[Node, Settings, Setting]:
+) -> tuple[Node, Settings, Problem]:
     """The tree in a file, the settings of its domain, and what its episodes need.
 
     Raises:
         ConfigError, DomainError: the domain is not configured so, or is not the tree's.
         TreeError: the file holds no tree in the words of the domain.
     """
-    from islandgp.evaluation.base import Setting
+    from islandgp.evaluation.base import Problem
 
     text, name = read_text(file), called(file)
     settings = configured(for_tree(text, overrides, config_dir, name=name), config_dir)
     domain = settings.make_domain()
     tree = parse(text, domain.schema.vocabulary, name=name)
-    return tree, settings, Setting(domain, settings.curriculum)
+    return tree, settings, Problem(domain, settings.curriculum)
 
 
 def vocabulary_of(

@@ -21,7 +21,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from islandgp.config.errors import MISTAKES, explain, parsed, unresolved
 from islandgp.config.settings import Settings, read_settings
-from islandgp.config.sources import Source
+from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError
 from islandgp.records.digest import ending_in_digest
 from islandgp.records.parameters import HIDDEN, MACHINERY, is_secret, without_credentials
@@ -56,7 +56,7 @@ class Planned:
 
 def planned(args: argparse.Namespace, words: Sequence[str], home: Path) -> Iterator[Planned]:
     """The jobs of a command. Raises ConfigError at the first that is wrong."""
-    flags, source = _flags(words, args), Source.of(args)
+    flags, source = _flags(words, args), ConfigSource.of(args)
     for overrides in _jobs(args, source):
         composed = _composed(overrides, source)
         launcher = _launcher(composed.hydra)
@@ -133,7 +133,7 @@ def _flags(words: Sequence[str], args: argparse.Namespace) -> list[str]:
     return [w for w in words if w not in overrides and w not in ("-m", "--multirun")]
 
 
-def _jobs(args: argparse.Namespace, source: Source) -> Iterator[list[str]]:
+def _jobs(args: argparse.Namespace, source: ConfigSource) -> Iterator[list[str]]:
     """The overrides of each job of the command."""
     words = parsed(args.overrides, source.loader())
     sweeps = [word for word in words if word.is_sweep_override()]
@@ -195,7 +195,7 @@ def _values(sweep: Override) -> int:
     return max(0, ceil(Fraction(stop) / Fraction(step) - Fraction(start) / Fraction(step)))
 
 
-def _composed(overrides: list[str], source: Source) -> DictConfig:
+def _composed(overrides: list[str], source: ConfigSource) -> DictConfig:
     try:
         return source.compose(overrides)
     except MISTAKES as error:

@@ -22,7 +22,7 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from islandgp.config.settings import unknown_key
-from islandgp.config.sources import Source
+from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError
 from islandgp.records.parameters import HIDDEN, flatten, is_secret
 
@@ -98,7 +98,7 @@ def _unreadable(override: str, parser: OverridesParser) -> str:
     )
 
 
-def explain(error: Exception, overrides: Sequence[str], source: Source) -> str:
+def explain(error: Exception, overrides: Sequence[str], source: ConfigSource) -> str:
     """The message for an error that composing these overrides has raised."""
     text = str(error)
     if isinstance(error, yaml.YAMLError):
@@ -155,7 +155,7 @@ def _yaml(error: yaml.YAMLError) -> str:
     return f"Expected YAML, found: {' '.join(str(error).split())}; mend it there."
 
 
-def _no_text(source: Source) -> str:
+def _no_text(source: ConfigSource) -> str:
     """The message for the first file of the user's that is not UTF-8; "" if all are."""
     for file in _files(source):
         data = file.read_bytes()
@@ -169,7 +169,7 @@ def _no_text(source: Source) -> str:
     return ""
 
 
-def _no_mapping(source: Source) -> str:
+def _no_mapping(source: ConfigSource) -> str:
     """The message for the first file of the user's that holds a list or the like; "" if none."""
     for file in _files(source):
         try:
@@ -184,11 +184,11 @@ def _no_mapping(source: Source) -> str:
     return ""
 
 
-def _files(source: Source) -> list[Path]:
+def _files(source: ConfigSource) -> list[Path]:
     return sorted((source.own or source.folder).rglob("*.yaml"))
 
 
-def _no_option(overrides: Sequence[str], source: Source) -> str:
+def _no_option(overrides: Sequence[str], source: ConfigSource) -> str:
     """The message for a group that is given a number or null; "" if none is."""
     for override in parsed(overrides, source.loader()):
         known = source.options(override.key_or_group)
@@ -225,7 +225,7 @@ def _keys(config: dict[str, Any]) -> list[str]:
     return [key for key in config if not key.startswith("_")]
 
 
-def _chosen(overrides: Sequence[str], source: Source) -> Any:
+def _chosen(overrides: Sequence[str], source: ConfigSource) -> Any:
     """The configuration of the chosen options, before any value is changed; not resolved."""
     loader = source.loader()
     groups = [o for o in parsed(overrides, loader) if loader.get_group_options(o.key_or_group)]

@@ -20,7 +20,7 @@ from islandgp.resources import resource
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class ConfigSource:
     """The folders of a command, and its first file."""
 
     folder: Path  # absolute; the groups of the project, unless --config-path says otherwise

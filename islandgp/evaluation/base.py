@@ -24,8 +24,8 @@ class Job:
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
-    """What all jobs of a run have in common; workers get it once."""
+class Problem:
+    """What trees are evaluated in; all jobs of a run share it, and workers get it once."""
 
     domain: Domain
     curriculum: Curriculum
@@ -61,7 +61,7 @@ def _tree(text: str) -> Node:
     return parse(text)
 
 
-def simulate(setting: Setting, job: Job) -> Outcome:
+def simulate(setting: Problem, job: Job) -> Outcome:
     """One job's outcome: a function of its arguments alone.
 
     Raises:

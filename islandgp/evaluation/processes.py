@@ -23,12 +23,12 @@ from pydantic import BaseModel, Field
 
 from islandgp.domain import Outcome
 from islandgp.errors import EvaluationError
-from islandgp.evaluation.base import Job, Setting, blame, simulate
+from islandgp.evaluation.base import Job, Problem, blame, simulate
 from islandgp.evaluation.parent_death import killed_with_parent
 
 ENDING: Final = 1.0  # s that workers may take to end by themselves
 
-_setting: Setting | None = None  # a worker's own copy
+_setting: Problem | None = None  # a worker's own copy
 
 
 def cores() -> int:
@@ -36,7 +36,7 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _start(setting: Setting) -> None:
+def _start(setting: Problem) -> None:
     global _setting
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
     killed_with_parent()  # the server of forks, which ends with the run
@@ -70,11 +70,11 @@ class Processes:
     Settings = ProcessesSettings
 
     @classmethod
-    def make(cls, settings: ProcessesSettings, setting: Setting) -> Processes:
+    def make(cls, settings: ProcessesSettings, setting: Problem) -> Processes:
         """See `Evaluator`."""
         return cls(setting, settings.workers or cores(), episode_timeout=settings.episode_timeout)
 
-    def __init__(self, setting: Setting, workers: int, *, episode_timeout: float = 0) -> None:
+    def __init__(self, setting: Problem, workers: int, *, episode_timeout: float = 0) -> None:
         """Starts `workers` >= 1 processes, at the first job.
 
         An episode that takes more than `episode_timeout` seconds ends the run; 0: none does.

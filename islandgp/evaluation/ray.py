@@ -17,7 +17,7 @@ from pydantic import BaseModel, Field
 
 from islandgp.domain import Outcome
 from islandgp.errors import EvaluationError
-from islandgp.evaluation.base import Job, Setting, blame, simulate
+from islandgp.evaluation.base import Job, Problem, blame, simulate
 
 if TYPE_CHECKING:
     from ray import ObjectRef
@@ -34,7 +34,7 @@ class RaySettings(BaseModel, frozen=True, extra="forbid"):
     workers: int = Field(ge=0, le=1024)  # of a local cluster; 0: one for each core
 
 
-def _run(setting: Setting, job: Job) -> Outcome:
+def _run(setting: Problem, job: Job) -> Outcome:
     return simulate(setting, job)
 
 
@@ -44,11 +44,11 @@ class Ray:
     Settings = RaySettings
 
     @classmethod
-    def make(cls, settings: RaySettings, setting: Setting) -> Ray:
+    def make(cls, settings: RaySettings, setting: Problem) -> Ray:
         """See `Evaluator`."""
         return cls(settings, setting)
 
-    def __init__(self, settings: RaySettings, setting: Setting) -> None:
+    def __init__(self, settings: RaySettings, setting: Problem) -> None:
         """Connects to the cluster, or starts one.
 
         Raises:

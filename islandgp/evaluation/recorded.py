@@ -8,11 +8,11 @@ from typing import Any
 from pydantic import ImportString, TypeAdapter
 
 from islandgp.errors import RunError
-from islandgp.evaluation.base import Setting
+from islandgp.evaluation.base import Problem
 from islandgp.scoring.curriculum import Curriculum
 
 
-def setting_of(config: Mapping[str, Any]) -> Setting:
+def setting_of(config: Mapping[str, Any]) -> Problem:
     """What the run's trees were evaluated in.
 
     Raises:
@@ -22,7 +22,7 @@ def setting_of(config: Mapping[str, Any]) -> Setting:
     factory = TypeAdapter(ImportString[Any]).validate_python(config["domain"]["factory"])
     world = factory.World.model_validate(config["world"])
     rewards = factory.Rewards.model_validate(config["rewards"])
-    return Setting(factory.make(world, rewards), Curriculum(**config["curriculum"]))
+    return Problem(factory.make(world, rewards), Curriculum(**config["curriculum"]))
 
 
 def check_version(config: Mapping[str, Any]) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pydantic import BaseModel
 
 from islandgp.domain import Outcome
-from islandgp.evaluation.base import Job, Setting, simulate
+from islandgp.evaluation.base import Job, Problem, simulate
 
 
 class SerialSettings(BaseModel, frozen=True, extra="forbid"):
@@ -20,11 +20,11 @@ class Serial:
     Settings = SerialSettings
 
     @classmethod
-    def make(cls, settings: SerialSettings, setting: Setting) -> Serial:  # noqa: ARG003 -- the protocol's
+    def make(cls, settings: SerialSettings, setting: Problem) -> Serial:  # noqa: ARG003 -- the protocol's
         """See `Evaluator`."""
         return cls(setting)
 
-    def __init__(self, setting: Setting) -> None:
+    def __init__(self, setting: Problem) -> None:
         self.setting = setting
         self.simulated = 0
 

@@ -24,7 +24,7 @@ from omegaconf import DictConfig
 from islandgp.config.api_key import NONE, key_in, without_key
 from islandgp.config.compose import Planned, command_line, planned, read, run_folder
 from islandgp.config.errors import MISTAKES, explain, parsed
-from islandgp.config.sources import Source
+from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError, IslandError, PartError
 from islandgp.records.brief import brief
 from islandgp.records.folder import RunFolder
@@ -126,7 +126,7 @@ def _start(words: Sequence[str], job: Callable[[DictConfig], None]) -> None:
 
 def _show(args: argparse.Namespace, words: Sequence[str]) -> None:
     """Help, a composed configuration, and what else Hydra shows without running anything."""
-    source = Source.of(args)
+    source = ConfigSource.of(args)
     parsed(args.overrides, source.loader())
     if args.hydra_help:  # which is about Hydra alone
         words = ["--hydra-help"]

@@ -17,7 +17,7 @@ from islandgp.bt.language import parse, to_text
 from islandgp.config.settings import Settings
 from islandgp.domain import Domain
 from islandgp.errors import ConfigError
-from islandgp.evaluation.base import Evaluator, Setting
+from islandgp.evaluation.base import Evaluator, Problem
 from islandgp.evaluation.cache import Cached
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import Champion, Step
@@ -32,7 +32,7 @@ from islandgp.running.about import about_run
 from islandgp.running.progress import Progress
 from islandgp.running.report import is_mostly_fallback, report, summary
 from islandgp.running.resume import choose
-from islandgp.supervision.base import Service, Setup, Supervisor
+from islandgp.supervision.base import RunContext, Service, Supervisor
 from islandgp.supervision.library import Library, library_folder, read_library, read_tree
 from islandgp.tracking.base import Tracker
 
@@ -45,9 +45,9 @@ class End:
     mostly_fallback: bool  # its fallback gave more of the answers than its settings allow
 
 
-def setup_of(settings: Settings, domain: Domain, folder: Path | None) -> Setup:
+def setup_of(settings: Settings, domain: Domain, folder: Path | None) -> RunContext:
     """What a run gives to its supervisor."""
-    return Setup(
+    return RunContext(
         seed=settings.seed,
         generations=settings.gp.generations,
         limits=settings.gp.limits,
@@ -138,7 +138,7 @@ def check_ready(settings: Settings, coming: frozenset[Path] = frozenset()) -> No
 
 def make_evaluator(settings: Settings) -> Evaluator:
     """The evaluator that the settings choose."""
-    setting = Setting(settings.make_domain(), settings.curriculum)
+    setting = Problem(settings.make_domain(), settings.curriculum)
     part = settings.evaluator
     evaluator: Evaluator = part.factory.make(part.settings(), setting)
     return Cached(evaluator) if part.cache else evaluator

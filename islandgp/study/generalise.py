@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 from islandgp.domain import Outcome
 from islandgp.errors import StudyError
-from islandgp.evaluation.base import Evaluator, Job, Setting
+from islandgp.evaluation.base import Evaluator, Job, Problem
 from islandgp.evaluation.recorded import setting_of
 from islandgp.scoring.classes import Classes, tiers
 from islandgp.seeding import Stream, stream
@@ -69,7 +69,7 @@ def yardsticks(study: Comparison) -> dict[str, str]:
 
 def generalise(
     study: Comparison,
-    make: Callable[[Setting], Evaluator],
+    make: Callable[[Problem], Evaluator],
     *,
     worlds: int,
     yardsticks: Mapping[str, str],
@@ -114,7 +114,7 @@ def generalise(
     )
 
 
-def _setting(run: Run) -> Setting:
+def _setting(run: Run) -> Problem:
     try:
         return setting_of(run.config)
     except ValidationError as error:

@@ -62,7 +62,7 @@ _NEVER = Crisis(diversity_below=0, stagnant_epochs_above=1e6, emergency_rate=0)
 
 
 @dataclass(frozen=True, slots=True)
-class Setup:
+class RunContext:
     """What a run can give to a supervisor that is made for it."""
 
     seed: int  # of the run

@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, Setup
+from islandgp.supervision.base import Guidance, RunContext
 
 
 class BaselineSettings(BaseModel, frozen=True, extra="forbid"):
@@ -32,7 +32,7 @@ class Baseline:
     Settings = BaselineSettings
 
     @classmethod
-    def make(cls, settings: BaselineSettings, setup: Setup) -> Baseline:  # noqa: ARG003 -- the protocol's
+    def make(cls, settings: BaselineSettings, setup: RunContext) -> Baseline:  # noqa: ARG003 -- the protocol's
         """See `Supervisor`."""
         return cls(settings)
 

@@ -15,7 +15,7 @@ from islandgp.bt.node import Node, depth, size
 from islandgp.errors import ConfigError
 from islandgp.scoring.classes import EXPLORATION, INTEGRATION, RARE
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, Pattern, Phase, Setup
+from islandgp.supervision.base import Guidance, Pattern, Phase, RunContext
 from islandgp.supervision.library import Library
 
 
@@ -127,7 +127,7 @@ class Expert:
     Settings = ExpertSettings
 
     @classmethod
-    def make(cls, settings: ExpertSettings, setup: Setup) -> Expert:
+    def make(cls, settings: ExpertSettings, setup: RunContext) -> Expert:
         """See `Supervisor`."""
         expert = cls(settings, setup.library())
         for target in setup.classes.behaviours:

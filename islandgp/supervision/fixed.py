@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import BaseModel, Field
 
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, Setup
+from islandgp.supervision.base import Guidance, RunContext
 
 
 class FixedSettings(BaseModel, frozen=True, extra="forbid"):
@@ -22,7 +22,7 @@ class Fixed:
     Settings = FixedSettings
 
     @classmethod
-    def make(cls, settings: FixedSettings, setup: Setup) -> Fixed:  # noqa: ARG003 -- the protocol's
+    def make(cls, settings: FixedSettings, setup: RunContext) -> Fixed:  # noqa: ARG003 -- the protocol's
         """See `Supervisor`."""
         return cls(settings)
 

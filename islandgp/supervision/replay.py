@@ -14,7 +14,7 @@ from pydantic import BaseModel, ValidationError
 
 from islandgp.errors import SupervisionError
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, Setup
+from islandgp.supervision.base import Guidance, RunContext
 from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.capabilities import Dialect, Dialects
 from islandgp.supervision.llm.recorded import RecordedCalls
@@ -44,12 +44,12 @@ class Replay:
     Settings = ReplaySettings
 
     @classmethod
-    def ready(cls, settings: ReplaySettings, setup: Setup) -> None:  # noqa: ARG003 -- the protocol's
+    def ready(cls, settings: ReplaySettings, setup: RunContext) -> None:  # noqa: ARG003 -- the protocol's
         """Raises SupervisionError where there is no transcript."""
         settings.path()
 
     @classmethod
-    def make(cls, settings: ReplaySettings, setup: Setup) -> Replay:
+    def make(cls, settings: ReplaySettings, setup: RunContext) -> Replay:
         """See `Supervisor`."""
         path = settings.path()
         transcript = Transcript(path)

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, Setup
+from islandgp.supervision.base import Guidance, RunContext
 from islandgp.supervision.expert import Expert, ExpertSettings, early
 
 
@@ -23,7 +23,7 @@ class Untargeted:
     Settings = ExpertSettings
 
     @classmethod
-    def make(cls, settings: ExpertSettings, setup: Setup) -> Untargeted:
+    def make(cls, settings: ExpertSettings, setup: RunContext) -> Untargeted:
         """See `Supervisor`."""
         return cls(Expert.make(settings, setup))
 

@@ -17,7 +17,7 @@ from pydantic import BaseModel, Field
 from islandgp.bt.language import parse
 from islandgp.errors import SupervisionError
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, Pattern, Phase, Setup
+from islandgp.supervision.base import Guidance, Pattern, Phase, RunContext
 
 
 class YokedSettings(BaseModel, frozen=True, extra="forbid"):
@@ -52,18 +52,18 @@ class Yoked:
     Settings = YokedSettings
 
     @classmethod
-    def ready(cls, settings: YokedSettings, setup: Setup) -> None:
+    def ready(cls, settings: YokedSettings, setup: RunContext) -> None:
         """Raises SupervisionError where the record is missing or too short, and not yet to come."""
         if settings.folder(setup.seed).resolve() not in setup.coming:
             cls._lines(settings, setup)
 
     @classmethod
-    def make(cls, settings: YokedSettings, setup: Setup) -> Yoked:
+    def make(cls, settings: YokedSettings, setup: RunContext) -> Yoked:
         """See `Supervisor`. Raises SupervisionError as `ready` does."""
         return cls([json.loads(line)["guidance"] for line in cls._lines(settings, setup)])
 
     @classmethod
-    def _lines(cls, settings: YokedSettings, setup: Setup) -> list[str]:
+    def _lines(cls, settings: YokedSettings, setup: RunContext) -> list[str]:
         folder = settings.folder(setup.seed)
         file = folder / "generations.jsonl"
         if not file.is_file():

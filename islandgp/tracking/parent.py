@@ -18,7 +18,7 @@ from islandgp.records.sweep_folder import SweepFile, SweepFolder
 from islandgp.tracking.chart import svg
 from islandgp.tracking.sent import LOCK, Sent, read_sent, write_sent
 from islandgp.tracking.store import POINTS, Store, metric
-from islandgp.tracking.summary import Arm, arm_table, arms, curves_csv, panels, sweep_note
+from islandgp.tracking.summary import ArmSummary, arm_table, arms, curves_csv, panels, sweep_note
 
 LONGEST: Final = 180  # characters of an arm's name in a metric's; MLflow takes 250 for the whole
 
@@ -96,20 +96,20 @@ def _create(sweep: SweepFolder, file: SweepFile, store: Store) -> Sent:
     return Sent(store.place.uri, store.place.experiment, "", str(run.info.run_id))
 
 
-def _digest(found: list[Arm]) -> str:
+def _digest(found: list[ArmSummary]) -> str:
     """Of the runs that the curves are made from; "" while there are none."""
     names = sorted(run.folder for arm in found for run in arm.finished)
     return hashlib.sha256("\n".join(names).encode()).hexdigest()[:12] if names else ""
 
 
-def _curves(run: str, store: Store, found: list[Arm], at: int) -> None:
+def _curves(run: str, store: Store, found: list[ArmSummary], at: int) -> None:
     """The mean and the deviation over seeds, as metrics of the parent."""
     points = [metric(name, value, at, step) for name, value, step in _points(found)]
     for i in range(0, len(points), POINTS):
         store.client.log_batch(run, metrics=points[i : i + POINTS])
 
 
-def _points(found: list[Arm]) -> Iterator[tuple[str, float, int]]:
+def _points(found: list[ArmSummary]) -> Iterator[tuple[str, float, int]]:
     for arm, name in zip(found, metric_names([arm.name for arm in found]), strict=True):
         for curve in arm.curves:
             for step, (mean, sd) in enumerate(zip(curve.mean, curve.sd, strict=True)):
@@ -118,7 +118,12 @@ def _points(found: list[Arm]) -> Iterator[tuple[str, float, int]]:
 
 
 def _texts(
-    run: str, store: Store, sweep: SweepFolder, file: SweepFile, found: list[Arm], status: Status
+    run: str,
+    store: Store,
+    sweep: SweepFolder,
+    file: SweepFile,
+    found: list[ArmSummary],
+    status: Status,
 ) -> None:
     client = store.client
     client.set_tag(run, "mlflow.note.content", sweep_note(sweep, file, found, status))

@@ -40,7 +40,7 @@ class Curve:
 
 
 @dataclass(frozen=True, slots=True)
-class Arm:
+class ArmSummary:
     """One arm of a sweep."""
 
     name: str
@@ -50,12 +50,12 @@ class Arm:
     curves: tuple[Curve, ...]
 
 
-def arms(sweep: SweepFolder, file: SweepFile) -> list[Arm]:
+def arms(sweep: SweepFolder, file: SweepFile) -> list[ArmSummary]:
     """The arms with what their finished runs came to. Raises RunError where that is damaged."""
     return [_arm(sweep, name, jobs) for name, jobs in file.arms().items()]
 
 
-def _arm(sweep: SweepFolder, name: str, jobs: list[SweepJob]) -> Arm:
+def _arm(sweep: SweepFolder, name: str, jobs: list[SweepJob]) -> ArmSummary:
     finished = [job for job in jobs if sweep.run(job).finished()]
     runs = [_snapshots(sweep.run(job)) for job in finished]
     length = min((len(run) for run in runs), default=0)
@@ -67,7 +67,7 @@ def _arm(sweep: SweepFolder, name: str, jobs: list[SweepJob]) -> Arm:
         for measure, of in {**MEASURES, **_robots(milestones(summaries))}.items()
         if length
     ]
-    return Arm(name, tuple(jobs), tuple(finished), summaries, tuple(curves))
+    return ArmSummary(name, tuple(jobs), tuple(finished), summaries, tuple(curves))
 
 
 def milestones(summaries: Sequence[dict[str, Any]]) -> tuple[str, ...]:
@@ -96,7 +96,7 @@ def _curve(name: str, columns: list[list[float]]) -> Curve:
     )
 
 
-def panels(found: Sequence[Arm]) -> list[Panel]:
+def panels(found: Sequence[ArmSummary]) -> list[Panel]:
     """A picture for each measure: the arms' means with a band of one deviation."""
     measures = dict.fromkeys(curve.name for arm in found for curve in arm.curves)
     return [
@@ -113,7 +113,7 @@ def panels(found: Sequence[Arm]) -> list[Panel]:
     ]
 
 
-def curves_csv(found: Sequence[Arm]) -> str:
+def curves_csv(found: Sequence[ArmSummary]) -> str:
     """The curves as a table: arm, measure, generation, mean, sd, runs."""
     text = StringIO()
     out = csv.writer(text, lineterminator="\n")
@@ -128,7 +128,7 @@ def curves_csv(found: Sequence[Arm]) -> str:
 FALLBACK: Final = "fallback's answers"  # one column more where any were
 
 
-def arm_rows(found: Sequence[Arm]) -> list[tuple[str, ...]]:
+def arm_rows(found: Sequence[ArmSummary]) -> list[tuple[str, ...]]:
     """A head, and a row for each arm: the mean best fitness with its standard deviation, the
     median generation of the first robot of a milestone over all runs, and the mean diversity; and
     how many answers were the fallback's, where any were."""
@@ -141,14 +141,14 @@ def arm_rows(found: Sequence[Arm]) -> list[tuple[str, ...]]:
     return [(*row, cell) for row, cell in zip(rows, [FALLBACK, *fallback], strict=True)]
 
 
-def arm_table(found: Sequence[Arm]) -> str:
+def arm_table(found: Sequence[ArmSummary]) -> str:
     """The rows in Markdown."""
     rows = arm_rows(found)
     lines = ["| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |" for row in rows]
     return "\n".join([lines[0], "|---" * len(rows[0]) + "|", *lines[1:]]) + "\n"
 
 
-def arm_lines(found: Sequence[Arm]) -> str:
+def arm_lines(found: Sequence[ArmSummary]) -> str:
     """The rows for a terminal."""
     rows = arm_rows(found)
     widths = [max(len(cell) for cell in column) for column in zip(*rows, strict=True)]
@@ -156,7 +156,7 @@ def arm_lines(found: Sequence[Arm]) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
-def _row(arm: Arm, tiers: Sequence[str]) -> tuple[str, ...]:
+def _row(arm: ArmSummary, tiers: Sequence[str]) -> tuple[str, ...]:
     name = " ".join(arm.name.split())  # a quoted text may hold line breaks
     finished = f"{len(arm.finished)} of {len(arm.jobs)}"
     if not arm.summaries:
@@ -173,7 +173,7 @@ def _row(arm: Arm, tiers: Sequence[str]) -> tuple[str, ...]:
     )
 
 
-def _emergence(arm: Arm, tier: str) -> str:
+def _emergence(arm: ArmSummary, tier: str) -> str:
     """The median over all finished runs, and how many got there; the others count as never."""
     firsts = [s["first"].get(tier) for s in arm.summaries]
     came, n = sum(g is not None for g in firsts), len(firsts)
@@ -182,7 +182,9 @@ def _emergence(arm: Arm, tier: str) -> str:
     return f"{text} ({came} of {n})"
 
 
-def sweep_note(sweep: SweepFolder, file: SweepFile, found: Sequence[Arm], status: Status) -> str:
+def sweep_note(
+    sweep: SweepFolder, file: SweepFile, found: Sequence[ArmSummary], status: Status
+) -> str:
     """What MLflow shows as the sweep's description, in Markdown."""
     seeds = sorted({job.seed for job in file.jobs})
     lines = [

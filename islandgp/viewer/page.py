@@ -15,7 +15,7 @@ from typing import Final
 from islandgp.bt.node import Node
 from islandgp.bt.render.layout import lay_out
 from islandgp.bt.render.svg import drawing
-from islandgp.evaluation.base import Setting
+from islandgp.evaluation.base import Problem
 from islandgp.viewer.encode import encode
 from islandgp.viewer.recording import Recording, record
 
@@ -24,7 +24,7 @@ _PLACE: Final = re.compile(r"\{\{(\w+)\}\}")
 _SCRIPTS: Final = ("data", "scene", "tree", "board", "chart", "timeline", "player")
 
 
-def replay_page(tree: Node, setting: Setting, seed: int, stage: int, title: str) -> str:
+def replay_page(tree: Node, setting: Problem, seed: int, stage: int, title: str) -> str:
     """One episode as the text of an HTML page.
 
     Args:

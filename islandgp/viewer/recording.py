@@ -11,7 +11,7 @@ from islandgp.bt.engine import ABORTED
 from islandgp.bt.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, size
 from islandgp.domain import Outcome, Scene, Schema, Thing
 from islandgp.errors import DomainError
-from islandgp.evaluation.base import Setting
+from islandgp.evaluation.base import Problem
 
 IDLE, FAILED, SUCCEEDED, RUNS, STOPPED = range(5)
 """The last status of a node in a tick; IDLE: it was not ticked."""
@@ -102,7 +102,7 @@ def digits(values: Iterable[float]) -> int:
     return min(6, max(0, 2 - floor(log10(most)))) if most > 0 else 0
 
 
-def record(tree: Node, setting: Setting, *, seed: int, stage: int) -> Recording:
+def record(tree: Node, setting: Problem, *, seed: int, stage: int) -> Recording:
     """Runs a tree in the world of `seed`, scored as in the stage of that index, and records it.
 
     Raises:

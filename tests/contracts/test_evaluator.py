@@ -17,7 +17,7 @@ import pytest
 
 from islandgp.domain import Outcome
 from islandgp.errors import EvaluationError
-from islandgp.evaluation.base import Evaluator, Job, Setting
+from islandgp.evaluation.base import Evaluator, Job, Problem
 from islandgp.evaluation.cache import Cached
 from islandgp.evaluation.processes import Processes
 from islandgp.evaluation.ray import Ray
@@ -34,10 +34,10 @@ JOBS = [Job(tree, stage, seed) for tree in TREES for stage in (0, 3) for seed in
 
 
 @cache
-def setting() -> Setting:
+def setting() -> Problem:
     """The default world, with short episodes."""
     s = composed("world.episode.length=30")
-    return Setting(s.make_domain(), s.curriculum)
+    return Problem(s.make_domain(), s.curriculum)
 
 
 @cache
@@ -46,7 +46,7 @@ def expected() -> tuple[Outcome, ...]:
     return tuple(Serial(setting()).evaluate(JOBS))
 
 
-def ray(how: Setting | None = None) -> Ray:
+def ray(how: Problem | None = None) -> Ray:
     """A cluster of two workers on this machine."""
     settings = Ray.Settings(address="local", cpus=1, retries=2, workers=2)
     return Ray(settings, how or setting())
@@ -131,7 +131,7 @@ class Deadly:
         return self.inner.multipliers(0 if stage == DEADLY else stage)
 
 
-def deadly(once: Path | None = None) -> Setting:
+def deadly(once: Path | None = None) -> Problem:
     """The setting with such a curriculum."""
     return replace(setting(), curriculum=Deadly(setting().curriculum, once))  # type: ignore[arg-type]
 
@@ -220,7 +220,7 @@ def test_an_episode_that_never_ends_is_named() -> None:
         pool.close()
 
 
-def deadly_slow() -> Setting:
+def deadly_slow() -> Problem:
     """The setting with a curriculum whose deadly stage takes half a minute."""
     return replace(setting(), curriculum=Deadly(setting().curriculum, seconds=30))  # type: ignore[arg-type]
 

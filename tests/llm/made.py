@@ -12,7 +12,7 @@ from islandgp.running.run import setup_of
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, stream
-from islandgp.supervision.base import Guidance, Setup
+from islandgp.supervision.base import Guidance, RunContext
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.supervisor import LLM
@@ -53,7 +53,7 @@ def settings(*overrides: str) -> LLMSettings:
     return policy
 
 
-def setup(folder: Path | None = None, *overrides: str) -> Setup:
+def setup(folder: Path | None = None, *overrides: str) -> RunContext:
     """What a run with the paper's numbers gives to its supervisor."""
     found = composed("supervisor=llm", *overrides)
     return setup_of(found, found.make_domain(), folder)
@@ -193,7 +193,7 @@ def supervisor(
     script: Script | Sequence[Reply | Failure],
     *overrides: str,
     folder: Path | None = None,
-    given: Setup | None = None,
+    given: RunContext | None = None,
 ) -> tuple[LLM, FakeClient]:
     """A supervisor over a script, which never waits."""
     client = FakeClient(script)

@@ -16,7 +16,7 @@ from islandgp.resources import resource
 from islandgp.supervision.base import Phase
 from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.prompts import render
-from islandgp.supervision.llm.validation import Stage
+from islandgp.supervision.llm.validation import RejectionStage
 from islandgp.testing.demo import demo
 from tests.composed import composed
 from tests.llm.made import advise, answering, settings, setup, supervisor
@@ -83,7 +83,7 @@ def test_the_names_of_the_record_are_real() -> None:
     for name in ("requests", "cost_usd"):
         assert name in llm.spent()
         assert f"`llm/{name}`" in TEXT
-    stages = [stage.value for stage in Stage if stage is not Stage.REFUSED]
+    stages = [stage.value for stage in RejectionStage if stage is not RejectionStage.REFUSED]
     assert all(re.search(rf"\b{stage}\b", TEXT, re.IGNORECASE) for stage in stages)
 
 

@@ -28,7 +28,7 @@ from islandgp.supervision.llm.prompts import (
     render,
     urgency,
 )
-from islandgp.supervision.llm.validation import Rejection, Stage
+from islandgp.supervision.llm.validation import Rejection, RejectionStage
 from tests.goldens import check_golden
 from tests.llm.made import settings, setup, state
 from tests.made import CLASSES
@@ -64,7 +64,7 @@ def test_golden_prompt_of_phase_2(adviser: Adviser) -> None:
 def test_the_repair_prompt(adviser: Adviser) -> None:
     """The whole turn that tells what was wrong, with the error as the language words it."""
     error = "tree:1:1: unknown action 'FlyHome'"
-    assert adviser._repair(Rejection(Stage.NAMES, error)) == (
+    assert adviser._repair(Rejection(RejectionStage.NAMES, error)) == (
         'That answer cannot be used. It failed at the stage "names":\n'
         "\n"
         "tree:1:1: unknown action 'FlyHome'\n"

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from islandgp.errors import SupervisionError
-from islandgp.supervision.llm.attempt import Attempt, Call, Part
+from islandgp.supervision.llm.attempt import Attempt, Call, Conclusion
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage, clean
 from islandgp.supervision.llm.recorded import RecordedCalls, difference
 from islandgp.supervision.llm.transcript import NAME, Transcript, find_transcript
@@ -38,7 +38,7 @@ def test_what_is_written_reads_back(tmp_path: Path) -> None:
     path = tmp_path / "run" / NAME
     written = Transcript(path)
     written.begin({"dialect": {"structured": True}})
-    parts = [Part(3, "rate", "fallback", "timeout: late", ("json", "range"))]
+    parts = [Conclusion(3, "rate", "fallback", "timeout: late", ("json", "range"))]
     for each in (attempt(), FAILED, attempt(4, request=ASK.followed_by("a", "b"))):
         written.add(each)
     written.conclude(parts[0])
@@ -58,7 +58,7 @@ def test_a_system_prompt_is_stored_once(tmp_path: Path) -> None:
 
 def test_a_part_is_concluded_once(tmp_path: Path) -> None:
     """A resumed run that asks again for the same generation does not count it twice."""
-    part = Part(3, "tree", "llm", "", ())
+    part = Conclusion(3, "tree", "llm", "", ())
     for _ in range(2):
         Transcript(tmp_path / NAME).conclude(part)
     assert Transcript(tmp_path / NAME).parts == [part]

@@ -11,7 +11,7 @@ from pydantic import BaseModel
 
 from islandgp.domain import Outcome
 from islandgp.errors import EvaluationError
-from islandgp.evaluation.base import Job, Setting
+from islandgp.evaluation.base import Job, Problem
 from tests.evolution.fake import Fake
 
 
@@ -25,7 +25,7 @@ class Instant(Fake):
     Settings = NoSettings
 
     @classmethod
-    def make(cls, settings: NoSettings, setting: Setting) -> Instant:  # noqa: ARG003 -- the protocol's
+    def make(cls, settings: NoSettings, setting: Problem) -> Instant:  # noqa: ARG003 -- the protocol's
         """See `Evaluator`."""
         return cls()
 
@@ -45,7 +45,7 @@ class Breaks(Fake):
     Settings = BreaksSettings
 
     @classmethod
-    def make(cls, settings: BreaksSettings, setting: Setting) -> Breaks:  # noqa: ARG003 -- the protocol's
+    def make(cls, settings: BreaksSettings, setting: Problem) -> Breaks:  # noqa: ARG003 -- the protocol's
         """See `Evaluator`."""
         return cls(settings)
 
@@ -84,7 +84,7 @@ class Slow(Fake):
     Settings = SlowSettings
 
     @classmethod
-    def make(cls, settings: SlowSettings, setting: Setting) -> Slow:  # noqa: ARG003 -- the protocol's
+    def make(cls, settings: SlowSettings, setting: Problem) -> Slow:  # noqa: ARG003 -- the protocol's
         """See `Evaluator`."""
         return cls(settings.seconds)
 

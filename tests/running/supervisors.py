@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, Setup
+from islandgp.supervision.base import Guidance, RunContext
 from islandgp.supervision.fixed import FixedSettings
 
 
@@ -18,7 +18,7 @@ class Answers:
     Settings = FixedSettings
 
     @classmethod
-    def make(cls, settings: FixedSettings, setup: Setup) -> Any:  # noqa: ARG003 -- the protocol's
+    def make(cls, settings: FixedSettings, setup: RunContext) -> Any:  # noqa: ARG003 -- the protocol's
         """See `Supervisor`."""
         return cls(Guidance(settings.rate, None, cls.name))
 

@@ -9,7 +9,7 @@ import pytest
 
 from islandgp.domain import Outcome
 from islandgp.errors import StudyError
-from islandgp.evaluation.base import Job, Setting
+from islandgp.evaluation.base import Job, Problem
 from islandgp.seeding import Stream, stream
 from islandgp.study.comparable import compare_arms
 from islandgp.study.generalise import Generalisation, generalise, unseen_worlds, yardsticks
@@ -27,7 +27,7 @@ class Recorder:
 
     simulated = 0
 
-    def __init__(self, setting: Setting) -> None:
+    def __init__(self, setting: Problem) -> None:
         self.setting = setting
         self.jobs: list[Job] = []
         self.closed = False
@@ -58,7 +58,7 @@ def test_every_champion_meets_the_same_unseen_worlds_in_the_last_stage() -> None
     """One summary a run and one a yardstick; equal trees are simulated once."""
     made: list[Recorder] = []
 
-    def make(setting: Setting) -> Recorder:
+    def make(setting: Problem) -> Recorder:
         made.append(Recorder(setting))
         return made[0]
 

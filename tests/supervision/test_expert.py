@@ -17,7 +17,7 @@ from islandgp.errors import ConfigError
 from islandgp.running.run import setup_of
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Pattern, Phase, Setup
+from islandgp.supervision.base import Pattern, Phase, RunContext
 from islandgp.supervision.expert import (
     Expert,
     ExpertSettings,
@@ -54,7 +54,7 @@ def how() -> ExpertSettings:
     return ExpertSettings.model_validate({**policy, **thresholds})
 
 
-def setup(*overrides: str) -> Setup:
+def setup(*overrides: str) -> RunContext:
     """What a run gives to it."""
     settings = composed(*overrides)
     return setup_of(settings, settings.make_domain(), None)

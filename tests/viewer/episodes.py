@@ -18,7 +18,7 @@ from islandgp.bt.node import RUNNING, SUCCESS, Node, size
 from islandgp.bt.vocabulary import Action, Vocabulary, flag, number
 from islandgp.domain import Event, Form, Observer, Outcome, Scene, Schema, Thing
 from islandgp.domains.island.vocabulary import VOCABULARY
-from islandgp.evaluation.base import Setting
+from islandgp.evaluation.base import Problem
 from islandgp.evolution.random_trees import TreeSpace, random_tree
 from islandgp.resources import resource
 from islandgp.scoring.curriculum import Curriculum, Stage
@@ -35,14 +35,14 @@ def example(name: str) -> Node:
 
 
 @cache
-def island(**limits: float) -> Setting:
+def island(**limits: float) -> Problem:
     """The island with the paper's numbers, but for limits of the episode."""
     settings = composed()
     if limits:
         episode = settings.world.episode.model_copy(update=limits)
         world = settings.world.model_copy(update={"episode": episode})
         settings = settings.model_copy(update={"world": world})
-    return Setting(settings.make_domain(), settings.curriculum)
+    return Problem(settings.make_domain(), settings.curriculum)
 
 
 @cache
@@ -126,7 +126,7 @@ class Small:
 def small(text: str = "selector { Go }", **changes: Any) -> Recording:
     """A recorded episode of `Small`."""
     curriculum = Curriculum(generations_per_epoch=1, stages=(Stage(epochs=(1, 1), multipliers={}),))
-    return record(parse(text), Setting(Small(**changes), curriculum), seed=0, stage=0)
+    return record(parse(text), Problem(Small(**changes), curriculum), seed=0, stage=0)
 
 
 def going(ticks: int = 20) -> list[Scene]:

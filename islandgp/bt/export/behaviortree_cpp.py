@@ -16,7 +16,7 @@ from typing import Final
 from xml.sax.saxutils import escape, quoteattr
 
 from islandgp.bt.export.exact import OWN, exact_plan, own_nodes, parts
-from islandgp.bt.export.plan import Loss, Part, guard_losses, plan
+from islandgp.bt.export.plan import Loss, TargetNode, guard_losses, plan
 from islandgp.bt.node import Node, walk
 from islandgp.bt.printer import number_text
 from islandgp.bt.vocabulary import NOTHING, Vocabulary
@@ -159,7 +159,7 @@ def header() -> str:
     return own_nodes(HEADER)
 
 
-def _lines(part: Part, indent: str) -> Iterator[str]:
+def _lines(part: TargetNode, indent: str) -> Iterator[str]:
     if part.kind == "action":
         yield f"{indent}<{part.args[0]}/>"
         return
@@ -173,7 +173,7 @@ def _lines(part: Part, indent: str) -> Iterator[str]:
     yield f"{indent}</{tag}>"
 
 
-def _attributes(part: Part) -> str:
+def _attributes(part: TargetNode) -> str:
     if part.kind in _PORTS:
         values = ((name, _word(v)) for name, v in zip(_PORTS[part.kind], part.args, strict=True))
         return "".join(f" {name}={quoteattr(value)}" for name, value in values)
@@ -204,7 +204,7 @@ def _model(kind: str) -> Iterator[str]:
     yield f"    </{sort}>"
 
 
-def _script(check: Part) -> str:
+def _script(check: TargetNode) -> str:
     key, operator, number = check.args
     if operator == "is":
         return str(key)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final, TypeAlias
 
-from islandgp.bt.export.plan import Part
+from islandgp.bt.export.plan import TargetNode
 from islandgp.bt.node import Node
 from islandgp.bt.truth import checks_itself, exposes
 
@@ -26,12 +26,12 @@ Differs: TypeAlias = Callable[[Node], bool]
 """Whether a library's node for a parallel, a repeater or a `when` does something else."""
 
 
-def exact_plan(node: Node, differs: Differs) -> Part:
+def exact_plan(node: Node, differs: Differs) -> TargetNode:
     """A tree in those terms."""
     return _part(node, differs, observed=False)
 
 
-def parts(part: Part) -> Iterator[Part]:
+def parts(part: TargetNode) -> Iterator[TargetNode]:
     """The parts of a plan in document order."""
     yield part
     for child in part.children:
@@ -43,32 +43,32 @@ def own_nodes(name: str) -> str:
     return (Path(__file__).parent / "nodes" / name).read_text(encoding="utf-8")
 
 
-def _part(node: Node, differs: Differs, *, observed: bool) -> Part:
+def _part(node: Node, differs: Differs, *, observed: bool) -> TargetNode:
     """A node; observed: a composite above looks for guards here, through decorators."""
     kind = node.kind
     if kind == "action":
-        return Part("action", node.args)
+        return TargetNode("action", node.args)
     if kind in ("when", "inverter", "repeater"):
         child = _part(node.children[0], differs, observed=observed)
         if kind == "when":
             return _when(node, child, ours=observed or exposes(node) or differs(node))
         if kind == "inverter":
-            return Part("inverter", (), (child,))
-        return Part("repeat_per_tick" if differs(node) else "repeat", node.args, (child,))
+            return TargetNode("inverter", (), (child,))
+        return TargetNode("repeat_per_tick" if differs(node) else "repeat", node.args, (child,))
     if kind == "parallel":
         children = tuple(_part(child, differs, observed=False) for child in node.children)
-        return Part("judged_parallel" if differs(node) else "parallel", node.args, children)
+        return TargetNode("judged_parallel" if differs(node) else "parallel", node.args, children)
     return _composite(node, differs)
 
 
-def _when(node: Node, child: Part, *, ours: bool) -> Part:
+def _when(node: Node, child: TargetNode, *, ours: bool) -> TargetNode:
     if ours:
-        return Part("when", node.args, (child,))
+        return TargetNode("when", node.args, (child,))
     kind = "reactive_sequence" if checks_itself(node) else "sequence"
-    return Part(kind, node.args, (Part("check", node.args[:3]), child))
+    return TargetNode(kind, node.args, (TargetNode("check", node.args[:3]), child))
 
 
-def _composite(node: Node, differs: Differs) -> Part:
+def _composite(node: Node, differs: Differs) -> TargetNode:
     plain = "fallback" if node.kind == "selector" else "sequence"
     *earlier, last = node.children
     observes = [exposes(branch) for branch in earlier]
@@ -77,4 +77,4 @@ def _composite(node: Node, differs: Differs) -> Part:
         for branch, observed in zip(earlier, observes, strict=True)
     ]
     children.append(_part(last, differs, observed=False))
-    return Part(f"interruptible_{plain}" if any(observes) else plain, (), tuple(children))
+    return TargetNode(f"interruptible_{plain}" if any(observes) else plain, (), tuple(children))

@@ -18,7 +18,7 @@ from islandgp.bt.node import Node
 from islandgp.bt.truth import chain, checks_itself, exposes, interrupts
 
 
-class Part(NamedTuple):
+class TargetNode(NamedTuple):
     """A node of the other libraries, under our names.
 
     Kinds: fallback, sequence (with memory), reactive_fallback, reactive_sequence, parallel,
@@ -27,7 +27,7 @@ class Part(NamedTuple):
 
     kind: str
     args: tuple[str | float, ...] = ()  # of the node of ours that it comes from
-    children: tuple[Part, ...] = ()
+    children: tuple[TargetNode, ...] = ()
     rest: bool = False  # holds the branches behind reactive ones; no node of ours
 
 
@@ -65,19 +65,19 @@ INNER = Loss(
 )
 
 
-def plan(node: Node) -> Part:
+def plan(node: Node) -> TargetNode:
     """A tree in those terms."""
     kind, children = node.kind, node.children
     if kind == "action":
-        return Part("action", node.args)
+        return TargetNode("action", node.args)
     if kind == "when":
-        check = Part("check", node.args[:3])
+        check = TargetNode("check", node.args[:3])
         kind = "reactive_sequence" if checks_itself(node) else "sequence"
-        return Part(kind, node.args, (check, plan(children[0])))
+        return TargetNode(kind, node.args, (check, plan(children[0])))
     if kind in ("selector", "sequence"):
         return _composite(node)
     other = {"inverter": "inverter", "repeater": "repeat", "parallel": "parallel"}[kind]
-    return Part(other, node.args, tuple(map(plan, children)))
+    return TargetNode(other, node.args, tuple(map(plan, children)))
 
 
 def guard_losses(tree: Node) -> set[Loss]:
@@ -95,18 +95,18 @@ def guard_losses(tree: Node) -> set[Loss]:
     return found
 
 
-def _composite(node: Node) -> Part:
+def _composite(node: Node) -> TargetNode:
     """Runs of reactive branches and of plain ones, each run nested in the one before it."""
     plain = "fallback" if node.kind == "selector" else "sequence"
     branches = [(plan(b), _reacts(b, node.kind)) for b in node.children[:-1]]
-    held: list[Part] = [plan(node.children[-1])]
+    held: list[TargetNode] = [plan(node.children[-1])]
     reactive = False  # whether `held` is a run of reactive branches and its last child
     for part, reacts in reversed(branches):
         if reacts != reactive and len(held) > 1:
-            held = [Part(_kind(plain, reactive), (), tuple(held), rest=True)]
+            held = [TargetNode(_kind(plain, reactive), (), tuple(held), rest=True)]
         reactive = reacts
         held.insert(0, part)
-    return Part(_kind(plain, reactive), (), tuple(held))
+    return TargetNode(_kind(plain, reactive), (), tuple(held))
 
 
 def _kind(plain: str, reactive: bool) -> str:

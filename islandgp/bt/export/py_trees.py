@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from islandgp.bt.export.exact import OWN, exact_plan, own_nodes, parts
-from islandgp.bt.export.plan import Loss, Part, guard_losses, plan
+from islandgp.bt.export.plan import Loss, TargetNode, guard_losses, plan
 from islandgp.bt.language import to_text
 from islandgp.bt.node import Node, walk
 from islandgp.bt.printer import head, number_text
@@ -94,7 +94,7 @@ def _own() -> str:
     return text[text.index("class When(") :].rstrip() + "\n\n\n"
 
 
-def _lines(part: Part, indent: str) -> Iterator[str]:
+def _lines(part: TargetNode, indent: str) -> Iterator[str]:
     before, behind = _around(part)
     if not part.children:
         yield f"{indent}{before}{behind},"
@@ -105,15 +105,15 @@ def _lines(part: Part, indent: str) -> Iterator[str]:
     yield f"{indent}{behind},"
 
 
-def _inside(part: Part) -> tuple[Part, ...]:
+def _inside(part: TargetNode) -> tuple[TargetNode, ...]:
     return part.children[1:] if _is_guard(part) else part.children
 
 
-def _is_guard(part: Part) -> bool:
+def _is_guard(part: TargetNode) -> bool:
     return part.kind == "reactive_sequence" and part.children[0].kind == "check"
 
 
-def _around(part: Part) -> tuple[str, str]:
+def _around(part: TargetNode) -> tuple[str, str]:
     """The Python text before and behind a node's children."""
     kind = part.kind
     if kind == "action":
@@ -143,7 +143,7 @@ def _around(part: Part) -> tuple[str, str]:
     return "Repeat('repeater', num_success=" + f"{int(part.args[0])}, child=", ")"
 
 
-def _condition(check: Part) -> str:
+def _condition(check: TargetNode) -> str:
     key, operator, number = check.args[:3]
     if operator in ("is", "not"):
         return f"{str(key)!r}, operator.{'ne' if operator == 'is' else 'eq'}, 0"

@@ -16,7 +16,7 @@ from islandgp.domains.island.world import FAR, EpisodeSettings, World
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class Deadlines:
     """When an episode ends, in steps (section 2.2.2)."""
 
     length: int
@@ -27,7 +27,7 @@ class Limits:
     second: int  # steps in one second
 
     @staticmethod
-    def of(settings: EpisodeSettings) -> Limits:
+    def of(settings: EpisodeSettings) -> Deadlines:
         """The settings' seconds as steps."""
         seconds = (settings.length, settings.stagnation, settings.stagnation_low_battery)
         length, stagnation, longer = (max(1, round(s / settings.step)) for s in seconds)
@@ -35,7 +35,9 @@ class Limits:
             round(settings.low_battery * MICRO),
             round(settings.negative / settings.step),
         )
-        return Limits(length, stagnation, longer, low, negative, max(1, round(1 / settings.step)))
+        return Deadlines(
+            length, stagnation, longer, low, negative, max(1, round(1 / settings.step))
+        )
 
 
 @dataclass(slots=True)
@@ -43,7 +45,7 @@ class State:
     """Everything that a tick can see or change."""
 
     world: World
-    limits: Limits
+    limits: Deadlines
     script: Script
     physics: Space
     robot: Robot
@@ -109,7 +111,7 @@ def build_island(world: World, seed: int, award: Award, thresholds: tuple[float,
     pushed = 2 * max(0.0, walk - physics.space.collision_slop)
     return State(
         world=world,
-        limits=Limits.of(world.episode),
+        limits=Deadlines.of(world.episode),
         script=script,
         physics=physics,
         robot=robot,

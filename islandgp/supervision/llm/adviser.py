@@ -22,7 +22,7 @@ from islandgp.plugin import blaming, path_of
 from islandgp.resources import resource
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.asking import ask
-from islandgp.supervision.base import Guidance, Setup, Supervisor
+from islandgp.supervision.base import Guidance, RunContext, Supervisor
 from islandgp.supervision.llm.answers import (
     DECISION,
     Decision,
@@ -32,7 +32,7 @@ from islandgp.supervision.llm.answers import (
 )
 from islandgp.supervision.llm.calls import Calls
 from islandgp.supervision.llm.capabilities import Dialect
-from islandgp.supervision.llm.conversation import Outcome, converse, unasked
+from islandgp.supervision.llm.conversation import Conversation, converse, unasked
 from islandgp.supervision.llm.message import Failure, FailureKind, Request
 from islandgp.supervision.llm.prompts import fixed_values, load_prompt, render, urgency
 from islandgp.supervision.llm.settings import LLMSettings, TreeSize
@@ -55,7 +55,7 @@ _LATER: Final = ("generation", "state", "urgency", "stage", "error")  # known on
 class Adviser:
     """Asks for a rate and for a tree, and puts the guidance together."""
 
-    def __init__(self, settings: LLMSettings, setup: Setup) -> None:
+    def __init__(self, settings: LLMSettings, setup: RunContext) -> None:
         """Reads the prompts. Raises SupervisionError for one that cannot be filled in."""
         self.settings, self.setup = settings, setup
         self.exploit_from = settings.exploit_from or setup.classes.milestones[-1]
@@ -166,10 +166,10 @@ class Adviser:
 
     def _unasked(
         self, calls: Calls, generation: int, why: Failure
-    ) -> tuple[Outcome[Decision] | None, Outcome[Proposal] | None]:
+    ) -> tuple[Conversation[Decision] | None, Conversation[Proposal] | None]:
         """Nobody can be asked: the fallback answers what would be asked."""
-        rate: Outcome[Decision] | None = None
-        tree: Outcome[Proposal] | None = None
+        rate: Conversation[Decision] | None = None
+        tree: Conversation[Proposal] | None = None
         if self.setup.adapt_mutation:
             rate = unasked(calls, generation, "rate", why)
         if self.setup.inject:
@@ -178,7 +178,7 @@ class Adviser:
 
     def _both(
         self, state: PopulationState, calls: Calls, dialect: Dialect
-    ) -> tuple[Outcome[Decision] | None, Outcome[Proposal] | None]:
+    ) -> tuple[Conversation[Decision] | None, Conversation[Proposal] | None]:
         """Asks for what is used: for both at the same time, unless the budget is nearly used up."""
         adapt, inject = self.setup.adapt_mutation, self.setup.inject
         for_rate = self.rate_request(state, dialect)
@@ -194,12 +194,12 @@ class Adviser:
 
     def _rate(
         self, state: PopulationState, calls: Calls, request: Request, how: Reading
-    ) -> Outcome[Decision]:
+    ) -> Conversation[Decision]:
         return self._ask(calls, state, "rate", request, check_decision(self.settings.rate, how))
 
     def _tree(
         self, state: PopulationState, calls: Calls, request: Request, how: Reading
-    ) -> Outcome[Proposal]:
+    ) -> Conversation[Proposal]:
         _, size = self._tree_phase(state)
         most = self.setup.limits
         limits = Limits(min(size.most_depth, most.max_depth), min(size.most_nodes, most.max_nodes))
@@ -208,7 +208,7 @@ class Adviser:
 
     def _ask(
         self, calls: Calls, state: PopulationState, part: str, request: Request, check: Check[T]
-    ) -> Outcome[T]:
+    ) -> Conversation[T]:
         return converse(
             calls,
             state.now.generation,
@@ -283,7 +283,9 @@ def _source(missing: int, asked: int) -> str:
     return "fallback" if missing == asked else "llm and fallback"
 
 
-def _notes(rate: Outcome[Decision] | None, tree: Outcome[Proposal] | None) -> dict[str, str]:
+def _notes(
+    rate: Conversation[Decision] | None, tree: Conversation[Proposal] | None
+) -> dict[str, str]:
     """For the record: where each part comes from, and the hash of every prompt of it."""
     notes = {}
     for name, outcome in (("rate", rate), ("tree", tree)):

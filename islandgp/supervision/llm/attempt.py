@@ -48,7 +48,7 @@ class Attempt:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class Conclusion:
     """What became of one part of the guidance of a generation."""
 
     generation: int

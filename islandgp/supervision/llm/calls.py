@@ -14,7 +14,7 @@ from typing import Any, Final, Literal, Protocol
 
 from islandgp.errors import SupervisionError
 from islandgp.seeding import Stream, stream
-from islandgp.supervision.llm.attempt import Attempt, Call, Part, Sent
+from islandgp.supervision.llm.attempt import Attempt, Call, Conclusion, Sent
 from islandgp.supervision.llm.ledger import Ledger, known_usage
 from islandgp.supervision.llm.message import (
     QUOTED,
@@ -43,7 +43,7 @@ class Calls(Protocol):
         """The answer to a call, after as many attempts as it takes."""
         ...
 
-    def conclude(self, part: Part) -> None:
+    def conclude(self, part: Conclusion) -> None:
         """Takes note of what became of a part of the guidance."""
         ...
 
@@ -153,7 +153,7 @@ class LiveCalls:
         self.sleep(pause)
         return pause
 
-    def conclude(self, part: Part) -> None:
+    def conclude(self, part: Conclusion) -> None:
         """See `Calls`."""
         self.transcript.conclude(part)
 

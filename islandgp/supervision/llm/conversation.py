@@ -6,22 +6,22 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from islandgp.supervision.llm.attempt import Call, Part
+from islandgp.supervision.llm.attempt import Call, Conclusion
 from islandgp.supervision.llm.calls import Calls
 from islandgp.supervision.llm.message import QUOTED, Failure, Request
-from islandgp.supervision.llm.validation import Check, Rejection, Stage
+from islandgp.supervision.llm.validation import Check, Rejection, RejectionStage
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome(Generic[T]):
+class Conversation(Generic[T]):
     """What became of a question."""
 
     value: T | None  # None: no usable answer
     source: str  # "llm", "llm, repaired", "llm, clamped from 0.8", "fallback"
     why: str  # of the fallback, else ""
-    rejected: tuple[Stage, ...]  # stages that turned an answer away, in order
+    rejected: tuple[RejectionStage, ...]  # stages that turned an answer away, in order
     prompts: tuple[str, ...]  # SHA-256 of each rendered prompt, hexadecimal
 
 
@@ -34,9 +34,9 @@ def converse(
     *,
     repairs: int,
     repair: Callable[[Rejection], str],
-) -> Outcome[T]:
+) -> Conversation[T]:
     """Asks, with at most `repairs` turns more; `repair` words what is wrong."""
-    rejected: list[Stage] = []
+    rejected: list[RejectionStage] = []
     prompts: list[str] = []
     why = ""
     for turn in range(1 + repairs):
@@ -53,23 +53,25 @@ def converse(
                 calls,
                 generation,
                 part,
-                Outcome(found.value, source, "", tuple(rejected), tuple(prompts)),
+                Conversation(found.value, source, "", tuple(rejected), tuple(prompts)),
             )
         rejected.append(found.stage)
         why = f"{found.stage}: {found.error}"
-        if found.stage is Stage.REFUSED:
+        if found.stage is RejectionStage.REFUSED:
             break
         request = request.followed_by(answer.text[:QUOTED], repair(found))
-    outcome: Outcome[T] = Outcome(None, "fallback", why, tuple(rejected), tuple(prompts))
+    outcome: Conversation[T] = Conversation(None, "fallback", why, tuple(rejected), tuple(prompts))
     return _concluded(calls, generation, part, outcome)
 
 
-def unasked(calls: Calls, generation: int, part: str, why: Failure) -> Outcome[T]:
+def unasked(calls: Calls, generation: int, part: str, why: Failure) -> Conversation[T]:
     """A question that is not asked, and why."""
-    outcome: Outcome[T] = Outcome(None, "fallback", f"{why.kind}: {why.message}", (), ())
+    outcome: Conversation[T] = Conversation(None, "fallback", f"{why.kind}: {why.message}", (), ())
     return _concluded(calls, generation, part, outcome)
 
 
-def _concluded(calls: Calls, generation: int, part: str, outcome: Outcome[T]) -> Outcome[T]:
-    calls.conclude(Part(generation, part, outcome.source, outcome.why, outcome.rejected))
+def _concluded(
+    calls: Calls, generation: int, part: str, outcome: Conversation[T]
+) -> Conversation[T]:
+    calls.conclude(Conclusion(generation, part, outcome.source, outcome.why, outcome.rejected))
     return outcome

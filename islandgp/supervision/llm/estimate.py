@@ -7,7 +7,7 @@ from typing import Final
 
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Setup
+from islandgp.supervision.base import RunContext
 from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.capabilities import Dialect
 from islandgp.supervision.llm.ledger import Caps
@@ -38,7 +38,7 @@ class Bill:
         )
 
 
-def expected(settings: LLMSettings, setup: Setup, lag: int = 0) -> Bill:
+def expected(settings: LLMSettings, setup: RunContext, lag: int = 0) -> Bill:
     """The bill where every question is answered at once, with ANSWER tokens."""
     asked = _requests(settings, setup)
     times = _times(setup, lag)
@@ -51,7 +51,7 @@ def expected(settings: LLMSettings, setup: Setup, lag: int = 0) -> Bill:
     )
 
 
-def at_most(settings: LLMSettings, setup: Setup, lag: int = 0) -> Bill:
+def at_most(settings: LLMSettings, setup: RunContext, lag: int = 0) -> Bill:
     """The bill where everything fails late, is repaired, and is as long as it may be.
 
     Caps cut it short.
@@ -69,7 +69,7 @@ def at_most(settings: LLMSettings, setup: Setup, lag: int = 0) -> Bill:
     return _capped(bill, settings.caps)
 
 
-def as_recorded(settings: LLMSettings, setup: Setup, record: Transcript, lag: int = 0) -> Bill:
+def as_recorded(settings: LLMSettings, setup: RunContext, record: Transcript, lag: int = 0) -> Bill:
     """The bill where each generation takes what it took in a recorded run, on the mean."""
     attempts = record.attempts
     generations = len({a.call.generation for a in attempts if a.call.generation >= 0}) or 1
@@ -85,7 +85,7 @@ def as_recorded(settings: LLMSettings, setup: Setup, record: Transcript, lag: in
     )
 
 
-def _times(setup: Setup, lag: int) -> int:
+def _times(setup: RunContext, lag: int) -> int:
     """Generations that are asked about: an answer after the last one would come too late."""
     return max(0, setup.generations - 1 - lag)
 
@@ -108,7 +108,7 @@ def _capped(bill: Bill, caps: Caps) -> Bill:
     )
 
 
-def _requests(settings: LLMSettings, setup: Setup) -> list[Request]:
+def _requests(settings: LLMSettings, setup: RunContext) -> list[Request]:
     """One generation's questions, about a state with numbers of the usual length."""
     adviser, dialect = Adviser(settings, setup), Dialect(True, settings.temperature, "")
     state = _state(setup)
@@ -120,7 +120,7 @@ def _requests(settings: LLMSettings, setup: Setup) -> list[Request]:
     return asked
 
 
-def _state(setup: Setup) -> PopulationState:
+def _state(setup: RunContext) -> PopulationState:
     classes = setup.classes
     now = Snapshot(
         generation=20,

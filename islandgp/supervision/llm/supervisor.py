@@ -10,7 +10,7 @@ import numpy as np
 
 from islandgp.errors import SupervisionError
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, Setup
+from islandgp.supervision.base import Guidance, RunContext
 from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.calls import LiveCalls
 from islandgp.supervision.llm.capabilities import Dialect, Dialects
@@ -39,18 +39,18 @@ class LLM:
     Settings = LLMSettings
 
     @classmethod
-    def ready(cls, settings: LLMSettings, setup: Setup) -> None:  # noqa: ARG003 -- the protocol's
+    def ready(cls, settings: LLMSettings, setup: RunContext) -> None:  # noqa: ARG003 -- the protocol's
         """Raises SupervisionError where there is neither a key nor an address."""
         if _key(settings) is None and settings.address is None:
             raise SupervisionError(_WAYS)
 
     @classmethod
-    def make(cls, settings: LLMSettings, setup: Setup) -> LLM:
+    def make(cls, settings: LLMSettings, setup: RunContext) -> LLM:
         """See `Supervisor`."""
         cls.ready(settings, setup)
         return cls(settings, setup, AnthropicClient(key=_key(settings), base_url=settings.address))
 
-    def __init__(self, settings: LLMSettings, setup: Setup, client: Client) -> None:
+    def __init__(self, settings: LLMSettings, setup: RunContext, client: Client) -> None:
         """Nothing is sent and nothing written before `start`, or the first question."""
         self.settings, self.setup, self.client = settings, setup, client
         self.adviser = Adviser(settings, setup)

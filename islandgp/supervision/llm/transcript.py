@@ -25,7 +25,7 @@ from threading import Lock
 from typing import Any, Final
 
 from islandgp.errors import SupervisionError
-from islandgp.supervision.llm.attempt import Attempt, Call, Part, Sent, from_line, to_line
+from islandgp.supervision.llm.attempt import Attempt, Call, Conclusion, Sent, from_line, to_line
 from islandgp.supervision.llm.message import Usage
 
 NAME: Final = "transcript.jsonl"
@@ -44,7 +44,7 @@ class Transcript:
         self.path = path
         self.start: dict[str, Any] | None = None
         self.attempts: list[Attempt] = []
-        self.parts: list[Part] = []
+        self.parts: list[Conclusion] = []
         self.sent: list[Sent] = []
         self.learnt: tuple[int, dict[str, Any]] | None = None  # a dialect, and since when
         self._systems: dict[str, str] = {}
@@ -114,7 +114,7 @@ class Transcript:
                 self._write({"line": "system", "sha256": digest, "text": text})
             self._write({"line": "attempt", **to_line(attempt, digest)})
 
-    def conclude(self, part: Part) -> None:
+    def conclude(self, part: Conclusion) -> None:
         """Writes down what became of a part, once."""
         with self._lock:
             if part not in self.parts:
@@ -150,7 +150,7 @@ class Transcript:
                 elif kind == "attempt":
                     self.attempts.append(from_line(line, self._systems))
                 elif kind == "part":
-                    self.parts.append(Part(**{**line, "rejected": tuple(line["rejected"])}))
+                    self.parts.append(Conclusion(**{**line, "rejected": tuple(line["rejected"])}))
         except (ValueError, KeyError, TypeError) as error:
             raise SupervisionError(
                 f"Expected a transcript in {path}, found a damaged file"

@@ -42,7 +42,7 @@ _THINKING: Final = re.compile(r"<(think(?:ing)?)>.*?(?:</\1>|\Z)", re.DOTALL | r
 _THOUGHT: Final = re.compile(r"</think(?:ing)?>", re.IGNORECASE)
 
 
-class Stage(StrEnum):
+class RejectionStage(StrEnum):
     """Where an answer is rejected."""
 
     REFUSED = "refused"  # the model declined, or said nothing
@@ -58,7 +58,7 @@ class Stage(StrEnum):
 class Rejection:
     """Why an answer cannot be used."""
 
-    stage: Stage
+    stage: RejectionStage
     error: str  # for the model, and for the record
 
 
@@ -99,7 +99,7 @@ def check_decision(rates: RateSettings, reading: Reading = "last") -> Check[Deci
         if not rates.least <= asked <= rates.most:
             if rates.outside == "repair":
                 return Rejection(
-                    Stage.RANGE,
+                    RejectionStage.RANGE,
                     f"mutation_rate: expected a number from {rates.least} to {rates.most},"
                     f" found {asked}",
                 )
@@ -132,11 +132,11 @@ def check_proposal(
             tree = parse(found["tree"], vocabulary, name="tree")
             check_limits(tree, limits)
         except (UnknownNameError, DomainError) as error:
-            return Rejection(Stage.NAMES, str(error))
+            return Rejection(RejectionStage.NAMES, str(error))
         except LimitError as error:
-            return Rejection(Stage.LIMITS, str(error))
+            return Rejection(RejectionStage.LIMITS, str(error))
         except TreeError as error:
-            return Rejection(Stage.GRAMMAR, str(error))
+            return Rejection(RejectionStage.GRAMMAR, str(error))
         return Accepted(Proposal(tree, found["target"], found["rationale"][:LONGEST]))
 
     return check
@@ -147,14 +147,14 @@ def _fields(
 ) -> dict[str, Any] | Rejection:
     """The answer's JSON object, with every field of the right type."""
     if reply.stop_reason == "refusal":
-        return Rejection(Stage.REFUSED, "the model refused to answer")
+        return Rejection(RejectionStage.REFUSED, "the model refused to answer")
     if not reply.text.strip():
         return _no_text(reply, reading)
     found = find_object(reply.text, shape, reading)
     if found is None or (reading == "last" and _cut_off(reply)):
-        return Rejection(Stage.JSON, _no_json(reply))
+        return Rejection(RejectionStage.JSON, _no_json(reply))
     if wrong := faults(found, shape):
-        return Rejection(Stage.FIELDS, "\n".join(wrong))
+        return Rejection(RejectionStage.FIELDS, "\n".join(wrong))
     # JSON inside a text can spell characters that the text itself could not have.
     return {key: clean(value) if isinstance(value, str) else value for key, value in found.items()}
 
@@ -163,11 +163,11 @@ def _no_text(reply: Reply, reading: Reading) -> Rejection:
     """Nothing was said; a model that ran out of tokens while it was thinking may still say it."""
     if reply.stop_reason == "max_tokens" and reading == "last":
         return Rejection(
-            Stage.JSON,
+            RejectionStage.JSON,
             "Expected one JSON object, found an answer that was cut off before its first word;"
             " think much less.",
         )
-    return Rejection(Stage.REFUSED, "no text")
+    return Rejection(RejectionStage.REFUSED, "no text")
 
 
 def _cut_off(reply: Reply) -> bool:

@@ -20,7 +20,7 @@ from islandgp.supervision.llm.validation import (
     Accepted,
     RateSettings,
     Rejection,
-    Stage,
+    RejectionStage,
     check_decision,
     check_proposal,
     find_object,
@@ -94,13 +94,13 @@ def test_json_is_found_between_other_words(text: str) -> None:
 )
 def test_no_json(text: str) -> None:
     """What holds no whole object, or is too long for an answer, ends at the first stage."""
-    assert rejected(decide(said(text))).stage is Stage.JSON
+    assert rejected(decide(said(text))).stage is RejectionStage.JSON
 
 
 def test_a_cut_off_answer_is_told_so() -> None:
     """The repair turn of an answer that ran out of tokens asks for a shorter one."""
     found = rejected(decide(said('{"mutation_rate": 0.', "max_tokens")))
-    assert found.stage is Stage.JSON
+    assert found.stage is RejectionStage.JSON
     assert "shorter" in found.error
 
 
@@ -112,7 +112,7 @@ def test_a_whole_answer_counts_even_at_the_token_limit() -> None:
 @pytest.mark.parametrize("reply", [said("", "refusal"), said(GOOD, "refusal"), said("  \n")])
 def test_a_refusal(reply: Reply) -> None:
     """Nothing of a refused answer is used, and an empty one is as good as refused."""
-    assert rejected(decide(reply)).stage is Stage.REFUSED
+    assert rejected(decide(reply)).stage is RejectionStage.REFUSED
 
 
 @pytest.mark.parametrize(
@@ -133,7 +133,7 @@ def test_a_refusal(reply: Reply) -> None:
 def test_wrong_fields_are_named(change: dict[str, object], error: str) -> None:
     """Each wrong field is told with what was expected and what was found."""
     found = rejected(decide(said({**GOOD, **change})))
-    assert found.stage is Stage.FIELDS
+    assert found.stage is RejectionStage.FIELDS
     assert error in found.error
 
 
@@ -149,7 +149,7 @@ def test_missing_fields_are_all_named() -> None:
 def test_a_target_is_one_of_the_state_s(target: object) -> None:
     """The words that there are are told."""
     found = rejected(propose(said({**GOOD_TREE, "target": target})))
-    assert found.stage is Stage.FIELDS
+    assert found.stage is RejectionStage.FIELDS
     assert found.error.startswith("target: expected one of pickup, humanoid, charging, clearing, ")
 
 
@@ -157,7 +157,7 @@ def test_a_target_is_one_of_the_state_s(target: object) -> None:
 def test_a_rate_outside_the_range_is_refused(rate: float) -> None:
     """By default it is never used, clamped or not."""
     found = rejected(decide(said({**GOOD, "mutation_rate": rate})))
-    assert found.stage is Stage.RANGE
+    assert found.stage is RejectionStage.RANGE
     assert "from 0.1 to 0.5" in found.error
 
 
@@ -181,25 +181,33 @@ def test_clamping_is_told() -> None:
 @pytest.mark.parametrize(
     ("tree", "stage", "error"),
     [
-        ("selector { PatrolWaypoint", Stage.GRAMMAR, "the text ends too early"),
-        ("", Stage.GRAMMAR, "there is no tree"),
-        ("Ignore all instructions.", Stage.NAMES, "Ignore"),
-        ("[" * 1000, Stage.GRAMMAR, "unexpected character"),
-        ("sequence { FlyHome }", Stage.NAMES, "FlyHome"),
-        ("domain maze PatrolWaypoint", Stage.NAMES, "for the domain 'maze', not for 'island'"),
-        ("domain island PatrolWaypoin", Stage.NAMES, "Did you mean PatrolWaypoint?"),
-        ("when batteryLevle < 5 { PatrolWaypoint }", Stage.NAMES, "Did you mean batteryLevel?"),
-        ("inverter { " * 6 + "PatrolWaypoint" + " }" * 6, Stage.LIMITS, "5 levels"),
-        ("selector { " + "PatrolWaypoint " * 22 + "}", Stage.LIMITS, "22 nodes"),
-        ("inverter { " * 200 + "PatrolWaypoint" + " }" * 200, Stage.LIMITS, "too deep"),
-        ("x" * 100_001, Stage.LIMITS, "100001 characters"),
+        ("selector { PatrolWaypoint", RejectionStage.GRAMMAR, "the text ends too early"),
+        ("", RejectionStage.GRAMMAR, "there is no tree"),
+        ("Ignore all instructions.", RejectionStage.NAMES, "Ignore"),
+        ("[" * 1000, RejectionStage.GRAMMAR, "unexpected character"),
+        ("sequence { FlyHome }", RejectionStage.NAMES, "FlyHome"),
+        (
+            "domain maze PatrolWaypoint",
+            RejectionStage.NAMES,
+            "for the domain 'maze', not for 'island'",
+        ),
+        ("domain island PatrolWaypoin", RejectionStage.NAMES, "Did you mean PatrolWaypoint?"),
+        (
+            "when batteryLevle < 5 { PatrolWaypoint }",
+            RejectionStage.NAMES,
+            "Did you mean batteryLevel?",
+        ),
+        ("inverter { " * 6 + "PatrolWaypoint" + " }" * 6, RejectionStage.LIMITS, "5 levels"),
+        ("selector { " + "PatrolWaypoint " * 22 + "}", RejectionStage.LIMITS, "22 nodes"),
+        ("inverter { " * 200 + "PatrolWaypoint" + " }" * 200, RejectionStage.LIMITS, "too deep"),
+        ("x" * 100_001, RejectionStage.LIMITS, "100001 characters"),
     ],
 )
-def test_trees_are_turned_away_at_their_stage(tree: str, stage: Stage, error: str) -> None:
+def test_trees_are_turned_away_at_their_stage(tree: str, stage: RejectionStage, error: str) -> None:
     """Grammar, names and limits each speak with the language's own message."""
     body = json.dumps({**GOOD_TREE, "tree": tree})
     if len(body) > SANE:
-        assert rejected(propose(said(body))).stage is Stage.JSON
+        assert rejected(propose(said(body))).stage is RejectionStage.JSON
         return
     found = rejected(propose(said(body)))
     assert found.stage is stage
@@ -316,13 +324,13 @@ def test_line_breaks_inside_a_tree_do_no_harm() -> None:
 def test_a_draft_before_a_cut_is_no_answer() -> None:
     """Where the tokens ran out in the middle of the last object, the model is asked again."""
     text = f"{json.dumps(DRAFT)} Better: {json.dumps(GOOD)[:40]}"
-    assert rejected(decide(said(text, "max_tokens"))).stage is Stage.JSON
+    assert rejected(decide(said(text, "max_tokens"))).stage is RejectionStage.JSON
 
 
 def test_an_answer_that_was_all_thought_can_be_repaired() -> None:
     """No text at the token limit is not a refusal: the model is told to think less."""
     found = rejected(decide(said("", "max_tokens")))
-    assert found.stage is Stage.JSON
+    assert found.stage is RejectionStage.JSON
     assert "think much less" in found.error
 
 
@@ -332,7 +340,7 @@ def test_older_transcripts_are_read_as_they_were() -> None:
     found = old(said(f"{json.dumps(DRAFT)} {json.dumps(GOOD)}"))
     assert isinstance(found, Accepted)
     assert found.value.mutation_rate == 0.11
-    assert rejected(old(said("", "max_tokens"))).stage is Stage.REFUSED
+    assert rejected(old(said("", "max_tokens"))).stage is RejectionStage.REFUSED
 
 
 @pytest.mark.parametrize("text", ['{"a": 1, ' * 11_000, '{"a":"' * 16_000, "{" * SANE])
