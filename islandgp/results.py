@@ -19,7 +19,7 @@ from islandgp.errors import RunError
 from islandgp.evaluation.recorded import check_version
 from islandgp.records.files import score
 from islandgp.records.folder import RunFolder
-from islandgp.records.sweep_folder import SweepFolder
+from islandgp.records.sweep_folder import arm_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame  # type: ignore[import-untyped] # its stubs are a package apart
@@ -138,7 +138,8 @@ class Results:
 
     def _labels(self, folder: RunFolder, config: Mapping[str, Any]) -> dict[str, Any]:
         name = str(folder.path.relative_to(self.path)) if folder.path != self.path else "."
-        return {"run": name, "arm": _arm(folder, config), "seed": config["seed"]}
+        arm = arm_of(folder.path) or str(config["supervisor"]["name"])
+        return {"run": name, "arm": arm, "seed": config["seed"]}
 
 
 def load(path: str | Path) -> Results:
@@ -155,14 +156,6 @@ def load(path: str | Path) -> Results:
     for folder in folders:
         check_version(folder.configuration())
     return Results(top, folders)
-
-
-def _arm(folder: RunFolder, config: Mapping[str, Any]) -> str:
-    """Its arm in its sweep; outside of one its supervisor's name."""
-    file = SweepFolder(folder.path.parent).read()
-    jobs = () if file is None else file.jobs
-    job = next((job for job in jobs if job.folder == folder.path.name), None)
-    return str(config["supervisor"]["name"]) if job is None or file is None else file.arm(job)
 
 
 def _generation(record: Mapping[str, Any]) -> Iterator[dict[str, Any]]:

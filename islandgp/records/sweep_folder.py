@@ -150,3 +150,11 @@ def _merged(old: Sequence[SweepJob], new: Sequence[SweepJob]) -> tuple[SweepJob,
 def _what(job: SweepJob) -> tuple[str, int, frozenset[str]]:
     """What a job was asked to be."""
     return job.supervisor, job.seed, frozenset(job.choices)
+
+
+def arm_of(folder: Path) -> str:
+    """The arm of a run in its sweep, as far as the sweep's jobs are known; "" for no job."""
+    file = SweepFolder(folder.parent).read()
+    jobs = () if file is None else file.jobs
+    job = next((job for job in jobs if job.folder == folder.name), None)
+    return "" if file is None or job is None else file.arm(job)

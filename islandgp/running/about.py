@@ -34,6 +34,7 @@ def about_run(
         tags={
             "domain": settings.make_domain().schema.vocabulary.domain,
             "supervisor": settings.supervisor.name,
+            "arm": settings.supervisor.name,  # in a sweep its arm there, once that is known
             "seed": str(settings.seed),
             "sweep": settings.name,
             "code": code_version(),

@@ -23,6 +23,7 @@ from islandgp.records.checkpoint import remove_leftovers
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import flat
+from islandgp.records.sweep_folder import arm_of
 from islandgp.tracking.artifacts import TABLE, Artifact, artifacts, note
 from islandgp.tracking.metrics import final_metrics, metrics
 from islandgp.tracking.parent import parent_run
@@ -82,6 +83,7 @@ class Mirror:
         parent = parent_run(self.folder.path, self.store)
         if parent is not None:
             self.store.client.set_tag(sent.run, "mlflow.parentRunId", parent)
+            self.store.client.set_tag(sent.run, "arm", arm_of(self.folder.path))
         if status is Status.RUNNING:
             self.store.client.update_run(sent.run, status=Status.RUNNING)
             sent = replace(sent, done="")

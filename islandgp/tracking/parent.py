@@ -65,6 +65,7 @@ def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> str | None:
             child = read_sent(sweep.path / job.folder)
             if child is not None and child.uri == sent.uri:
                 store.client.set_tag(child.run, "mlflow.parentRunId", sent.run)
+                store.client.set_tag(child.run, "arm", file.arm(job))
         write_sent(sweep.path, replace(sent, done=f"{status} {key}"))
         return sent.run
 

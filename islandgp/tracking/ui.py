@@ -28,7 +28,7 @@ STARTS: Final = 60.0  # s that the server may take
 class Pages:
     """Addresses to open in a browser."""
 
-    arms: str  # charts grouped by supervisor
+    arms: str  # charts grouped by arm
     runs: str  # all runs, all charts
 
 

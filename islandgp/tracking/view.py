@@ -1,4 +1,4 @@
-"""A view of MLflow's runs page that shows the arms: charts that matter, grouped by supervisor.
+"""A view of MLflow's runs page that shows the arms: charts that matter, grouped by arm.
 
 MLflow keeps a shared view as a tag of the experiment, and opens it by its key
 in the page's address. A page that does not know the key shows all runs.
@@ -50,7 +50,7 @@ def _state(charts: list[str]) -> dict[str, Any]:
     return {
         "groupBy": {
             "aggregateFunction": "average",
-            "groupByKeys": [{"mode": "tag", "groupByData": "supervisor"}],
+            "groupByKeys": [{"mode": "tag", "groupByData": "arm"}],
         },
         "runsHiddenMode": "SHOW_ALL",
         "useGroupedValuesInCharts": True,

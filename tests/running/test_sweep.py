@@ -197,7 +197,9 @@ def test_a_sweep_over_decimals_keeps_its_arms(
     assert all(f"{arm}  2 of 2 " in said for arm in file.arms())
     found = tracked(store(home))
     (parent,) = (run for run in found if run.parent is None)
-    assert [run.parent for run in found if run is not parent] == [parent.id] * 4
+    children = [run for run in found if run is not parent]
+    assert [run.parent for run in children] == [parent.id] * 4
+    assert sorted(run.tags["arm"] for run in children) == sorted([*file.arms()] * 2)
     for rate in ("0.1", "0.3"):
         assert f"sweep/baseline gp.mutation_rate_{rate} best fitness mean" in parent.points
 

@@ -43,7 +43,7 @@ def test_the_view_of_the_arms_is_kept_in_the_store(store: Store) -> None:
     share_view(store)
     tags = store.client.get_experiment(store.experiment).tags
     state = json.loads(tags["mlflow.sharedViewState.arms"])
-    assert state["groupBy"]["groupByKeys"] == [{"mode": "tag", "groupByData": "supervisor"}]
+    assert state["groupBy"]["groupByKeys"] == [{"mode": "tag", "groupByData": "arm"}]
     assert "fitness/max" in {chart["metricKey"] for chart in state["compareRunCharts"]}
     assert len(tags["mlflow.sharedViewState.arms"]) < 5000  # MLflow's limit of a tag
 
@@ -229,7 +229,7 @@ def test_the_server_shows_two_arms(home: Path, store: Store) -> None:
     for name in ("baseline", "expert"):
         folder = written(home / f"runs/a/{name}-seed1", home)
         run = Mirror(folder, store).send(folder.status())
-        store.client.set_tag(run, "supervisor", name)
+        store.client.set_tag(run, "arm", name)
     program = chromium()
     if program is None:
         pytest.skip("no Chromium")
