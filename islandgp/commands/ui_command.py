@@ -30,7 +30,7 @@ def command(uri: str | None, experiment: str, runs: Path, port: int) -> None:
     try:
         # A server has a session of its own: it does not hear of what ends this command.
         with as_ctrl_c("SIGTERM", "SIGHUP"), served(place, port) as pages:
-            click.echo(f"arms, grouped by supervisor:  {pages.arms}")
+            click.echo(f"arms, grouped by arm:  {pages.arms}")
             click.echo(f"all runs:                     {pages.runs}")
             click.echo("Ctrl-C stops the server.", err=True)
             threading.Event().wait()

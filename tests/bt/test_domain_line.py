@@ -124,6 +124,6 @@ def test_fmt_of_any_tree(node: Node, above: str, below: str, behind: str) -> Non
 @pytest.mark.parametrize("text", [" " * 99_999, "#" * 99_999, "# \n" * 33_000, "\n" * 99_999])
 def test_hostile_text(text: str) -> None:
     """However long the gap is, the answer comes at once."""
-    start = time.perf_counter()
+    start = time.process_time()
     assert domain_of(text) == domain_of("domain" + text) == ""
-    assert time.perf_counter() - start < 1
+    assert time.process_time() - start < 1

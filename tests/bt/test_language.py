@@ -222,10 +222,10 @@ HOSTILE = {
 def test_hostile_text(text: str) -> None:
     """Whatever the text is, the answer is a short and clear error, at once."""
     parse("PatrolWaypoint")
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(TreeError) as caught:
         parse(text, VOCABULARY)
-    assert time.perf_counter() - start < 1
+    assert time.process_time() - start < 1
     assert len(str(caught.value)) < 1_000
     str(caught.value).encode()
 
@@ -234,9 +234,9 @@ def test_hostile_text(text: str) -> None:
 def test_hostile_text_of_any_domain(text: str) -> None:
     """Without a vocabulary a long name is a name; everything else is refused as fast."""
     parse("PatrolWaypoint")
-    start = time.perf_counter()
+    start = time.process_time()
     found = tree_or_error(text, None)
-    assert time.perf_counter() - start < 1
+    assert time.process_time() - start < 1
     if isinstance(found, TreeError):
         assert len(str(found)) < 1_000
     else:
