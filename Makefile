@@ -27,7 +27,7 @@ test: lint       ## lint, types and the fast tests
 	$(BIN)/python -m pytest -n auto -m 'not slow'
 
 test-slow: $(STAMP) ## the long, exhaustive tests
-	$(BIN)/python -m pytest -n auto -m slow
+	$(BIN)/python -m pytest -n auto --timeout 3600 -m slow
 
 btcpp: $(STAMP)  ## build BehaviorTree.CPP in build/, for the tests of exports
 	$(BIN)/python tests/trees/btcpp/build_btcpp.py
