@@ -37,22 +37,22 @@ def printed() -> Iterator[None]:
             if sys.stdout is not None:
                 sys.stdout.flush()
     except BrokenPipeError:
-        _drop()
+        _drop(sys.stdout)
         sys.exit(1)
     except OSError as error:
         if error.filename is not None or error.errno not in FULL:
             raise
-        _drop()
+        _drop(sys.stdout)
         raise IslandError(
             f"Expected to write to the standard output, found: {error.strerror}; make room, or"
             " send it elsewhere."
         ) from None
 
 
-def _drop() -> None:
+def _drop(stream: TextIO) -> None:
     """What is not written yet goes nowhere: else the interpreter tries again at its end."""
-    with suppress(OSError, ValueError):  # an output without a file
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    with suppress(OSError, ValueError):  # a stream without a file
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def say(text: str) -> None:
@@ -60,7 +60,7 @@ def say(text: str) -> None:
     try:
         print(text, flush=True)
     except BrokenPipeError:
-        _drop()
+        _drop(sys.stdout)
 
 
 class Display:
@@ -90,6 +90,7 @@ class Display:
 
     def _lose(self) -> None:
         """Whatever is written from now on goes nowhere."""
+        _drop(self._stream)
         self._stream = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 -- until the end
 
 
@@ -104,6 +105,7 @@ def shown() -> Iterator[None]:
         try:
             yield
         finally:
+            display.flush()
             if sys.stderr is display:  # else somebody has put another one there
                 sys.stderr = before
 
