@@ -33,7 +33,11 @@ def commands() -> list[list[str]]:
 
 def test_the_code_is_the_examples() -> None:
     """Each snippet of the page stands in a file of the example, to the letter."""
-    files = [path.read_text(encoding="utf-8") for path in EXAMPLE.rglob("*") if path.is_file()]
+    files = [
+        path.read_text(encoding="utf-8")
+        for path in EXAMPLE.rglob("*")
+        if path.suffix in (".py", ".yaml", ".bt")
+    ]
     blocks = re.findall(r"^```(\w*)\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)
     snippets = [text for language, text in blocks if language in ("", "python", "yaml")]
     assert len(snippets) > 8
