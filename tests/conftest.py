@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+
 import hypothesis
 import pytest
 
@@ -17,3 +19,8 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "slow: exhaustive, takes longer than a second")
     if not config.option.markexpr:
         config.option.markexpr = "not slow"
+
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    # A shell starts background jobs so; tests of Ctrl-C, and what they start, must take it.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
