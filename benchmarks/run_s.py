@@ -11,8 +11,7 @@ from benchmarks.pinned import SEED, STAGE, example, settings
 from benchmarks.waiting import episode_seconds, limit
 from islandgp.bt.language import to_text
 from islandgp.config.settings import Settings
-from islandgp.evaluation.base import Job, Problem
-from islandgp.evaluation.cache import Cached
+from islandgp.evaluation.base import Cached, Job, Problem
 from islandgp.evaluation.processes import Processes, cores
 from islandgp.evolution.loop import evolve
 from islandgp.running.run import make_supervisor

@@ -9,8 +9,7 @@ from time import process_time
 from benchmarks.pinned import SEED
 from islandgp.config.settings import Settings
 from islandgp.domain import Outcome
-from islandgp.evaluation.base import Job, Problem, simulate
-from islandgp.evaluation.cache import Cached
+from islandgp.evaluation.base import Cached, Job, Problem, simulate
 from islandgp.evolution.loop import evolve
 from islandgp.running.run import make_supervisor
 

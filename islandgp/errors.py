@@ -78,3 +78,9 @@ class TrackingError(IslandError):
 
 class StudyError(IslandError):
     """Runs cannot be selected or compared."""
+
+
+def brief(error: Exception) -> str:
+    """The first line that says something, at most 200 characters."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return (lines[0] if lines else type(error).__name__)[:200]

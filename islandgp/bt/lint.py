@@ -9,13 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 from islandgp.bt.language import plain
 from islandgp.bt.node import FAILURE, Node, size
 from islandgp.bt.outcomes import HANDS_OVER, ends, never
 from islandgp.bt.printer import head
-from islandgp.bt.reasons import Above, why, why_not
 from islandgp.bt.source import Source
 from islandgp.bt.syntax import File, Written, expanded, read
 from islandgp.bt.truth import (
@@ -29,6 +28,9 @@ from islandgp.bt.truth import (
     root_of,
 )
 from islandgp.bt.vocabulary import Condition, Vocabulary
+
+Above: TypeAlias = tuple[tuple[Node, int], ...]
+"""The nodes above a node, each with the index of the child that leads down."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -152,7 +154,7 @@ def _guard(
     elif implies(standing.at_start, asked):
         needless = not checks_itself(node) or implies(standing.always, asked)
         if needless and not may_interrupt(node, standing):
-            message = f"this guard says nothing new: {why(asked, above)}"
+            message = f"this guard says nothing new: {_why(asked, above)}"
             yield at, message, False
     elif node.args[3] == "lower" and standing.observer is None:
         message = "abort lower is abort none here: no composite has a later branch to stop"
@@ -160,7 +162,7 @@ def _guard(
 
 
 def _why_never(asked: Condition, standing: Standing, above: Above) -> str:
-    return why_not(asked, standing.at_start, above, standing.vocabulary)
+    return _why_not(asked, standing.at_start, above, standing.vocabulary)
 
 
 def _action(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, bool]]:
@@ -174,7 +176,7 @@ def _action(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str,
             continue
         if course.changed_before(needed.key, known.changes.get(needed.key, 0), at):
             continue
-        reason = why_not(needed, holding, above, standing.vocabulary, for_action=True)
+        reason = _why_not(needed, holding, above, standing.vocabulary, for_action=True)
         yield at, f"{name} can never succeed here: {reason}", False
         return
 
@@ -230,3 +232,37 @@ def _passes_up(node: Node, index: int) -> bool:
     """Whether the success of that child is the success of the node, at once."""
     last = index == len(node.children) - 1
     return node.kind in ("when", "selector", "repeater") or (node.kind == "sequence" and last)
+
+
+def _why_not(
+    needed: Condition,
+    known: Sequence[Condition],
+    above: Above,
+    vocabulary: Vocabulary,
+    *,
+    for_action: bool = False,
+) -> str:
+    """Why a condition, or the action that needs it, can't be where `known` holds."""
+    lead = f"it needs {_said(needed)}" if for_action else f"{_said(needed)} can't hold"
+    guards = [c for c in _guards(above) if c in known and c.key == needed.key]
+    against = [c for c in guards if excludes((c,), needed)][-1:] or guards
+    if not against:
+        return f"{lead}, as {needed.key} is {vocabulary.keys[needed.key].meaning}"
+    return f"{lead}, but above it stands {' and '.join(f'when {_said(c)}' for c in against)}"
+
+
+def _why(asked: Condition, above: Above) -> str:
+    """Why a condition always holds."""
+    same = [c for c in _guards(above) if implies((c,), asked)]
+    if not same:
+        return f"{_said(asked)} always holds"
+    return f"when {_said(same[-1])} stands above it already"
+
+
+def _guards(above: Above) -> list[Condition]:
+    return [condition_of(node) for node, _ in above if node.kind == "when"]
+
+
+def _said(condition: Condition) -> str:
+    key, operator, number = condition
+    return head(Node("when", (key, operator, number, "both"))).removeprefix("when ")

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import click
 
-from islandgp.errors import TrackingError
-from islandgp.records.brief import brief
+from islandgp.errors import TrackingError, brief
 from islandgp.tracking.place import place_from
 from islandgp.tracking.store import Place
 from islandgp.tracking.sync import sync

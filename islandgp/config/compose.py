@@ -23,8 +23,13 @@ from islandgp.config.errors import MISTAKES, explain, parsed, unresolved
 from islandgp.config.settings import Settings, read_settings
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError
-from islandgp.records.digest import ending_in_digest
-from islandgp.records.parameters import HIDDEN, MACHINERY, is_secret, without_credentials
+from islandgp.records.parameters import (
+    HIDDEN,
+    MACHINERY,
+    ending_in_digest,
+    is_secret,
+    without_credentials,
+)
 
 NOT_IN_FOLDER: Final = MACHINERY | {
     "hydra",

@@ -10,8 +10,7 @@ from typing import Any, Final
 
 import yaml
 
-from islandgp.errors import RunError
-from islandgp.records.brief import brief
+from islandgp.errors import RunError, brief
 from islandgp.records.checkpoint import usable
 
 SUMMARY: Final = frozenset({"champion", "first", "mean_diversity", "generations", "seconds"})

@@ -3,7 +3,7 @@
 config.yaml         the resolved configuration, secrets left out
 about.json          what the run is called and where it was started (RunMetadata)
 generations.jsonl   one generation record a line (evolution.record.GenerationRecord)
-generations.sha256  a checksum for each of these lines (tracking.checksums)
+generations.sha256  a checksum for each of these lines (records.checksums)
 costs.jsonl         what each generation took, and when; differs from machine to machine
 checkpoint.json     the state to go on from, beside the records; gone when the run is finished
 checkpoint.previous.json   the one before it, for the case that it is damaged; gone with it
@@ -16,10 +16,11 @@ tracking.json       what a tracking server has got of all this (tracking.mirror)
 
 from __future__ import annotations
 
+import csv
 import json
 import re
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict
 from enum import StrEnum
@@ -29,9 +30,8 @@ from typing import Any, Final
 
 from filelock import FileLock, Timeout
 
-from islandgp.errors import BusyError, IslandError, RunError
+from islandgp.errors import BusyError, IslandError, RunError, brief
 from islandgp.evolution.record import RunState, Step
-from islandgp.records.brief import brief
 from islandgp.records.checkpoint import (
     read_checkpoint,
     remove_leftovers,
@@ -58,9 +58,20 @@ from islandgp.records.files import (
     read_configuration,
     read_summary,
 )
-from islandgp.records.lineage import write_lineage
 from islandgp.records.lines import Lines
 from islandgp.records.parameters import without_credentials
+
+LINEAGE: Final = (
+    "generation",
+    "id",
+    "origin",
+    "parents",
+    "mutation",
+    "fitness",
+    "specialist",
+    "tiers",
+)
+"""The columns of lineage.csv."""
 
 OWN: Final = (
     "about.json",
@@ -272,7 +283,7 @@ class RunFolder:
                 self._restore_best(self.summary()["champion"]["record"]["tree"])
             lineage = self.path / "lineage.csv"
             if not lineage.exists():
-                write_lineage(lineage, self.records())
+                _write_lineage(lineage, self.records())
 
     def best_text(self, tree: str) -> str:
         """What best.bt holds for a tree: the domain that it is for, and its canonical text."""
@@ -317,7 +328,7 @@ class RunFolder:
         """
         with usable(self.path):
             self._restore_best(summary["champion"]["record"]["tree"])
-            write_lineage(self.path / "lineage.csv", self.records())
+            _write_lineage(self.path / "lineage.csv", self.records())
             write_atomic(self.path / "summary.json", pretty({**summary, "records": self._digest}))
             self._checkpoint.unlink(missing_ok=True)
             self._previous.unlink(missing_ok=True)
@@ -347,6 +358,19 @@ def _generation(checkpoint: Path) -> int:
     except FileNotFoundError:
         return 0
     return int(head[1]) if head else 0
+
+
+def _write_lineage(path: Path, records: Iterable[Mapping[str, Any]]) -> None:
+    """Writes the table, from the lines of generations.jsonl; lists are apart by spaces."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        out = csv.writer(file)
+        out.writerow(LINEAGE)
+        for record in records:
+            generation = record["snapshot"]["generation"]
+            for i in record["individuals"]:
+                row = {**i, "generation": generation}
+                row["parents"], row["tiers"] = " ".join(i["parents"]), " ".join(i["tiers"])
+                out.writerow([row[name] for name in LINEAGE])
 
 
 def locked(path: Path) -> bool:

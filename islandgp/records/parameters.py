@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from collections.abc import Iterator, Mapping
@@ -62,3 +63,12 @@ def flat(config: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Dotted keys and their values as text."""
     for key, value in flatten(config).items():
         yield key, value if isinstance(value, str) else json.dumps(value)
+
+
+def ending_in_digest(shown: str, whole: str, longest: int) -> str:
+    """`shown`, cut to leave room, and 8 hexadecimal digits of the digest of `whole`.
+
+    The result has `longest` characters at most.
+    """
+    digest = hashlib.sha256(whole.encode()).hexdigest()[:8]
+    return f"{shown[: longest - 9]}-{digest}"

@@ -16,8 +16,7 @@ from uuid import uuid4
 
 from filelock import FileLock, Timeout
 
-from islandgp.errors import RunError
-from islandgp.records.brief import brief
+from islandgp.errors import RunError, brief
 from islandgp.records.checkpoint import usable, write_atomic
 from islandgp.records.folder import RunFolder, Status, locked
 

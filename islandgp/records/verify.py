@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from islandgp.errors import RunError
-from islandgp.records.brief import brief
+from islandgp.errors import RunError, brief
 from islandgp.records.checkpoint import read_checkpoint
 from islandgp.records.checksums import digests, read_digests, wrong_record
 from islandgp.records.folder import RunFolder

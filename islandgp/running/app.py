@@ -25,8 +25,7 @@ from islandgp.config.api_key import NONE, key_in, without_key
 from islandgp.config.compose import Planned, command_line, planned, read, run_folder
 from islandgp.config.errors import MISTAKES, explain, parsed
 from islandgp.config.sources import ConfigSource
-from islandgp.errors import ConfigError, IslandError, PartError
-from islandgp.records.brief import brief
+from islandgp.errors import ConfigError, IslandError, PartError, brief
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import redacted, without_credentials
 from islandgp.resources import resource

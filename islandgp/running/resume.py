@@ -1,13 +1,22 @@
-"""May this command go on with the run in a folder? `resume=auto|never|force`."""
+"""The identity of a run: what its folder says of it, and whether a command may go on with it."""
 
 from __future__ import annotations
 
+import hashlib
+import json
+import subprocess
 from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from time import time
 from typing import Any, Final
+from uuid import uuid4
 
+from islandgp.config.settings import Settings
 from islandgp.errors import RunError
+from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
-from islandgp.records.parameters import MACHINERY
+from islandgp.records.parameters import MACHINERY, shape
 
 AGAIN: Final = "~"
 """Before the number of a run that is made anew; no folder that a configuration names holds it."""
@@ -52,3 +61,60 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any], path: str = "") 
         elif a != b:
             found.append(f"{name}: {a} -> {b}")
     return found
+
+
+def about_run(
+    settings: Settings, config: Mapping[str, Any], target: RunFolder, home: Path, command: str
+) -> RunMetadata:
+    """The same id and start as before, where a run goes on."""
+    before = target.about()
+    shaping = shape(config)
+    alike = {key: value for key, value in shaping.items() if key not in {"seed", "name"}}
+    return RunMetadata(
+        id=before.id if before else uuid4().hex,
+        title=target.path.name,
+        home=str(home),
+        command=command,
+        started=before.started if before else int(1000 * time()),
+        identity=_hash(shaping),
+        tags={
+            "domain": settings.make_domain().schema.vocabulary.domain,
+            "supervisor": settings.supervisor.name,
+            "arm": settings.supervisor.name,  # in a sweep its arm there, once that is known
+            "seed": str(settings.seed),
+            "sweep": settings.name,
+            "code": _code_version(),
+            "config": _hash(alike),  # the same for all seeds
+        },
+    )
+
+
+def _hash(config: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def _code_version() -> str:
+    """The package's version and, in a checkout, its commit: `0.1.0+6ba196d8d3f1-dirty`."""
+    try:
+        release = version("islandgp")
+    except PackageNotFoundError:  # run from a checkout that was never installed
+        release = "0"
+    commit = _commit(Path(__file__).resolve().parents[2])
+    return f"{release}+{commit}" if commit else release
+
+
+def _commit(checkout: Path) -> str:
+    if not (checkout / ".git").exists():
+        return ""
+    try:
+        found = subprocess.run(
+            ["git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"],
+            cwd=checkout,
+            capture_output=True,
+            text=True,
+            timeout=5,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return found.stdout.strip()

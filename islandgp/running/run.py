@@ -17,8 +17,7 @@ from islandgp.bt.language import parse, to_text
 from islandgp.config.settings import Settings
 from islandgp.domain import Domain
 from islandgp.errors import ConfigError
-from islandgp.evaluation.base import Evaluator, Problem
-from islandgp.evaluation.cache import Cached
+from islandgp.evaluation.base import Cached, Evaluator, Problem
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import Champion, Step
 from islandgp.evolution.single_behaviours import single_behaviours
@@ -28,10 +27,9 @@ from islandgp.plugin import blaming, path_of
 from islandgp.records.checkpoint import write_atomic
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import redacted
-from islandgp.running.about import about_run
 from islandgp.running.progress import Progress
 from islandgp.running.report import is_mostly_fallback, report, summary
-from islandgp.running.resume import choose
+from islandgp.running.resume import about_run, choose
 from islandgp.supervision.base import RunContext, Service, Supervisor
 from islandgp.supervision.library import Library, library_folder, read_library, read_tree
 from islandgp.tracking.base import Tracker

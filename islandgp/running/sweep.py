@@ -6,9 +6,11 @@ launched, and also when its process died.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from threading import Event, Thread
 from time import monotonic, sleep
@@ -18,13 +20,12 @@ from hydra.core.override_parser.types import Quote, QuotedString
 from omegaconf import DictConfig
 
 from islandgp.config.compose import Planned, is_choice
-from islandgp.errors import ConfigError, RunError
-from islandgp.records.brief import brief
+from islandgp.errors import ConfigError, RunError, brief
+from islandgp.evaluation.parent_death import end_with_parent
 from islandgp.records.checkpoint import remove_leftovers
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import redacted, shape, without_credentials
 from islandgp.records.sweep_folder import SweepFolder, SweepJob
-from islandgp.running.joblib_workers import tie_joblib_workers
 from islandgp.running.printing import say
 from islandgp.running.report import MOSTLY_FALLBACK, is_mostly_fallback
 from islandgp.running.resume import choose, differences
@@ -141,7 +142,7 @@ def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> No
     begun = _begun(start)
     how = "off" if jobs[0].launcher == "BasicLauncher" else jobs[0].settings.progress
     if jobs[0].launcher == "JoblibLauncher":
-        tie_joblib_workers()
+        _tie_joblib_workers()
     for _ in range(LAUNCHES):
         try:
             with Watch(start, how):
@@ -238,3 +239,18 @@ def _report_fallbacks(entries: Entries) -> int:
     for run in bad:
         print(f"  {run.path.name}", file=sys.stderr)
     return 3
+
+
+def _tie_joblib_workers() -> None:
+    """Makes the workers that joblib starts from now on end with this process."""
+    from joblib import register_parallel_backend  # type: ignore[import-untyped] # as above
+    from joblib.parallel import LokyBackend  # type: ignore[import-untyped] # it has no types
+
+    class Tied(LokyBackend):  # type: ignore[misc] # joblib has no types
+        def configure(self, *args: Any, **options: Any) -> Any:
+            """Gives joblib's executor a function that each worker calls at its start."""
+            return super().configure(
+                *args, initializer=partial(end_with_parent, os.getpid()), **options
+            )
+
+    register_parallel_backend("loky", Tied)  # by which name Hydra's launcher asks for it

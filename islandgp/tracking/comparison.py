@@ -8,8 +8,7 @@ from pathlib import Path
 from time import time
 from typing import Final
 
-from islandgp.errors import StudyError, TrackingError
-from islandgp.records.brief import brief
+from islandgp.errors import StudyError, TrackingError, brief
 from islandgp.tracking.store import SQLITE, Place, Store, metric
 
 NEEDED: Final = ("config.yaml", "generations.jsonl", "costs.jsonl", "summary.json")

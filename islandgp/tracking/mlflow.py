@@ -10,7 +10,7 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import Final
 
-from islandgp.records.brief import brief
+from islandgp.errors import brief
 from islandgp.records.folder import RunFolder, Status
 from islandgp.tracking.mirror import Mirror, up_to_date
 from islandgp.tracking.store import MLflowSettings, Place, Store, there

@@ -12,8 +12,8 @@ from typing import Final
 
 from filelock import FileLock
 
-from islandgp.records.digest import ending_in_digest
 from islandgp.records.folder import Status
+from islandgp.records.parameters import ending_in_digest
 from islandgp.records.sweep_folder import SweepFile, SweepFolder
 from islandgp.tracking.chart import svg
 from islandgp.tracking.sent import LOCK, Sent, read_sent, write_sent

@@ -16,8 +16,7 @@ from typing import Final
 from urllib.error import URLError
 from urllib.request import urlopen
 
-from islandgp.errors import TrackingError
-from islandgp.records.brief import brief
+from islandgp.errors import TrackingError, brief
 from islandgp.tracking.store import Place, Store
 from islandgp.tracking.view import KEY, runs_page, share_view
 

@@ -19,8 +19,7 @@ import pytest
 
 from islandgp.domain import Outcome
 from islandgp.errors import EvaluationError
-from islandgp.evaluation.base import Evaluator, Job, Problem
-from islandgp.evaluation.cache import Cached
+from islandgp.evaluation.base import Cached, Evaluator, Job, Problem
 from islandgp.evaluation.processes import Processes
 from islandgp.evaluation.ray import Ray
 from islandgp.evaluation.serial import Serial

@@ -6,8 +6,7 @@ from dataclasses import asdict
 
 import pytest
 
-from islandgp.evaluation.base import Job
-from islandgp.evaluation.cache import Cached
+from islandgp.evaluation.base import Cached, Job
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import Step
 from islandgp.records.checkpoint import dump
