@@ -26,6 +26,7 @@ COMMANDS: Final[dict[str, str]] = {
     "replay": "write an episode as a page to watch in a browser",
     "export": "turn a tree into JSON, BehaviorTree.CPP XML or py_trees",
     "import": "turn JSON or BehaviorTree.CPP XML into a tree",
+    "best": "find the best tree of a run again, and tell what it is worth in unseen worlds",
     "compare": "compare arms of runs: tables, figures, statistics",
     "estimate": "tell what supervision by a language model will cost",
     "verify": "compare runs with the checksums of their records",

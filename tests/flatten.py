@@ -27,6 +27,7 @@ MEANS: Final = ("distance", "inactive")
 def version_1(record: Mapping[str, Any]) -> dict[str, Any]:
     """What version 1 said of a generation, from a record of either version."""
     s = dict(record["snapshot"])
+    s.pop("overlapping", None)  # version 1 had one reading of diversity
     means = s.pop("counters", None) or {name: s.pop(name) for name in MEANS}
     return {
         **record,

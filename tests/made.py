@@ -39,6 +39,7 @@ QUIET: Final = Snapshot(
     mean=100.0,
     sd=50.0,
     diversity=0.6,
+    overlapping=0.75,
     working=0.5,
     specialists={"patrol_only": 12, "pickup": 10, "humanoid": 4, "balanced": 4},
     doing={"pickup": 10, "humanoid": 10, "charging": 10, "clearing": 10},

@@ -62,14 +62,19 @@ class Allocation(BaseModel, frozen=True, extra="forbid"):
 
 
 def remember(
-    archive: Archive, population: Sequence[Evaluated], behaviours: Sequence[str]
+    archive: Archive, population: Sequence[Evaluated], behaviours: Sequence[str], stage: int
 ) -> dict[str, Ancestor]:
-    """The archive with this generation's best of each behaviour, where they are better."""
+    """The archive with this generation's best of each behaviour, where they are better.
+
+    Stages of the curriculum have scales of their own: what shows a behaviour in a later one
+    replaces the best of an earlier one, whatever their fitness.
+    """
     kept = dict(archive)
     for e in population:
         for behaviour in e.verdict.behaviours:
-            if behaviour not in kept or e.fitness > kept[behaviour].fitness:
-                kept[behaviour] = Ancestor(e.individual.id, e.individual.tree, e.fitness)
+            best = kept.get(behaviour)
+            if best is None or (stage, e.fitness) > (best.stage, best.fitness):
+                kept[behaviour] = Ancestor(e.individual.id, e.individual.tree, stage, e.fitness)
     return {name: kept[name] for name in behaviours if name in kept}
 
 

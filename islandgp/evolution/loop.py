@@ -88,7 +88,7 @@ def _generation(
     now = snapshot(plan, g, population, state.rate)
     history = (*state.history, now)
     seen = view(plan, history)
-    archive = remember(state.archive, population, behaviours)
+    archive = remember(state.archive, population, behaviours, now.stage)
     lines = tuple(line(e, text) for e, text in zip(population, texts, strict=True))
     champion = fittest(state.champion, g, lines)
     guidance = following = None

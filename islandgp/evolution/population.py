@@ -50,11 +50,12 @@ class Ancestor:
 
     id: str  # of the individual
     tree: Node
+    stage: int  # of the curriculum, in which it was evaluated
     fitness: float  # points
 
 
 Archive = Mapping[str, Ancestor]
-"""The best ever by behaviour: resurrected when a behaviour has died out."""
+"""The best of each behaviour in the last stage that had it: resurrected when it dies out."""
 
 
 def ranked(population: tuple[Evaluated, ...]) -> list[Evaluated]:

@@ -59,14 +59,24 @@ class Best:
     validation: Validation | None  # None: it was not validated
 
 
-def candidates(records: Sequence[Mapping[str, Any]], classes: Classes) -> list[Candidate]:
-    """The most promising trees of the last stage, each once, at most MOST.
+def candidates(
+    records: Sequence[Mapping[str, Any]],
+    classes: Classes,
+    *,
+    most: int = MOST,
+    top: int = TOP,
+    tier: str = "",
+) -> list[Candidate]:
+    """The most promising trees of the last stage, each once.
 
-    They are the fittest of each generation, and those of each tier and each class.
+    They are the fittest of each generation, and those of each tier, class and behaviour.
 
     Args:
         records: generation records as plain values, oldest first.
-        classes: whose tiers are looked for.
+        classes: whose tiers, classes and behaviours are looked for.
+        most: candidates.
+        top: individuals of each generation that are candidates.
+        tier: of the candidates in training; default: any.
     """
     stage = records[-1]["snapshot"]["stage"]
     found: dict[str, Candidate] = {}
@@ -75,35 +85,43 @@ def candidates(records: Sequence[Mapping[str, Any]], classes: Classes) -> list[C
         for record in records
         if record["snapshot"]["stage"] == stage
         for i in record["individuals"]
+        if not tier or tier in i["tiers"]
     ]
-    for generation, i in _ordered(last, classes):
-        if i["tree"] not in found and len(found) < MOST:
+    for generation, i in _ordered(last, classes, top):
+        if i["tree"] not in found and len(found) < most:
             found[i["tree"]] = Candidate(generation, i["id"], i["tree"], i["fitness"])
     return list(found.values())
 
 
 def _ordered(
-    last: Sequence[tuple[int, Mapping[str, Any]]], classes: Classes
+    last: Sequence[tuple[int, Mapping[str, Any]]], classes: Classes, top: int
 ) -> Iterator[tuple[int, Mapping[str, Any]]]:
     """Individuals in the order in which they become candidates."""
     by_fitness = sorted(last, key=lambda pair: -pair[1]["fitness"])
-    generations = sorted({g for g, _ in last}, reverse=True)
-    for rank in range(TOP):
-        for generation in generations:
-            own = [pair for pair in by_fitness if pair[0] == generation]
-            yield from own[rank : rank + 1]
+    own: dict[int, list[tuple[int, Mapping[str, Any]]]] = {}
+    for pair in by_fitness:
+        own.setdefault(pair[0], []).append(pair)
+    newest = [own[generation] for generation in sorted(own, reverse=True)]
+    for rank in range(top):
+        for ranked in newest:
+            yield from ranked[rank : rank + 1]
         if rank == 0:
-            for tier in classes.tiers:
-                yield from [pair for pair in by_fitness if tier in pair[1]["tiers"]][:1]
-            for name in classes.specialist_names:
-                yield from [pair for pair in by_fitness if pair[1]["specialist"] == name][:1]
+            for name in (*classes.tiers, *classes.specialist_names, *classes.behaviours):
+                yield from [pair for pair in by_fitness if name in _shown(pair[1], classes)][:1]
 
 
-def worlds_of(seed: int, used: frozenset[int], n: int) -> tuple[int, ...]:
-    """The first `n` validation worlds of a run that none of its generations used."""
-    drawn = (
-        int(stream(seed, Stream.VALIDATION, slot=i).integers(2**32)) for i in range(n + len(used))
-    )
+def _shown(individual: Mapping[str, Any], classes: Classes) -> set[str]:
+    """The tiers, the class and the behaviours of an individual."""
+    counters = individual["counters"]
+    does = {name for name, counter in classes.behaviours.items() if counters[counter] > 0}
+    return {*individual["tiers"], individual["specialist"], *does}
+
+
+def worlds_of(
+    seed: int, used: frozenset[int], n: int, purpose: Stream = Stream.VALIDATION
+) -> tuple[int, ...]:
+    """The first `n` worlds of a run for a purpose, by default validation, that are not used."""
+    drawn = (int(stream(seed, purpose, slot=i).integers(2**32)) for i in range(n + len(used)))
     return tuple(world for world in drawn if world not in used)[:n]
 
 

@@ -143,7 +143,7 @@ def _plain(state: RunState, records: str) -> dict[str, Any]:
         ],
         "rate": state.rate,
         "archive": {
-            name: {"id": a.id, "tree": to_text(a.tree), "fitness": a.fitness}
+            name: {"id": a.id, "tree": to_text(a.tree), "stage": a.stage, "fitness": a.fitness}
             for name, a in state.archive.items()
         },
         "champion": None if champion is None else asdict(champion),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean, pstdev
 
@@ -21,7 +21,8 @@ class Snapshot:
     best: float  # highest fitness, points
     mean: float  # mean fitness, points
     sd: float  # its standard deviation over the population, points
-    diversity: float  # Eq. (3)
+    diversity: float  # Eq. (3), over the exclusive classes
+    overlapping: float  # Eq. (3), over the behaviours, of which an individual may show several
     working: float  # Eq. (4)
     specialists: dict[str, int]  # individuals by exclusive class
     doing: dict[str, int]  # individuals by behaviour that they show in any episode
@@ -34,6 +35,15 @@ class Snapshot:
 def diversity(specialists: Sequence[str]) -> float:
     """Eq. (3): D = 1 - max_c n_c / N, below 1; 0 when all are of one class."""
     return 1 - max(Counter(specialists).values()) / len(specialists)
+
+
+def overlapping(doing: Mapping[str, int]) -> float:
+    """Eq. (3) over categories that overlap: D = 1 - max_b n_b / sum_b n_b; 0 when nobody does any.
+
+    Table 12 fits the numbers of Table 13 in this reading alone.
+    """
+    shown = sum(doing.values())
+    return 1 - max(doing.values()) / shown if shown else 0.0
 
 
 def measure(
@@ -61,6 +71,7 @@ def measure(
         mean=fmean(fitness),
         sd=pstdev(fitness),
         diversity=diversity(labels),
+        overlapping=overlapping({name: done[name] for name in classes.behaviours}),
         working=sum(verdict.working for verdict in verdicts) / len(verdicts),
         specialists={name: counts[name] for name in classes.specialist_names},
         doing={name: done[name] for name in classes.behaviours},

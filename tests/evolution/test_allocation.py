@@ -86,7 +86,7 @@ def built(
         seed=seed,
         generation=5,
         injected=injected,
-        archive=remember({}, population, BEHAVIOURS) if archive is None else archive,
+        archive=remember({}, population, BEHAVIOURS, 0) if archive is None else archive,
         behaviours=BEHAVIOURS,
         diversity=diversity([e.verdict.specialist for e in population]),
         allocation=allocation or composed().allocation,
@@ -100,7 +100,7 @@ def built(
 
 def remembered(population: Sequence[Evaluated]) -> dict[str, Ancestor]:
     """The archive after a first generation."""
-    return remember({}, population, BEHAVIOURS)
+    return remember({}, population, BEHAVIOURS, 0)
 
 
 def counted(new: Sequence[Individual]) -> Counter[str]:
@@ -227,8 +227,8 @@ def test_resurrection() -> None:
     """A behaviour that died out comes back from the archive; one that lives does not."""
     population = people([outcome(fitness=float(i), pickups=3) for i in range(30)])
     archive = {
-        "pickup": Ancestor("1.1", TREES[0], 1e6),
-        "humanoid": Ancestor("2.5", TREES[3], 500.0),
+        "pickup": Ancestor("1.1", TREES[0], 0, 1e6),
+        "humanoid": Ancestor("2.5", TREES[3], 0, 500.0),
     }
     new = built(population, archive=archive)
     back = [(i.parents, i.tree) for i in new if i.origin is Origin.RESURRECTED]
@@ -244,20 +244,29 @@ def test_nothing_to_resurrect() -> None:
 def test_an_ancestor_comes_back_once() -> None:
     """The best of two behaviours that died out takes one slot, and a third behaviour the other."""
     population = people([outcome()] * 30)
-    twice, once = Ancestor("2.5", TREES[3], 500.0), Ancestor("3.3", TREES[1], 400.0)
+    twice, once = Ancestor("2.5", TREES[3], 0, 500.0), Ancestor("3.3", TREES[1], 0, 400.0)
     new = built(population, archive={"humanoid": twice, "balanced": twice, "charging": once})
     assert [i.parents for i in new if i.origin is Origin.RESURRECTED] == [("2.5",), ("3.3",)]
 
 
 def test_remember() -> None:
-    """The archive keeps the best ever of each behaviour, the first of equals."""
+    """The archive keeps the best of each behaviour, the first of equals."""
     first = people([outcome(fitness=5.0, pickups=1), outcome(fitness=5.0, pickups=1, charges=1)])
-    archive = remember({}, first, BEHAVIOURS)
+    archive = remember({}, first, BEHAVIOURS, 0)
     assert {name: a.id for name, a in archive.items()} == {"pickup": "4.0", "charging": "4.1"}
     later = people([outcome(fitness=4.0, pickups=1), outcome(fitness=6.0, charges=1)])
-    again = remember(archive, later, BEHAVIOURS)
+    again = remember(archive, later, BEHAVIOURS, 0)
     assert (again["pickup"], again["charging"].fitness) == (archive["pickup"], 6.0)
     assert archive["charging"].fitness == 5.0, "the archive given is not changed"
+
+
+def test_remember_by_stage() -> None:
+    """Another stage, another scale: whoever shows a behaviour in a later one is remembered."""
+    first = people([outcome(fitness=9.0, pickups=1), outcome(fitness=9.0, charges=1)])
+    archive = remember({}, first, BEHAVIOURS, 0)
+    again = remember(archive, people([outcome(fitness=4.0, pickups=1)]), BEHAVIOURS, 1)
+    assert (again["pickup"].fitness, again["charging"].fitness) == (4.0, 9.0)
+    assert remember(again, people([outcome(fitness=3.0, pickups=1)]), BEHAVIOURS, 1) == again
 
 
 @settings(max_examples=60)
@@ -335,7 +344,7 @@ def test_names_and_parents(population: tuple[Evaluated, ...], seed: int) -> None
 def test_slots_are_filled_in_order() -> None:
     """Elites, behavioural elites, resurrected, diversity, tournament: the order of section 2.3."""
     outcomes = [outcome(fitness=float(i), pickups=i % 3, charges=i % 2) for i in range(30)]
-    archive = {"humanoid": Ancestor("1.0", TREES[3], 9.0)}
+    archive = {"humanoid": Ancestor("1.0", TREES[3], 0, 9.0)}
     rows = [
         "elite", "behavioural_elite", "resurrected", "injected", "random", "crossover", "copy",
     ]  # fmt: skip

@@ -69,6 +69,7 @@ def snapshot(generation: int, best: float, *, complete: int = 0, excellent: int 
         mean=best / 8,
         sd=best / 10,
         diversity=0.5 + generation / 100,
+        overlapping=0.4,
         working=0.6,
         specialists={"patrol_only": 12, "pickup": 9, "humanoid": 5, "balanced": 4},
         doing={"pickup": 14, "humanoid": 8, "charging": 0, "clearing": 2},

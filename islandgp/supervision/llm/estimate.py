@@ -130,6 +130,7 @@ def _state(setup: RunContext) -> PopulationState:
         mean=12345.0,
         sd=1234.0,
         diversity=0.567,
+        overlapping=0.654,
         working=0.867,
         specialists=dict.fromkeys(classes.specialist_names, 11),
         doing=dict.fromkeys(classes.behaviours, 14),

@@ -1,0 +1,169 @@
+"""`islandgp best`: the best trees of a finished run, in worlds that chose nothing."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from islandgp.commands.files import OUTPUT, STDIN, write_text
+from islandgp.errors import ConfigError, RunError
+from islandgp.evaluation.base import Job
+
+if TYPE_CHECKING:
+    from islandgp.domain import Outcome
+    from islandgp.evaluation.base import Evaluator
+    from islandgp.records.folder import RunFolder
+    from islandgp.scoring.classes import Classes
+
+EFFORT: Final = 20
+"""Episodes of the race for each of --worlds."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A tree in the test worlds."""
+
+    name: str  # what it is
+    mean: float  # points, mean over the worlds
+    low: float  # 95 % interval of the mean
+    high: float
+    reached: dict[str, float]  # by milestone: share of the worlds
+    difference: float  # points, mean of the paired differences to the run's best robot
+    difference_low: float  # its 95 % interval
+    difference_high: float
+    evolved: bool  # it is the run's, not the library's
+    tree: str
+
+
+@click.command()
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option("--tier", default="", help="Only trees that reached this tier in training.")
+@click.option(
+    "--worlds",
+    type=click.IntRange(2, 10_000),
+    default=100,
+    show_default=True,
+    help="Test worlds that tell what the trees are worth.",
+)
+@click.option(
+    "--workers", type=click.IntRange(0, 1024), default=0, help="Processes; 0: one for each core."
+)
+@click.option("-o", "--output", type=OUTPUT, help="Write the best tree to this file.")
+@click.option("--json", "as_json", is_flag=True, help="Print the rows as JSON.")
+def command(
+    run: Path, tier: str, worlds: int, workers: int, output: str | None, as_json: bool
+) -> None:
+    """Find the best tree of the finished run in the folder RUN.
+
+    All trees of the last stage race in validation worlds, more of them than at the end of the
+    run. The first three, the run's best robot and the library's yardsticks then meet test
+    worlds, which neither trained nor chose any of them.
+    """
+    from islandgp.evaluation.processes import Processes, cores
+    from islandgp.evaluation.recorded import setting_of
+    from islandgp.records.folder import RunFolder
+
+    folder = RunFolder(run)
+    if not folder.finished():
+        raise RunError(f"Expected a finished run in {run}, found none; give a run's own folder.")
+    evaluator = Processes(setting_of(folder.configuration()), workers or cores())
+    try:
+        rows = list(_rows(folder, evaluator, tier, worlds))
+    finally:
+        evaluator.close()
+    best = max((row for row in rows if row.evolved), key=lambda row: row.mean)
+    if output is not None:
+        write_text(output, best.tree)
+    if as_json:
+        click.echo(json.dumps([asdict(row) for row in rows], indent=2))
+    elif output != STDIN:
+        _print(rows, worlds)
+
+
+def _rows(folder: RunFolder, evaluator: Evaluator, tier: str, worlds: int) -> Iterator[Row]:
+    """The run's best robot first, then the others by falling mean in validation worlds."""
+    from islandgp.evolution.validation import candidates, validate, worlds_of
+    from islandgp.scoring.classes import Classes
+    from islandgp.seeding import Stream
+    from islandgp.study.library import yardsticks
+
+    config, records = folder.configuration(), list(folder.records())
+    classes, seed = Classes.model_validate(config["classes"]), int(config["seed"])
+    if tier and tier not in classes.tiers:
+        raise ConfigError(f"--tier: expected one of {', '.join(classes.tiers)}, found {tier!r}")
+    everyone = sum(len(record["individuals"]) for record in records)
+    found = candidates(records, classes, most=everyone, top=everyone, tier=tier)
+    if not found:
+        raise RunError(f"Expected {tier} robots in the last stage of {folder.path}, found none.")
+    champion = folder.summary()["champion"]
+    used = {world for record in records for world in record["worlds"]}
+    used.update(*([champion["validation"]["worlds"]] if champion["validation"] else []))
+    stage = records[-1]["snapshot"]["stage"]
+    race = worlds_of(seed, frozenset(used), EFFORT * worlds)
+    finalists = validate(found, race, evaluator, stage, classes, episodes=EFFORT * worlds)
+    test = worlds_of(seed, frozenset({*used, *race}), worlds, Stream.TEST)
+    name = f"best robot of the run, {champion['record']['id']}"
+    trees = {champion["record"]["tree"]: (name, True)}
+    for candidate, _ in finalists[:3]:
+        trees.setdefault(candidate.tree, (candidate.id, True))
+    for name, text in yardsticks(config).items():
+        trees.setdefault(text, (f"library: {name}", False))
+    outcomes = evaluator.evaluate([Job(tree, stage, world) for tree in trees for world in test])
+    for k, (tree, (name, evolved)) in enumerate(trees.items()):
+        own = outcomes[k * worlds : (k + 1) * worlds]
+        yield _row(name, tree, own, outcomes[:worlds], classes, evolved=evolved)
+
+
+def _row(
+    name: str,
+    tree: str,
+    own: list[Outcome],
+    champions: list[Outcome],
+    classes: Classes,
+    *,
+    evolved: bool,
+) -> Row:
+    from islandgp.evolution.validation import interval
+    from islandgp.scoring.classes import tiers
+
+    reached = [tiers(outcome, classes) for outcome in own]
+    return Row(
+        name,
+        *interval([outcome.fitness for outcome in own]),
+        {m: sum(m in r for r in reached) / len(own) for m in classes.milestones},
+        *interval([a.fitness - b.fitness for a, b in zip(own, champions, strict=True)]),
+        evolved,
+        tree,
+    )
+
+
+def _print(rows: list[Row], worlds: int) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from islandgp.commands.play_command import ENDLESS
+    from islandgp.supervision.state_json import title
+
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else ENDLESS)
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="bold")
+    table.add_column("tree")
+    reached: Mapping[str, Any] = rows[0].reached
+    for heading in ("points", "95 % interval", *map(title, reached), "to the run's best"):
+        table.add_column(heading, justify="right")
+    for row in rows:
+        other = f"{row.difference:+,.0f} [{row.difference_low:+,.0f}, {row.difference_high:+,.0f}]"
+        table.add_row(
+            row.name,
+            f"{row.mean:,.0f}",
+            f"[{row.low:,.0f}, {row.high:,.0f}]".replace("[", "\\["),
+            *(f"{share:.0%}" for share in row.reached.values()),
+            "" if row is rows[0] else other.replace("[", "\\["),
+        )
+    console.print(table)
+    console.print(f"\nMeans over {worlds} test worlds, which neither trained nor chose anybody.")
