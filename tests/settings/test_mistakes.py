@@ -52,6 +52,16 @@ ONE_LINE = [
     (["+sed=3"], "sed: unknown key; did you mean seed?"),
     (["+supervisor.policy.patiense=3", "supervisor=baseline"],
      "supervisor.policy.patiense: unknown key; did you mean supervisor.policy.patience?"),
+    (["+rewards.events.collision.zzz=3"],
+     "rewards.events.collision.zzz: unknown key; there are bands, base, component, over, per_unit"),
+    (["rewards.events.collision.over=3"],
+     "rewards.events.collision.over: expected a key that has a value, found none; write"
+     " +rewards.events.collision.over=VALUE"),
+    (["+rewards.events.collision.bands=[{below: 3, pointz: 1, points: 2}]"],
+     "rewards.events.collision.bands.0.pointz: unknown key; did you mean"
+     " rewards.events.collision.bands.0.points?"),
+    (["+evaluator.policy.zzz=3", "evaluator=serial"],
+     "evaluator.policy.zzz: unknown key; evaluator.policy has no keys"),
     (["gp.population=many"], "gp.population='many': input should be a valid integer"),
     (["gp.population=2.5"], "gp.population=2.5: input should be a valid integer"),
     (["gp.population=null"], "gp.population=None: input should be a valid integer"),
