@@ -118,6 +118,11 @@ def explain(error: Exception, overrides: Sequence[str], source: ConfigSource) ->
             f" {group}=OPTION"
         )
     if match := re.search(r"Could not override '([^']+)'", text):
+        if source.options(match[1]):
+            return (
+                f"{match[1]}: expected a group that the domain's file chooses an option of, found"
+                f" none; write +{match[1]}=OPTION for an option on top of that file"
+            )
         return _unknown(match[1], _chosen(overrides, source))
     if match := re.search(r"(?:load|find) 'hydra/launcher/(joblib|ray|submitit)\w*'", text):
         return (

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import yaml
 
 from islandgp.bt.vocabulary import NOTHING
 from islandgp.domain import Schema
@@ -72,6 +73,23 @@ def test_smoke_is_for_any_domain(here: Path, capsys: pytest.CaptureFixture[str])
     assert main(words) == 0
     assert "Best robot" in capsys.readouterr().out
     assert list((here / "runs" / "smoke").glob("fixed-seed0-*/summary.json"))
+
+
+def test_another_reward_is_put_on_top_of_the_domains_file(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`+rewards=NAME` changes the rows that it names; without the + a line says so."""
+    (here / "conf/rewards").mkdir()
+    rows = "events: {picked: {base: 12.5}, tick: {over: 0.5}}\n"
+    (here / "conf/rewards/own.yaml").write_text(rows, encoding="utf-8")
+    assert main([*WORDS, "rewards=own"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("islandgp: rewards: expected a group that the domain's file chooses")
+    assert "write +rewards=OPTION" in said
+    assert main([*WORDS, "+rewards=own", "--cfg", "job"]) == 0
+    rewards = yaml.safe_load(capsys.readouterr().out)["rewards"]
+    assert rewards["events"]["picked"] == {"component": "progress", "base": 12.5}
+    assert rewards["events"]["placed"] == {"component": "progress", "base": 200}
 
 
 def test_a_run_goes_on_with_the_code_of_its_domain_only(
