@@ -16,8 +16,6 @@ from typing import Any, Literal, Self, Union, get_args, get_origin
 from pydantic import (
     BaseModel,
     Field,
-    ImportString,
-    TypeAdapter,
     ValidationError,
     ValidationInfo,
     field_validator,
@@ -29,7 +27,7 @@ from islandgp.errors import ConfigError, IslandError
 from islandgp.evolution.allocation import Allocation
 from islandgp.evolution.plan import GP, Plan, Switches
 from islandgp.evolution.random_trees import check_growth
-from islandgp.plugin import Part, Plugin, blaming, path_of
+from islandgp.plugin import Part, Plugin, blaming, imported, path_of
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.scoring.rewards import RewardTable
@@ -227,10 +225,8 @@ def _kind_below(kind: Any, part: int | str, config: Any) -> Any:
 
 def _factory(part: Any) -> Any:
     """The class that a group names; None where there is none."""
-    path = _below(part, "factory")
     try:
-        with blaming(str(path)):
-            return TypeAdapter(ImportString[Any]).validate_python(path)
+        return imported(str(_below(part, "factory")))
     except (ValidationError, IslandError):
         return None
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from islandgp import plugin
 from islandgp.bt.vocabulary import NOTHING
 from islandgp.domain import Schema
 from islandgp.errors import DomainError, EvaluationError
@@ -118,3 +119,24 @@ def test_a_run_goes_on_with_the_code_of_its_domain_only(
 def _stop(*_: object) -> None:
     """Ends a run before it is finished."""
     raise EvaluationError("stopped")
+
+
+@pytest.mark.parametrize(
+    ("body", "expected"),
+    [
+        ("return None", "wrong:hoist failed (TypeError: expected it to return something"),
+        ("return 1 / 0", "wrong:hoist failed (ZeroDivisionError: division by zero)"),
+    ],
+)
+def test_the_fault_of_an_operator_is_its_authors(
+    here: Path, body: str, expected: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A mutation from outside that fails is named, and what the run has is kept."""
+    sys.modules.pop("wrong", None)
+    plugin._own.cache_clear()
+    (here / "wrong.py").write_text(f"def hoist(rng, tree, space, how):\n    {body}\n")
+    (here / "conf/gp").mkdir()
+    text = 'defaults: [paper, _self_]\nmutation: {operators: {"wrong:hoist": 2.5}}\n'
+    (here / "conf/gp/own.yaml").write_text(text, encoding="utf-8")
+    assert main([*WORDS, "gp=own"]) == 2
+    assert f"islandgp: {expected}" in capsys.readouterr().err
