@@ -19,6 +19,7 @@ from pydantic import BaseModel
 
 from islandgp.bt.node import Node
 from islandgp.bt.vocabulary import Vocabulary
+from islandgp.errors import DomainError
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +51,11 @@ class Form:
 
 @dataclass(frozen=True, slots=True)
 class Schema:
-    """What a domain declares of itself. Mappings keep their order in records and tables."""
+    """What a domain declares of itself. Mappings keep their order in records and tables.
+
+    Raises:
+        DomainError: there is no action for a tree's leaves, or no component of the fitness.
+    """
 
     vocabulary: Vocabulary
     components: Mapping[str, str]  # terms of the fitness, Eq. (1), with a meaning each
@@ -62,7 +67,13 @@ class Schema:
     forms: Mapping[str, Form] = field(default_factory=dict)  # by Thing.form; empty: not drawn
 
     def __post_init__(self) -> None:
-        """Counts every event where no counters are declared."""
+        """Refuses what cannot evolve, and counts every event where no counters are declared."""
+        for what, found in (("action", self.vocabulary.actions), ("component", self.components)):
+            if not found:
+                raise DomainError(
+                    f"Expected at least one {what} in the domain {self.vocabulary.domain}, found"
+                    f" none; declare it in its Schema."
+                )
         if not self.counters:
             counted = {name: Counter(event.meaning) for name, event in self.events.items()}
             object.__setattr__(self, "counters", counted)

@@ -1,15 +1,17 @@
-"""What configuration chooses by a class: a domain, a supervisor, an evaluator, a tracker."""
+"""What configuration chooses by a class or a function of ours or of the user's own."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, ClassVar
+from functools import cache
+from typing import Any, ClassVar, TypeVar, cast
 
 from pydantic import (
     BaseModel,
     Field,
     ImportString,
+    TypeAdapter,
     ValidationError,
     ValidationInfo,
     ValidatorFunctionWrapHandler,
@@ -17,6 +19,8 @@ from pydantic import (
 )
 
 from islandgp.errors import IslandError, PartError
+
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 class Plugin(BaseModel, frozen=True, extra="forbid"):
@@ -69,6 +73,46 @@ class Part(Plugin, frozen=True, extra="forbid"):
     def settings(self) -> Any:
         """`policy` as the class's own Settings."""
         return self.factory.Settings.model_validate(self.policy)
+
+
+def imported(path: str) -> Any:
+    """What a path names: "package.module:name". Raises ValidationError, PartError."""
+    with blaming(path):
+        return TypeAdapter(ImportString[Any]).validate_python(path)
+
+
+def function(name: str, table: Mapping[str, Function]) -> Function:
+    """An entry of a table, or a function of the user's own: "module:function".
+
+    Raises:
+        ValueError: there is no such entry, or no such function.
+        PartError: the user's module cannot be imported.
+    """
+    if name in table:
+        return table[name]
+    own = _own(name) if ":" in name else None
+    if own is None:
+        raise ValueError(f"expected one of {', '.join(table)} or MODULE:FUNCTION, found {name!r}")
+    return cast(Function, own)
+
+
+@cache
+def _own(path: str) -> Callable[..., Any] | None:
+    """The user's function, whose faults are told as its author's; None: there is none."""
+    try:
+        found = imported(path)
+    except ValidationError:
+        return None
+    if not callable(found):
+        return None
+
+    def call(*arguments: Any) -> Any:
+        with blaming(path):
+            if (made := found(*arguments)) is None:
+                raise TypeError("expected it to return something, found None")
+            return made
+
+    return call
 
 
 def path_of(kind: Any) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from islandgp.bt.node import STATUS_NAMES
-from islandgp.commands.setting import configured
+from islandgp.commands.setting import configured, with_domain_options
 from islandgp.domain import Domain, Schema
 
 
@@ -19,12 +19,7 @@ from islandgp.domain import Domain, Schema
 @click.argument("name", required=False)
 @click.option("--check", is_flag=True, help="Run the contract's tests against the domain.")
 @click.option("--json", "as_json", is_flag=True, help="Print the declaration as JSON.")
-@click.option(
-    "--config-dir",
-    type=click.Path(exists=True, file_okay=False),
-    help="Your own folder of configuration, beside the project's.",
-)
-@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="As for a run.")
+@with_domain_options
 def command(
     name: str | None,
     check: bool,

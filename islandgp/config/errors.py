@@ -21,7 +21,7 @@ from hydra.errors import HydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from islandgp.config.settings import unknown_key
+from islandgp.config.settings import keys_at, unknown_key
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError
 from islandgp.records.parameters import HIDDEN, flatten, is_secret
@@ -118,6 +118,11 @@ def explain(error: Exception, overrides: Sequence[str], source: ConfigSource) ->
             f" {group}=OPTION"
         )
     if match := re.search(r"Could not override '([^']+)'", text):
+        if source.options(match[1]):
+            return (
+                f"{match[1]}: expected a group that the domain's file chooses an option of, found"
+                f" none; write +{match[1]}=OPTION for an option on top of that file"
+            )
         return _unknown(match[1], _chosen(overrides, source))
     if match := re.search(r"(?:load|find) 'hydra/launcher/(joblib|ray|submitit)\w*'", text):
         return (
@@ -204,6 +209,9 @@ def _no_option(overrides: Sequence[str], source: ConfigSource) -> str:
 def _unknown(path: str, config: Any) -> str:
     """The message for a key that is not in the configuration: at the part that is wrong."""
     parts = path.split(".")
+    known = keys_at(config, parts[:-1])
+    if len(parts) > 1 and parts[-1] in known:
+        return f"{path}: expected a key that has a value, found none; write +{path}=VALUE"
     same = [key for key in flatten(config) if key.rpartition(".")[2] == parts[-1]]
     if near := get_close_matches(path, same, 1, 0.5):
         return f"{path}: unknown key; did you mean {near[0]}?"
@@ -218,7 +226,7 @@ def _unknown(path: str, config: Any) -> str:
             )
             return f"{path}: unknown key; {hint}"
         config = config[part] if isinstance(config[part], dict) else {}
-    return unknown_key(path, _keys(config))
+    return unknown_key(path, known)
 
 
 def _keys(config: dict[str, Any]) -> list[str]:

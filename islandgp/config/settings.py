@@ -8,9 +8,10 @@ config object.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
-from typing import Any, Literal, Self
+from types import UnionType
+from typing import Any, Literal, Self, Union, get_args, get_origin
 
 from pydantic import (
     BaseModel,
@@ -22,11 +23,11 @@ from pydantic import (
 )
 
 from islandgp.domain import Domain
-from islandgp.errors import ConfigError
+from islandgp.errors import ConfigError, IslandError
 from islandgp.evolution.allocation import Allocation
 from islandgp.evolution.plan import GP, Plan, Switches
 from islandgp.evolution.random_trees import check_growth
-from islandgp.plugin import Part, Plugin, blaming, path_of
+from islandgp.plugin import Part, Plugin, blaming, imported, path_of
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.scoring.rewards import RewardTable
@@ -176,7 +177,7 @@ def _lines(error: ValidationError, config: Mapping[str, Any]) -> Iterator[str]:
         path = ".".join(str(part) for part in e["loc"])
         message = e["msg"].removeprefix("Value error, ")
         if e["type"] == "extra_forbidden":
-            yield unknown_key(path, [*_siblings(config, e["loc"])])
+            yield unknown_key(path, keys_at(config, e["loc"][:-1]))
         elif e["type"] == "missing":
             yield f"{path}: expected a value, found none"
         elif e["type"] == "value_error":
@@ -186,15 +187,54 @@ def _lines(error: ValidationError, config: Mapping[str, Any]) -> Iterator[str]:
             yield f"{path}={e['input']!r}: {message[0].lower()}{message[1:]}"
 
 
-def _siblings(config: Any, path: tuple[int | str, ...]) -> Iterator[str]:
-    for part in path[:-1]:
-        config = config.get(part, {}) if isinstance(config, Mapping) else config[part]
-    yield from (str(key) for key in config if key != path[-1])
+def keys_at(config: Mapping[str, Any], path: Sequence[int | str]) -> list[str]:
+    """The keys that may stand at a path: a model's fields, else those that are given there."""
+    kind: Any = Settings
+    found: Any = config
+    for part in path:
+        kind = _kind_below(kind, part, found)
+        found = _below(found, part)
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        return [*kind.model_fields]
+    given = map(str, found) if isinstance(found, Mapping) else ()
+    return [key for key in given if not key.startswith("_")]
+
+
+def _below(config: Any, part: int | str) -> Any:
+    if isinstance(config, Mapping):
+        return config.get(part)
+    return config[part] if isinstance(config, list) and isinstance(part, int) else None
+
+
+def _kind_below(kind: Any, part: int | str, config: Any) -> Any:
+    """The type at a key of a type; None where it is not known."""
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        if kind is Settings and part in ("world", "rewards"):
+            return getattr(_factory(_below(config, "domain")), str(part).capitalize(), None)
+        if issubclass(kind, Part) and part == "policy":
+            return getattr(_factory(config), "Settings", None)
+        field = kind.model_fields.get(str(part))
+        kind = field and field.annotation
+    else:
+        inner = [a for a in get_args(kind) if a is not Ellipsis]
+        kind = inner[-1] if inner else None  # of dict[str, kind] or tuple[kind, ...]
+    models = [a for a in get_args(kind) if isinstance(a, type) and issubclass(a, BaseModel)]
+    union = get_origin(kind) in (Union, UnionType)
+    return models[0] if union and models else kind
+
+
+def _factory(part: Any) -> Any:
+    """The class that a group names; None where there is none."""
+    try:
+        return imported(str(_below(part, "factory")))
+    except (ValidationError, IslandError):
+        return None
 
 
 def unknown_key(path: str, known: list[str]) -> str:
     """The line for a key that does not exist, with the nearest one that does."""
     parent, _, key = path.rpartition(".")
+    known = [other for other in known if other != key]
     near = get_close_matches(key, known, 1, 0.5)
     dot = f"{parent}." if parent else ""
     there = f"there are {', '.join(sorted(known))}" if known else f"{parent} has no keys"

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from pydantic import ImportString, TypeAdapter
-
 from islandgp.errors import RunError
 from islandgp.evaluation.base import Problem
+from islandgp.plugin import imported
 from islandgp.scoring.curriculum import Curriculum
 
 
@@ -19,7 +18,7 @@ def setting_of(config: Mapping[str, Any]) -> Problem:
         RunError: the configuration is of a version before domains.
     """
     check_version(config)
-    factory = TypeAdapter(ImportString[Any]).validate_python(config["domain"]["factory"])
+    factory = imported(config["domain"]["factory"])
     world = factory.World.model_validate(config["world"])
     rewards = factory.Rewards.model_validate(config["rewards"])
     return Problem(factory.make(world, rewards), Curriculum(**config["curriculum"]))

@@ -31,6 +31,7 @@ from islandgp.evolution.record import (
 )
 from islandgp.evolution.selection import SELECTIONS
 from islandgp.evolution.variation import CROSSOVERS, mutate_population
+from islandgp.plugin import function
 from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.base import Guidance, Supervisor
@@ -108,9 +109,9 @@ def _generation(
             diversity=now.diversity,
             allocation=plan.allocation,
             space=plan.space,
-            select=SELECTIONS[gp.selection],
+            select=function(gp.selection, SELECTIONS),
             entrants=gp.tournament,
-            cross=CROSSOVERS[gp.crossover],
+            cross=function(gp.crossover, CROSSOVERS),
             crossover_rate=gp.crossover_rate,
         )
         rate = guidance.applied_rate

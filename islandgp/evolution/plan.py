@@ -13,6 +13,7 @@ from islandgp.evolution.allocation import Allocation
 from islandgp.evolution.random_trees import TreeSettings, TreeSpace
 from islandgp.evolution.selection import SELECTIONS
 from islandgp.evolution.variation import CROSSOVERS, MutationSettings
+from islandgp.plugin import function
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.crisis import Crisis
 from islandgp.scoring.curriculum import Curriculum
@@ -24,9 +25,9 @@ class GP(BaseModel, frozen=True, extra="forbid"):
 
     population: int = Field(ge=4, le=10_000)
     generations: int = Field(ge=1, le=100_000)  # evaluated ones, generation 0 included
-    selection: str  # of parents: an entry of SELECTIONS
+    selection: str  # of parents: an entry of SELECTIONS, or "module:function"
     tournament: int = Field(ge=1)  # individuals that a selection compares
-    crossover: str  # an entry of CROSSOVERS
+    crossover: str  # an entry of CROSSOVERS, or "module:function"
     crossover_rate: float = Field(ge=0, le=1)
     mutation_rate: float = Field(ge=0, le=1)  # until a supervisor says otherwise
     mutate_elites: bool  # mutation hits elites and the injected tree too
@@ -48,8 +49,10 @@ class GP(BaseModel, frozen=True, extra="forbid"):
             ("selection", self.selection, SELECTIONS),
             ("crossover", self.crossover, CROSSOVERS),
         ):
-            if name not in table:
-                raise ValueError(f"{key}: expected one of {', '.join(table)}, found {name!r}")
+            try:
+                function(name, table)
+            except ValueError as error:
+                raise ValueError(f"{key}: {error}") from None
         return self
 
     @property

@@ -19,7 +19,6 @@ from islandgp.evaluation.base import Evaluator, Job
 from islandgp.scoring.classes import Classes, tiers
 from islandgp.seeding import Stream, stream
 
-SHARE: Final = 0.15  # of a run's episodes that validation may take
 MOST: Final = 24  # candidates
 FINALISTS: Final = 3  # that meet the most worlds
 TOP: Final = 2  # of each generation that are candidates

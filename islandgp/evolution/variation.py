@@ -2,7 +2,7 @@
 
 Each operator is a function of trees and a generator, which it consumes. What a mutation
 makes may break the limits or be the same tree: `mutate` sees to that. A new operator is
-a function and an entry of CROSSOVERS or MUTATIONS.
+a function, and an entry of CROSSOVERS or MUTATIONS or its path in the configuration.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from islandgp.evolution.random_trees import (
     random_args,
     weighted,
 )
+from islandgp.plugin import function
 from islandgp.seeding import Stream, stream
 
 TRIES: Final = 8  # attempts at a mutation that keeps the limits and changes something
@@ -37,13 +38,16 @@ SPARED: Final = (Origin.ELITE, Origin.BEHAVIOURAL_ELITE, Origin.INJECTED)
 class MutationSettings(BaseModel, frozen=True, extra="forbid"):
     """Which mutations there are, and how strong."""
 
-    operators: dict[str, float]  # weight of each operator of MUTATIONS
+    operators: dict[str, float]  # weight of each of MUTATIONS, or of a "module:function"
     subtree_depth: int = Field(ge=1)  # most levels of a new subtree
     number_sd: float = Field(gt=0, le=1)  # sd of a number's change, as a share of its key's range
 
     @model_validator(mode="after")
     def _operators_exist(self) -> MutationSettings:
-        check_weights("operators", self.operators, MUTATIONS)
+        own = [name for name in self.operators if ":" in name]
+        for name in own:
+            function(name, MUTATIONS)
+        check_weights("operators", self.operators, [*MUTATIONS, *own])
         return self
 
 
@@ -195,7 +199,7 @@ def mutate(
         return tree, ""
     for _ in range(TRIES):
         name = weighted(rng, how.operators)
-        new = MUTATIONS[name](rng, tree, space, how)
+        new = function(name, MUTATIONS)(rng, tree, space, how)
         if new != tree and within(new, space.limits):
             return new, name
     return tree, ""

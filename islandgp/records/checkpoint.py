@@ -88,19 +88,6 @@ def save_state(
     write_atomic(path, data, previous=previous)
 
 
-def load_state(path: Path, history: Iterable[Snapshot]) -> RunState:
-    """Reads a checkpoint.
-
-    Args:
-        path: the file.
-        history: the run's generations from 0 on; those behind the checkpoint are not read.
-
-    Raises:
-        RunError: the file is damaged.
-    """
-    return state_of(read_checkpoint(path), history)
-
-
 def read_checkpoint(path: Path) -> dict[str, Any]:
     """A checkpoint as plain values, among them `generation`, and `records` as in `save_state`.
 
@@ -151,7 +138,10 @@ def _plain(state: RunState, records: str) -> dict[str, Any]:
 
 
 def state_of(plain: dict[str, Any], history: Iterable[Snapshot]) -> RunState:
-    """The state that `read_checkpoint` has read; `history` as in `load_state`."""
+    """The state that `read_checkpoint` has read.
+
+    `history` are the run's generations from 0 on; those behind the checkpoint are not read.
+    """
     champion = plain["champion"]
     return RunState(
         generation=plain["generation"],

@@ -28,6 +28,7 @@ class RunMetadata:
     started: int  # ms since 1970
     identity: str  # hash of all configuration that shapes the records
     tags: dict[str, str]
+    domain_code: str = ""  # digest of the domain's source; "" for the package's own domains
 
 
 def read_about(file: Path) -> RunMetadata | None:

@@ -64,7 +64,7 @@ def _main(arguments: Sequence[str] | None) -> int:
                 jobs = _planned(args, words)
             for n, job in enumerate(jobs):
                 folder = RunFolder(job.folder)
-                if not choose(folder, job.settings.resume, redacted(job.config)).finished():
+                if not choose(folder, job.settings, redacted(job.config)).finished():
                     check_ready(job.settings, frozenset(before.folder for before in jobs[:n]))
             if args.multirun:
                 return run_sweep(

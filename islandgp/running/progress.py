@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from time import monotonic
 from typing import TYPE_CHECKING, Final, Literal, Self
 
@@ -26,6 +26,9 @@ COLUMNS: Final = {
 in that tier of Table 4. `rate`: the mutation rate of the next generation, with a "!" when a crisis
 decides it; `left`: the time until the last generation."""
 
+DISPENSABLE: Final = ("working", "mean", "diversity")
+"""Columns that a narrow terminal does without, first to last."""
+
 SHOWN: Final = 12  # generations in the live table
 
 
@@ -34,6 +37,20 @@ def columns(milestones: Sequence[str]) -> dict[str, int]:
     *first, rate, left = COLUMNS.items()
     own = ((name, max(4, len(name))) for name in milestones)
     return dict([*first, *own, rate, left])
+
+
+def fitting(widths: Mapping[str, int], room: int) -> tuple[list[str], list[str]]:
+    """The columns that a terminal of `room` characters has room for, and those left out.
+
+    Columns are left out in the order of DISPENSABLE, then milestones, the easiest first.
+    """
+    shown = list(widths)
+    own = [name for name in widths if name not in COLUMNS]
+    for name in (*DISPENSABLE, *own, "rate", "left", "best"):
+        if sum(widths[other] + 1 for other in shown) - 1 <= room:
+            break
+        shown.remove(name)
+    return shown, [name for name in widths if name not in shown]
 
 
 def row(
@@ -129,12 +146,23 @@ class Progress:
         from rich.progress_bar import ProgressBar
         from rich.table import Table
 
-        table = Table(title=self.title, title_justify="left", box=None, padding=(0, 1))
-        for name, width in self.columns.items():
-            table.add_column(name, justify="right", min_width=width, no_wrap=True)
-        for cells in self.rows[-SHOWN:]:
-            table.add_row(*cells)
-        return Group(table, ProgressBar(total=self.generations, completed=self.done, width=60))
+        room = self._live.console.width if self._live is not None else 80
+        rows = [dict(zip(self.columns, cells, strict=True)) for cells in self.rows[-SHOWN:]]
+        widths = {
+            name: max([width, *(len(cells[name]) for cells in rows)])
+            for name, width in self.columns.items()
+        }
+        shown, hidden = fitting(widths, room)
+        table = Table(title=self.title, title_justify="left", box=None, padding=(0, 1, 0, 0))
+        table.pad_edge = False
+        table.caption = f"no room for {', '.join(hidden)}" if hidden else None
+        table.caption_justify = "left"
+        for name in shown:
+            table.add_column(name, justify="right", min_width=widths[name], no_wrap=True)
+        for cells in rows:
+            table.add_row(*(cells[name] for name in shown))
+        bar = ProgressBar(total=self.generations, completed=self.done, width=min(60, room))
+        return Group(table, bar)
 
 
 def _say(line: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import subprocess
+import sys
 from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -14,6 +15,7 @@ from uuid import uuid4
 
 from islandgp.config.settings import Settings
 from islandgp.errors import RunError
+from islandgp.plugin import path_of
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import MACHINERY, shape
@@ -22,22 +24,26 @@ AGAIN: Final = "~"
 """Before the number of a run that is made anew; no folder that a configuration names holds it."""
 
 
-def choose(folder: RunFolder, resume: str, config: Mapping[str, Any]) -> RunFolder:
-    """The folder to work in: `never` takes a new one beside an old one.
+def choose(folder: RunFolder, settings: Settings, config: Mapping[str, Any]) -> RunFolder:
+    """The folder to work in: `resume=never` takes a new one beside an old one.
 
     Raises:
-        RunError: the folder holds a run of another configuration, and `resume` is `auto`,
-            or `force` while that run is finished; or its files are damaged.
+        RunError: the folder holds a run of another configuration or of other code of the
+            domain, and `resume` is `auto`, or `force` while that run is finished; or its
+            files are damaged.
     """
     if not folder.begun():
         return folder
-    if resume == "never":
+    if settings.resume == "never":
         n = 2
         while (path := folder.path.with_name(f"{folder.path.name}{AGAIN}{n}")).exists():
             n += 1
         return RunFolder(path)
     changed = differences(folder.configuration(), config)
-    if changed and (resume != "force" or folder.finished()):
+    about = folder.about()
+    if about is not None and about.domain_code not in ("", domain_code(settings)):
+        changed.append(f"domain.factory: the code of {path_of(settings.domain.factory)}")
+    if changed and (settings.resume != "force" or folder.finished()):
         state = "the finished run" if folder.finished() else "the run"
         raise RunError(
             f"Expected the configuration of {state} in {folder.path}, found it changed:\n  "
@@ -86,7 +92,21 @@ def about_run(
             "code": _code_version(),
             "config": _hash(alike),  # the same for all seeds
         },
+        domain_code=domain_code(settings),
     )
+
+
+def domain_code(settings: Settings) -> str:
+    """A digest of the domain's source: its module, or all modules of the package that it is in.
+
+    "" for the domains of islandgp, whose code the tag `code` tells, and for one without a file.
+    """
+    module = sys.modules[settings.domain.factory.__module__]
+    if module.__name__.startswith("islandgp.") or not getattr(module, "__file__", None):
+        return ""
+    file = Path(str(module.__file__))
+    files = sorted(file.parent.glob("*.py")) if module.__package__ else [file]
+    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()[:12]
 
 
 def _hash(config: Mapping[str, Any]) -> str:

@@ -29,7 +29,7 @@ from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import redacted
 from islandgp.running.progress import Progress
 from islandgp.running.report import is_mostly_fallback, report, summary
-from islandgp.running.resume import about_run, choose
+from islandgp.running.resume import about_run, choose, domain_code
 from islandgp.supervision.base import RunContext, Service, Supervisor
 from islandgp.supervision.library import Library, library_folder, read_library, read_tree
 from islandgp.tracking.base import Tracker
@@ -87,7 +87,8 @@ def automatic_library(settings: Settings, domain: Domain) -> Library:
             "gp": {"trees", "mutation", "max_depth", "max_nodes"},
         },
     )
-    digest = hashlib.sha256(json.dumps([shape, repr(domain.schema)]).encode()).hexdigest()[:16]
+    key = json.dumps([shape, repr(domain.schema), domain_code(settings)])
+    digest = hashlib.sha256(key.encode()).hexdigest()[:16]
     file = Path(settings.runs) / ".libraries" / f"{digest}.json"
     if not file.exists():
         print("islandgp: searching for a tree of each behaviour, once", file=sys.stderr)
@@ -162,7 +163,7 @@ def run(
         EvaluationError, SupervisionError: the run cannot go on; what it has is kept.
     """
     config = redacted(config)
-    target = choose(RunFolder(folder), settings.resume, config)
+    target = choose(RunFolder(folder), settings, config)
     tracker: Tracker = settings.tracking.factory.make(settings.tracking.settings(), home)
     if target.finished():
         return _complete(target, tracker)

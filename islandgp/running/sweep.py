@@ -118,7 +118,7 @@ def _frozen(value: Any) -> Hashable:
 
 
 def _entry(job: Planned) -> SweepJob:
-    folder = choose(RunFolder(job.folder), job.settings.resume, redacted(job.config))
+    folder = choose(RunFolder(job.folder), job.settings, redacted(job.config))
     return SweepJob(
         slot=job.folder.name,
         folder=folder.path.name,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 from islandgp.study.arms import Comparison
@@ -59,21 +60,33 @@ def build(study: Comparison, unseen: Sequence[Generalisation], worlds: int) -> R
     """The report; `unseen` may be empty when generalisation was left out."""
     measures = main_family(study.milestones)
     main, more = family(study, measures), family(study, FURTHER)
-    tables = PairTables(study, main, more)
+    tables = PairTables(study, (*main, *more))
+    by_fitness, by_emergence = (
+        partial(table, paper=study.paper, family=len(main))
+        for table in (fitness_table, emergence_table)
+    )
+    first_seen = [f.measure for f in main if f.measure.emergence]
     sections = (
         Section("What was compared", tuple(_compared(study))),
         Section("The paper's claims", tables.claims()),
         Section(
-            "Fitness (section 3.2)", (*tables.fitness(9, TABLE_9), fitness_figures.figure_4(study))
+            "Fitness (section 3.2)",
+            (
+                *tables(by_fitness, "table-9", "Table 9. Fitness performance", TABLE_9),
+                fitness_figures.figure_4(study),
+            ),
         ),
         Section(
             "Convergence (section 3.3)",
-            (*tables.fitness(10, TABLE_10), fitness_figures.figure_5(study)),
+            (
+                *tables(by_fitness, "table-10", "Table 10. Fitness by training stage", TABLE_10),
+                fitness_figures.figure_5(study),
+            ),
         ),
         Section(
             f"{' and '.join(map(title, study.milestones))} Robots (section 3.4)",
             (
-                *tables.emergence(),
+                *tables(by_emergence, "table-11", "Table 11. First emergence", first_seen),
                 runs_table(study),
                 emergence_figures.figure_6(study),
                 emergence_figures.emergence_curves(study),
@@ -82,7 +95,12 @@ def build(study: Comparison, unseen: Sequence[Generalisation], worlds: int) -> R
         Section(
             "Diversity (section 3.5)",
             (
-                *tables.diversity(),
+                *tables(
+                    partial(diversity_table, paper=study.paper, family=len(more)),
+                    "table-12",
+                    "Table 12. Behavioural diversity and mutation rate",
+                    FURTHER,
+                ),
                 population_figures.diversity(study),
                 population_figures.classes(study),
             ),
@@ -94,7 +112,17 @@ def build(study: Comparison, unseen: Sequence[Generalisation], worlds: int) -> R
         Section("Beyond the paper", tuple(_beyond(study, tuple(unseen), worlds))),
         Section(
             "How the statistics are done",
-            (methods(len(measures)), SPLIT, *tables.medians(), power_table(study, len(main))),
+            (
+                methods(len(measures)),
+                SPLIT,
+                *tables(
+                    median_table,
+                    "medians",
+                    "Medians, intervals and paired tests",
+                    (*measures, *FURTHER),
+                ),
+                power_table(study, len(main)),
+            ),
         ),
     )
     return Report(
@@ -110,83 +138,38 @@ class PairTables:
     """The tables that exist once for each pair of arms."""
 
     study: Comparison
-    main: tuple[Finding, ...]  # the rows of Tables 9 to 11, for all pairs
-    more: tuple[Finding, ...]  # the rows of Table 12, for all pairs
+    findings: tuple[Finding, ...]  # for all pairs
 
-    def fitness(self, number: int, measures: Sequence[Measure]) -> tuple[Table, ...]:
-        """Table 9 or 10."""
-        heading = {9: "Fitness performance", 10: "Fitness by training stage"}[number]
+    def __call__(
+        self, make: Callable[..., Table], key: str, title: str, measures: Sequence[Measure]
+    ) -> tuple[Table, ...]:
+        """A table of these measures for each pair, by `make(key, title, findings)`."""
+        keys = {m.key for m in measures}
         return tuple(
-            fitness_table(
-                f"table-{number}{key}",
-                f"Table {number}. {heading}{of}",
-                self._findings(pair, measures),
-                self.study.paper,
-                family=len(self.main),
+            make(
+                f"{key}{end}",
+                f"{title}{of}",
+                [f for f in self.findings if f.arms == pair and f.measure.key in keys],
             )
-            for pair, key, of in self._pairs()
-        )
-
-    def emergence(self) -> tuple[Table, ...]:
-        """Table 11."""
-        measures = [f.measure for f in self.main if f.measure.emergence]
-        return tuple(
-            emergence_table(
-                f"table-11{key}",
-                f"Table 11. First emergence{of}",
-                self._findings(pair, measures),
-                self.study.paper,
-                family=len(self.main),
-            )
-            for pair, key, of in self._pairs()
-        )
-
-    def diversity(self) -> tuple[Table, ...]:
-        """Table 12."""
-        return tuple(
-            diversity_table(
-                f"table-12{key}",
-                f"Table 12. Behavioural diversity and mutation rate{of}",
-                self._findings(pair, FURTHER),
-                self.study.paper,
-                family=len(self.more),
-            )
-            for pair, key, of in self._pairs()
+            for pair, end, of in self.pairs()
         )
 
     def claims(self) -> tuple[Table, ...]:
         """The claims of a paper; none where there is no paper of the kind."""
         if (paper := self.study.paper) is None:
             return ()
-        every = (*self.main, *self.more)
         return tuple(
-            claims_table(f"claims{key}", f"The paper's claims{of}", every, pair, paper)
-            for pair, key, of in self._pairs()
+            claims_table(f"claims{end}", f"The paper's claims{of}", self.findings, pair, paper)
+            for pair, end, of in self.pairs()
         )
 
-    def medians(self) -> tuple[Table, ...]:
-        """Medians, intervals and paired tests of every measure."""
-        measures = [f.measure for f in (*self.main, *self.more)]
-        return tuple(
-            median_table(
-                f"medians{key}",
-                f"Medians, intervals and paired tests{of}",
-                self._findings(pair, measures),
-            )
-            for pair, key, of in self._pairs()
-        )
-
-    def _pairs(self) -> Iterator[tuple[tuple[str, str], str, str]]:
+    def pairs(self) -> Iterator[tuple[tuple[str, str], str, str]]:
         """Each pair, and what names it at the end of keys and of titles where there are several."""
         pairs = [(a.name, b.name) for a, b in self.study.pairs]
         for a, b in pairs:
             yield (
                 ((a, b), f"-{a}-{b}", f": {a} against {b}") if len(pairs) > 1 else ((a, b), "", "")
             )
-
-    def _findings(self, pair: tuple[str, str], measures: Sequence[Measure]) -> list[Finding]:
-        keys = {m.key for m in measures}
-        return [f for f in (*self.main, *self.more) if f.arms == pair and f.measure.key in keys]
 
 
 def _compared(study: Comparison) -> Iterator[Item]:

@@ -86,7 +86,7 @@ def test_the_commands_run(tmp_path: Path) -> None:
 @pytest.mark.parametrize("supervisor", ["baseline", "fixed", "untargeted"])
 def test_every_supervisor_runs(tmp_path: Path, supervisor: str) -> None:
     """Each supervisor that needs no server runs on the domain."""
-    words = ("--config-dir", str(EXAMPLE / "conf"), "domain=pick_place", "gp.generations=3")
+    words = ("--config-dir", str(EXAMPLE / "conf"), "domain=pick_place", "experiment=smoke")
     assert "Best robot" in run_here(tmp_path, *words, f"supervisor={supervisor}")
 
 

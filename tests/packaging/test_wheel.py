@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import sysconfig
 import venv
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
 
-from tests.domains.test_tutorial import follow
+from islandgp.testing.server import MessagesServer
+from tests.domains.test_tutorial import EXAMPLE, follow
 
 ROOT = Path(__file__).parents[2]
 FOLDERS = ("conf", "grammar", "prompts")
@@ -20,9 +23,10 @@ FOLDERS = ("conf", "grammar", "prompts")
 pytestmark = pytest.mark.slow
 
 
-def call(*words: str | Path, cwd: Path) -> str:
+def call(*words: str | Path, cwd: Path, env: Mapping[str, str] | None = None) -> str:
     """Runs a command that must succeed, without this checkout on its path; returns its output."""
-    env = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    if env is None:
+        env = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     found = subprocess.run(
         [str(word) for word in words], cwd=cwd, env=env, capture_output=True, text=True, check=False
     )
@@ -118,3 +122,40 @@ def test_other_rewards(python: Path, tmp_path: Path) -> None:
     words = ("--config-dir", "mine", "rewards=patrol", "experiment=smoke", "tracking=off")
     found = call(python, "-m", "islandgp", *words, "progress=off", cwd=tmp_path)
     assert "Best robot" in found
+
+
+def test_everything_on_a_domain_from_outside(python: Path, tmp_path: Path) -> None:
+    """Each supervisor and each command, in an empty folder, with --config-dir and PYTHONPATH."""
+    empty, robot = tmp_path / "an empty folder", tmp_path / "robot"
+    empty.mkdir()
+    shutil.copytree(EXAMPLE, robot)
+    env = {**os.environ, "PYTHONPATH": str(robot), "COLUMNS": "40"}
+    env.pop("ANTHROPIC_API_KEY", None)
+    own = ("--config-dir", robot / "conf")
+
+    def islandgp(*words: str | Path) -> str:
+        return call(python.with_name("islandgp"), *words, cwd=empty, env=env)
+
+    def run(*words: str) -> str:
+        small = ("domain=pick_place", "experiment=smoke", "tracking=off", "progress=off")
+        return islandgp("run", *own, *small, "evaluator=serial", *words)
+
+    for supervisor in ("baseline", "fixed", "untargeted", "expert"):
+        assert "Best robot" in run(f"supervisor={supervisor}")
+    with MessagesServer() as server:
+        assert "Best robot" in run("supervisor=llm", f"supervisor.policy.base_url={server.url}")
+        assert server.requests
+    (recorded,) = (empty / "runs" / "smoke").glob("llm-*")
+    assert "Best robot" in run("supervisor=replay", f"supervisor.policy.transcript='{recorded}'")
+    tree = robot / "carry.bt"
+    assert "no warnings" in islandgp("check", tree, *own)
+    assert "finished" in islandgp("play", tree, *own, "--seeds", "3")
+    assert "progress" in islandgp("trace", tree, *own)
+    islandgp("replay", tree, *own, "-o", "a replay.html")
+    islandgp("replay", recorded / "best.bt", *own, "-o", "best.html")
+    islandgp("export", tree, *own, "-o", "carry.xml")
+    assert "MoveToPick" in (empty / "carry.xml").read_text(encoding="utf-8")
+    arms = ("--arm", "expert=supervisor=expert", "--arm", "fixed=supervisor=fixed")
+    said = islandgp("compare", *arms, "--name", "smoke", "--worlds", "2", "--no-mlflow")
+    assert "expert against fixed" in said
+    assert (empty / "study" / "expert-fixed" / "index.html").exists()

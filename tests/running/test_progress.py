@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import re
+import sys
+from io import StringIO
+
 import pytest
 
-from islandgp.running.progress import Progress, columns, duration, row
+from islandgp.running.progress import Progress, columns, duration, fitting, row
 from tests.made import CLASSES
 from tests.tracking.folders import steps
 
@@ -73,3 +77,41 @@ def test_each_milestone_has_a_column() -> None:
     """Those that the configuration names, in its order, before the rate."""
     names = list(columns(("good", "better_than_good")))
     assert names[-4:-2] == ["good", "better_than_good"]
+
+
+@pytest.mark.parametrize("room", [8, 40, 60, 80, 200])
+def test_a_narrow_terminal_has_fewer_columns(room: int) -> None:
+    """What is shown fits and keeps its order; what is left out is known; nothing is lost."""
+    widths = columns(MILESTONES)
+    shown, hidden = fitting(widths, room)
+    assert sum(widths[name] + 1 for name in shown) - 1 <= max(room, widths["generation"])
+    assert sorted([*shown, *hidden]) == sorted(widths)
+    assert shown == [name for name in widths if name in shown]
+    assert shown[0] == "generation"
+    assert bool(hidden) == (room < 100)
+
+
+def test_the_live_table_names_the_columns_that_it_leaves_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """At 40 columns no cell is cut, and a line says what is not shown."""
+
+    class Terminal(StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setenv("COLUMNS", "40")
+    monkeypatch.setenv("TERM", "xterm")
+    with Progress("auto", 5, "a title", MILESTONES) as progress:
+        for step in steps():
+            progress.show(step)
+    said = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", terminal.getvalue())
+    said = said.rpartition("a title")[2]
+    best = [f"{step.record.snapshot.best:,.0f}" for step in steps()]
+    assert all(f" {number} " in said for number in best)
+    hidden = fitting(columns(MILESTONES), 40)[1]
+    assert f"no room for {', '.join(hidden)}" in " ".join(said.split())
+    assert "…" not in said
+    assert max(map(len, said.splitlines())) <= 40

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from islandgp.bt.vocabulary import NOTHING
+from islandgp.bt.vocabulary import Action, Vocabulary
 from islandgp.domain import Counter, Event, Outcome, Schema
 from islandgp.scoring.classes import AIMS, Classes, does, judge, specialist, tiers
 from tests.composed import composed
@@ -132,7 +132,7 @@ def test_behaviours(counts: dict[str, Any], shown: tuple[str, ...], done: tuple[
 # Other domains
 
 SCHEMA = Schema(
-    vocabulary=NOTHING,
+    vocabulary=Vocabulary("collector", {"Walk": Action("")}, {}),
     components={"points": ""},
     events={"step": Event("")},
     counters=dict.fromkeys(("reds", "greens", "blues", "steps"), Counter("")),

@@ -14,6 +14,7 @@ from islandgp.study.notation import interval, number, p_is, percent, probability
 from islandgp.study.paper import MARK
 from islandgp.study.statistics import Interval, mean_sd, rank_test
 from islandgp.study.table import Table, to_csv, to_html, to_markdown
+from islandgp.study.tables import claims
 from islandgp.study.tables.claims import verdict
 from islandgp.study.tables.comparisons import difference
 
@@ -112,6 +113,23 @@ def test_verdicts(direction: int, low_first: bool, n: int, expected: str) -> Non
     assert verdict(direction, examine(TABLE_9[0], ("a", "b"), samples, 41, in_pairs=False)) == (
         expected
     )
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "expected"),
+    [
+        ((0, 0), (0, 0), "\N{EN DASH} (0.0 generations)"),
+        ((3, 4), (0, 0), "\N{EN DASH} (+3.5 generations)"),
+        ((3, 4), (7, 7), "\N{MINUS SIGN}50.0 %"),
+        ((None, None), (None, None), "never in either arm"),
+    ],
+)
+def test_what_happens_in_generation_0_has_happened(
+    first: tuple[int | None, ...], second: tuple[int | None, ...], expected: str
+) -> None:
+    """There is no share of the generation 0, but it is not "never"."""
+    f = examine(emergence("complete"), ("a", "b"), (first, second), 41, in_pairs=False)
+    assert claims.difference(f) == expected
 
 
 def test_verdict_where_nothing_happened() -> None:

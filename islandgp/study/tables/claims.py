@@ -8,7 +8,7 @@ from typing import Final
 from islandgp.study.emergence import reduction, summary
 from islandgp.study.findings import Finding, finding
 from islandgp.study.measures import FURTHER
-from islandgp.study.notation import DIGITS, NONE, interval, percent, probability
+from islandgp.study.notation import DIGITS, NONE, interval, percent, probability, signed
 from islandgp.study.paper import Paper
 from islandgp.study.power import LEVEL
 from islandgp.study.table import Table
@@ -73,9 +73,11 @@ def difference(f: Finding) -> str:
     """By which share the first arm differs, and how that is measured when not by means."""
     if not f.measure.emergence:
         return comparisons.difference(f)
-    earlier = reduction(*(summary(sample, f.generations) for sample in f.samples))
-    if earlier is None:
+    if f.never:
         return "never in either arm"
+    earlier = reduction(*(summary(sample, f.generations) for sample in f.samples))
+    if earlier is None:  # no share of the generation 0
+        return f"{NONE} ({signed(f.shift.estimate, 1)} generations)"
     by = "" if earlier[1] == "means" else f" ({earlier[1]})"
     return f"{percent(-earlier[0])}{by}"
 

@@ -1,0 +1,142 @@
+"""A domain outside of the package, in this process: mistakes in it, and code that changes."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+
+from islandgp import plugin
+from islandgp.bt.vocabulary import NOTHING
+from islandgp.domain import Schema
+from islandgp.errors import DomainError, EvaluationError
+from islandgp.running.app import main
+from tests.domains.test_tutorial import EXAMPLE
+from tests.running.commands import TINY
+from tests.trees.shell import shell
+
+OWN = ("--config-dir", "conf", "domain=pick_place", "tracking=off")
+WORDS = (*OWN, *TINY, "gp.validation=0", "evaluator=serial")
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A copy of the tutorial's example, in which the command is given."""
+    shutil.copytree(EXAMPLE, tmp_path, dirs_exist_ok=True)
+    known = sys.modules.pop("pick_place", None)  # that of another test
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    yield tmp_path
+    sys.modules.pop("pick_place", None)
+    if known is not None:
+        sys.modules["pick_place"] = known
+
+
+def test_a_domain_without_actions_is_refused(
+    here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By a run, by `domain --check`, and wherever a schema is made: one line, exit code 2."""
+    domain = here / "pick_place.py"
+    text = domain.read_text(encoding="utf-8")
+    head, _, rest = text.partition("        actions={")
+    text = f"{head}        actions={{}},\n        keys={{{rest.partition('keys={')[2]}"
+    domain.write_text(text, encoding="utf-8")
+    assert main([*WORDS]) == 2
+    expected = "Expected at least one action in the domain pick_place, found none;"
+    said = capsys.readouterr().err
+    assert said.startswith(f"islandgp: {expected}")
+    assert said.count("\n") == 1
+    islandgp = shell(monkeypatch, capsys)
+    found = islandgp("domain", "pick_place", "--check", "--config-dir", "conf")
+    assert (found.code, found.out) == (2, "")
+    assert expected in found.err
+    assert "Traceback" not in found.err
+
+
+@pytest.mark.parametrize("missing", ["action", "component"])
+def test_a_schema_declares_what_evolution_needs(missing: str) -> None:
+    """Actions for the leaves of trees, and components for their fitness."""
+    from tests.domains.test_ticking import SCHEMA
+
+    words = NOTHING if missing == "action" else SCHEMA.vocabulary
+    components = {} if missing == "component" else SCHEMA.components
+    with pytest.raises(DomainError, match=f"at least one {missing} in the domain {words.domain}"):
+        Schema(words, components, SCHEMA.events, "Counts.")
+
+
+def test_smoke_is_for_any_domain(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`experiment=smoke` sets nothing that only the island has."""
+    words = (*OWN, "experiment=smoke", "supervisor=fixed", "evaluator=serial", "progress=off")
+    assert main(words) == 0
+    assert "Best robot" in capsys.readouterr().out
+    assert list((here / "runs" / "smoke").glob("fixed-seed0-*/summary.json"))
+
+
+def test_another_reward_is_put_on_top_of_the_domains_file(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`+rewards=NAME` changes the rows that it names; without the + a line says so."""
+    (here / "conf/rewards").mkdir()
+    rows = "events: {picked: {base: 12.5}, tick: {over: 0.5}}\n"
+    (here / "conf/rewards/own.yaml").write_text(rows, encoding="utf-8")
+    assert main([*WORDS, "rewards=own"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("islandgp: rewards: expected a group that the domain's file chooses")
+    assert "write +rewards=OPTION" in said
+    assert main([*WORDS, "+rewards=own", "--cfg", "job"]) == 0
+    rewards = yaml.safe_load(capsys.readouterr().out)["rewards"]
+    assert rewards["events"]["picked"] == {"component": "progress", "base": 12.5}
+    assert rewards["events"]["placed"] == {"component": "progress", "base": 200}
+
+
+def test_a_run_goes_on_with_the_code_of_its_domain_only(
+    here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A changed module is refused like a changed configuration; resume=force and =never take it."""
+    with monkeypatch.context() as patch:
+        patch.setattr("islandgp.running.run.best_robot", _stop)
+        assert main(WORDS) == 2
+    domain = here / "pick_place.py"
+    before = domain.read_bytes()
+    domain.write_bytes(before + b"\n# changed\n")
+    capsys.readouterr()
+    assert main(WORDS) == 2
+    said = capsys.readouterr().err
+    assert "found it changed:\n  domain.factory: the code of pick_place:PickPlace\n" in said
+    assert "Traceback" not in said
+    assert main([*WORDS, "resume=force"]) == 0
+    assert main(WORDS) == 0  # it is that code's run now
+    domain.write_bytes(before)
+    assert main(WORDS) == 2
+    assert "Expected the configuration of the finished run" in capsys.readouterr().err
+    assert main([*WORDS, "resume=never"]) == 0
+
+
+def _stop(*_: object) -> None:
+    """Ends a run before it is finished."""
+    raise EvaluationError("stopped")
+
+
+@pytest.mark.parametrize(
+    ("body", "expected"),
+    [
+        ("return None", "wrong:hoist failed (TypeError: expected it to return something"),
+        ("return 1 / 0", "wrong:hoist failed (ZeroDivisionError: division by zero)"),
+    ],
+)
+def test_the_fault_of_an_operator_is_its_authors(
+    here: Path, body: str, expected: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A mutation from outside that fails is named, and what the run has is kept."""
+    sys.modules.pop("wrong", None)
+    plugin._own.cache_clear()
+    (here / "wrong.py").write_text(f"def hoist(rng, tree, space, how):\n    {body}\n")
+    (here / "conf/gp").mkdir()
+    text = 'defaults: [paper, _self_]\nmutation: {operators: {"wrong:hoist": 2.5}}\n'
+    (here / "conf/gp/own.yaml").write_text(text, encoding="utf-8")
+    assert main([*WORDS, "gp=own"]) == 2
+    assert f"islandgp: {expected}" in capsys.readouterr().err
