@@ -43,13 +43,12 @@ class Experiment:
 
     def __iter__(self) -> Iterator[Step]:
         """Evolves, a generation at a time, in this process; nothing is written."""
-        from islandgp.running.run import make_supervisor
+        from islandgp.running.run import make_supervisor, plan_of
 
         supervisor = make_supervisor(self.settings, None)
         evaluator = Serial(Problem(self.domain, self.settings.curriculum))
-        yield from evolve(
-            self.settings.plan(self.domain), self.settings.seed, supervisor, evaluator
-        )
+        plan = plan_of(self.settings, self.domain)
+        yield from evolve(plan, self.settings.seed, supervisor, evaluator)
 
     def parse(self, text: str) -> Node:
         """A tree in the words of the domain. Raises TreeError."""

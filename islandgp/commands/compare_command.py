@@ -15,6 +15,7 @@ from islandgp.resources import resource
 
 if TYPE_CHECKING:
     from islandgp.study.arms import Arm, Comparison
+    from islandgp.study.controls import Control
     from islandgp.study.generalise import Generalisation
     from islandgp.study.report import Report
     from islandgp.tracking.store import Place
@@ -56,10 +57,15 @@ A bare word is a sweep's name; mlflow: takes an MLflow filter string instead.
     help="Unseen worlds for the champions; 0 leaves them out.",
 )
 @click.option(
+    "--controls/--no-controls",
+    default=True,
+    help="Evaluate the library's trees in the runs' worlds.",
+)
+@click.option(
     "--workers",
     type=click.IntRange(0, 1024),
     default=0,
-    help="Processes for the unseen worlds.  [default: one for each core]",
+    help="Processes for the unseen worlds and the controls.  [default: one for each core]",
 )
 @click.option("--mlflow/--no-mlflow", default=True, help="Keep the report as an MLflow run.")
 @click.option("--uri", default=None, help="MLflow store.  [default: as in conf/tracking]")
@@ -71,6 +77,7 @@ def command(
     out: Path | None,
     force: bool,
     worlds: int,
+    controls: bool,
     workers: int,
     mlflow: bool,
     uri: str | None,
@@ -96,7 +103,7 @@ def command(
     looked_in += [place.uri] if any(s.startswith("mlflow:") for _, s in wanted) else []
     study = compare_arms(chosen, force=force, notes=notes, sources=looked_in)
     unseen = _unseen(study, worlds, workers) if worlds else ()
-    report = build(study, unseen, worlds)
+    report = build(study, unseen, worlds, _controls(study, workers) if controls else ())
     folder = out or Path("study") / "-".join(arm.name for arm in study.arms)
     _check_folder(folder)
     try:
@@ -175,6 +182,14 @@ def _unseen(study: Comparison, worlds: int, workers: int) -> tuple[Generalisatio
         worlds=worlds,
         yardsticks=yardsticks(study),
     )
+
+
+def _controls(study: Comparison, workers: int) -> tuple[Control, ...]:
+    """The library's trees in the worlds of the runs; none where the domain is not installed."""
+    from islandgp.evaluation.processes import Processes, cores
+    from islandgp.study.controls import controls
+
+    return controls(study, lambda problem: Processes(problem, workers or cores()))
 
 
 def _results(report: Report) -> list[str]:

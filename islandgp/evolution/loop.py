@@ -39,16 +39,21 @@ from islandgp.supervision.queue import SupervisorQueue
 
 
 def initial_state(plan: Plan, seed: int) -> RunState:
-    """Lines 1 and 2 of Algorithm 1: random trees and the initial mutation rate."""
-    gp, space = plan.gp, plan.space
-    population = tuple(
+    """Lines 1 and 2 of Algorithm 1: random trees and the initial mutation rate.
+
+    The plan's founders take the first slots.
+    """
+    gp, space, founders = plan.gp, plan.space, plan.founders[: plan.gp.population]
+    given = [Individual(f"0.{k}", tree, Origin.INJECTED) for k, tree in enumerate(founders)]
+    random = [
         Individual(
             f"0.{slot}",
             random_tree(stream(seed, Stream.INITIAL, slot=slot), space),
             Origin.RANDOM,
         )
-        for slot in range(gp.population)
-    )
+        for slot in range(len(founders), gp.population)
+    ]
+    population = (*given, *random)
     return RunState(0, population, gp.mutation_rate, (), {}, None)
 
 

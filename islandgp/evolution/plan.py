@@ -8,6 +8,7 @@ from typing import Literal
 from pydantic import BaseModel, Field, model_validator
 
 from islandgp.bt.limits import Limits
+from islandgp.bt.node import Node
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.evolution.allocation import Allocation
 from islandgp.evolution.random_trees import TreeSettings, TreeSpace
@@ -30,6 +31,7 @@ class GP(BaseModel, frozen=True, extra="forbid"):
     crossover: str  # an entry of CROSSOVERS, or "module:function"
     crossover_rate: float = Field(ge=0, le=1)
     mutation_rate: float = Field(ge=0, le=1)  # until a supervisor says otherwise
+    founders: bool = False  # the library's trees for its targets open the initial population
     mutate_elites: bool  # mutation hits elites and the injected tree too
     max_depth: int = Field(ge=2, le=50)
     max_nodes: int = Field(ge=3, le=1000)
@@ -84,6 +86,7 @@ class Plan:
     curriculum: Curriculum
     classes: Classes
     switches: Switches
+    founders: tuple[Node, ...] = ()  # trees that open the initial population
 
     @property
     def space(self) -> TreeSpace:

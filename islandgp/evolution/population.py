@@ -20,7 +20,7 @@ class Origin(StrEnum):
     ELITE = "elite"
     BEHAVIOURAL_ELITE = "behavioural_elite"
     RESURRECTED = "resurrected"
-    INJECTED = "injected"  # the supervisor's tree
+    INJECTED = "injected"  # the supervisor's tree, or one of the library in generation 0
 
 
 @dataclass(frozen=True, slots=True)

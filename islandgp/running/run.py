@@ -14,11 +14,13 @@ from typing import Any
 import yaml
 
 from islandgp.bt.language import parse, to_text
+from islandgp.bt.limits import within
 from islandgp.config.settings import Settings
 from islandgp.domain import Domain
 from islandgp.errors import ConfigError
 from islandgp.evaluation.base import Cached, Evaluator, Problem
 from islandgp.evolution.loop import evolve
+from islandgp.evolution.plan import Plan
 from islandgp.evolution.record import Champion, Step
 from islandgp.evolution.single_behaviours import single_behaviours
 from islandgp.evolution.validation import Best, Validation, candidates, validate
@@ -69,6 +71,17 @@ def make_library(settings: Settings, domain: Domain) -> Library:
         return automatic_library(settings, domain)
     folder = library_folder(how.folder, domain)
     return read_library(how, folder, vocabulary, settings.classes)
+
+
+def plan_of(settings: Settings, domain: Domain) -> Plan:
+    """What a run is made of, the library's trees included where they open the population."""
+    plan = settings.plan(domain)
+    if not settings.gp.founders:
+        return plan
+    library = make_library(settings, domain)
+    names = dict.fromkeys(name for target in library.targets.values() for name in target)
+    trees = (library.trees[name] for name in names)
+    return replace(plan, founders=tuple(t for t in trees if within(t, plan.gp.limits)))
 
 
 def automatic_library(settings: Settings, domain: Domain) -> Library:
@@ -233,7 +246,7 @@ def _evolve(
     done = start.generation if start is not None else 0
     evaluator = make_evaluator(settings)
     fittest: Champion | None = None
-    plan = settings.plan(settings.make_domain())
+    plan = plan_of(settings, settings.make_domain())
     steps = evolve(plan, settings.seed, supervisor, evaluator, start=start)
     written: Future[None] = Future()
     written.set_result(None)

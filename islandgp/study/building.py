@@ -9,6 +9,7 @@ from typing import Final
 
 from islandgp.study.arms import Comparison
 from islandgp.study.comparable import paired
+from islandgp.study.controls import Control
 from islandgp.study.figures import emergence as emergence_figures
 from islandgp.study.figures import fitness as fitness_figures
 from islandgp.study.figures import population as population_figures
@@ -32,6 +33,7 @@ from islandgp.study.tables.comparisons import (
     median_table,
     power_table,
 )
+from islandgp.study.tables.controls import controls_table
 from islandgp.study.tables.emergence import emergence_table, runs_table
 from islandgp.study.tables.origins import champion_sources_table, lineage_table, sources_table
 from islandgp.study.tables.supervision import decisions_table, overhead_table
@@ -56,8 +58,13 @@ def methods(family: int) -> str:
     )
 
 
-def build(study: Comparison, unseen: Sequence[Generalisation], worlds: int) -> Report:
-    """The report; `unseen` may be empty when generalisation was left out."""
+def build(
+    study: Comparison,
+    unseen: Sequence[Generalisation],
+    worlds: int,
+    controls: Sequence[Control] = (),
+) -> Report:
+    """The report; `unseen` and `controls` are empty where they were left out."""
     measures = main_family(study.milestones)
     main, more = family(study, measures), family(study, FURTHER)
     tables = PairTables(study, (*main, *more))
@@ -68,6 +75,10 @@ def build(study: Comparison, unseen: Sequence[Generalisation], worlds: int) -> R
     first_seen = [f.measure for f in main if f.measure.emergence]
     sections = (
         Section("What was compared", tuple(_compared(study))),
+        Section(
+            "Controls without evolution",
+            (controls_table(study, controls),) if any(c.given for c in controls) else (),
+        ),
         Section("The paper's claims", tables.claims()),
         Section(
             "Fitness (section 3.2)",

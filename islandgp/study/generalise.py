@@ -85,7 +85,7 @@ def generalise(
         EvaluationError: an episode cannot be run.
         StudyError: the domain's class cannot be imported.
     """
-    setting = _setting(study.arms[0].runs[0])
+    setting = problem_of(study.arms[0].runs[0])
     seeds = unseen_worlds(study, max(worlds, yardstick_worlds))
     stage = len(setting.curriculum.stages) - 1
     trees: list[tuple[str, int | None, float | None, list[Job]]] = [
@@ -114,7 +114,8 @@ def generalise(
     )
 
 
-def _setting(run: Run) -> Problem:
+def problem_of(run: Run) -> Problem:
+    """What the trees of a run were evaluated in. Raises StudyError where it cannot be imported."""
     try:
         return setting_of(run.config)
     except ValidationError as error:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -56,8 +56,17 @@ def _names(folder: Path) -> Mapping[str, str]:
     return found
 
 
+def given(config: Mapping[str, Any]) -> dict[str, str]:
+    """The canonical texts of the library's trees for targets, by name, as above."""
+    targets = LibrarySettings.model_validate(config["library"]).trees
+    return _texts(config, dict.fromkeys(name for names in targets.values() for name in names))
+
+
 def yardsticks(config: Mapping[str, Any]) -> dict[str, str]:
     """The canonical texts of the library's yardsticks, by name; those not found are left out."""
-    wanted = LibrarySettings.model_validate(config["library"]).yardsticks
+    return _texts(config, LibrarySettings.model_validate(config["library"]).yardsticks)
+
+
+def _texts(config: Mapping[str, Any], wanted: Iterable[str]) -> dict[str, str]:
     texts = {name: text for text, name in library_names(config).items()}
     return {name: texts[name] for name in wanted if name in texts}

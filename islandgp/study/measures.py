@@ -136,7 +136,13 @@ MUTATION: Final = Measure(
     "rate",
     lambda r: fmean(s.rate for s in r.snapshots),
 )
-FURTHER: Final = (*TABLE_12, MUTATION)
+OVERLAPPING: Final = Measure(
+    "diversity_overlapping",
+    "Diversity over behaviours that overlap",
+    "Eq. (3)",
+    lambda r: fmean(s.overlapping for s in r.snapshots),
+)
+FURTHER: Final = (*TABLE_12, OVERLAPPING, MUTATION)
 """What the paper compares without a test: a family of its own here."""
 
 

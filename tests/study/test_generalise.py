@@ -107,7 +107,7 @@ def test_worlds_of_runs_are_passed_over() -> None:
 
 def test_yardsticks_are_library_trees_by_name() -> None:
     """Those that the configuration names, and the library tree that was injected most often."""
-    assert list(yardsticks(_study())) == ["library: all_rounder"]
+    assert list(yardsticks(_study())) == ["library: all_rounder", "library: multi_behaviour"]
     texts = {name: text for text, name in library_names(config()).items()}
     guided = [
         guidance(tree=texts[name], injected=injected)
@@ -122,7 +122,7 @@ def test_yardsticks_are_library_trees_by_name() -> None:
     study = _study()
     found = yardsticks(replace(study, arms=(replace(study.arms[0], runs=tuple(runs)),)))
     assert found["injected 6 times: poor"] == texts["poor"]
-    assert len(found) == 2
+    assert len(found) == 3
 
 
 def test_an_arm_may_have_a_yardstick_s_name() -> None:

@@ -1,0 +1,82 @@
+"""`islandgp best`: the best trees of a finished run in test worlds."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+import islandgp
+from islandgp.bt.language import parse
+from islandgp.cli import islandgp as group
+from islandgp.records.folder import RunFolder
+from islandgp.seeding import Stream, stream
+
+SHORT = (
+    "experiment=smoke",
+    "gp.population=8",
+    "gp.generations=3",
+    "tracking=off",
+    "progress=off",
+    "evaluator=serial",
+)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished run's folder, below one with a space in its name."""
+    runs = tmp_path_factory.mktemp("best") / "my runs"
+    experiment = islandgp.compose(*SHORT, f"runs={runs}")
+    experiment.run()
+    return experiment.folder
+
+
+def best(run: Path, *words: str) -> Result:
+    """What the command says."""
+    return CliRunner().invoke(group, ["best", str(run), "--workers", "1", *words])
+
+
+def test_the_best_trees_meet_worlds_that_nobody_has_seen(run: Path, tmp_path: Path) -> None:
+    """The run's best robot comes first, and no test world trained or chose anybody."""
+    file = tmp_path / "best tree.bt"
+    found = best(run, "--worlds", "3", "--json", "-o", str(file))
+    assert found.exit_code == 0, found.output
+    rows = json.loads(found.output)
+    assert rows[0]["name"].startswith("best robot of the run")
+    assert rows[0]["difference"] == 0
+    assert rows[-1]["name"] == "library: multi_behaviour"
+    assert not rows[-1]["evolved"]
+    mine = max((row for row in rows if row["evolved"]), key=lambda row: row["mean"])
+    assert parse(file.read_text(encoding="utf-8")) == parse(mine["tree"])
+    folder = RunFolder(run)
+    used = {world for record in folder.records() for world in record["worlds"]}
+    used |= set(folder.summary()["champion"]["validation"]["worlds"])
+    seed = folder.configuration()["seed"]
+    assert not used & {int(stream(seed, Stream.TEST, slot=k).integers(2**32)) for k in range(3)}
+
+
+def test_the_same_again(run: Path) -> None:
+    """The table is a function of the run."""
+    assert best(run, "--worlds", "2").output == best(run, "--worlds", "2").output
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--tier", "good"], "--tier: expected one of excellent, complete, full_service"),
+        (["--tier", "excellent"], "Expected excellent robots in the last stage"),
+        (["--worlds", "1"], "1 is not in the range"),
+    ],
+)
+def test_mistakes(run: Path, words: list[str], said: str) -> None:
+    """One line each."""
+    found = best(run, *words)
+    assert found.exit_code != 0
+    assert said in (found.output + str(found.exception))
+
+
+def test_a_folder_without_a_finished_run(tmp_path: Path) -> None:
+    """It says what it needs."""
+    assert "Expected a finished run" in str(best(tmp_path).exception)
