@@ -31,9 +31,10 @@ class Untargeted:
         self.expert = expert
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
-        """Every target that the expert could have now is as likely as any other."""
+        """Every target that has a tree, and that the expert could have now, is as likely as another."""
         guidance = self.expert.advise(state, rng)
-        targets = state.targets if state.ever_quality else early(state.targets)
+        now = state.targets if state.ever_quality else early(state.targets)
+        targets = [target for target in now if self.expert.library.targets.get(target)]
         target = targets[rng.integers(len(targets))]
         name = self.expert.pick(target, state, rng)
         return replace(

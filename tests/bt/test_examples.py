@@ -22,7 +22,7 @@ def tree(name: str) -> str:
 
 
 def test_there_is_one_for_each_objective() -> None:
-    """One tree per row of Table 7, a compact one for the last, and good, poor, after Figure 9."""
+    """One tree for each row of Table 7, and more: good, poor, of one behaviour, after Figure 9."""
     assert [path.stem for path in EXAMPLES] == [
         "all_rounder",
         "charging_focused",
@@ -35,7 +35,19 @@ def test_there_is_one_for_each_objective() -> None:
         "pickup_specialist",
         "poor",
         "rare_category",
+        "single_charging",
+        "single_clearing",
+        "single_humanoid",
+        "single_pickup",
     ]
+
+
+@pytest.mark.parametrize("behaviour", ["pickup", "humanoid", "charging", "clearing"])
+def test_single_behaviours_are_as_small_as_the_paper_asks(behaviour: str) -> None:
+    """8 to 10 nodes and a depth of 4 (section 2.4.6)."""
+    root = parse(tree(f"single_{behaviour}"))
+    assert 8 <= size(root) <= 10
+    assert depth(root) <= 4
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)

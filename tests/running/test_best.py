@@ -16,8 +16,9 @@ from islandgp.seeding import Stream, stream
 
 SHORT = (
     "experiment=smoke",
-    "gp.population=8",
-    "gp.generations=3",
+    "gp.population=12",
+    "gp.generations=4",
+    "gp.validation=1",
     "tracking=off",
     "progress=off",
     "evaluator=serial",

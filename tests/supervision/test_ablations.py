@@ -47,8 +47,8 @@ def draws(supervisor: Untargeted, at: object, n: int = 700) -> Counter[str | Non
     )
 
 
-def untargeted() -> Untargeted:
-    found = make_supervisor(composed("supervisor=untargeted"), None)
+def untargeted(library: str = "combined") -> Untargeted:
+    found = make_supervisor(composed("supervisor=untargeted", f"library={library}"), None)
     assert isinstance(found, Untargeted)
     return found
 
@@ -67,6 +67,18 @@ def test_random_injection_draws_every_target_alike() -> None:
     found = draws(untargeted(), LACKS_CHARGING)
     assert set(found) == set(CLASSES.targets)
     assert all(100 - 4 * 9.3 < count < 100 + 4 * 9.3 for count in found.values())
+
+
+def test_random_injection_is_blind_where_only_behaviours_have_trees() -> None:
+    """A target without a tree is never drawn: the rarest behaviour's would stand in for it."""
+    supervisor = untargeted("single")
+    found = draws(supervisor, LACKS_CHARGING)
+    assert set(found) == set(CLASSES.behaviours)
+    assert all(175 - 4 * 11.5 < count < 175 + 4 * 11.5 for count in found.values())
+    for seed in range(50):
+        poor = supervisor.advise(LACKS_CHARGING, np.random.default_rng(seed))
+        rich = supervisor.advise(RICH, np.random.default_rng(seed))
+        assert poor.tree == rich.tree
 
 
 def test_random_injection_is_as_compact_as_the_expert() -> None:
@@ -229,4 +241,4 @@ def test_ablations_have_names_of_their_own() -> None:
     files = sorted((resource("conf") / "experiment").glob("ablation_*.yaml"))
     names = {composed(f"experiment={file.stem}").name for file in files}
     assert names == {file.stem for file in files}
-    assert len(names) == 4
+    assert len(names) == 5

@@ -55,14 +55,14 @@ def how() -> ExpertSettings:
 
 
 def setup(*overrides: str) -> RunContext:
-    """What a run gives to it."""
-    settings = composed(*overrides)
+    """What a run gives to it, with trees for each row of Table 7."""
+    settings = composed("library=combined", *overrides)
     return setup_of(settings, settings.make_domain(), None)
 
 
 @cache
 def library() -> Library:
-    """The paper's trees."""
+    """Trees for each row of Table 7."""
     return setup().library()
 
 
@@ -308,6 +308,16 @@ def test_the_more_there_is_to_lose_the_lower_the_rate(
     seen = state([snapshot(0, complete=complete, working=working)])
     found = expert().advise(seen, np.random.default_rng(0))
     assert found.mutation_rate == pytest.approx(rate)
+
+
+@pytest.mark.parametrize("target", ["rare", "integration", "exploration"])
+def test_single_behaviours_serve_every_target(target: str) -> None:
+    """The default library has trees for behaviours alone: the rarest one has its tree."""
+    plain_expert = Expert.make(how(), setup("library=single"))
+    for behaviour in WORKERS:
+        seen = state(past(9, complete=1, doing={behaviour: 1}))
+        name = plain_expert.pick(target, seen, np.random.default_rng(0))
+        assert name == f"single_{behaviour}"
 
 
 @pytest.mark.parametrize(("target", "action"), WORKERS.items())
