@@ -31,7 +31,7 @@ class Untargeted:
         self.expert = expert
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
-        """Every target that has a tree, and that the expert could have now, is as likely as another."""
+        """Every target with a tree that the expert could have now is as likely as another."""
         guidance = self.expert.advise(state, rng)
         now = state.targets if state.ever_quality else early(state.targets)
         targets = [target for target in now if self.expert.library.targets.get(target)]

@@ -194,4 +194,5 @@ def test_docs_tell_the_size_of_random_trees() -> None:
     words = " ".join(TEXT.split())
     assert f"the median has {median:g} nodes, half have {least:g} to {most:g}" in words
     assert f"{nearly_all:g}, the largest {max(sizes)}" in words
-    assert f"have {min(injected)} to {max(injected)} nodes" in words
+    assert min(injected) == max(injected)
+    assert f"have {min(injected)} nodes each" in words

@@ -32,10 +32,10 @@ def controls_table(study: Comparison, found: Sequence[Control]) -> Table:
         tuple(rows),
         (
             "Means over runs ± SD of the highest fitness of a generation. A tree that is not"
-            " evolved has one episode in each generation's world, under its stage's multipliers; the"
-            " best of the library is the highest of its trees for targets in each generation. The"
-            " differences are of all generations' means, seed by seed, with their 95 % interval"
-            " (Student's t).",
+            " evolved has one episode in each generation's world, under its stage's multipliers."
+            " The best of the library is the highest of its trees for targets in each generation."
+            " The differences are of all generations' means, seed by seed, with their 95 %"
+            " interval (Student's t).",
         ),
     )
 
