@@ -40,20 +40,22 @@ demo-llm: $(STAMP) ## supervision by a language model, with scripted answers: no
 	$(BIN)/python -m islandgp.testing.demo
 
 study: $(STAMP)  ## baseline against expert, 30 paired seeds, into docs/study; resumable
-	$(BIN)/python -m islandgp experiment=study 'seed=range(4000,4030)' supervisor=baseline,expert progress=plain -m
+	$(BIN)/python -m islandgp experiment=study 'seed=range(6000,6030)' supervisor=baseline,expert progress=plain -m
 	$(BIN)/islandgp compare --arm expert="supervisor=expert" --arm baseline="supervisor=baseline" --name study -o docs/study
 
 ablations: $(STAMP) ## what of the expert helps: its rate, its trees, their choice; takes the study's runs
-	$(BIN)/python -m islandgp experiment=ablation_another_record 'seed=range(4000,4030)' progress=plain -m \
-	  supervisor.policy.first=4000 supervisor.policy.seeds=30 'supervisor.policy.record="runs/study/expert-seed{seed}"'
-	for part in rate_only injection_only random_injection; do \
-	  $(BIN)/python -m islandgp experiment=ablation_$$part 'seed=range(4000,4030)' progress=plain -m || exit; done
-	$(BIN)/islandgp compare --arm expert="name=study supervisor=expert seed=range(4000,4030)" \
-	  --arm blind="name=ablation_random_injection seed=range(4000,4030)" \
-	  --arm yoked="name=ablation_another_record seed=range(4000,4030)" \
-	  --arm trees="name=ablation_injection_only seed=range(4000,4030)" \
-	  --arm rate="name=ablation_rate_only seed=range(4000,4030)" \
-	  --arm baseline="name=study supervisor=baseline seed=range(4000,4030)" -o docs/study/ablations
+	$(BIN)/python -m islandgp experiment=ablation_another_record 'seed=range(6000,6030)' progress=plain -m \
+	  supervisor.policy.first=6000 supervisor.policy.seeds=30 'supervisor.policy.record="runs/study/expert-seed{seed}"'
+	for part in rate_only injection_only random_injection combined founders; do \
+	  $(BIN)/python -m islandgp experiment=ablation_$$part 'seed=range(6000,6030)' progress=plain -m || exit; done
+	$(BIN)/islandgp compare --arm expert="name=study supervisor=expert seed=range(6000,6030)" \
+	  --arm blind="name=ablation_random_injection seed=range(6000,6030)" \
+	  --arm yoked="name=ablation_another_record seed=range(6000,6030)" \
+	  --arm trees="name=ablation_injection_only seed=range(6000,6030)" \
+	  --arm rate="name=ablation_rate_only seed=range(6000,6030)" \
+	  --arm combined="name=ablation_combined seed=range(6000,6030)" \
+	  --arm founders="name=ablation_founders seed=range(6000,6030)" \
+	  --arm baseline="name=study supervisor=baseline seed=range(6000,6030)" -o docs/study/ablations
 
 ui: $(STAMP)     ## start the MLflow UI on this folder's runs
 	$(BIN)/islandgp ui

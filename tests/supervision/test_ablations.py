@@ -241,4 +241,4 @@ def test_ablations_have_names_of_their_own() -> None:
     files = sorted((resource("conf") / "experiment").glob("ablation_*.yaml"))
     names = {composed(f"experiment={file.stem}").name for file in files}
     assert names == {file.stem for file in files}
-    assert len(names) == 5
+    assert len(names) == 6
