@@ -13,7 +13,7 @@ from benchmarks.pinned import STAGE, example, points, setting, settings
 from benchmarks.turns import medians, ratio, turns
 from islandgp.bt.language import to_text
 from islandgp.domains.island.episode import run_episode
-from islandgp.domains.island.journal import Event
+from islandgp.domains.island.events import Event
 from islandgp.domains.island.world import World
 from islandgp.evaluation.base import Job, Problem
 from islandgp.evaluation.processes import Processes, cores

@@ -10,7 +10,7 @@ from omegaconf import OmegaConf
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node
 from islandgp.config.settings import Settings, read_settings
-from islandgp.domains.island.journal import Award
+from islandgp.domains.island.events import Award
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.domains.island.world import World
 from islandgp.evaluation.base import Problem

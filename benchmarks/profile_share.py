@@ -40,7 +40,7 @@ PARTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
             "island/humanoids.py",
             "island/robot.py",
             "island/steering.py",
-            "island/journal.py",
+            "island/events.py",
             "islandgp/scoring/",
         ),
     ),

@@ -10,7 +10,7 @@ from pymunk import Vec2d
 
 from benchmarks.peer.island import Island, Item
 from islandgp.domains.island.actions import AIM_EVERY
-from islandgp.domains.island.journal import Event
+from islandgp.domains.island.events import Event
 
 
 class Action(Behaviour):

@@ -15,7 +15,7 @@ from benchmarks.peer.actions import ACTIONS
 from benchmarks.peer.island import Island
 from islandgp.bt.export.py_trees import to_python
 from islandgp.bt.node import Node
-from islandgp.domains.island.journal import Award, Event
+from islandgp.domains.island.events import Award, Event
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.domains.island.world import World
 
@@ -58,21 +58,21 @@ def run_peer_episode(tree: Node, world: World, seed: int, award: Award) -> PeerE
         island.turn_wheels()
         island.pass_time()
     island.log(Event.LEFTOVER, len(island.garbage))
-    counts = Counter(event for _, event, _ in island.journal.events)
-    return PeerEpisode(island.journal.fitness, dict(counts), island.step)
+    counts = Counter(event for _, event, _ in island.event_log.events)
+    return PeerEpisode(island.event_log.fitness, dict(counts), island.step)
 
 
 def _over(island: Island) -> bool:
     """Whether the episode has come to an end."""
-    limits, journal, dt = island.world.episode, island.journal, island.dt
+    limits, event_log, dt = island.world.episode, island.event_log, island.dt
     if island.battery <= 1e-9:
         island.log(Event.SHUTDOWN, 1)
         return True
     low = island.battery < limits.low_battery
     patience = limits.stagnation_low_battery if low else limits.stagnation
-    since = journal.negative_since
+    since = event_log.negative_since
     return (
         island.step >= round(limits.length / dt)
-        or island.step - journal.best_step >= round(patience / dt)
+        or island.step - event_log.best_step >= round(patience / dt)
         or (since >= 0 and island.step - since >= round(limits.negative / dt))
     )

@@ -7,7 +7,7 @@ from math import hypot
 import numpy as np
 from pymunk import Vec2d
 
-from islandgp.domains.island.journal import Award, Event, Journal
+from islandgp.domains.island.events import Award, Event, EventLog
 from islandgp.domains.island.schedule import write_script
 from islandgp.domains.island.space import build_space
 from islandgp.domains.island.steering import steer
@@ -31,7 +31,7 @@ class Island:
         self.script = write_script(world, seed)
         self.physics = build_space(world, self.script)
         self.robot, self.people = self.physics.robot, self.physics.humanoids
-        self.journal = Journal(award)
+        self.event_log = EventLog(award)
         self.garbage = [Item(z.real, z.imag) for z in self.script.garbage]
         self._lay_out()
         self.carried = np.zeros(len(self.people), dtype=int)  # items of each humanoid
@@ -56,7 +56,7 @@ class Island:
 
     def log(self, event: Event, amount: float) -> None:
         """Writes an event down."""
-        self.journal.log(self.step, event, amount)
+        self.event_log.log(self.step, event, amount)
 
     def act(self, event: Event, amount: float) -> None:
         """A non-movement action."""

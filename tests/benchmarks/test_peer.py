@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.pinned import endless, example, points, settings
 from islandgp.domains.island.episode import run_episode
-from islandgp.domains.island.journal import Event
+from islandgp.domains.island.events import Event
 
 pytest.importorskip("py_trees", reason="extra `bench` is not installed")
 pytest.importorskip("deap", reason="extra `bench` is not installed")

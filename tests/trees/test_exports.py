@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from tests.bt.stage import short_tree
 from tests.composed import composed
 from tests.strategies import few_boards, few_numbers, nodes
 from tests.trees.shell import Cli
+from tests.trees.targets import leaves, with_own_names
 from tests.trees.worlds import random_trees
 from tests.viewer.episodes import island
 
@@ -37,17 +38,6 @@ FEW = settings(
 
 Call = tuple[str, bool]  # (leaf, fresh)
 Trace = list[tuple[list[Call], str]]  # per tick the calls, and the root's status
-
-
-def with_own_names(node: Node, numbers: Iterator[int]) -> Node:
-    """The tree with a name of its own for each leaf, so that calls tell leaves apart."""
-    if node.kind == "action":
-        return Node("action", (f"Leaf{next(numbers)}",))
-    return node._replace(children=tuple(with_own_names(child, numbers) for child in node.children))
-
-
-def leaves(tree: Node) -> list[str]:
-    return [str(node.args[0]) for node in walk(tree) if node.kind == "action"]
 
 
 class Script:

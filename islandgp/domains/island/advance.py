@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import hypot
 
 from islandgp.domains.island import engine
-from islandgp.domains.island.journal import Event
+from islandgp.domains.island.events import Event
 from islandgp.domains.island.robot import steps_to
 from islandgp.domains.island.sensing import sense
 from islandgp.domains.island.state import State

@@ -12,8 +12,8 @@ from islandgp.bt.node import Node
 from islandgp.domain import Observer, Outcome, Scene, Schema, Thing
 from islandgp.domains.island import world as settings
 from islandgp.domains.island.episode import Episode, run_episode
+from islandgp.domains.island.events import Event
 from islandgp.domains.island.garbage import Item
-from islandgp.domains.island.journal import Event
 from islandgp.domains.island.schedule import obstacles
 from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import SCHEMA

@@ -18,7 +18,7 @@ from islandgp.bt.engine import compile_tree, thresholds
 from islandgp.bt.node import AGAIN, RUNNING, Node, walk
 from islandgp.domains.island.actions import ACTIONS
 from islandgp.domains.island.advance import advance
-from islandgp.domains.island.journal import Award, Event
+from islandgp.domains.island.events import Award, Event
 from islandgp.domains.island.robot import MICRO, steps_to
 from islandgp.domains.island.sensing import look_for_garbage, refresh, sense, visit_left
 from islandgp.domains.island.state import State, build_island
@@ -150,11 +150,11 @@ def _horizon(island: State, latest: int) -> int:
 
 def _deadline(island: State) -> int:
     """The step at which the episode ends if nothing happens."""
-    limits, journal = island.limits, island.journal
+    limits, event_log = island.limits, island.event_log
     low = island.robot.battery < limits.low_battery
-    end = journal.best_step + (limits.stagnation_low_battery if low else limits.stagnation)
-    if journal.negative_since >= 0:
-        end = min(end, journal.negative_since + limits.negative)
+    end = event_log.best_step + (limits.stagnation_low_battery if low else limits.stagnation)
+    if event_log.negative_since >= 0:
+        end = min(end, event_log.negative_since + limits.negative)
     return min(end, limits.length)
 
 
@@ -182,7 +182,7 @@ def _ending(island: State) -> Ending:
         return Ending.SHUTDOWN
     if island.step >= island.limits.length:
         return Ending.TIME
-    since, limit = island.journal.negative_since, island.limits.negative
+    since, limit = island.event_log.negative_since, island.limits.negative
     return Ending.NEGATIVE if 0 <= since <= island.step - limit else Ending.STAGNATION
 
 
@@ -190,10 +190,10 @@ def _close(island: State, ending: Ending, ticks: int) -> Episode:
     island.log(Event.LEFTOVER, island.ground.count)
     step = island.world.episode.step
     return Episode(
-        events=tuple(island.journal.events),
+        events=tuple(island.event_log.events),
         steps=island.step,
         ending=ending,
-        fitness=island.journal.fitness,
+        fitness=island.event_log.fitness,
         battery=max(0, island.robot.battery) / MICRO,
         distance=island.robot.odometer * island.robot.stride,
         inactive=(island.step - island.last_action) * step,

@@ -10,7 +10,7 @@ from __future__ import annotations
 from math import hypot, inf, sqrt
 
 from islandgp.domains.island import engine
-from islandgp.domains.island.journal import Event
+from islandgp.domains.island.events import Event
 from islandgp.domains.island.robot import MICRO, TOLERANCE, steps_to
 from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import VOCABULARY
@@ -36,7 +36,7 @@ def sense(island: State, *, always: bool = False) -> bool:
     robot, board, step = island.robot, island.board, island.step
     at = engine.position(robot.body)
     robot.x, robot.y = at.x, at.y
-    events = len(island.journal.events)
+    events = len(island.event_log.events)
     if always or step >= island.ground.due:
         look_for_garbage(island)
     if always or step >= island.humanoids.due:
@@ -44,7 +44,7 @@ def sense(island: State, *, always: bool = False) -> bool:
         if asking != board[HUMANOID]:
             board[HUMANOID] = asking
             island.changed = True
-    return island.changed or len(island.journal.events) > events
+    return island.changed or len(island.event_log.events) > events
 
 
 def refresh(island: State) -> None:

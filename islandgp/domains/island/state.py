@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from islandgp.bt.node import FAILURE
+from islandgp.domains.island.events import Award, Event, EventLog
 from islandgp.domains.island.garbage import Ground, Item
 from islandgp.domains.island.humanoids import Humanoids
-from islandgp.domains.island.journal import Award, Event, Journal
 from islandgp.domains.island.robot import MICRO, Robot
 from islandgp.domains.island.schedule import Script, write_script
 from islandgp.domains.island.space import Space, build_space
@@ -51,7 +51,7 @@ class State:
     robot: Robot
     ground: Ground
     humanoids: Humanoids
-    journal: Journal
+    event_log: EventLog
     board: list[float]  # the blackboard, in the order of VOCABULARY
     dt: float  # s a step
     walk: float  # m that a humanoid moves in a step, at most
@@ -79,7 +79,7 @@ class State:
 
     def log(self, event: Event, amount: float) -> None:
         """Writes an event of this step down."""
-        self.journal.log(self.step, event, amount)
+        self.event_log.log(self.step, event, amount)
 
     def act(self, event: Event, amount: float) -> None:
         """A non-movement action with its event."""
@@ -117,7 +117,7 @@ def build_island(world: World, seed: int, award: Award, thresholds: tuple[float,
         robot=robot,
         ground=Ground(script.garbage, most=world.garbage.most, side=world.side, cell=world.cell),
         humanoids=Humanoids(world.humanoids, physics.humanoids),
-        journal=Journal(award),
+        event_log=EventLog(award),
         board=[0.0] * len(VOCABULARY.keys),
         dt=world.episode.step,
         walk=walk + pushed,

@@ -9,7 +9,7 @@ from typing import Any
 from islandgp.bt.language import parse
 from islandgp.bt.node import STATUS_NAMES
 from islandgp.domains.island.episode import Episode, run_episode
-from islandgp.domains.island.journal import Award, Event
+from islandgp.domains.island.events import Award, Event
 from islandgp.domains.island.robot import MICRO
 from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import VOCABULARY

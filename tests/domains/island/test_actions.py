@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from islandgp.domains.island.journal import Event
+from islandgp.domains.island.events import Event
 from islandgp.domains.island.schedule import Turn
 from islandgp.domains.island.world import World
 from tests.domains.island.conftest import Lay

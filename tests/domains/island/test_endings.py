@@ -6,7 +6,7 @@ import pytest
 
 from islandgp.bt.language import parse
 from islandgp.domains.island.episode import Ending, Episode, run_episode
-from islandgp.domains.island.journal import Event
+from islandgp.domains.island.events import Event
 from islandgp.domains.island.world import World
 from tests.domains.island.conftest import Lay
 from tests.domains.island.days import day, points, world

@@ -7,7 +7,7 @@ from math import hypot
 
 import pytest
 
-from islandgp.domains.island.journal import Event
+from islandgp.domains.island.events import Event
 from islandgp.domains.island.schedule import write_script
 from tests.domains.island.conftest import Lay
 from tests.domains.island.days import day, world

@@ -9,7 +9,7 @@ import pytest
 from islandgp.bt.language import parse
 from islandgp.domains.island.domain import Island
 from islandgp.domains.island.episode import Ending, Episode
-from islandgp.domains.island.journal import Event
+from islandgp.domains.island.events import Event
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.scoring.rewards import worth
 from tests.composed import composed
@@ -83,11 +83,11 @@ def test_outcomes_are_in_the_order_of_the_schema() -> None:
 
 
 def test_every_event_has_a_row_of_table_3() -> None:
-    """No event is worth nothing by omission, and the schema declares what the journal knows."""
+    """No event is worth nothing by omission, and the schema declares what the island logs."""
     assert set(composed().rewards.events) == set(Event) == set(SCHEMA.events)
 
 
-def test_what_the_journal_counts_is_what_is_scored() -> None:
+def test_what_the_log_counts_is_what_is_scored() -> None:
     """Fitness while an episode runs, by which it may end, is the outcome's."""
     value = worth(composed().rewards, {})
     assert value(Event.DELIVERY, 4) == value("delivery", 4) == ("delivery", 220)

@@ -1,4 +1,4 @@
-"""What happens on the island that can be worth points, and the running account of it."""
+"""Events of the island that can be worth points, and their log with the running fitness."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Event(StrEnum):
 Award = Callable[[Event, float], float]  # the points of an event, by its amount
 
 
-class Journal:
+class EventLog:
     """The events of an episode in order, and the fitness that they add up to."""
 
     __slots__ = ("award", "best", "best_step", "events", "fitness", "negative_since")
