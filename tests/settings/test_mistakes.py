@@ -171,7 +171,7 @@ ONE_LINE = [
     (["name=${nope}"],
      "name: expected a value, found none (Interpolation key 'nope' not found); give name=VALUE"),
     (["gp=4"], "gp=4: expected the name of an option, found 4; there are paper"),
-    (["world=null"], "world=null: expected the name of an option, found null; there are island"),
+    (["world=null"], "world=null: expected the name of an option, found null; there are dense, island"),
     (["hydra.launcher=4"], "hydra.launcher: expected keys with values, found 4; choose one by"),
     (["seed=range(0)", "-m"],
      "seed=range(0): expected a sweep over at least one value, found none; give it some, or"),

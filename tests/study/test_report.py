@@ -139,10 +139,10 @@ def test_never_is_never_a_number(written: tuple[Report, Path]) -> None:
 
 
 def test_exact_numbers_of_the_tests(written: tuple[Report, Path]) -> None:
-    """tests.csv has the nine of the family and the five further ones, with kinds."""
+    """tests.csv has the nine of the family and the six further ones, with kinds."""
     with (written[1] / "tests.csv").open() as file:
         rows = {r["measure"]: r for r in csv.DictReader(file)}
-    assert len(rows) == 14
+    assert len(rows) == 15
     first = rows["first_complete"]
     assert (first["U"], first["kind"], first["censored_second"]) == ("0.0", "exact", "1")
     assert first["mean_second"] == ""
