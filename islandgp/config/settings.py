@@ -27,6 +27,7 @@ from islandgp.evolution.allocation import Allocation
 from islandgp.evolution.plan import GP, Plan, Switches
 from islandgp.evolution.random_trees import check_growth
 from islandgp.plugin import Part, Plugin, blaming, path_of
+from islandgp.records.files import VALUES
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.scoring.rewards import RewardTable
@@ -70,6 +71,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     runs: str = Field(min_length=1)
     resume: Literal["auto", "never", "force"]
     progress: Literal["auto", "plain", "off"]
+    objectives: tuple[str, ...] = Field(("best",), min_length=1)  # keys of records.files.values
     domain: DomainSettings
     world: Any  # the domain's own World
     rewards: Any  # the domain's own Rewards
@@ -102,6 +104,12 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
                 f"supervisor.lag: expected less than gp.generations={self.gp.generations},"
                 f" found {self.supervisor.lag}"
             )
+        known = {*VALUES, *(f"first.{name}" for name in self.classes.milestones)}
+        for name in self.objectives:
+            if name not in known:
+                raise ValueError(
+                    f"objectives: expected names among {', '.join(sorted(known))}, found {name}"
+                )
         check_growth(self.gp.trees, self.gp.limits, self.gp.mutation.subtree_depth)
         return self
 
@@ -158,13 +166,15 @@ def _counted(config: Any, settings: Any, path: str = "") -> Iterator[str]:
             yield f"{path}={word}: input should be a number, found {word}"
     elif isinstance(config, Mapping):
         for key, value in config.items():
-            yield from _counted(value, _inner(settings, key), f"{path}.{key}" if path else str(key))
+            yield from _counted(
+                value, setting_at(settings, key), f"{path}.{key}" if path else str(key)
+            )
     elif isinstance(config, list) and isinstance(settings, tuple | list):
         for i, (value, inner) in enumerate(zip(config, settings, strict=False)):
             yield from _counted(value, inner, f"{path}.{i}")
 
 
-def _inner(settings: Any, key: Any) -> Any:
+def setting_at(settings: Any, key: Any) -> Any:
     """What a key of the configuration became; None where it became something else."""
     if isinstance(settings, Part) and key == "policy":
         return settings.settings()

@@ -419,8 +419,9 @@ def test_a_failed_job_fails_its_parent(home: Path, monkeypatch: pytest.MonkeyPat
     assert "ZeroDivisionError" in child.tags["mlflow.note.content"]
 
 
+@pytest.mark.usefixtures("here")
 def test_another_evaluator_of_the_users_own_is_another_run(
-    here: Path, capsys: pytest.CaptureFixture[str]
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """It may change the records: a finished run of the same name is not taken for this one."""
     assert main(INSTANT) == 0
