@@ -26,7 +26,8 @@ COLUMNS: Final = {
 in that tier of Table 4. `rate`: the mutation rate of the next generation, with a "!" when a crisis
 decides it; `left`: the time until the last generation."""
 
-SHOWN: Final = 12  # generations in the live table
+AROUND: Final = 4  # lines of the terminal that no generation takes: title, head, bar, cursor
+FEWEST: Final = 3  # generations in the live table, however low the terminal is
 
 
 def columns(milestones: Sequence[str]) -> dict[str, int]:
@@ -101,7 +102,7 @@ class Progress:
     def __enter__(self) -> Self:
         if self._live is not None:
             self._live.start()
-            self._live.update(self._drawn())
+            self._live.update(self.drawn(self._live.console.height))
         elif self.how != "off":
             resumed = f" (from generation {self.done})" if self.done else ""
             _say(f"{self.title}{resumed}")
@@ -119,12 +120,13 @@ class Progress:
         left = a_generation * (self.generations - self.done)
         self.rows.append(row(step, self.generations, left, self.milestones))
         if self._live is not None:
-            self._live.update(self._drawn())
+            self._live.update(self.drawn(self._live.console.height))
         elif self.how != "off":
             cells = zip(self.rows[-1], self.columns.values(), strict=True)
             _say("  ".join(f"{cell:>{width}}" for cell, width in cells).rstrip())
 
-    def _drawn(self) -> RenderableType:
+    def drawn(self, height: int) -> RenderableType:
+        """The table with the last generations that a terminal of `height` lines takes."""
         from rich.console import Group
         from rich.progress_bar import ProgressBar
         from rich.table import Table
@@ -132,7 +134,7 @@ class Progress:
         table = Table(title=self.title, title_justify="left", box=None, padding=(0, 1))
         for name, width in self.columns.items():
             table.add_column(name, justify="right", min_width=width, no_wrap=True)
-        for cells in self.rows[-SHOWN:]:
+        for cells in self.rows[-max(FEWEST, height - AROUND) :]:
             table.add_row(*cells)
         return Group(table, ProgressBar(total=self.generations, completed=self.done, width=60))
 

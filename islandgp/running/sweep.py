@@ -25,6 +25,7 @@ from islandgp.records.checkpoint import remove_leftovers
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import redacted, shape, without_credentials
 from islandgp.records.sweep_folder import SweepFolder, SweepJob
+from islandgp.resources import program
 from islandgp.running.joblib_workers import tie_joblib_workers
 from islandgp.running.printing import say
 from islandgp.running.report import MOSTLY_FALLBACK, is_mostly_fallback
@@ -207,7 +208,7 @@ def _send(entries: Entries, settings: Sequence[Settings]) -> None:
         paths = " ".join(str(sweep.path) for sweep in entries)
         print(
             f"MLflow has not got all records ({why}). They are safe; this sends them:\n"
-            f"  islandgp sync {paths}",
+            f"  {program()} sync {paths}",
             file=sys.stderr,
         )
 

@@ -370,8 +370,8 @@ def test_a_sweep_says_how_far_it_is(capsys: pytest.CaptureFixture[str]) -> None:
     """Before each job: jobs done, running, failed, generations; at the end a table of arms."""
     assert main([*INSTANT, "seed=0,1", "-m"]) == 0
     said = capsys.readouterr()
-    assert "sweep default: 0 of 2 done, 0 running, 0 failed, generation 0 of 12" in said.err
-    assert "sweep default: 1 of 2 done, 0 running, 0 failed, generation 6 of 12" in said.err
+    assert "sweep default: 0 of 2 done, 1 running, 0 failed, generation 0 of 12" in said.err
+    assert "sweep default: 1 of 2 done, 1 running, 0 failed, generation 6 of 12" in said.err
     assert re.search(r"baseline-seed1\S*: best robot", said.err)
     head, row = said.out.split("\n\n")[0].strip().splitlines()
     assert head.split("  ")[0] == "arm"
