@@ -12,7 +12,11 @@ from click.shell_completion import BashComplete, CompletionItem, add_completion_
 
 LINES: Final = {
     "bash": ("~/.bashrc", 'eval "$(_ISLANDGP_COMPLETE=bash_source islandgp)"'),
-    "zsh": ("~/.zshrc", 'eval "$(_ISLANDGP_COMPLETE=zsh_source islandgp)"'),
+    "zsh": (
+        "~/.zshrc",
+        "(( $+functions[compdef] )) || { autoload -Uz compinit && compinit }; "
+        'eval "$(_ISLANDGP_COMPLETE=zsh_source islandgp)"',
+    ),
     "fish": (
         "~/.config/fish/completions/islandgp.fish",
         "_ISLANDGP_COMPLETE=fish_source islandgp | source",

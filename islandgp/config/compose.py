@@ -142,6 +142,7 @@ def _plan(
     """The job of a composed configuration. Raises ConfigError where it is wrong."""
     launcher = _launcher(composed.hydra)
     _must_have_no_callbacks(composed.hydra)
+    _must_leave_folders(composed.hydra)
     with open_dict(composed):
         del composed["hydra"]  # what it holds is known only when Hydra runs
     config, settings = read(composed)
@@ -323,6 +324,30 @@ def _must_have_no_callbacks(hydra: DictConfig) -> None:
             f"{first}: expected no callbacks, found one; leave it out, or write a supervisor or"
             " an evaluator of your own"
         )
+
+
+OURS: Final = {
+    "run.dir": ".",
+    "sweep.dir": ".",
+    "sweep.subdir": ".",
+    "output_subdir": None,
+    "job.chdir": False,
+}
+"""Hydra's settings for the folders of its jobs, as conf/config.yaml has them."""
+
+
+def _must_leave_folders(hydra: DictConfig) -> None:
+    """Raises ConfigError where a command chooses folders by Hydra's keys."""
+    for key, ours in OURS.items():
+        found = OmegaConf.to_container(hydra, resolve=False)
+        for part in key.split("."):
+            found = found.get(part) if isinstance(found, dict) else None
+        if found != ours:
+            raise ConfigError(
+                f"hydra.{key}: expected {'null' if ours is None else str(ours).lower()}, found"
+                f" {found}; records go to <runs>/<name>/: choose these by runs=FOLDER and"
+                " name=NAME."
+            )
 
 
 def _resolved(config: DictConfig) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import (
     BaseModel,
@@ -33,6 +33,18 @@ from islandgp.scoring.curriculum import Curriculum
 from islandgp.scoring.rewards import RewardTable
 from islandgp.supervision.base import SUPERVISES
 from islandgp.supervision.library import LibrarySettings
+
+TAG: Final = r"^[A-Za-z0-9_. :/-]{1,250}$"
+"""Names of tags that MLflow takes."""
+
+OWN_TAGS: Final = frozenset(
+    {"domain", "supervisor", "arm", "seed", "sweep", "code", "config", "kind", "pruned"}
+)
+"""Names of tags that each run has already."""
+
+
+MACHINES_TAGS: Final = ("mlflow.", "islandgp.")
+"""How the names of tags begin that MLflow and the mirror need."""
 
 
 class DomainSettings(Plugin, frozen=True, extra="forbid"):
@@ -71,6 +83,9 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     runs: str = Field(min_length=1)
     resume: Literal["auto", "never", "force"]
     progress: Literal["auto", "plain", "off"]
+    tags: dict[Annotated[str, Field(pattern=TAG)], str | int | float | bool] = Field(
+        default_factory=dict
+    )
     objectives: tuple[str, ...] = Field(("best",), min_length=1)  # keys of records.files.values
     domain: DomainSettings
     world: Any  # the domain's own World
@@ -103,6 +118,11 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
             raise ValueError(
                 f"supervisor.lag: expected less than gp.generations={self.gp.generations},"
                 f" found {self.supervisor.lag}"
+            )
+        if taken := [tag for tag in self.tags if tag in OWN_TAGS or tag.startswith(MACHINES_TAGS)]:
+            raise ValueError(
+                f"tags.{taken[0]}: expected a name of your own, found one that every run has;"
+                " take another one"
             )
         known = {*VALUES, *(f"first.{name}" for name in self.classes.milestones)}
         for name in self.objectives:

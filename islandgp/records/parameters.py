@@ -7,7 +7,9 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
-MACHINERY: Final = frozenset({"evaluator", "tracking", "runs", "resume", "progress", "objectives"})
+MACHINERY: Final = frozenset(
+    {"evaluator", "tracking", "runs", "resume", "progress", "objectives", "tags"}
+)
 """Top-level keys that do not change a run's records; an evaluator of the user's own may."""
 
 SECRET: Final = re.compile(r"(^|_)(api_?key|token|secret|password)$", re.IGNORECASE)

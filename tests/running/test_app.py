@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from islandgp.config.compose import run_folder
+from islandgp.errors import ConfigError
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
 from islandgp.records.lines import Lines
@@ -450,3 +451,56 @@ def test_evaluators_of_the_package_are_not_part_of_a_runs_identity(other: dict[s
     assert differences({"evaluator": ours}, {"evaluator": theirs}) == [
         "evaluator.factory: islandgp.evaluation.processes:Processes -> mine:Evaluator"
     ]
+
+
+@pytest.mark.parametrize(
+    "word",
+    [
+        "hydra.run.dir=out",
+        "hydra.sweep.dir=out",
+        "hydra.sweep.subdir=${hydra.job.num}",
+        "hydra.output_subdir=.hydra",
+        "hydra.job.chdir=true",
+    ],
+)
+def test_folders_by_hydras_keys_are_refused(
+    here: Path, capsys: pytest.CaptureFixture[str], word: str
+) -> None:
+    """In one line that names ours; nothing is written."""
+    assert main([*INSTANT, word]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"islandgp: {word.partition('=')[0]}: expected")
+    assert "choose these by runs=FOLDER and name=NAME." in line
+    assert not list(here.iterdir())
+
+
+def test_a_configuration_of_the_users_own_comes_first(here: Path) -> None:
+    """By --config-name, as people who know Hydra expect."""
+    (here / "own").mkdir()
+    (here / "own/mine.yaml").write_text("defaults: [config, _self_]\nname: mine\nseed: 5\n")
+    assert main(["--config-dir", "own", "--config-name", "mine", *INSTANT]) == 0
+    (leaf_,) = leaf(here, "mine")
+    assert leaf_.startswith("baseline-seed5")
+
+
+def test_tags_of_the_users_own(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are in MLflow, and in no folder's name."""
+    monkeypatch.chdir(home)
+    assert main([*TINY, "progress=off", *fake("Instant"), "+tags.who=a b", "+tags.day=3"]) == 0
+    (run,) = tracked(store(home))
+    assert (run.tags["who"], run.tags["day"]) == ("a b", "3")
+    assert "tags" not in run.name
+
+
+@pytest.mark.parametrize(
+    ("word", "expected"),
+    [
+        ("+tags.seed=1", "tags.seed: expected a name of your own"),
+        ("tags={mlflow.user: me}", "tags.mlflow.user"),
+        ("tags=5", "tags=5"),
+    ],
+)
+def test_tags_that_cannot_be_are_refused(word: str, expected: str) -> None:
+    """Names that MLflow or a run has already."""
+    with pytest.raises(ConfigError, match=re.escape(expected)):
+        composed(word)

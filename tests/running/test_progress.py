@@ -109,7 +109,8 @@ def test_hints_name_a_command_that_can_be_given(
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.chdir(tmp_path)
     assert program() == ".venv/bin/islandgp"
-    monkeypatch.chdir("/")
+    (tmp_path / "other").mkdir()
+    monkeypatch.chdir(tmp_path / "other")
     assert program() == str(script)
     monkeypatch.setenv("PATH", str(script.parent))
     assert program() == "islandgp"
