@@ -496,7 +496,7 @@ def test_tags_of_the_users_own(home: Path, monkeypatch: pytest.MonkeyPatch) -> N
     ("word", "expected"),
     [
         ("+tags.seed=1", "tags.seed: expected a name of your own"),
-        ("tags={mlflow.user: me}", "tags.mlflow.user"),
+        ("+tags={mlflow.user: me}", "tags.mlflow.user"),
         ("tags=5", "tags=5"),
     ],
 )
