@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from contextlib import suppress
 from importlib import import_module
@@ -31,6 +32,8 @@ COMMANDS: Final[dict[str, str]] = {
     "estimate": "tell what supervision by a language model will cost",
     "verify": "compare runs with the checksums of their records",
     "sync": "send records to the tracking server that it has not got yet",
+    "examples": "list the example trees, or print one",
+    "completion": "print the line that makes a shell complete commands and overrides",
     "ui": "start the MLflow UI and print the address of the right page",
 }
 """Name and one line of help; the code is `islandgp.commands.<name>_command:command`."""
@@ -82,6 +85,8 @@ def import_from_here() -> None:
 
 def _main() -> None:
     import_from_here()
+    if "_ISLANDGP_COMPLETE" in os.environ:
+        from islandgp.commands import completion_command  # noqa: F401 -- it makes bash's known
     try:
         with printed():
             sys.exit(islandgp.main(standalone_mode=False) or 0)

@@ -5,11 +5,22 @@ In a checkout they stand beside the package; a wheel carries them inside it.
 
 from __future__ import annotations
 
+import shutil
+import sys
 from pathlib import Path
 
 from islandgp.errors import IslandError
 
 _PACKAGE = Path(__file__).resolve().parent
+
+
+def program() -> str:
+    """The `islandgp` command as this user can give it: by its path where it is not on PATH."""
+    script = Path(sys.executable).parent / "islandgp"
+    if shutil.which("islandgp") is not None or not script.exists():
+        return "islandgp"
+    here = Path.cwd()
+    return str(script.relative_to(here) if script.is_relative_to(here) else script)
 
 
 def resource(name: str) -> Path:

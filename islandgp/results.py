@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from islandgp.errors import RunError
 from islandgp.evaluation.recorded import check_version
-from islandgp.records.files import score
+from islandgp.records.files import values
 from islandgp.records.folder import RunFolder
 from islandgp.records.sweep_folder import arm_of
 
@@ -119,16 +119,7 @@ class Results:
         if not folder.finished():
             return row
         summary = folder.summary()
-        best = summary["champion"]["record"]
-        kept = ("generations", "final_best", "final_mean", "mean_diversity", "seconds")
-        return {
-            **row,
-            "best": score(summary),
-            "trained": best["fitness"],
-            "tree": best["tree"],
-            **{name: summary[name] for name in kept},
-            **{f"first.{tier}": g for tier, g in summary["first"].items()},
-        }
+        return {**row, "tree": summary["champion"]["record"]["tree"], **values(summary)}
 
     def _rows(self, of: Any) -> Iterator[dict[str, Any]]:
         for folder in self.folders:

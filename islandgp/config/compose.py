@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 import shlex
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -14,7 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
-from hydra.core.override_parser.types import Override, RangeSweep
+from hydra.core.override_parser.types import IntervalSweep, Override, RangeSweep
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
@@ -42,6 +43,9 @@ NOT_IN_FOLDER: Final = MACHINERY | {
 """Overrides that a run's folder name leaves out, or says otherwise."""
 
 
+BASIC: Final = f"{BasicSweeper.__module__}.{BasicSweeper.__qualname__}"
+"""Hydra's own sweeper, which runs every combination."""
+
 MOST_JOBS: Final = 1000  # of a command; each is checked before the first one starts
 
 LONGEST: Final = 180  # characters of a folder's name; file systems take 255 bytes
@@ -61,28 +65,111 @@ class Planned:
 
 def planned(args: argparse.Namespace, words: Sequence[str], home: Path) -> Iterator[Planned]:
     """The jobs of a command. Raises ConfigError at the first that is wrong."""
-    flags, source = _flags(words, args), ConfigSource.of(args)
+    flags, source = flags_of(args, words), ConfigSource.of(args)
     for overrides in _jobs(args, source):
-        composed = _composed(overrides, source)
-        launcher = _launcher(composed.hydra)
-        _must_have_no_callbacks(composed.hydra)
-        with open_dict(composed):
-            del composed["hydra"]  # what it holds is known only when Hydra runs
-        config, settings = read(composed)
-        ours = [o for o in overrides if _group(o) != "hydra"]
-        yield Planned(
-            tuple(ours),
-            config,
-            settings,
-            run_folder(settings, ours, home),
-            command_line([*flags, *ours]),
-            launcher,
+        yield _plan(_composed(overrides, source), overrides, flags, home)
+
+
+@dataclass(frozen=True, slots=True)
+class Searched:
+    """A command whose jobs a sweeper chooses while it runs: any but Hydra's own."""
+
+    sweeper: dict[str, Any]  # its configuration
+    sweeps: tuple[Override, ...]  # what it may vary
+    ends: tuple[Planned, ...]  # two jobs: every sweep at its first value, and at its last
+    flags: tuple[str, ...]  # of the command of each job
+
+
+def searched(args: argparse.Namespace, words: Sequence[str], home: Path) -> Searched | None:
+    """What the command's sweeper will search; None where Hydra's own is to run every combination.
+
+    Raises:
+        ConfigError: the command is wrong at either end of its sweeps.
+    """
+    if not args.multirun or not _may_search(args):
+        return None
+    source = ConfigSource.of(args)
+    sweeper, overrides = _sweeper(args, source)
+    if str(sweeper.get("_target_")) == BASIC:
+        return None
+    flags = flags_of(args, words)
+    jobs = [[_end(override, last) for override in overrides] for last in (False, True)]
+    return Searched(
+        sweeper,
+        tuple(override for override in overrides if override.is_sweep_override()),
+        tuple(_plan(_composed(job, source), job, flags, home) for job in jobs),
+        tuple(flags),
+    )
+
+
+def _may_search(args: argparse.Namespace) -> bool:
+    """Whether the sweeper, or its params, may be other than Hydra's defaults."""
+    words = [word for word in args.overrides if word.lstrip("+~").startswith("hydra")]
+    return bool(words or args.config_dir or args.config_path or args.config_name)
+
+
+def _sweeper(
+    args: argparse.Namespace, source: ConfigSource
+) -> tuple[dict[str, Any], list[Override]]:
+    """The sweeper's configuration, and the overrides that it gets: its params come first."""
+    loader = source.loader()
+    words = parsed(args.overrides, loader)
+    found = _composed([_end(word, False) for word in words], source).hydra.sweeper
+    if not isinstance(found, DictConfig):
+        raise ConfigError(
+            f"hydra.sweeper: expected keys with values, found {found}; choose one by"
+            " hydra/sweeper=NAME."
         )
+    sweeper = _resolved(found)
+    params = [f"{key}={value}" for key, value in (sweeper.get("params") or {}).items()]
+    last = {_key(str(o.input_line)): o for o in [*parsed(params, loader), *words]}
+    return sweeper, list(last.values())
+
+
+def _end(override: Override, last: bool) -> str:
+    """The override with the first, or the last, value of its sweep."""
+    if not override.is_sweep_override():
+        return str(override.input_line)
+    found = override.value()
+    if isinstance(found, IntervalSweep):
+        value: Any = found.end if last else found.start
+    elif not _values(override):
+        raise ConfigError(_no_value(override))
+    else:
+        values = islice(override.sweep_string_iterator(), MOST_JOBS)
+        value = deque(values, 1)[0] if last else next(values)
+    return f"{override.get_key_element()}={value}"
+
+
+def _plan(
+    composed: DictConfig, overrides: Sequence[str], flags: Sequence[str], home: Path
+) -> Planned:
+    """The job of a composed configuration. Raises ConfigError where it is wrong."""
+    launcher = _launcher(composed.hydra)
+    _must_have_no_callbacks(composed.hydra)
+    _must_leave_folders(composed.hydra)
+    with open_dict(composed):
+        del composed["hydra"]  # what it holds is known only when Hydra runs
+    config, settings = read(composed)
+    ours = [o for o in overrides if _group(o) != "hydra"]
+    return Planned(
+        tuple(ours),
+        config,
+        settings,
+        run_folder(settings, ours, home),
+        command_line([*flags, *ours]),
+        launcher,
+    )
+
+
+def plain(config: DictConfig) -> dict[str, Any]:
+    """A composed configuration as plain values. Raises ConfigError."""
+    return {key: value for key, value in _resolved(config).items() if key != "hydra"}
 
 
 def read(config: DictConfig) -> tuple[dict[str, Any], Settings]:
     """A composed configuration as plain values and as settings. Raises ConfigError."""
-    ours = {key: value for key, value in _resolved(config).items() if key != "hydra"}
+    ours = plain(config)
     return ours, read_settings(ours)
 
 
@@ -92,6 +179,14 @@ def run_folder(settings: Settings, overrides: Sequence[str], home: Path) -> Path
     Characters that could trouble a shell or a file system become `_`. A name that lost some,
     or was cut, ends in a digest of the whole, so that different overrides have different names.
     """
+    s = settings
+    return folder_of(overrides, home, s.runs, s.name, s.supervisor.name, s.seed)
+
+
+def folder_of(
+    overrides: Sequence[str], home: Path, runs: str, name: str, supervisor: str, seed: int
+) -> Path:
+    """The same, for a configuration that may be wrong elsewhere."""
     last = {_key(override): override for override in overrides}  # Hydra takes the last of a key
     words = [
         override
@@ -100,8 +195,8 @@ def run_folder(settings: Settings, overrides: Sequence[str], home: Path) -> Path
         and (key.startswith("supervisor.") or _group(key) not in NOT_IN_FOLDER)
         and not is_secret(key)
     ]
-    leaf = "-".join([f"{settings.supervisor.name}-seed{settings.seed}", *sorted(words)])
-    return (home / settings.runs / settings.name / _safe(leaf)).resolve()
+    leaf = "-".join([f"{supervisor}-seed{seed}", *sorted(words)])
+    return (home / runs / name / _safe(leaf)).resolve()
 
 
 def _safe(name: str) -> str:
@@ -132,7 +227,7 @@ def _group(override: str) -> str:
     return _key(override).split(".")[0].split("/")[0]
 
 
-def _flags(words: Sequence[str], args: argparse.Namespace) -> list[str]:
+def flags_of(args: argparse.Namespace, words: Sequence[str]) -> list[str]:
     """The words that are neither overrides nor ask for a sweep: --config-dir and the like."""
     overrides = set(args.overrides)
     return [w for w in words if w not in overrides and w not in ("-m", "--multirun")]
@@ -140,12 +235,16 @@ def _flags(words: Sequence[str], args: argparse.Namespace) -> list[str]:
 
 def _jobs(args: argparse.Namespace, source: ConfigSource) -> Iterator[list[str]]:
     """The overrides of each job of the command."""
-    words = parsed(args.overrides, source.loader())
-    sweeps = [word for word in words if word.is_sweep_override()]
     if not args.multirun:
-        _must_be_no_sweep(sweeps)
+        words = parsed(args.overrides, source.loader())
+        _must_be_no_sweep([word for word in words if word.is_sweep_override()])
         yield list(args.overrides)
         return
+    if _may_search(args):
+        _, words = _sweeper(args, source)
+    else:
+        words = parsed(args.overrides, source.loader())
+    sweeps = [word for word in words if word.is_sweep_override()]
     try:
         _must_have_values(sweeps)
         batches = BasicSweeper.split_arguments(words, None)
@@ -169,14 +268,12 @@ def _must_have_values(sweeps: Sequence[Override]) -> None:
         if not sweep.is_discrete_sweep():
             raise ConfigError(
                 f"{sweep.input_line}: expected values to sweep over, found an interval; write"
-                f" {sweep.key_or_group}=range(START,STOP,STEP)."
+                f" {sweep.key_or_group}=range(START,STOP,STEP), or search it with"
+                " hydra/sweeper=optuna."
             )
         n = _values(sweep)
         if not n:
-            raise ConfigError(
-                f"{sweep.input_line}: expected a sweep over at least one value, found none;"
-                " give it some, or leave it out."
-            )
+            raise ConfigError(_no_value(sweep))
         jobs *= n
         if jobs > MOST_JOBS:
             found = f"{jobs:,}" if jobs < 10**12 else "far more"
@@ -184,6 +281,13 @@ def _must_have_values(sweeps: Sequence[Override]) -> None:
                 f"{sweep.input_line}: expected at most {MOST_JOBS:,} jobs of a command, found"
                 f" {found}; give them in parts: commands with the same name are one sweep."
             )
+
+
+def _no_value(sweep: Override) -> str:
+    return (
+        f"{sweep.input_line}: expected a sweep over at least one value, found none;"
+        " give it some, or leave it out."
+    )
 
 
 def _values(sweep: Override) -> int:
@@ -225,6 +329,30 @@ def _must_have_no_callbacks(hydra: DictConfig) -> None:
             f"{first}: expected no callbacks, found one; leave it out, or write a supervisor or"
             " an evaluator of your own"
         )
+
+
+OURS: Final = {
+    "run.dir": ".",
+    "sweep.dir": ".",
+    "sweep.subdir": ".",
+    "output_subdir": None,
+    "job.chdir": False,
+}
+"""Hydra's settings for the folders of its jobs, as conf/config.yaml has them."""
+
+
+def _must_leave_folders(hydra: DictConfig) -> None:
+    """Raises ConfigError where a command chooses folders by Hydra's keys."""
+    for key, ours in OURS.items():
+        found = OmegaConf.to_container(hydra, resolve=False)
+        for part in key.split("."):
+            found = found.get(part) if isinstance(found, dict) else None
+        if found != ours:
+            raise ConfigError(
+                f"hydra.{key}: expected {'null' if ours is None else str(ours).lower()}, found"
+                f" {found}; records go to <runs>/<name>/: choose these by runs=FOLDER and"
+                " name=NAME."
+            )
 
 
 def _resolved(config: DictConfig) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from types import UnionType
-from typing import Any, Literal, Self, Union, get_args, get_origin
+from typing import Annotated, Any, Final, Literal, Self, Union, get_args, get_origin
 
 from pydantic import (
     BaseModel,
@@ -28,11 +28,24 @@ from islandgp.evolution.allocation import Allocation
 from islandgp.evolution.plan import GP, Plan, Switches
 from islandgp.evolution.random_trees import check_growth
 from islandgp.plugin import Part, Plugin, blaming, imported, path_of
+from islandgp.records.files import VALUES
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.scoring.rewards import RewardTable
 from islandgp.supervision.base import SUPERVISES
 from islandgp.supervision.library import LibrarySettings
+
+TAG: Final = r"^[A-Za-z0-9_. :/-]{1,250}$"
+"""Names of tags that MLflow takes."""
+
+OWN_TAGS: Final = frozenset(
+    {"domain", "supervisor", "arm", "seed", "sweep", "code", "config", "kind", "pruned"}
+)
+"""Names of tags that each run has already."""
+
+
+MACHINES_TAGS: Final = ("mlflow.", "islandgp.")
+"""How the names of tags begin that MLflow and the mirror need."""
 
 
 class DomainSettings(Plugin, frozen=True, extra="forbid"):
@@ -71,6 +84,10 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     runs: str = Field(min_length=1)
     resume: Literal["auto", "never", "force"]
     progress: Literal["auto", "plain", "off"]
+    tags: dict[Annotated[str, Field(pattern=TAG)], str | int | float | bool] = Field(
+        default_factory=dict
+    )
+    objectives: tuple[str, ...] = Field(("best",), min_length=1)  # keys of records.files.values
     domain: DomainSettings
     world: Any  # the domain's own World
     rewards: Any  # the domain's own Rewards
@@ -103,6 +120,17 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
                 f"supervisor.lag: expected less than gp.generations={self.gp.generations},"
                 f" found {self.supervisor.lag}"
             )
+        if taken := [tag for tag in self.tags if tag in OWN_TAGS or tag.startswith(MACHINES_TAGS)]:
+            raise ValueError(
+                f"tags.{taken[0]}: expected a name of your own, found one that every run has;"
+                " take another one"
+            )
+        known = {*VALUES, *(f"first.{name}" for name in self.classes.milestones)}
+        for name in self.objectives:
+            if name not in known:
+                raise ValueError(
+                    f"objectives: expected names among {', '.join(sorted(known))}, found {name}"
+                )
         check_growth(self.gp.trees, self.gp.limits, self.gp.mutation.subtree_depth)
         return self
 
@@ -159,13 +187,15 @@ def _counted(config: Any, settings: Any, path: str = "") -> Iterator[str]:
             yield f"{path}={word}: input should be a number, found {word}"
     elif isinstance(config, Mapping):
         for key, value in config.items():
-            yield from _counted(value, _inner(settings, key), f"{path}.{key}" if path else str(key))
+            yield from _counted(
+                value, setting_at(settings, key), f"{path}.{key}" if path else str(key)
+            )
     elif isinstance(config, list) and isinstance(settings, tuple | list):
         for i, (value, inner) in enumerate(zip(config, settings, strict=False)):
             yield from _counted(value, inner, f"{path}.{i}")
 
 
-def _inner(settings: Any, key: Any) -> Any:
+def setting_at(settings: Any, key: Any) -> Any:
     """What a key of the configuration became; None where it became something else."""
     if isinstance(settings, Part) and key == "policy":
         return settings.settings()

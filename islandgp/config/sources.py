@@ -42,8 +42,11 @@ class ConfigSource:
 
     def compose(self, overrides: Sequence[str]) -> DictConfig:
         """The configuration, with Hydra's own part. Raises what Hydra raises."""
-        search = [f"hydra.searchpath=[file://{self.own}]"] if self.own else []
-        with initialize_config_dir(str(self.folder), version_base="1.3"):
+        first, other = self.folder, self.own
+        if other is not None and not (first / f"{self.name}.yaml").exists():
+            first, other = other, first  # Hydra looks for the first file in one folder only
+        search = [f"hydra.searchpath=[file://{other}]"] if other else []
+        with initialize_config_dir(str(first), version_base="1.3"):
             return compose(self.name, [*overrides, *search], return_hydra_config=True)
 
     def loader(self) -> ConfigLoader:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -66,6 +66,36 @@ def score(summary: Mapping[str, Any]) -> float:
     champion = summary["champion"]
     validation = champion["validation"]
     return float(champion["record"]["fitness"] if validation is None else validation["mean"])
+
+
+VALUES: Final = (
+    "best",
+    "trained",
+    "generations",
+    "final_best",
+    "final_mean",
+    "mean_diversity",
+    "seconds",
+)
+"""What `values` tells of every run."""
+
+
+def values(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """The numbers of a finished run, by the names that `islandgp.load` has for them.
+
+    `first.<milestone>` is the generation of the first such robot, None if there was none.
+    """
+    found = {"best": score(summary), "trained": summary["champion"]["record"]["fitness"]}
+    return {
+        **{name: found[name] if name in found else summary[name] for name in VALUES},
+        **{f"first.{tier}": generation for tier, generation in summary["first"].items()},
+    }
+
+
+def objectives(summary: Mapping[str, Any], names: Sequence[str]) -> tuple[float, ...]:
+    """The values that a search compares runs by; a robot that never came came after the end."""
+    found = values(summary)
+    return tuple(float(summary["generations"] if found[n] is None else found[n]) for n in names)
 
 
 def read_summary(file: Path) -> dict[str, Any]:

@@ -8,8 +8,10 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
-MACHINERY: Final = frozenset({"evaluator", "tracking", "runs", "resume", "progress"})
-"""Top-level keys that do not change a run's records."""
+MACHINERY: Final = frozenset(
+    {"evaluator", "tracking", "runs", "resume", "progress", "objectives", "tags"}
+)
+"""Top-level keys that do not change a run's records; an evaluator of the user's own may."""
 
 SECRET: Final = re.compile(r"(^|_)(api_?key|token|secret|password)$", re.IGNORECASE)
 HIDDEN: Final = "***"
@@ -24,8 +26,24 @@ def redacted(config: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def shape(config: Mapping[str, Any]) -> dict[str, Any]:
-    """The part of a configuration that shapes a run's records: all but MACHINERY."""
-    return {key: value for key, value in config.items() if key not in MACHINERY}
+    """The part of a configuration that may shape a run's records: its identity."""
+    without = machinery(config)
+    return {key: value for key, value in config.items() if key not in without}
+
+
+def machinery(*configs: Mapping[str, Any]) -> frozenset[str]:
+    """The keys of MACHINERY that shape the records of none of these configurations.
+
+    The evaluators of this package give the same outcomes, those of others need not.
+    """
+    own = all(_factory(config, "evaluator").startswith("islandgp.") for config in configs)
+    return MACHINERY if own else MACHINERY - {"evaluator"}
+
+
+def _factory(config: Mapping[str, Any], key: str) -> str:
+    """The class that configuration names for a part; one of ours where it names none."""
+    part = config.get(key)
+    return str(part["factory"]) if isinstance(part, Mapping) and "factory" in part else "islandgp."
 
 
 def _hidden(key: str, value: Any) -> Any:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import time
 from uuid import uuid4
@@ -32,6 +32,8 @@ class SweepJob:
     choices: tuple[str, ...]  # its overrides but the seed, as key=value
     generations: int
     command: str  # that runs this job alone
+    search: str = ""  # the search whose trial it was last; "" for a job of a plain sweep
+    pruned: int | None = None  # the generation in which a search stopped it
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,8 +89,17 @@ class SweepFolder:
     def _add(self, command: str, jobs: Sequence[SweepJob]) -> None:
         old = self.read() or SweepFile(uuid4().hex, int(1000 * time()), (), ())
         commands = (*(c for c in old.commands if c != command), command)
-        file = SweepFile(old.id, old.started, commands, _merged(old.jobs, jobs))
+        self._write(SweepFile(old.id, old.started, commands, _merged(old.jobs, jobs)))
+
+    def _write(self, file: SweepFile) -> None:
         write_atomic(self.path / "sweep.json", (json.dumps(asdict(file), indent=1) + "\n").encode())
+
+    def enter(self, job: SweepJob) -> None:
+        """Adds a trial of a search, or says anew what became of it; any process may."""
+        with usable(self.path), FileLock(self.path / ".entering"):
+            file = self.read()
+            assert file is not None, "the search has opened the folder"
+            self._write(replace(file, jobs=_merged(file.jobs, [job])))
 
     def close(self) -> None:
         """Gives the folder back."""
@@ -129,7 +140,7 @@ class SweepFolder:
 
         Stopped jobs count for more than failed ones: the sweep is not at its end.
         """
-        found = {self.run(job).status() for job in file.jobs}
+        found = {self.run(job).status() for job in file.jobs if job.pruned is None}
         for status in (Status.RUNNING, Status.KILLED, Status.FAILED):
             if status in found:
                 return status
@@ -153,7 +164,12 @@ def _what(job: SweepJob) -> tuple[str, int, frozenset[str]]:
 
 def arm_of(folder: Path) -> str:
     """The arm of a run in its sweep, as far as the sweep's jobs are known; "" for no job."""
+    file, job = job_of(folder)
+    return "" if file is None or job is None else file.arm(job)
+
+
+def job_of(folder: Path) -> tuple[SweepFile | None, SweepJob | None]:
+    """A run's sweep, and its job there; None for what there is not."""
     file = SweepFolder(folder.parent).read()
     jobs = () if file is None else file.jobs
-    job = next((job for job in jobs if job.folder == folder.name), None)
-    return "" if file is None or job is None else file.arm(job)
+    return file, next((job for job in jobs if job.folder == folder.name), None)

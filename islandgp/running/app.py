@@ -14,6 +14,7 @@ import sys
 import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import hydra
 from hydra._internal.utils import get_args_parser
@@ -22,7 +23,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig
 
 from islandgp.config.api_key import NONE, key_in, without_key
-from islandgp.config.compose import Planned, command_line, planned, read, run_folder
+from islandgp.config.compose import Planned, command_line, planned, read, run_folder, searched
 from islandgp.config.errors import MISTAKES, explain, parsed
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError, IslandError, PartError, brief
@@ -33,6 +34,7 @@ from islandgp.running.printing import printed, say, shown
 from islandgp.running.report import MOSTLY_FALLBACK
 from islandgp.running.resume import choose
 from islandgp.running.run import End, check_ready, run
+from islandgp.running.search import run_search
 from islandgp.running.stopping import as_ctrl_c
 from islandgp.running.sweep import run_sweep
 
@@ -58,10 +60,18 @@ def _main(arguments: Sequence[str] | None) -> int:
             if args.help or args.hydra_help or args.info or args.cfg or args.shell_completion:
                 _show(args, words)
                 return 0
-            jobs = _planned(args, words)
+            search = searched(args, words, Path.cwd())
+            jobs = list(search.ends) if search else _planned(args, words)
             if key_in(job.config for job in jobs):
                 args, words = _parsed([NONE, *words])
-                jobs = _planned(args, words)
+                search = searched(args, words, Path.cwd())
+                jobs = list(search.ends) if search else _planned(args, words)
+            if search is not None:
+                for job in search.ends:
+                    check_ready(job.settings)
+                return run_search(
+                    search, command_line(words), lambda job, extra: _start([*extra, *words], job)
+                )
             for n, job in enumerate(jobs):
                 folder = RunFolder(job.folder)
                 if not choose(folder, job.settings, redacted(job.config)).finished():
@@ -109,7 +119,7 @@ def _planned(args: argparse.Namespace, words: Sequence[str]) -> list[Planned]:
     return jobs
 
 
-def _start(words: Sequence[str], job: Callable[[DictConfig], None]) -> None:
+def _start(words: Sequence[str], job: Callable[[DictConfig], Any]) -> None:
     """Hands the command to Hydra, which calls `job` wherever its launcher says."""
     old = sys.argv
     sys.argv = ["islandgp", *words]

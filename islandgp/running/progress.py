@@ -29,7 +29,8 @@ decides it; `left`: the time until the last generation."""
 DISPENSABLE: Final = ("working", "mean", "diversity")
 """Columns that a narrow terminal does without, first to last."""
 
-SHOWN: Final = 12  # generations in the live table
+AROUND: Final = 4  # lines of the terminal that no generation takes: title, head, bar, cursor
+FEWEST: Final = 3  # generations in the live table, however low the terminal is
 
 
 def columns(milestones: Sequence[str]) -> dict[str, int]:
@@ -118,7 +119,7 @@ class Progress:
     def __enter__(self) -> Self:
         if self._live is not None:
             self._live.start()
-            self._live.update(self._drawn())
+            self._live.update(self.drawn(self._live.console.height))
         elif self.how != "off":
             resumed = f" (from generation {self.done})" if self.done else ""
             _say(f"{self.title}{resumed}")
@@ -136,18 +137,22 @@ class Progress:
         left = a_generation * (self.generations - self.done)
         self.rows.append(row(step, self.generations, left, self.milestones))
         if self._live is not None:
-            self._live.update(self._drawn())
+            self._live.update(self.drawn(self._live.console.height))
         elif self.how != "off":
             cells = zip(self.rows[-1], self.columns.values(), strict=True)
             _say("  ".join(f"{cell:>{width}}" for cell, width in cells).rstrip())
 
-    def _drawn(self) -> RenderableType:
+    def drawn(self, height: int) -> RenderableType:
+        """The table with the last generations that a terminal of `height` lines takes."""
         from rich.console import Group
         from rich.progress_bar import ProgressBar
         from rich.table import Table
 
         room = self._live.console.width if self._live is not None else 80
-        rows = [dict(zip(self.columns, cells, strict=True)) for cells in self.rows[-SHOWN:]]
+        rows = [
+            dict(zip(self.columns, cells, strict=True))
+            for cells in self.rows[-max(FEWEST, height - AROUND) :]
+        ]
         widths = {
             name: max([width, *(len(cells[name]) for cells in rows)])
             for name, width in self.columns.items()

@@ -18,7 +18,7 @@ from islandgp.errors import RunError
 from islandgp.plugin import path_of
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
-from islandgp.records.parameters import MACHINERY, shape
+from islandgp.records.parameters import machinery, shape
 
 AGAIN: Final = "~"
 """Before the number of a run that is made anew; no folder that a configuration names holds it."""
@@ -55,15 +55,22 @@ def choose(folder: RunFolder, settings: Settings, config: Mapping[str, Any]) -> 
     return folder
 
 
-def differences(old: Mapping[str, Any], new: Mapping[str, Any], path: str = "") -> list[str]:
-    """The keys whose values differ, as `key: old -> new`; MACHINERY is left out."""
+def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    """The keys that shape the records and whose values differ, as `key: old -> new`."""
+    without = machinery(old, new)
+    return _differences(
+        {key: value for key, value in old.items() if key not in without},
+        {key: value for key, value in new.items() if key not in without},
+        "",
+    )
+
+
+def _differences(old: Mapping[str, Any], new: Mapping[str, Any], path: str) -> list[str]:
     found = []
     for key in sorted({*old, *new}, key=str):
-        if not path and key in MACHINERY:
-            continue
         name, a, b = f"{path}{key}", old.get(key), new.get(key)
         if isinstance(a, Mapping) and isinstance(b, Mapping):
-            found += differences(a, b, f"{name}.")
+            found += _differences(a, b, f"{name}.")
         elif a != b:
             found.append(f"{name}: {a} -> {b}")
     return found
@@ -84,6 +91,7 @@ def about_run(
         started=before.started if before else int(1000 * time()),
         identity=_hash(shaping),
         tags={
+            **{name: str(value) for name, value in settings.tags.items()},
             "domain": settings.make_domain().schema.vocabulary.domain,
             "supervisor": settings.supervisor.name,
             "arm": settings.supervisor.name,  # in a sweep its arm there, once that is known

@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -30,11 +31,15 @@ from islandgp.records.checkpoint import write_atomic
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import redacted
 from islandgp.running.progress import Progress
+from islandgp.running.pruning import Pruned
 from islandgp.running.report import is_mostly_fallback, report, summary
 from islandgp.running.resume import about_run, choose, domain_code
 from islandgp.supervision.base import RunContext, Service, Supervisor
 from islandgp.supervision.library import Library, library_folder, read_library, read_tree
 from islandgp.tracking.base import Tracker
+
+Judge = Callable[[int, float], None]
+"""Takes a generation and its highest fitness; may raise Pruned."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,14 +169,17 @@ def run(
     home: Path,
     command: str = "",
     keep_display: bool = True,
+    judge: Judge | None = None,
 ) -> End:
     """Runs an experiment, or what is missing of it, in `folder`.
 
     `config` is the resolved configuration that `settings` were read from, `home` the
     folder in which the command was given, and `command` does the run again. The live
-    display stays on the terminal with `keep_display`.
+    display stays on the terminal with `keep_display`. `judge` gets each generation with its
+    highest fitness, also those before a resumption, and may stop the run by raising Pruned.
 
     Raises:
+        Pruned: as `judge`.
         RunError: the folder belongs to another configuration or another process.
         EvaluationError, SupervisionError: the run cannot go on; what it has is kept.
     """
@@ -186,7 +194,7 @@ def run(
         target.open(yaml.safe_dump(config, sort_keys=False), about)
         if target.finished():  # by the process that had the folder until now
             return _complete(target, tracker)
-        where = _tracked(settings, target, supervisor, tracker, keep_display)
+        where = _tracked(settings, target, supervisor, tracker, keep_display, judge)
     finally:
         target.close()
     return _end(target, where)
@@ -212,14 +220,15 @@ def _tracked(
     supervisor: Supervisor,
     tracker: Tracker,
     keep_display: bool,
+    judge: Judge | None,
 ) -> str:
     """Evolves, and lets the tracker follow; returns where the tracker says to look."""
     status, where = Status.FAILED, ""
     tracker.start(target)
     try:
-        _evolve(settings, target, supervisor, tracker, keep_display)
+        _evolve(settings, target, supervisor, tracker, keep_display, judge)
         status = Status.FINISHED
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, Pruned):
         status = Status.KILLED
         raise
     except Exception as error:
@@ -236,6 +245,7 @@ def _evolve(
     supervisor: Supervisor,
     tracker: Tracker,
     keep_display: bool,
+    judge: Judge | None,
 ) -> None:
     if isinstance(supervisor, Service):
         with blaming(path_of(type(supervisor))):
@@ -244,6 +254,9 @@ def _evolve(
             print(line, file=sys.stderr)
     start = target.resume(lambda line: print(f"islandgp: {line}", file=sys.stderr))
     done = start.generation if start is not None else 0
+    if judge is not None:
+        for record in islice(target.records(), done):
+            judge(record["snapshot"]["generation"], record["snapshot"]["best"])
     evaluator = make_evaluator(settings)
     fittest: Champion | None = None
     plan = plan_of(settings, settings.make_domain())
@@ -268,6 +281,9 @@ def _evolve(
                 written = writer.submit(_write, target, step, tracker)
                 progress.show(step)
                 fittest = step.champion
+                if judge is not None:
+                    written.result()
+                    judge(step.record.snapshot.generation, step.record.snapshot.best)
             written.result()
         assert fittest is not None
         best = best_robot(settings, target, evaluator)

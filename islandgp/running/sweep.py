@@ -20,12 +20,14 @@ from hydra.core.override_parser.types import Quote, QuotedString
 from omegaconf import DictConfig
 
 from islandgp.config.compose import Planned, is_choice
+from islandgp.config.settings import Settings
 from islandgp.errors import ConfigError, RunError, brief
 from islandgp.evaluation.parent_death import end_with_parent
 from islandgp.records.checkpoint import remove_leftovers
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import redacted, shape, without_credentials
 from islandgp.records.sweep_folder import SweepFolder, SweepJob
+from islandgp.resources import program
 from islandgp.running.printing import say
 from islandgp.running.report import MOSTLY_FALLBACK, is_mostly_fallback
 from islandgp.running.resume import choose, differences
@@ -33,11 +35,18 @@ from islandgp.running.sweep_job import sweep_job
 from islandgp.running.sweep_progress import Start, Watch
 from islandgp.tracking.summary import arm_lines, arms
 
-Launch = Callable[[Callable[[DictConfig], None], list[str]], None]
+Launch = Callable[[Callable[[DictConfig], Any], list[str]], None]
 """Hands a job function to Hydra, with overrides besides the command's own."""
 
 ENDING: Final = 10.0  # s that a cluster may take to end a job
 LAUNCHES: Final = 3  # starts of a launcher that breaks down, the first one included
+
+
+Entries = dict[SweepFolder, dict[Path, SweepJob]]
+"""Each sweep's jobs, by the folder that a job's configuration names.
+
+There is more than one sweep where the command sweeps over names.
+"""
 
 
 def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
@@ -60,9 +69,14 @@ def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
             _launch_all(jobs, entries, launch)
         except KeyboardInterrupt:
             interrupted = True
-        _end_ray([sweep.run(job) for sweep, own in entries.items() for job in own.values()])
+        end_ray([sweep.run(job) for sweep, own in entries.items() for job in own.values()])
+    return finish_sweep(entries, [job.settings for job in jobs], interrupted)
+
+
+def finish_sweep(entries: Entries, settings: Sequence[Settings], interrupted: bool) -> int:
+    """Sends what the tracking store lacks, tells the results; returns the exit code."""
     try:
-        _send(entries, jobs)
+        _send(entries, settings)
     except KeyboardInterrupt:
         interrupted = True
     for sweep in entries:
@@ -72,13 +86,6 @@ def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
         print("islandgp: stopped; the same command goes on from here", file=sys.stderr)
         return 130
     return _report_unfinished(entries) or _report_fallbacks(entries)
-
-
-Entries = dict[SweepFolder, dict[Path, SweepJob]]
-"""Each sweep's jobs, by the folder that a job's configuration names.
-
-There is more than one sweep where the command sweeps over names.
-"""
 
 
 def _entries(jobs: Sequence[Planned]) -> Entries:
@@ -142,10 +149,10 @@ def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> No
     begun = _begun(start)
     how = "off" if jobs[0].launcher == "BasicLauncher" else jobs[0].settings.progress
     if jobs[0].launcher == "JoblibLauncher":
-        _tie_joblib_workers()
+        tie_joblib_workers()
     for _ in range(LAUNCHES):
         try:
-            with Watch(start, how):
+            with Watch(lambda: start, how):
                 launch(sweep_job(start), [f"hydra.sweep.dir={place}"])
             break
         except Exception as error:
@@ -168,7 +175,7 @@ def _begun(start: Start) -> list[int]:
     return [file.stat().st_mtime_ns if file.exists() else 0 for file in files]
 
 
-def _end_ray(runs: Sequence[RunFolder]) -> None:
+def end_ray(runs: Sequence[RunFolder]) -> None:
     """Ends the jobs that Ray's launcher has started: interrupted, it would leave them at work."""
     ray = sys.modules.get("ray")
     if ray is None or not ray.is_initialized():
@@ -179,9 +186,9 @@ def _end_ray(runs: Sequence[RunFolder]) -> None:
         sleep(0.2)
 
 
-def _send(entries: Entries, jobs: Sequence[Planned]) -> None:
+def _send(entries: Entries, settings: Sequence[Settings]) -> None:
     """Lets the tracking store know how the jobs and the sweep as a whole ended."""
-    patience = max(float(job.settings.tracking.policy.get("patience", 20)) for job in jobs)
+    patience = max(float(s.tracking.policy.get("patience", 20)) for s in settings)
     trouble: list[str] = []
     over, alive = Event(), Event()
 
@@ -202,7 +209,7 @@ def _send(entries: Entries, jobs: Sequence[Planned]) -> None:
         paths = " ".join(str(sweep.path) for sweep in entries)
         print(
             f"MLflow has not got all records ({why}). They are safe; this sends them:\n"
-            f"  islandgp sync {paths}",
+            f"  {program()} sync {paths}",
             file=sys.stderr,
         )
 
@@ -213,7 +220,7 @@ def _report_unfinished(entries: Entries) -> int:
         (sweep.run(job), job)
         for sweep, own in entries.items()
         for job in own.values()
-        if not sweep.run(job).finished()
+        if job.pruned is None and not sweep.run(job).finished()
     ]
     if not bad:
         return 0
@@ -231,7 +238,9 @@ def _report_unfinished(entries: Entries) -> int:
 
 def _report_fallbacks(entries: Entries) -> int:
     """Lists each job in which a language model's fallback gave too many of the answers."""
-    runs = [sweep.run(job) for sweep, own in entries.items() for job in own.values()]
+    runs = [
+        sweep.run(j) for sweep, own in entries.items() for j in own.values() if j.pruned is None
+    ]
     bad = [run for run in runs if is_mostly_fallback(run.summary())]
     if not bad:
         return 0
@@ -241,7 +250,7 @@ def _report_fallbacks(entries: Entries) -> int:
     return 3
 
 
-def _tie_joblib_workers() -> None:
+def tie_joblib_workers() -> None:
     """Makes the workers that joblib starts from now on end with this process."""
     from joblib import register_parallel_backend  # type: ignore[import-untyped] # as above
     from joblib.parallel import LokyBackend  # type: ignore[import-untyped] # it has no types

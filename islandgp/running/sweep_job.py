@@ -16,7 +16,9 @@ from islandgp.config.settings import Settings
 from islandgp.errors import BusyError
 from islandgp.evaluation.processes import cores
 from islandgp.plugin import Part
+from islandgp.records.folder import RunFolder
 from islandgp.running.printing import shown
+from islandgp.running.pruning import Pruned
 from islandgp.running.run import run
 from islandgp.running.sweep_progress import Start, job_line, sweep_line
 
@@ -43,22 +45,51 @@ def sweep_job(start: Start) -> Callable[[DictConfig], None]:
         home = Path(hydra.runtime.cwd)
         named = run_folder(settings, list(hydra.overrides.task), home)
         with shown():  # in a process of its own the command's is not known
-            _run(plain, _fitted(settings, hydra.launcher, len(start.jobs)), start, named, home)
+            target, own = start.run(named), fitted(settings, hydra.launcher, len(start.jobs))
+            if start.failed(target):
+                return  # it failed in this sweep before a launcher broke down
+            attempt(target, plain, own, home, start.jobs[named].command, lambda: start)
 
     return job
 
 
-def _run(config: dict[str, Any], settings: Settings, start: Start, named: Path, home: Path) -> None:
-    target, job = start.run(named), start.jobs[named]
-    if start.failed(target):
-        return  # it failed in this sweep before a launcher broke down
+def attempt(
+    target: RunFolder,
+    config: dict[str, Any],
+    settings: Settings,
+    home: Path,
+    command: str,
+    start: Callable[[], Start],
+    judge: Callable[[int, float], None] | None = None,
+) -> None:
+    """Runs a job of a sweep; what becomes of it is in its folder.
+
+    Args:
+        target: where it runs.
+        config: resolved, as plain values.
+        settings: read from it, and fitted to the launcher.
+        home: where the command was given.
+        command: that runs this job alone.
+        start: the jobs of the sweep so far.
+        judge: gets each generation with its highest fitness, and may raise Pruned.
+    """
     alone = settings.progress != "off"
     if alone:
-        print(sweep_line(start), file=sys.stderr, flush=True)
+        print(sweep_line(start(), target), file=sys.stderr, flush=True)
     try:
-        run(settings, config, target.path, home=home, command=job.command, keep_display=False)
+        run(
+            settings,
+            config,
+            target.path,
+            home=home,
+            command=command,
+            keep_display=False,
+            judge=judge,
+        )
     except BusyError as error:  # the folder is the other process's: nothing is written there
         print(f"islandgp: {error}", file=sys.stderr)
+    except Pruned:
+        pass
     except Exception as error:  # whatever it is, it must not end the other jobs
         if not target.error():  # the run came too short to write it down itself
             target.fail(error)
@@ -66,7 +97,7 @@ def _run(config: dict[str, Any], settings: Settings, start: Start, named: Path, 
         print(job_line(target), file=sys.stderr, flush=True)
 
 
-def _fitted(settings: Settings, launcher: Mapping[str, Any], jobs: int) -> Settings:
+def fitted(settings: Settings, launcher: Mapping[str, Any], jobs: int) -> Settings:
     """The settings of a job among others; the recorded configuration stays the user's own."""
     kind = str(launcher["_target_"]).rpartition(".")[2]
     changes: dict[str, Any] = {}

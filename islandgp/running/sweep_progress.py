@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Event, Thread
@@ -12,7 +12,7 @@ from typing import Final, Literal, Self
 
 from islandgp.records.files import score
 from islandgp.records.folder import RunFolder, Status
-from islandgp.records.sweep_folder import SweepJob
+from islandgp.records.sweep_folder import SweepJob, job_of
 from islandgp.running.progress import duration
 from islandgp.supervision.state_json import title
 
@@ -27,6 +27,8 @@ class Start:
     jobs: dict[Path, SweepJob]  # by the folder that their configuration names
     before: int  # generations that were there already
     errors: dict[str, tuple[int, int]]  # the error files that were there already, by path
+    trials: int = 0  # that a search will make; 0: that is not known
+    search: str = ""  # what a search is called; "": the jobs are known
 
     @classmethod
     def now(cls, jobs: dict[Path, SweepJob]) -> Self:
@@ -52,24 +54,35 @@ class Start:
         return file is not None and file != self.errors.get(str(run.path))
 
 
-def sweep_line(start: Start) -> str:
-    """Jobs done, running and failed, and the time left."""
-    found = [(run.status(), run.settled()) for run in start.runs()]
-    states = [status for status, _ in found]
+def sweep_line(start: Start, beginning: RunFolder | None = None) -> str:
+    """Jobs done, running and failed, and the time left.
+
+    The job of the folder `beginning` counts as running, unless it is finished.
+    """
+    found = [(run.path, run.status(), run.settled()) for run in start.runs()]
+    states = [
+        Status.RUNNING
+        if beginning is not None and path == beginning.path and status is not Status.FINISHED
+        else status
+        for path, status, _ in found
+    ]
     failed = sum(
         status is Status.FAILED and start.failed(run)
         for run, status in zip(start.runs(), states, strict=True)
     )
-    generations = sum(settled for _, settled in found)
+    pruned = sum(job.pruned is not None for job in start.jobs.values())
+    names = ", ".join(dict.fromkeys(path.parent.name for path in start.jobs))
+    counts = (
+        f"{states.count(Status.FINISHED)} of {max(len(states), start.trials)} done,"
+        f" {states.count(Status.RUNNING)} running, {failed} failed"
+    )
+    if start.search:
+        return f"search {start.search}: {counts}, {pruned} pruned"
+    generations = sum(settled for _, _, settled in found)
     total = sum(job.generations for job in start.jobs.values())
     new = generations - start.before
     left = f", {duration((time() - start.at) * (total - generations) / new)} left" if new else ""
-    names = ", ".join(dict.fromkeys(path.parent.name for path in start.jobs))
-    return (
-        f"sweep {names}: {states.count(Status.FINISHED)} of {len(states)} done,"
-        f" {states.count(Status.RUNNING)} running, {failed} failed,"
-        f" generation {generations} of {total}{left}"
-    )
+    return f"sweep {names}: {counts}, generation {generations} of {total}{left}"
 
 
 def _error_file(run: RunFolder) -> tuple[int, int] | None:
@@ -86,6 +99,9 @@ def job_line(run: RunFolder) -> str:
     if not run.finished():
         if run.status() is Status.RUNNING:
             return f"{run.path.name}: another process is at work on it"
+        _, job = job_of(run.path)
+        if job is not None and job.pruned is not None:
+            return f"{run.path.name}: pruned in generation {job.pruned}"
         why = run.reason()
         return f"{run.path.name}: {f'failed: {why}' if why else 'stopped'}"
     s = run.summary()
@@ -99,9 +115,12 @@ def job_line(run: RunFolder) -> str:
 class Watch:
     """Shows the line while a launcher is at work. A context manager."""
 
-    def __init__(self, start: Start, how: Literal["auto", "plain", "off"]) -> None:
-        """`auto`: one live line on a terminal, else a line whenever a job has ended."""
-        self.start = start
+    def __init__(self, look: Callable[[], Start], how: Literal["auto", "plain", "off"]) -> None:
+        """`look` gives the jobs so far.
+
+        `auto`: one live line on a terminal, else a line whenever a job has ended.
+        """
+        self.look = look
         self.how = how
         self._over = Event()
         self._thread = Thread(target=self._work, name="sweep progress", daemon=True)
@@ -123,32 +142,37 @@ class Watch:
             self._plain()
 
     def _plain(self) -> None:
-        told = {run.path for run in self.start.runs() if run.finished()}
-        print(sweep_line(self.start), file=sys.stderr, flush=True)
+        start = self.look()
+        told = {run.path for run in start.runs() if run.finished()}
+        print(sweep_line(start), file=sys.stderr, flush=True)
         over = False
         while not over:
             over = self._over.wait(PERIOD)
-            ended = [run for run in self.start.runs() if self._ended(run) and run.path not in told]
+            start = self.look()
+            ended = [run for run in start.runs() if _ended(start, run) and run.path not in told]
             for run in ended:
                 told.add(run.path)
                 print(job_line(run), file=sys.stderr, flush=True)
             if ended:
-                print(sweep_line(self.start), file=sys.stderr, flush=True)
+                print(sweep_line(start), file=sys.stderr, flush=True)
 
     def _live(self) -> None:
         from rich.console import Console
         from rich.live import Live
 
-        told = {run.path for run in self.start.runs() if run.finished()}
-        with Live(sweep_line(self.start), console=Console(stderr=True), auto_refresh=False) as live:
+        start = self.look()
+        told = {run.path for run in start.runs() if run.finished()}
+        with Live(sweep_line(start), console=Console(stderr=True), auto_refresh=False) as live:
             over = False
             while not over:
                 over = self._over.wait(PERIOD)
-                for run in self.start.runs():
-                    if self._ended(run) and run.path not in told:
+                start = self.look()
+                for run in start.runs():
+                    if _ended(start, run) and run.path not in told:
                         told.add(run.path)
                         live.console.print(job_line(run), highlight=False)
-                live.update(sweep_line(self.start), refresh=True)
+                live.update(sweep_line(start), refresh=True)
 
-    def _ended(self, run: RunFolder) -> bool:
-        return run.finished() or self.start.failed(run)
+
+def _ended(start: Start, run: RunFolder) -> bool:
+    return run.finished() or start.failed(run)

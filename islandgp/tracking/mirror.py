@@ -23,7 +23,7 @@ from islandgp.records.checkpoint import remove_leftovers
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import flat
-from islandgp.records.sweep_folder import arm_of
+from islandgp.records.sweep_folder import arm_of, job_of
 from islandgp.tracking.artifacts import TABLE, Artifact, artifacts, note
 from islandgp.tracking.metrics import final_metrics, metrics
 from islandgp.tracking.parent import parent_run
@@ -144,6 +144,9 @@ class Mirror:
         for artifact in artifacts(self.folder):
             log_artifact(self.store, sent.run, artifact)
         client.set_tag(sent.run, "mlflow.loggedArtifacts", TABLES)
+        _, job = job_of(self.folder.path)
+        if job is not None and job.pruned is not None and status is not Status.FINISHED:
+            client.set_tag(sent.run, "pruned", f"generation {job.pruned}")
         client.set_tag(sent.run, "mlflow.note.content", note(self.folder, self.about, status))
         if sent.generations:
             last = sent.generations - 1

@@ -12,6 +12,7 @@ from typing import Final
 
 from islandgp.errors import brief
 from islandgp.records.folder import RunFolder, Status
+from islandgp.resources import program
 from islandgp.tracking.mirror import Mirror, up_to_date
 from islandgp.tracking.store import MLflowSettings, Place, Store, there
 
@@ -68,9 +69,9 @@ class MLflow:
             reason = self._trouble or f"no answer in {self.patience:g} s"
             return (
                 f"MLflow: {self.place.uri} has not got all records ({reason}). They are safe; this"
-                f" sends them:\n  islandgp sync {self._folder.path}"
+                f" sends them:\n  {program()} sync {self._folder.path}"
             )
-        return f"MLflow: {self.place.uri}; islandgp ui shows it"
+        return f"MLflow: {self.place.uri}; {program()} ui shows it"
 
     def _work(self) -> None:
         mirror: Mirror | None = None

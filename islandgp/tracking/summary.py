@@ -159,6 +159,8 @@ def arm_lines(found: Sequence[ArmSummary]) -> str:
 def _row(arm: ArmSummary, tiers: Sequence[str]) -> tuple[str, ...]:
     name = " ".join(arm.name.split())  # a quoted text may hold line breaks
     finished = f"{len(arm.finished)} of {len(arm.jobs)}"
+    if arm.jobs and all(job.pruned is not None for job in arm.jobs):
+        finished = "pruned"
     if not arm.summaries:
         return (name, finished, "", *("" for _ in tiers), "")
     best = [score(s) for s in arm.summaries]
@@ -201,7 +203,7 @@ def sweep_note(
     if broken := [job for job in file.jobs if sweep.run(job).status() is not Status.FINISHED]:
         lines += ["## Not finished", ""]
         for job in broken:
-            state = sweep.run(job).status().value.lower()
+            state = sweep.run(job).status().value.lower() if job.pruned is None else "pruned"
             lines.append(f"- {job.folder} ({state}): `{job.command}`")
     lines += ["", f"Records: `{sweep.path}`"]
     return "\n".join(lines) + "\n"

@@ -13,10 +13,13 @@ from typing import Any
 import pytest
 
 from islandgp.config.compose import run_folder
+from islandgp.errors import ConfigError
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
 from islandgp.records.lines import Lines
+from islandgp.records.parameters import shape
 from islandgp.running.app import main
+from islandgp.running.resume import differences
 from tests.composed import composed
 from tests.running.commands import TINY, fake
 from tests.running.histories import store, tracked
@@ -133,17 +136,16 @@ def test_a_changed_configuration_is_refused_with_the_keys_that_differ(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Exit code 2 and `key: old -> new`; the keys that do not shape the records may differ."""
-    words = [*INSTANT, "name=x"]
     broken = [*TINY, "tracking=off", "name=x", *fake("Breaks", after=2, how="error")]
     assert main(broken) == 2
     (folder,) = leaf(here, "x")
     config = here / "runs/x" / folder / "config.yaml"
     config.write_text(config.read_text().replace("tournament: 3", "tournament: 4"))
     capsys.readouterr()
-    assert main(words) == 2
+    assert main([*broken, "progress=off"]) == 2
     said = capsys.readouterr().err
     assert "  gp.tournament: 4 -> 3\n" in said
-    assert "evaluator" not in said
+    assert "progress" not in said
     assert "Traceback" not in said
 
 
@@ -335,7 +337,8 @@ def test_a_job_on_which_another_process_works_is_not_failed(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """It is left as it is, nothing is written into its folder, and the others go on."""
-    words = [*TINY, "tracking=off", *fake("Breaks", after=2, how="error")]
+    once = fake("Breaks", after=2, how="error", unless="mended", mark="true")
+    words = [*TINY, "tracking=off", *once]
     assert main(words) == 2
     (name,) = leaf(here)
     folder = RunFolder(here / "runs/default" / name)
@@ -346,7 +349,7 @@ def test_a_job_on_which_another_process_works_is_not_failed(
     folder.open((folder.path / "config.yaml").read_text(), about)
     capsys.readouterr()
     try:
-        assert main([*INSTANT, "seed=0,1", "-m"]) == 1
+        assert main([*words, "seed=0,1", "-m"]) == 1
     finally:
         folder.close()
     said = capsys.readouterr().err
@@ -368,8 +371,8 @@ def test_a_sweep_says_how_far_it_is(capsys: pytest.CaptureFixture[str]) -> None:
     """Before each job: jobs done, running, failed, generations; at the end a table of arms."""
     assert main([*INSTANT, "seed=0,1", "-m"]) == 0
     said = capsys.readouterr()
-    assert "sweep default: 0 of 2 done, 0 running, 0 failed, generation 0 of 12" in said.err
-    assert "sweep default: 1 of 2 done, 0 running, 0 failed, generation 6 of 12" in said.err
+    assert "sweep default: 0 of 2 done, 1 running, 0 failed, generation 0 of 12" in said.err
+    assert "sweep default: 1 of 2 done, 1 running, 0 failed, generation 6 of 12" in said.err
     assert re.search(r"baseline-seed1\S*: best robot", said.err)
     head, row = said.out.split("\n\n")[0].strip().splitlines()
     assert head.split("  ")[0] == "arm"
@@ -415,3 +418,89 @@ def test_a_failed_job_fails_its_parent(home: Path, monkeypatch: pytest.MonkeyPat
     (child,) = (run for run in found if run.parent)
     assert "error.txt" in child.artifacts
     assert "ZeroDivisionError" in child.tags["mlflow.note.content"]
+
+
+@pytest.mark.usefixtures("here")
+def test_another_evaluator_of_the_users_own_is_another_run(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """It may change the records: a finished run of the same name is not taken for this one."""
+    assert main(INSTANT) == 0
+    capsys.readouterr()
+    assert main([*TINY, "tracking=off", *fake("Slow", seconds=0)]) == 2
+    said = capsys.readouterr().err
+    assert (
+        "evaluator.factory: tests.running.evaluators:Instant -> tests.running.evaluators:Slow"
+        in said
+    )
+    assert "resume=never" in said
+    assert main([*TINY, "tracking=off", "evaluator=serial"]) == 2  # nor for one of the package's
+    assert main(INSTANT) == 0
+    assert "complete already" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("other", [{"cache": False}, {"policy": {"workers": 3}}])
+def test_evaluators_of_the_package_are_not_part_of_a_runs_identity(other: dict[str, Any]) -> None:
+    """They give the same outcomes; those of others need not."""
+    ours = {"factory": "islandgp.evaluation.processes:Processes", "cache": True, "policy": {}}
+    theirs = {**ours, "factory": "mine:Evaluator"}
+    assert shape({"seed": 1, "evaluator": ours}) == {"seed": 1}
+    assert shape({"seed": 1, "evaluator": theirs}) == {"seed": 1, "evaluator": theirs}
+    assert differences({"evaluator": ours}, {"evaluator": ours | other}) == []
+    assert len(differences({"evaluator": theirs}, {"evaluator": theirs | other})) == 1
+    assert differences({"evaluator": ours}, {"evaluator": theirs}) == [
+        "evaluator.factory: islandgp.evaluation.processes:Processes -> mine:Evaluator"
+    ]
+
+
+@pytest.mark.parametrize(
+    "word",
+    [
+        "hydra.run.dir=out",
+        "hydra.sweep.dir=out",
+        "hydra.sweep.subdir=${hydra.job.num}",
+        "hydra.output_subdir=.hydra",
+        "hydra.job.chdir=true",
+    ],
+)
+def test_folders_by_hydras_keys_are_refused(
+    here: Path, capsys: pytest.CaptureFixture[str], word: str
+) -> None:
+    """In one line that names ours; nothing is written."""
+    assert main([*INSTANT, word]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"islandgp: {word.partition('=')[0]}: expected")
+    assert "choose these by runs=FOLDER and name=NAME." in line
+    assert not list(here.iterdir())
+
+
+def test_a_configuration_of_the_users_own_comes_first(here: Path) -> None:
+    """By --config-name, as people who know Hydra expect."""
+    (here / "own").mkdir()
+    (here / "own/mine.yaml").write_text("defaults: [config, _self_]\nname: mine\nseed: 5\n")
+    assert main(["--config-dir", "own", "--config-name", "mine", *INSTANT]) == 0
+    (leaf_,) = leaf(here, "mine")
+    assert leaf_.startswith("baseline-seed5")
+
+
+def test_tags_of_the_users_own(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are in MLflow, and in no folder's name."""
+    monkeypatch.chdir(home)
+    assert main([*TINY, "progress=off", *fake("Instant"), "+tags.who=a b", "+tags.day=3"]) == 0
+    (run,) = tracked(store(home))
+    assert (run.tags["who"], run.tags["day"]) == ("a b", "3")
+    assert "tags" not in run.name
+
+
+@pytest.mark.parametrize(
+    ("word", "expected"),
+    [
+        ("+tags.seed=1", "tags.seed: expected a name of your own"),
+        ("+tags={mlflow.user: me}", "tags.mlflow.user"),
+        ("tags=5", "tags=5"),
+    ],
+)
+def test_tags_that_cannot_be_are_refused(word: str, expected: str) -> None:
+    """Names that MLflow or a run has already."""
+    with pytest.raises(ConfigError, match=re.escape(expected)):
+        composed(word)

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
+from islandgp.cli import islandgp
+from islandgp.errors import ConfigError
 from tests.running.commands import ROOT
+
+EXAMPLES = ROOT / "grammar/examples"
 
 SUPERVISOR = """
 from islandgp.supervision.fixed import Fixed
@@ -93,3 +99,19 @@ def test_commands_with_settings_find_parts_in_the_current_folder(tmp_path: Path)
         tmp_path, "play", str(tree), "--seeds", "1", *(w for o in words for w in ("--set", o))
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_the_examples_are_listed_and_printed() -> None:
+    """As they come with the package; each that is printed is a tree."""
+    listed = CliRunner().invoke(islandgp, ["examples"])
+    assert listed.exit_code == 0
+    for file in EXAMPLES.glob("*.bt"):
+        assert re.search(rf"^{file.stem} +\w", listed.stdout, re.MULTILINE)
+        printed = CliRunner().invoke(islandgp, ["examples", file.stem])
+        assert printed.stdout == file.read_text(encoding="utf-8")
+
+
+def test_an_example_that_is_not_there_is_told() -> None:
+    """With the names of those that are."""
+    with pytest.raises(ConfigError, match=r"found all_round; there are all_rounder, charging"):
+        CliRunner().invoke(islandgp, ["examples", "all_round"], catch_exceptions=False)

@@ -37,7 +37,7 @@ TINY = [
     "world.episode.length=20",
 ]
 CHECKS = ("generations.sha256", "checkpoint.previous.json")
-MODULES = {"ray": "ray", "submitit": "submitit", "": "joblib"}
+MODULES = {"ray": "ray", "submitit": "submitit", "optuna": "optuna", "": "joblib"}
 
 
 def commands(kind: str) -> list[list[str]]:
@@ -49,7 +49,9 @@ def commands(kind: str) -> list[list[str]]:
 
 def small(words: list[str]) -> list[str]:
     """A command's overrides with a run of seconds in place of the default one."""
-    return [*TINY, *(word for word in words if not word.startswith("gp.")), "progress=off"]
+    searched = "hydra/sweeper=optuna" in words
+    kept = [word for word in words if searched or not word.startswith("gp.")]
+    return [*kept, *TINY, "progress=off"]
 
 
 def test_the_commands_run_as_they_stand(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -136,7 +138,7 @@ def test_the_end_of_a_run_is_as_told() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["", "ray", "submitit"])
+@pytest.mark.parametrize("kind", ["", "ray", "submitit", "optuna"])
 def test_the_commands_of_launchers_run(kind: str, tmp_path: Path) -> None:
     """In a process of their own, as a user gives them."""
     if find_spec(MODULES[kind]) is None:

@@ -5,10 +5,16 @@ from __future__ import annotations
 import re
 import sys
 from io import StringIO
+from pathlib import Path
 
 import pytest
+from rich.console import Console
 
+from islandgp.records.folder import RunFolder
+from islandgp.records.sweep_folder import SweepJob
+from islandgp.resources import program
 from islandgp.running.progress import Progress, columns, duration, fitting, row
+from islandgp.running.sweep_progress import Start, sweep_line
 from tests.made import CLASSES
 from tests.tracking.folders import steps
 
@@ -115,3 +121,43 @@ def test_the_live_table_names_the_columns_that_it_leaves_out(
     assert f"no room for {', '.join(hidden)}" in " ".join(said.split())
     assert "…" not in said
     assert max(map(len, said.splitlines())) <= 40
+
+
+@pytest.mark.parametrize(("height", "generations"), [(5, 3), (20, 16), (60, 40)])
+def test_the_live_table_takes_the_height_of_the_terminal(height: int, generations: int) -> None:
+    """The last generations, as many as fit; not fewer than three."""
+    progress = Progress("off", 40, "a title", MILESTONES)
+    progress.rows = [(f"{n}/39", *[""] * (len(progress.columns) - 1)) for n in range(40)]
+    console = Console(file=StringIO(), width=100, height=height)
+    with console.capture() as said:
+        console.print(progress.drawn(height))
+    lines = said.get().splitlines()
+    assert [n for n in range(40) if any(f" {n}/39 " in line for line in lines)] == [
+        *range(40 - generations, 40)
+    ]
+    assert len(lines) <= max(height, 7)
+
+
+def test_hints_name_a_command_that_can_be_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By its path where it is not on PATH, as after `make run`."""
+    script = tmp_path / ".venv/bin/islandgp"
+    script.parent.mkdir(parents=True)
+    script.touch(mode=0o755)
+    monkeypatch.setattr("sys.executable", str(script.parent / "python"))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    assert program() == ".venv/bin/islandgp"
+    (tmp_path / "other").mkdir()
+    monkeypatch.chdir(tmp_path / "other")
+    assert program() == str(script)
+    monkeypatch.setenv("PATH", str(script.parent))
+    assert program() == "islandgp"
+
+
+def test_a_job_that_begins_counts_as_running(tmp_path: Path) -> None:
+    """The line before it says so, though it has not taken its folder yet."""
+    runs = [RunFolder(tmp_path / name) for name in ("one", "two")]
+    jobs = {run.path: SweepJob(run.path.name, run.path.name, "b", 1, (), 5, "") for run in runs}
+    assert "0 of 2 done, 1 running, 0 failed" in sweep_line(Start.now(jobs), runs[0])

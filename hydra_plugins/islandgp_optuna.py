@@ -1,0 +1,37 @@
+"""`hydra/sweeper=optuna`: where Hydra looks for sweepers. The search is `running.optuna_search`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from hydra.core.plugins import Plugins
+from hydra.plugins.sweeper import Sweeper
+from hydra.types import HydraContext, TaskFunction
+from omegaconf import DictConfig
+
+
+class OptunaSweeper(Sweeper):
+    """A search by Optuna, with the keys of `conf/hydra/sweeper/optuna.yaml`."""
+
+    def __init__(self, **settings: Any) -> None:
+        self.settings = settings
+
+    def setup(
+        self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig
+    ) -> None:
+        """See `Sweeper`."""
+        self.folder = Path(config.hydra.sweep.dir)
+        self.hydra_context, self.config = hydra_context, config
+        self.launcher = Plugins.instance().instantiate_launcher(
+            hydra_context=hydra_context, task_function=task_function, config=config
+        )
+
+    def sweep(self, arguments: list[str]) -> None:
+        """Searches. See `Sweeper`."""
+        from islandgp.running.optuna_search import OptunaSettings, search
+        from islandgp.running.search import RESULTS
+
+        assert self.launcher is not None, "Hydra calls setup first"
+        settings = OptunaSettings(**self.settings)
+        search(settings, arguments, self.launcher.launch, self.folder / RESULTS)

@@ -1,0 +1,100 @@
+"""`islandgp completion`: what makes a shell complete commands and overrides."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import click
+from click.shell_completion import BashComplete, CompletionItem, add_completion_class
+
+LINES: Final = {
+    "bash": ("~/.bashrc", 'eval "$(_ISLANDGP_COMPLETE=bash_source islandgp)"'),
+    "zsh": (
+        "~/.zshrc",
+        "(( $+functions[compdef] )) || { autoload -Uz compinit && compinit }; "
+        'eval "$(_ISLANDGP_COMPLETE=zsh_source islandgp)"',
+    ),
+    "fish": (
+        "~/.config/fish/completions/islandgp.fish",
+        "_ISLANDGP_COMPLETE=fish_source islandgp | source",
+    ),
+}
+"""By shell: the file of its settings, and the line for it."""
+
+
+class Bash(BashComplete):
+    """Click's, but a word that goes on after `.`, `=` or `/` gets no space behind it."""
+
+    source_template = BashComplete.source_template.replace(
+        "    return 0\n",
+        "    [[ ${#COMPREPLY[@]} -gt 0 && ${COMPREPLY[0]} == *[./=] ]] && compopt -o nospace"
+        " 2>/dev/null\n    return 0\n",
+    )
+
+
+add_completion_class(Bash)
+
+
+@click.command()
+@click.argument("shell", required=False, type=click.Choice(list(LINES)))
+def command(shell: str | None) -> None:
+    """Print the line that makes SHELL complete commands and overrides with TAB.
+
+    Without SHELL it is the one that $SHELL names. Give the line once, or put it into the
+    shell's settings.
+    """
+    name = shell or Path(os.environ.get("SHELL", "bash")).name
+    if name not in LINES:
+        raise click.UsageError(f"Expected a shell of {', '.join(LINES)}, found {name}; name one.")
+    file, line = LINES[name]
+    click.echo(line)
+    click.echo(f"islandgp: put this line into {file}, or give it now", err=True)
+
+
+def overrides(words: Sequence[str], incomplete: str) -> list[CompletionItem]:
+    """What an override may go on with, after the `words` before it; [] where Hydra knows nothing.
+
+    Bash takes `key=value` for three words: then only the value is completed.
+    """
+    before = [*words]
+    prefix = ""
+    if not incomplete and before and "=" not in before[-1] and not before[-1].startswith("-"):
+        prefix = f"{before.pop()}="  # click has taken the = away
+    elif len(before) > 1 and before[-1] == "=":
+        prefix = f"{before[-2]}="
+        before = before[:-2]
+    found = _query(_joined(before), prefix + incomplete)
+    return [CompletionItem(word.removeprefix(prefix)) for word in found]
+
+
+def _joined(words: Sequence[str]) -> list[str]:
+    """The words with those put together again that bash has split at `=`."""
+    found: list[str] = []
+    for word in words:
+        if found and (word == "=" or found[-1].endswith("=")):
+            found[-1] += word
+        else:
+            found.append(word)
+    return found
+
+
+def _query(words: Sequence[str], word: str) -> list[str]:
+    from hydra._internal.core_plugins.bash_completion import BashCompletion
+    from hydra._internal.utils import get_args_parser
+    from hydra.core.global_hydra import GlobalHydra
+
+    from islandgp.config.errors import MISTAKES
+    from islandgp.config.sources import ConfigSource
+    from islandgp.errors import ConfigError
+
+    try:
+        args, _ = get_args_parser().parse_known_args(words)
+        source = ConfigSource.of(args)
+        GlobalHydra.instance().clear()
+        plugin = BashCompletion(source.loader())
+        return plugin._query(config_name=source.name, line=" ".join([*words, word]))
+    except (*MISTAKES, ConfigError, SystemExit):  # of words that are not yet written to their end
+        return []

@@ -1,0 +1,338 @@
+"""A sweep whose jobs a sweeper of Hydra's chooses while it runs: `hydra/sweeper=optuna`.
+
+Each job enters itself into the sweep's file when it begins, in whatever process a
+launcher chose for it, and returns the values of `objectives`.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from math import nan
+from pathlib import Path
+from time import time
+from typing import Any, Final, Literal
+from uuid import uuid4
+
+import yaml
+from hydra.core.hydra_config import HydraConfig
+from hydra.core.override_parser.types import IntervalSweep, Override, Quote, QuotedString
+from omegaconf import DictConfig
+from pydantic import BaseModel, Field, ValidationError
+
+from islandgp.config.compose import MOST_JOBS, Searched, command_line, folder_of, is_choice, plain
+from islandgp.config.settings import Settings, read_settings, setting_at
+from islandgp.errors import ConfigError, RunError, brief
+from islandgp.records.files import objectives
+from islandgp.records.folder import RunFolder
+from islandgp.records.parameters import redacted, without_credentials
+from islandgp.records.sweep_folder import SweepFolder, SweepJob
+from islandgp.running.printing import say, shown
+from islandgp.running.pruning import AT_WORK, Trial, follow
+from islandgp.running.resume import choose
+from islandgp.running.sweep import Launch, end_ray, finish_sweep, tie_joblib_workers
+from islandgp.running.sweep_job import attempt, fitted
+from islandgp.running.sweep_progress import Start, Watch
+
+RESULTS: Final = "optimization_results.yaml"
+"""What Hydra's sweepers that search call the file of their results."""
+
+OURS: Final = "hydra_plugins.islandgp_optuna.OptunaSweeper"
+
+Direction = Literal["minimize", "maximize"]
+
+
+class SweeperSettings(BaseModel, frozen=True, extra="forbid"):
+    """The keys of `conf/hydra/sweeper/optuna.yaml`."""
+
+    n_trials: int = Field(ge=1, le=MOST_JOBS)
+    n_jobs: int = Field(ge=1, le=MOST_JOBS)
+    direction: Direction | tuple[Direction, ...]
+    params: dict[str, Any]
+    sampler: dict[str, Any]
+    pruner: dict[str, Any] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """A search at its start; jobs get it wherever they run, so it holds plain values only."""
+
+    id: str
+    at: float  # s since 1970
+    folder: Path  # the sweep's
+    flags: tuple[str, ...]  # of each job's command
+    at_once: int  # jobs that a launcher gets at a time; 1 where that is not known
+    trials: int  # in all; 0 where that is not known
+
+    def start(self) -> Start:
+        """The trials that have begun so far."""
+        file = SweepFolder(self.folder).read()
+        jobs = {
+            self.folder / job.slot: job
+            for job in (file.jobs if file else ())
+            if job.search == self.id
+        }
+        return Start(self.at, jobs, 0, {}, self.trials, self.folder.name)
+
+
+def run_search(searched: Searched, command: str, launch: Launch) -> int:
+    """Lets the sweeper choose and launch jobs; returns the exit code, as `run_sweep`.
+
+    Raises:
+        ConfigError: the sweeper's configuration is wrong.
+        RunError: another sweep is at work in the same folder, or the sweeper failed.
+    """
+    check(searched)
+    first = searched.ends[0]
+    if len({job.folder.parent for job in searched.ends}) > 1:
+        raise ConfigError(
+            "name: expected one name for all trials of a search, found several; give one name=..."
+        )
+    sweep = SweepFolder(first.folder.parent)
+    search = Search(
+        uuid4().hex,
+        time(),
+        sweep.path,
+        searched.flags,
+        int(searched.sweeper.get("n_jobs", 1)),
+        int(searched.sweeper.get("n_trials", 0)),
+    )
+    how = "off" if first.launcher == "BasicLauncher" else first.settings.progress
+    if first.launcher == "JoblibLauncher":
+        tie_joblib_workers()
+    interrupted = False
+    sweep.open(command, ())
+    results = sweep.path / RESULTS
+    try:
+        results.unlink(missing_ok=True)
+        place = QuotedString(str(sweep.path), Quote.single).with_quotes()
+        with Watch(search.start, how):
+            launch(search_job(search), [f"hydra.sweep.dir={place}"])
+    except KeyboardInterrupt:
+        interrupted = True
+    except Exception as error:
+        raise RunError(
+            f"Expected the sweeper to search, found that it cannot: {brief(_cause(error))};"
+            " change hydra.sweeper or hydra.launcher. Trials that are finished are kept."
+        ) from error
+    finally:
+        entries = {sweep: search.start().jobs}
+        end_ray([sweep.run(job) for job in entries[sweep].values()])
+        sweep.close()
+    jobs = entries[sweep].values()
+    pruned = sum(job.pruned is not None for job in jobs)
+    failed = sum(bool(sweep.run(job).error()) for job in jobs)
+    say(f"\nSearch: {len(jobs)} different runs, {pruned} pruned, {failed} failed")
+    if results.exists():
+        say(best_lines(yaml.safe_load(results.read_bytes()), first.settings.objectives))
+    return finish_sweep(entries, [first.settings], interrupted)
+
+
+def best_lines(results: Mapping[str, Any], names: Sequence[str]) -> str:
+    """What a sweeper has written into RESULTS, for people.
+
+    Args:
+        results: Hydra's form: best_params and best_value, or solutions with params and values.
+        names: the objectives.
+    """
+    found = results.get("solutions")
+    title = "None of these is worse than another one in every objective:"
+    if found is None:
+        found = [{"params": results["best_params"], "values": [results["best_value"]]}]
+        title = "Best:"
+    lines = [
+        f"  {', '.join(f'{n} {v:,.6g}' for n, v in zip(names, one['values'], strict=True))}"
+        f" with {' '.join(f'{key}={value}' for key, value in one['params'].items())}"
+        for one in found
+        if one["params"] is not None
+    ]
+    return "\n".join([title, *lines]) if lines else "No run came to its end."
+
+
+def check(searched: Searched) -> None:
+    """Raises ConfigError where Optuna could not search; other sweepers check that themselves."""
+    first = searched.ends[0]
+    sweeper = {key: v for key, v in searched.sweeper.items() if key != "_target_"}
+    for override in searched.sweeps:
+        _must_be_whole(override, first.settings)
+    if searched.sweeper.get("_target_") != OURS:
+        return
+    if find_spec("optuna") is None:
+        raise ConfigError(
+            "hydra/sweeper: expected Optuna, found it not installed; pip install 'islandgp[optuna]'"
+        )
+    try:
+        settings = SweeperSettings(**sweeper)
+    except ValidationError as error:
+        lines = {
+            e["loc"][0]: f"hydra.sweeper.{e['loc'][0]}={e['input']!r}: {_small(e['msg'])}"
+            for e in reversed(error.errors())
+        }
+        raise ConfigError("\n".join(lines.values())) from None
+    n = 1 if isinstance(settings.direction, str) else len(settings.direction)
+    aims = first.settings.objectives
+    if n != len(aims):
+        raise ConfigError(
+            f"hydra.sweeper.direction: expected one for each of the {len(aims)} objectives"
+            f" ({', '.join(aims)}), found {n}; write"
+            f" hydra.sweeper.direction=[{','.join(['maximize'] * len(aims))}]."
+        )
+    for key, part in (("sampler", settings.sampler), ("pruner", settings.pruner)):
+        target = str(part.get("_target_")) if part else ""
+        if part and not target.startswith(f"optuna.{key}s."):
+            raise ConfigError(
+                f"hydra.sweeper.{key}._target_: expected a class of optuna.{key}s, found {target}."
+            )
+    if settings.pruner and (first.launcher != "BasicLauncher" or n > 1 or settings.n_jobs > 1):
+        raise ConfigError(
+            "hydra/sweeper/pruner: expected one objective, hydra.sweeper.n_jobs=1 and the basic"
+            f" launcher, found {n}, {settings.n_jobs} and {first.launcher}: trials can be stopped"
+            " only one after the other in this process; leave the pruner out, or the others."
+        )
+    if not searched.sweeps:
+        raise ConfigError(
+            "Expected something to search, found no sweep; for instance"
+            " 'gp.mutation_rate=interval(0.05,0.9)'."
+        )
+    from islandgp.running.optuna_search import axis
+
+    for override in searched.sweeps:
+        try:
+            axis(override)
+        except ValueError as error:
+            raise ConfigError(
+                f"{override.input_line}: expected values to search, found that Optuna cannot:"
+                f" {brief(error)}"
+            ) from None
+
+
+def _cause(error: Exception) -> Exception:
+    """What Hydra's error was made from, if from any."""
+    return error.__cause__ if isinstance(error.__cause__, Exception) else error
+
+
+def _small(text: str) -> str:
+    return f"{text[:1].lower()}{text[1:]}"
+
+
+def _must_be_whole(override: Override, settings: Settings) -> None:
+    """Raises ConfigError for an interval of decimals where the key takes whole numbers."""
+    found = override.value()
+    value: Any = settings
+    for part in override.key_or_group.split("."):
+        value = setting_at(value, part)
+    whole = isinstance(value, int) and not isinstance(value, bool)
+    if isinstance(found, IntervalSweep) and whole and isinstance(found.start, float):
+        key = override.get_key_element()
+        text = str(override.input_line).partition("=")[2]
+        raise ConfigError(
+            f"{override.input_line}: expected an interval of whole numbers, found one of"
+            f" decimals; write '{key}=int({text})'."
+        )
+
+
+def search_job(search: Search) -> Callable[[DictConfig], float | tuple[float, ...]]:
+    """The function that Hydra calls for each trial; it returns the objectives.
+
+    It never raises because a trial failed: then it returns NaN, and the trial's folder tells.
+    """
+
+    def job(config: DictConfig) -> float | tuple[float, ...]:
+        multiprocessing.set_start_method(None, force=True)  # as in `sweep_job`
+        hydra = HydraConfig.get()
+        home, overrides = Path(hydra.runtime.cwd), list(hydra.overrides.task)
+        ours = plain(config)
+        with shown():
+            try:
+                settings = read_settings(ours)
+                named = _named(ours, overrides, home)
+                found = choose(RunFolder(named), settings, redacted(ours))
+            except (ConfigError, RunError) as error:
+                return _refused(search, ours, overrides, home, error)
+            entry = _entry(search, ours, overrides, named, found.path)
+            trial = AT_WORK.get(int(hydra.job.num))
+            own = fitted(settings, hydra.launcher, search.at_once)
+            return _run(search, entry, ours, own, home, trial)
+
+    return job
+
+
+def _run(
+    search: Search,
+    entry: SweepJob,
+    config: dict[str, Any],
+    settings: Settings,
+    home: Path,
+    trial: Trial | None,
+) -> float | tuple[float, ...]:
+    sweep = SweepFolder(search.folder)
+    sweep.enter(entry)
+    target = sweep.run(entry)
+    if trial is not None and target.finished():
+        for record in target.records():  # for the judgement of other trials
+            trial.judge.report(record["snapshot"]["best"], record["snapshot"]["generation"])
+
+    def judged(generation: int, best: float) -> None:
+        assert trial is not None
+        try:
+            follow(trial, generation, best)
+        finally:
+            if trial.pruned is not None:
+                sweep.enter(replace(entry, pruned=trial.pruned))
+
+    attempt(
+        target,
+        config,
+        settings,
+        home,
+        entry.command,
+        search.start,
+        judged if trial is not None else None,
+    )
+    if not target.finished():
+        return nan
+    return _one_or_all(objectives(target.summary(), settings.objectives))
+
+
+def _one_or_all(found: tuple[float, ...]) -> float | tuple[float, ...]:
+    return found[0] if len(found) == 1 else found
+
+
+def _refused(
+    search: Search, config: dict[str, Any], overrides: list[str], home: Path, error: Exception
+) -> float:
+    """A trial whose values do not fit together: it failed, and its folder tells why."""
+    named = _named(config, overrides, home)
+    folder = RunFolder(named)
+    if folder.begun():  # it is another run's
+        named = named.with_name(f"{named.name}~refused")
+        folder = RunFolder(named)
+    SweepFolder(search.folder).enter(_entry(search, config, overrides, named, named))
+    folder.fail(error)
+    print(f"islandgp: {without_credentials(str(error))}", file=sys.stderr)
+    return nan
+
+
+def _named(config: Mapping[str, Any], overrides: list[str], home: Path) -> Path:
+    supervisor = str(config["supervisor"]["name"])
+    return folder_of(
+        overrides, home, config["runs"], config["name"], supervisor, int(config["seed"])
+    )
+
+
+def _entry(
+    search: Search, config: Mapping[str, Any], overrides: list[str], named: Path, folder: Path
+) -> SweepJob:
+    return SweepJob(
+        slot=named.name,
+        folder=folder.name,
+        supervisor=str(config["supervisor"]["name"]),
+        seed=int(config["seed"]),
+        choices=tuple(without_credentials(o) for o in overrides if is_choice(o)),
+        generations=int(config["gp"]["generations"]),
+        command=command_line([*search.flags, *overrides]),
+        search=search.id,
+    )
