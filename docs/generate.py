@@ -16,9 +16,10 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
-from islandgp.bt.builder import MAX_LEVELS, MAX_NODES, MAX_NUMBER
+from islandgp.bt.builder import MAX_LEVELS, MAX_NESTED, MAX_NODES, MAX_NUMBER, MAX_TERMS
+from islandgp.bt.condition import OPERATORS
 from islandgp.bt.language import MAX_CHARACTERS, parse, to_text
-from islandgp.bt.node import ABORTS, KINDS, OPERATORS, POLICIES, REPEATS
+from islandgp.bt.node import ABORTS, KINDS, POLICIES, REPEATS
 from islandgp.bt.render.label import SYMBOLS
 from islandgp.commands.setting import configured
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
@@ -76,6 +77,7 @@ def tables() -> dict[str, str]:
             ("where", "words"),
             [
                 ("comparison", _codes(OPERATORS)),
+                ("between conditions", _codes(["and", "or", "not"])),
                 ("`abort`, the default last", _codes(ABORTS)),
                 ("`success`, `failure` of a parallel", _codes(POLICIES)),
                 ("`repeater`", f"a whole number from {REPEATS[0]} to {REPEATS[1]}"),
@@ -92,6 +94,11 @@ def tables() -> dict[str, str]:
                 ("levels of a tree, each `use` expanded", f"{MAX_LEVELS:,}"),
                 ("nodes of a tree, each `use` expanded", f"{MAX_NODES:,}"),
                 ("a number, with either sign", f"{MAX_NUMBER:,}"),
+                ("comparisons and flags of a condition", f"{MAX_TERMS:,}"),
+                (
+                    "levels of a condition: each `and`, `or`, `not` and `(` adds one",
+                    f"{MAX_NESTED:,}",
+                ),
             ],
         ),
     }
@@ -166,7 +173,7 @@ def textmate() -> str:
         },
         {"name": "keyword.control", "match": _any_of(inner)},
         {"name": "keyword.other", "match": _any_of(["abort", "success", "failure"])},
-        {"name": "keyword.operator.logical", "match": _any_of(["not"])},
+        {"name": "keyword.operator.logical", "match": _any_of(["and", "or", "not"])},
         {"name": "constant.language", "match": _any_of([*ABORTS, *POLICIES])},
         {"name": "support.function", "match": _any_of(VOCABULARY.actions)},
         {"name": "variable.language", "match": _any_of(VOCABULARY.keys)},

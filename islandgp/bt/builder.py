@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from textwrap import shorten
 from typing import Any, Final, TypeAlias
 
+from islandgp.bt.condition import OPERATORS, Asked, Condition, denied, joined
 from islandgp.bt.diagnosis import unknown_key, unknown_node
-from islandgp.bt.node import ABORTS, OPERATORS, REPEATS, Node
+from islandgp.bt.node import ABORTS, REPEATS, Argument, Node
 from islandgp.bt.source import Source, closest, shown
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.errors import LimitError, TreeError, UnknownNameError
@@ -17,6 +18,8 @@ from islandgp.errors import LimitError, TreeError, UnknownNameError
 MAX_LEVELS: Final = 100  # of a tree, a `use` counted expanded
 MAX_NODES: Final = 10_000  # of a tree, a `use` counted expanded
 MAX_NUMBER: Final = 1_000_000  # largest magnitude of a threshold
+MAX_TERMS: Final = 16  # comparisons and flags of a condition
+MAX_NESTED: Final = 16  # levels of a condition: each `and`, `or`, `not` and `(` adds one
 
 # lark.Tree and lark.Token: trees mix both, and the grammar says which one is where.
 _Tree: TypeAlias = Any
@@ -48,6 +51,7 @@ class Builder:
         self.nodes = 0  # of the tree that is being built, so far
         self.levels = 0
         self._name = ""  # of the subtree that is being built
+        self._terms = 0  # of the condition that is being built
 
     def build(self, definitions: Sequence[_Tree], root: _Tree) -> Node:
         """The Node of `root`; raises TreeError for whatever is wrong in the text."""
@@ -55,6 +59,11 @@ class Builder:
         for definition in definitions:
             self._define(*definition.children)
         return self._whole(root)
+
+    def condition(self, tree: _Tree) -> Asked:
+        """A condition alone."""
+        self._terms = 0
+        return self._asked(tree, 1)
 
     def _define(self, name: _Token, body: _Tree) -> None:
         if name in self._subtrees:
@@ -80,7 +89,7 @@ class Builder:
             if words is not None and parts[0] not in words.actions:
                 raise unknown_node(self._source, parts[0], self._subtrees, words)
             return Node("action", (str(parts[0]),))
-        args: tuple[str | float, ...] = ()
+        args: tuple[Argument, ...] = ()
         first = 1  # of the parts that are children
         if kind == "when":
             args, first = self._condition(parts)
@@ -108,18 +117,38 @@ class Builder:
                 kind=LimitError,
             )
 
-    def _condition(self, parts: Sequence[_Tree]) -> tuple[tuple[str | float, ...], int]:
-        asked = parts[1].children
-        form = str(parts[1].data)
-        if self._vocabulary is not None:
-            self._check_key(asked[0], compared=form == "comparison", words=self._vocabulary)
-        if form == "comparison":
-            operator, number = str(asked[1]), self._number(asked[2])
-        else:
-            operator, number = ("is" if form == "flag" else "not"), 0.0
+    def _condition(self, parts: Sequence[_Tree]) -> tuple[tuple[Argument, ...], int]:
+        asked = self.condition(parts[1])
         if parts[2].data == "abort":
-            return (str(asked[0]), operator, number, str(parts[2].children[0])), 3
-        return (str(asked[0]), operator, number, ABORTS[-1]), 2
+            return (asked, str(parts[2].children[0])), 3
+        return (asked, ABORTS[-1]), 2
+
+    def _asked(self, tree: _Tree, level: int) -> Asked:
+        form, parts = str(tree.data), tree.children
+        if form in ("comparison", "flag"):
+            self._terms += 1
+            self._bounded(parts[0], level)
+            if self._vocabulary is not None:
+                self._check_key(parts[0], compared=form == "comparison", words=self._vocabulary)
+            if form == "flag":
+                return Condition(str(parts[0]), "is", 0.0)
+            return Condition(str(parts[0]), str(parts[1]), self._number(parts[2]))
+        self._bounded(_first_word(tree), level)
+        inside = [self._asked(part, level + 1) for part in parts]
+        if form == "negation":
+            return denied(inside[0])
+        if form == "brackets":
+            return inside[0]
+        return joined("and" if form == "conjunction" else "or", inside)
+
+    def _bounded(self, at: _Token, level: int) -> None:
+        if self._terms > MAX_TERMS or level > MAX_NESTED:
+            raise self._source.error_at(
+                at,
+                "the condition is too long" if level <= MAX_NESTED else "the condition is too deep",
+                expected=f"at most {MAX_TERMS} comparisons and flags, {MAX_NESTED} levels",
+                kind=LimitError,
+            )
 
     def _check_key(self, name: _Token, *, compared: bool, words: Vocabulary) -> None:
         key = words.keys.get(name)
@@ -186,6 +215,12 @@ class Builder:
             guess=guess,
             kind=UnknownNameError,
         )
+
+
+def _first_word(tree: _Tree) -> _Token:
+    while hasattr(tree, "children"):
+        tree = tree.children[0]
+    return tree
 
 
 def _policies(parts: Sequence[_Tree]) -> tuple[tuple[str, str], int]:

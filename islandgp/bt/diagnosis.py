@@ -7,7 +7,8 @@ from contextlib import suppress
 from itertools import pairwise, takewhile
 from typing import TYPE_CHECKING
 
-from islandgp.bt.node import KINDS, OPERATORS
+from islandgp.bt.condition import OPERATORS
+from islandgp.bt.node import KINDS
 from islandgp.bt.source import Source, closest, shown
 from islandgp.bt.vocabulary import NOTHING, Vocabulary
 from islandgp.errors import TreeError, UnknownNameError
@@ -24,6 +25,8 @@ _SPELLING = {
     "LBRACE": "{",
     "RBRACE": "}",
     "EQUAL": "=",
+    "LPAR": "(",
+    "RPAR": ")",
     "$END": "the end of the text",
 }
 
@@ -83,9 +86,10 @@ def syntax_error(
         # in `slector { ... }` the parser takes offence at the brace.
         if word.type != "NAME" or previous in ("subtree", "use", "domain") or vocabulary is None:
             continue
-        if previous in ("when", "not") and word not in vocabulary.keys:
+        asked = previous in ("when", "not", "and", "or", "(")
+        if asked and word not in vocabulary.keys:
             return unknown_key(source, word, vocabulary)
-        if previous not in ("when", "not") and word not in vocabulary.actions:
+        if not asked and word not in vocabulary.actions:
             return unknown_node(source, word, subtrees, vocabulary)
     words = vocabulary or NOTHING
     if not isinstance(error, UnexpectedToken):
@@ -158,7 +162,7 @@ def _expected(
         if previous == "domain":
             return "the name of a domain", ()
         flags = tuple(name for name, key in vocabulary.keys.items() if key.flag)
-        words = ("not", *vocabulary.keys) if "NOT" in accepted else flags
+        words = ("not", "(", *vocabulary.keys) if "NOT" in accepted else flags
         return f"a key: {', '.join(words)}" if vocabulary.keys else "a key", words
     spelled: list[str] = []
     for name in sorted(accepted, key=lambda name: (name in _SPELLING, name)):

@@ -12,6 +12,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, Final
 
 from islandgp.bt.builder import MAX_LEVELS, MAX_NODES, MAX_NUMBER, Builder
+from islandgp.bt.condition import Asked
 from islandgp.bt.diagnosis import syntax_error
 from islandgp.bt.node import Node
 from islandgp.bt.printer import to_text
@@ -30,6 +31,7 @@ __all__ = [
     "MAX_NUMBER",
     "domain_of",
     "parse",
+    "parse_condition",
     "plain",
     "to_text",
     "words",
@@ -72,7 +74,8 @@ def parse(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<tree
     source = Source(text, name)
     parser = _parser()
     try:
-        tree: Any = parser.parse(text)  # lark mixes trees and tokens; the grammar tells which
+        # Lark mixes trees and tokens; the grammar tells which is where.
+        tree: Any = parser.parse(text, start="start")
     except UnexpectedInput as error:
         raise syntax_error(source, error, parser.lex(text), vocabulary) from None
     parts: list[Any] = list(tree.children)  # trees, as the grammar says
@@ -83,6 +86,18 @@ def parse(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<tree
     node = builder.build(head, root)
     _check_length(source, node, expanded=bool(head), indents=builder.nodes * builder.levels)
     return node
+
+
+def parse_condition(text: str, vocabulary: Vocabulary) -> Asked:
+    """The condition that a text says, as it stands behind `when`. Raises TreeError as `parse`."""
+    from lark.exceptions import UnexpectedInput
+
+    source = Source(text[:MAX_CHARACTERS], "<condition>")
+    try:
+        tree: Any = _parser().parse(source.text, start="disjunction")
+    except UnexpectedInput as error:
+        raise syntax_error(source, error, _parser().lex(source.text), vocabulary) from None
+    return Builder(source, vocabulary).condition(tree)
 
 
 def _check_length(source: Source, tree: Node, *, expanded: bool, indents: int) -> None:
@@ -134,4 +149,5 @@ def _parser() -> Lark:
     grammar = (resource("grammar") / "bt.lark").read_text(encoding="utf-8")
     # The basic lexer knows every word everywhere; a contextual one would read
     # `selfish` as `self` and `ish` where only abort rules are expected.
-    return Lark(grammar, parser="lalr", lexer="basic", maybe_placeholders=False)
+    starts = ["start", "disjunction"]
+    return Lark(grammar, parser="lalr", lexer="basic", maybe_placeholders=False, start=starts)

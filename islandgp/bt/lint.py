@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
+from islandgp.bt.condition import Asked
 from islandgp.bt.language import plain
-from islandgp.bt.node import FAILURE, Node, size
+from islandgp.bt.node import FAILURE, Node, condition_of, size
 from islandgp.bt.outcomes import HANDS_OVER, ends, never
-from islandgp.bt.printer import head
+from islandgp.bt.printer import condition_text, head
 from islandgp.bt.reasons import Above, why, why_not
 from islandgp.bt.source import Source
 from islandgp.bt.syntax import File, Written, expanded, read
@@ -22,13 +23,14 @@ from islandgp.bt.truth import (
     Standing,
     below,
     checks_itself,
-    condition_of,
     excludes,
     implies,
     may_interrupt,
     root_of,
+    shorter,
+    whenever_asked,
 )
-from islandgp.bt.vocabulary import Condition, Vocabulary
+from islandgp.bt.vocabulary import Vocabulary
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -149,17 +151,21 @@ def _guard(
     asked = condition_of(node)
     if never(node, standing):
         yield at + 1, f"this branch can never run: {_why_never(asked, standing, above)}", True
-    elif implies(standing.at_start, asked):
+        return
+    if implies(standing.at_start, asked):
         needless = not checks_itself(node) or implies(standing.always, asked)
         if needless and not may_interrupt(node, standing):
             message = f"this guard says nothing new: {why(asked, above)}"
             yield at, message, False
-    elif node.args[3] == "lower" and standing.observer is None:
+            return
+    elif node.args[1] == "lower" and standing.observer is None:
         message = "abort lower is abort none here: no composite has a later branch to stop"
         yield at, message, False
+    if (same := shorter(asked, whenever_asked(node, standing))) != asked:
+        yield at, f"this condition is the same as a shorter one: {condition_text(same)}", False
 
 
-def _why_never(asked: Condition, standing: Standing, above: Above) -> str:
+def _why_never(asked: Asked, standing: Standing, above: Above) -> str:
     return why_not(asked, standing.at_start, above, standing.vocabulary)
 
 

@@ -9,7 +9,8 @@ from collections.abc import Iterator
 from decimal import Decimal
 from functools import lru_cache
 
-from islandgp.bt.node import ABORTS, Node
+from islandgp.bt.condition import Asked, Compound
+from islandgp.bt.node import ABORTS, Node, condition_of, count_of
 
 WIDTH = 80  # columns of a line
 INDENT = "  "
@@ -38,7 +39,7 @@ def head(node: Node) -> str:
     if node.kind == "action":
         return str(node.args[0])
     if node.kind == "repeater":
-        return f"repeater {number_text(float(node.args[0]))}"
+        return f"repeater {count_of(node)}"
     if node.kind == "parallel":
         success, failure = node.args
         return (
@@ -47,19 +48,27 @@ def head(node: Node) -> str:
             + ("" if failure == "one" else f" failure {failure}")
         )
     if node.kind == "when":
-        return _when_head(node)
+        abort = node.args[1]
+        return f"when {condition_text(condition_of(node))}" + (
+            "" if abort == ABORTS[-1] else f" abort {abort}"
+        )
     return node.kind
 
 
-def _when_head(node: Node) -> str:
-    key, operator, number, abort = node.args
-    if operator == "is":
-        condition = f"{key}"
-    elif operator == "not":
-        condition = f"not {key}"
-    else:
-        condition = f"{key} {operator} {number_text(float(number))}"
-    return f"when {condition}" + ("" if abort == ABORTS[-1] else f" abort {abort}")
+def condition_text(asked: Asked, *, brackets: bool = False) -> str:
+    """A condition as it is written; `brackets`: around one that is joined."""
+    if isinstance(asked, Compound):
+        if asked.word == "not":
+            return f"not {condition_text(asked.parts[0], brackets=True)}"
+        # `and` binds more than `or`, so only an `or` in an `and` needs them.
+        inside = [condition_text(part, brackets=asked.word == "and") for part in asked.parts]
+        text = f" {asked.word} ".join(inside)
+        return f"({text})" if brackets else text
+    if asked.operator == "is":
+        return asked.key
+    if asked.operator == "not":
+        return f"not {asked.key}"
+    return f"{asked.key} {asked.operator} {number_text(asked.number)}"
 
 
 def _lines(node: Node, indent: str) -> Iterator[str]:

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from islandgp.bt.comments import Comment, Word, above, commented
+from islandgp.bt.condition import OPERATORS, Asked, Condition, denied, joined
 from islandgp.bt.language import parse, plain
-from islandgp.bt.node import ABORTS, FLAG_OPERATORS, KINDS, OPERATORS, Node
+from islandgp.bt.node import ABORTS, KINDS, Node
 from islandgp.bt.vocabulary import Vocabulary
 
 if TYPE_CHECKING:
@@ -170,14 +171,29 @@ def _node_of(head: list[Word]) -> Node:
     return Node(kind) if kind in KINDS else Node("action", (kind,))
 
 
-def _when(rest: list[str]) -> tuple[str | float, ...]:
+def _when(rest: list[str]) -> tuple[Asked, str]:
     abort = ABORTS[-1]
     if "abort" in rest:
         *rest, _, abort = rest
-    if rest[0] == "not":
-        return (rest[1], FLAG_OPERATORS[1], 0.0, abort)
-    if len(rest) == 1:
-        return (rest[0], FLAG_OPERATORS[0], 0.0, abort)
-    key, operator, number = rest
-    assert operator in OPERATORS
-    return (key, operator, float(number) + 0.0, abort)
+    return _joined_by("or", rest[::-1]), abort
+
+
+def _joined_by(word: str, rest: list[str]) -> Asked:
+    """A condition from the words of `rest`, which it takes from the end of that list."""
+    parts: list[Asked] = []
+    while not parts or (rest and rest[-1] == word and rest.pop()):
+        parts.append(_joined_by("and", rest) if word == "or" else _term(rest))
+    return joined(word, parts)
+
+
+def _term(rest: list[str]) -> Asked:
+    word = rest.pop()
+    if word == "not":
+        return denied(_term(rest))
+    if word == "(":
+        inside = _joined_by("or", rest)
+        rest.pop()
+        return inside
+    if rest and rest[-1] in OPERATORS:
+        return Condition(word, rest.pop(), float(rest.pop()) + 0.0)
+    return Condition(word, "is", 0.0)
