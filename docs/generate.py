@@ -16,8 +16,16 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
-from islandgp.bt.builder import MAX_LEVELS, MAX_NESTED, MAX_NODES, MAX_NUMBER, MAX_TERMS
+from islandgp.bt.builder import (
+    MAX_INSTANCES,
+    MAX_LEVELS,
+    MAX_NESTED,
+    MAX_NODES,
+    MAX_NUMBER,
+    MAX_TERMS,
+)
 from islandgp.bt.condition import OPERATORS
+from islandgp.bt.includes import MAX_FILES
 from islandgp.bt.language import MAX_CHARACTERS, parse, to_text
 from islandgp.bt.node import ABORTS, KINDS, POLICIES, REPEATS
 from islandgp.bt.render.label import SYMBOLS
@@ -94,6 +102,8 @@ def tables() -> dict[str, str]:
                 ("levels of a tree, each `use` expanded", f"{MAX_LEVELS:,}"),
                 ("nodes of a tree, each `use` expanded", f"{MAX_NODES:,}"),
                 ("a number, with either sign", f"{MAX_NUMBER:,}"),
+                ("files that a file includes; their characters count as its own", f"{MAX_FILES:,}"),
+                ("different arguments with which subtrees are used", f"{MAX_INSTANCES:,}"),
                 ("comparisons and flags of a condition", f"{MAX_TERMS:,}"),
                 (
                     "levels of a condition: each `and`, `or`, `not` and `(` adds one",
@@ -150,11 +160,17 @@ def textmate() -> str:
     rules: list[dict[str, Any]] = [
         {"name": "comment.line.number-sign", "match": "#.*$"},
         {
-            "match": r"\b(subtree)\s+([A-Za-z_]\w*)\s*(=)",
+            "match": r"\b(subtree|constant)\s+([A-Za-z_]\w*)",
             "captures": {
                 "1": {"name": "keyword.declaration"},
                 "2": {"name": "entity.name.function"},
-                "3": {"name": "keyword.operator.assignment"},
+            },
+        },
+        {
+            "match": r"\b(include)\s+(\"[^\"]*\")",
+            "captures": {
+                "1": {"name": "keyword.declaration"},
+                "2": {"name": "string.quoted.double"},
             },
         },
         {
@@ -182,7 +198,7 @@ def textmate() -> str:
             "match": "|".join(sorted(OPERATORS, key=len, reverse=True)),
         },
         {"name": "constant.numeric", "match": r"-?\b\d+(\.\d+)?\b"},
-        {"name": "invalid.illegal", "match": r"[A-Za-z_]\w*"},
+        {"name": "variable.other", "match": r"[A-Za-z_]\w*"},
     ]
     grammar = {
         "name": "islandgp behaviour tree",

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import NamedTuple
 
 from islandgp.bt.condition import Asked
@@ -18,7 +19,7 @@ from islandgp.bt.outcomes import HANDS_OVER, ends, never
 from islandgp.bt.printer import condition_text, head
 from islandgp.bt.reasons import Above, why, why_not
 from islandgp.bt.source import Source
-from islandgp.bt.syntax import File, Written, expanded, read
+from islandgp.bt.syntax import Definition, File, Written, expanded, read
 from islandgp.bt.truth import (
     Standing,
     below,
@@ -60,13 +61,17 @@ class _Place(NamedTuple):
     above: Above
 
 
-def warnings(text: str, vocabulary: Vocabulary, *, name: str = "<tree>") -> list[Finding]:
+def warnings(
+    text: str, vocabulary: Vocabulary, *, name: str = "<tree>", folder: Path | None = None
+) -> list[Finding]:
     """The doubtful places of a file, in its order, each once.
+
+    What is doubtful in an included subtree is told where that is used. `folder`: as `parse`.
 
     Raises:
         TreeError: the text is not a tree of the language.
     """
-    file = read(text, vocabulary, name=name)
+    file = read(text, vocabulary, name=name, folder=folder)
     written = list(expanded(file))
     found = set(_unused(file))
     cold: set[int] = set()  # places below a node that never runs: one warning is enough
@@ -102,13 +107,14 @@ def _places(node: Node, standing: Standing, above: Above) -> Iterator[_Place]:
 def _unused(file: File) -> Iterator[Finding]:
     used = {w.node.args[0] for w in _all(file) if w.node.kind == "use"}
     for definition in file.definitions:
-        if definition.name not in used:
+        if isinstance(definition, Definition) and definition.name not in used:
             message = f"subtree {definition.name!r} is never used"
             yield Finding(definition.line, definition.column, message)
 
 
 def _all(file: File) -> Iterator[Written]:
-    waiting = [file.root, *(definition.body for definition in file.definitions)]
+    waiting = [d.body for d in file.definitions if isinstance(d, Definition)]
+    waiting += [file.root] if file.root is not None else []
     while waiting:
         written = waiting.pop()
         yield written

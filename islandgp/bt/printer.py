@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from decimal import Decimal
 from functools import lru_cache
+from typing import Self
 
 from islandgp.bt.condition import Asked, Compound
 from islandgp.bt.node import ABORTS, Node, condition_of, count_of
@@ -15,6 +16,17 @@ from islandgp.bt.node import ABORTS, Node, condition_of, count_of
 WIDTH = 80  # columns of a line
 INDENT = "  "
 INLINE_LEVELS = 3  # levels that one line may hold: deeper ones are hard to read
+
+
+class Named(float):
+    """A number that is written by the name of a constant or a parameter."""
+
+    def __new__(cls, name: str, value: float) -> Self:
+        made = super().__new__(cls, value)
+        made.name = name
+        return made
+
+    name: str
 
 
 @lru_cache(maxsize=256)  # a run asks for each tree of a generation several times
@@ -28,7 +40,9 @@ def to_text(node: Node) -> str:
 
 
 def number_text(value: float) -> str:
-    """A number without exponent and without needless decimals: `25`, `12.5`."""
+    """A number without exponent and without needless decimals, `25`, `12.5`, or its name."""
+    if isinstance(value, Named):
+        return value.name
     if value == int(value):
         return str(int(value))
     return format(Decimal(repr(float(value))), "f")
@@ -39,7 +53,7 @@ def head(node: Node) -> str:
     if node.kind == "action":
         return str(node.args[0])
     if node.kind == "repeater":
-        return f"repeater {count_of(node)}"
+        return f"repeater {_count(node)}"
     if node.kind == "parallel":
         success, failure = node.args
         return (
@@ -53,6 +67,11 @@ def head(node: Node) -> str:
             "" if abort == ABORTS[-1] else f" abort {abort}"
         )
     return node.kind
+
+
+def _count(repeater: Node) -> str:
+    count = repeater.args[0]
+    return count.name if isinstance(count, Named) else str(count_of(repeater))
 
 
 def condition_text(asked: Asked, *, brackets: bool = False) -> str:

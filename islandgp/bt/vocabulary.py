@@ -21,8 +21,8 @@ from islandgp.errors import DomainError
 NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 RESERVED: Final = frozenset((
-    "domain", "subtree", "selector", "sequence", "parallel", "success", "failure", "inverter",
-    "repeater", "when", "and", "or", "not", "abort", "use", "one", "all",
+    "domain", "include", "constant", "subtree", "selector", "sequence", "parallel", "success",
+    "failure", "inverter", "repeater", "when", "and", "or", "not", "abort", "use", "one", "all",
     "none", "self", "lower", "both",
 ))  # fmt: skip
 """Words of the grammar: no action or key can have such a name."""

@@ -16,7 +16,10 @@ from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import UnknownNameError
 from islandgp.resources import resource
 
-OTHER_WORDS = {"domain", "subtree", "use", "and", "or", "not", "abort", "success", "failure"}
+OTHER_WORDS = {
+    "domain", "include", "constant", "subtree", "use", "and", "or", "not", "abort", "success",
+    "failure",
+}  # fmt: skip
 NAMES = (*VOCABULARY.actions, *VOCABULARY.keys)
 
 
@@ -27,7 +30,7 @@ def grammar_words() -> set[str]:
 
 
 def test_grammar_has_the_words_of_the_tables() -> None:
-    """The grammar's words are the node kinds, the abort rules, the policies, and nine more."""
+    """The grammar's words are the node kinds, the abort rules, the policies, and eleven more."""
     kinds = set(KINDS) - {"action"}
     assert grammar_words() == kinds | set(ABORTS) | set(POLICIES) | OTHER_WORDS
 
