@@ -154,25 +154,31 @@ def results_table(found: Mapping[str, float]) -> str:
     return _table(("tree", "mean fitness"), [(name, f"{mean:,.0f}") for name, mean in rows])
 
 
+_A_NAME = r"[A-Za-z_]\w*"
+_KEYWORD, _FUNCTION = "keyword.declaration", "entity.name.function"
+_OTHER, _ASSIGNS = "variable.other", "keyword.operator.assignment"
+
+
+def _rule(match: str, *names: str) -> dict[str, Any]:
+    """A rule whose groups have scopes of these names."""
+    captures = {str(at): {"name": name} for at, name in enumerate(names, 1)}
+    return {"match": match, "captures": captures}
+
+
 def textmate() -> str:
     """The TextMate grammar, as JSON."""
     inner = [kind for kind in KINDS if kind != "action"]
     rules: list[dict[str, Any]] = [
         {"name": "comment.line.number-sign", "match": "#.*$"},
-        {
-            "match": r"\b(subtree|constant)\s+([A-Za-z_]\w*)",
-            "captures": {
-                "1": {"name": "keyword.declaration"},
-                "2": {"name": "entity.name.function"},
-            },
-        },
-        {
-            "match": r"\b(include)\s+(\"[^\"]*\")",
-            "captures": {
-                "1": {"name": "keyword.declaration"},
-                "2": {"name": "string.quoted.double"},
-            },
-        },
+        _rule(
+            rf"\b(subtree)\s+({_A_NAME})\s*(\([^)]*\))\s*(=)", _KEYWORD, _FUNCTION, _OTHER, _ASSIGNS
+        ),
+        _rule(rf"\b(subtree)\s+({_A_NAME})\s*(=)", _KEYWORD, _FUNCTION, _ASSIGNS),
+        _rule(
+            rf"\b(constant)\s+({_A_NAME})\s*(=)\s*({_A_NAME})", _KEYWORD, _OTHER, _ASSIGNS, _OTHER
+        ),
+        _rule(rf"\b(constant)\s+({_A_NAME})\s*(=)", _KEYWORD, _OTHER, _ASSIGNS),
+        _rule(r'\b(include)\s+("[^"]*")', _KEYWORD, "string.quoted.double"),
         {
             "match": r"\b(domain)\s+([A-Za-z_]\w*)",
             "captures": {
@@ -180,13 +186,10 @@ def textmate() -> str:
                 "2": {"name": "entity.name.namespace"},
             },
         },
-        {
-            "match": r"\b(use)\s+([A-Za-z_]\w*)",
-            "captures": {
-                "1": {"name": "keyword.other.use"},
-                "2": {"name": "entity.name.function"},
-            },
-        },
+        _rule(rf"\b(use)\s+({_A_NAME})\s*(\([^)]*\))", "keyword.other.use", _FUNCTION, _OTHER),
+        _rule(rf"\b(use)\s+({_A_NAME})", "keyword.other.use", _FUNCTION),
+        _rule(rf"\b(repeater)\s+({_A_NAME})", "keyword.control", _OTHER),
+        _rule(rf"([<>]=?|[=!]=)\s*({_A_NAME})", "keyword.operator.comparison", _OTHER),
         {"name": "keyword.control", "match": _any_of(inner)},
         {"name": "keyword.other", "match": _any_of(["abort", "success", "failure"])},
         {"name": "keyword.operator.logical", "match": _any_of(["and", "or", "not"])},
@@ -198,7 +201,7 @@ def textmate() -> str:
             "match": "|".join(sorted(OPERATORS, key=len, reverse=True)),
         },
         {"name": "constant.numeric", "match": r"-?\b\d+(\.\d+)?\b"},
-        {"name": "variable.other", "match": r"[A-Za-z_]\w*"},
+        {"name": "invalid.illegal", "match": r"[A-Za-z_]\w*"},
     ]
     grammar = {
         "name": "islandgp behaviour tree",
