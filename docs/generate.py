@@ -16,9 +16,18 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
-from islandgp.bt.builder import MAX_LEVELS, MAX_NODES, MAX_NUMBER
+from islandgp.bt.builder import (
+    MAX_INSTANCES,
+    MAX_LEVELS,
+    MAX_NESTED,
+    MAX_NODES,
+    MAX_NUMBER,
+    MAX_TERMS,
+)
+from islandgp.bt.condition import OPERATORS
+from islandgp.bt.includes import MAX_FILES
 from islandgp.bt.language import MAX_CHARACTERS, parse, to_text
-from islandgp.bt.node import ABORTS, KINDS, OPERATORS, POLICIES, REPEATS
+from islandgp.bt.node import ABORTS, KINDS, POLICIES, REPEATS
 from islandgp.bt.render.label import SYMBOLS
 from islandgp.commands.setting import configured
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
@@ -76,6 +85,7 @@ def tables() -> dict[str, str]:
             ("where", "words"),
             [
                 ("comparison", _codes(OPERATORS)),
+                ("between conditions", _codes(["and", "or", "not"])),
                 ("`abort`, the default last", _codes(ABORTS)),
                 ("`success`, `failure` of a parallel", _codes(POLICIES)),
                 ("`repeater`", f"a whole number from {REPEATS[0]} to {REPEATS[1]}"),
@@ -92,6 +102,13 @@ def tables() -> dict[str, str]:
                 ("levels of a tree, each `use` expanded", f"{MAX_LEVELS:,}"),
                 ("nodes of a tree, each `use` expanded", f"{MAX_NODES:,}"),
                 ("a number, with either sign", f"{MAX_NUMBER:,}"),
+                ("files that a file includes; their characters count as its own", f"{MAX_FILES:,}"),
+                ("different arguments with which subtrees are used", f"{MAX_INSTANCES:,}"),
+                ("comparisons and flags of a condition", f"{MAX_TERMS:,}"),
+                (
+                    "levels of a condition: each `and`, `or`, `not` and `(` adds one",
+                    f"{MAX_NESTED:,}",
+                ),
             ],
         ),
     }
@@ -137,19 +154,31 @@ def results_table(found: Mapping[str, float]) -> str:
     return _table(("tree", "mean fitness"), [(name, f"{mean:,.0f}") for name, mean in rows])
 
 
+_A_NAME = r"[A-Za-z_]\w*"
+_KEYWORD, _FUNCTION = "keyword.declaration", "entity.name.function"
+_OTHER, _ASSIGNS = "variable.other", "keyword.operator.assignment"
+
+
+def _rule(match: str, *names: str) -> dict[str, Any]:
+    """A rule whose groups have scopes of these names."""
+    captures = {str(at): {"name": name} for at, name in enumerate(names, 1)}
+    return {"match": match, "captures": captures}
+
+
 def textmate() -> str:
     """The TextMate grammar, as JSON."""
     inner = [kind for kind in KINDS if kind != "action"]
     rules: list[dict[str, Any]] = [
         {"name": "comment.line.number-sign", "match": "#.*$"},
-        {
-            "match": r"\b(subtree)\s+([A-Za-z_]\w*)\s*(=)",
-            "captures": {
-                "1": {"name": "keyword.declaration"},
-                "2": {"name": "entity.name.function"},
-                "3": {"name": "keyword.operator.assignment"},
-            },
-        },
+        _rule(
+            rf"\b(subtree)\s+({_A_NAME})\s*(\([^)]*\))\s*(=)", _KEYWORD, _FUNCTION, _OTHER, _ASSIGNS
+        ),
+        _rule(rf"\b(subtree)\s+({_A_NAME})\s*(=)", _KEYWORD, _FUNCTION, _ASSIGNS),
+        _rule(
+            rf"\b(constant)\s+({_A_NAME})\s*(=)\s*({_A_NAME})", _KEYWORD, _OTHER, _ASSIGNS, _OTHER
+        ),
+        _rule(rf"\b(constant)\s+({_A_NAME})\s*(=)", _KEYWORD, _OTHER, _ASSIGNS),
+        _rule(r'\b(include)\s+("[^"]*")', _KEYWORD, "string.quoted.double"),
         {
             "match": r"\b(domain)\s+([A-Za-z_]\w*)",
             "captures": {
@@ -157,16 +186,13 @@ def textmate() -> str:
                 "2": {"name": "entity.name.namespace"},
             },
         },
-        {
-            "match": r"\b(use)\s+([A-Za-z_]\w*)",
-            "captures": {
-                "1": {"name": "keyword.other.use"},
-                "2": {"name": "entity.name.function"},
-            },
-        },
+        _rule(rf"\b(use)\s+({_A_NAME})\s*(\([^)]*\))", "keyword.other.use", _FUNCTION, _OTHER),
+        _rule(rf"\b(use)\s+({_A_NAME})", "keyword.other.use", _FUNCTION),
+        _rule(rf"\b(repeater)\s+({_A_NAME})", "keyword.control", _OTHER),
+        _rule(rf"([<>]=?|[=!]=)\s*({_A_NAME})", "keyword.operator.comparison", _OTHER),
         {"name": "keyword.control", "match": _any_of(inner)},
         {"name": "keyword.other", "match": _any_of(["abort", "success", "failure"])},
-        {"name": "keyword.operator.logical", "match": _any_of(["not"])},
+        {"name": "keyword.operator.logical", "match": _any_of(["and", "or", "not"])},
         {"name": "constant.language", "match": _any_of([*ABORTS, *POLICIES])},
         {"name": "support.function", "match": _any_of(VOCABULARY.actions)},
         {"name": "variable.language", "match": _any_of(VOCABULARY.keys)},

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from hypothesis import strategies as st
 
+from islandgp.bt.condition import OPERATORS, Asked, Condition, denied, joined
 from islandgp.bt.language import MAX_NUMBER
-from islandgp.bt.node import ABORTS, OPERATORS, POLICIES, REPEATS, Node
+from islandgp.bt.node import ABORTS, POLICIES, REPEATS, Argument, Node
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import PopulationState
@@ -34,14 +35,30 @@ def few_boards() -> st.SearchStrategy[list[float]]:
     return st.tuples(*(flag if key.flag else number for key in _KEYS.values())).map(list)
 
 
+def single_conditions(thresholds: st.SearchStrategy[float]) -> st.SearchStrategy[Condition]:
+    """Any comparison or flag."""
+    operators, flags = st.sampled_from(OPERATORS), st.sampled_from(["is", "not"])
+    return st.builds(Condition, st.sampled_from(_FLAGS), flags, st.just(0.0)) | st.builds(
+        Condition, st.sampled_from(_NUMBERS), operators, thresholds
+    )
+
+
+def conditions(thresholds: st.SearchStrategy[float] | None = None) -> st.SearchStrategy[Asked]:
+    """Any condition of at most eight comparisons and flags, single ones among them."""
+    single = single_conditions(numbers() if thresholds is None else thresholds)
+
+    def grown(part: st.SearchStrategy[Asked]) -> st.SearchStrategy[Asked]:
+        words = st.sampled_from(["and", "or"])
+        return st.builds(joined, words, st.lists(part, min_size=2, max_size=3)) | part.map(denied)
+
+    return st.one_of(single, st.recursive(single, grown, max_leaves=8))
+
+
 def when_args(
     thresholds: st.SearchStrategy[float],
-) -> st.SearchStrategy[tuple[str | float, ...]]:
+) -> st.SearchStrategy[tuple[Argument, ...]]:
     """The arguments of any `when`."""
-    abort = st.sampled_from(ABORTS)
-    flag = st.tuples(st.sampled_from(_FLAGS), st.sampled_from(["is", "not"]), st.just(0.0), abort)
-    number = st.tuples(st.sampled_from(_NUMBERS), st.sampled_from(OPERATORS), thresholds, abort)
-    return flag | number
+    return st.tuples(conditions(thresholds), st.sampled_from(ABORTS))
 
 
 def nodes(

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from textwrap import shorten
 from typing import Any, Final, TypeAlias
 
+from islandgp.bt.condition import OPERATORS, Asked, Condition, denied, joined
 from islandgp.bt.diagnosis import unknown_key, unknown_node
-from islandgp.bt.node import ABORTS, OPERATORS, REPEATS, Node
+from islandgp.bt.includes import Part
+from islandgp.bt.node import ABORTS, REPEATS, Argument, Node
 from islandgp.bt.source import Source, closest, shown
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.errors import LimitError, TreeError, UnknownNameError
@@ -17,10 +19,16 @@ from islandgp.errors import LimitError, TreeError, UnknownNameError
 MAX_LEVELS: Final = 100  # of a tree, a `use` counted expanded
 MAX_NODES: Final = 10_000  # of a tree, a `use` counted expanded
 MAX_NUMBER: Final = 1_000_000  # largest magnitude of a threshold
+MAX_TERMS: Final = 16  # comparisons and flags of a condition
+MAX_INSTANCES: Final = 1_000  # different arguments with which subtrees are used
+MAX_NESTED: Final = 16  # levels of a condition: each `and`, `or`, `not` and `(` adds one
 
 # lark.Tree and lark.Token: trees mix both, and the grammar says which one is where.
 _Tree: TypeAlias = Any
 _Token: TypeAlias = Any
+
+NO_TREE: Final = Node("sequence")
+"""What is built of a file that only holds subtrees: no tree of the language."""
 
 _NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?")
 
@@ -30,6 +38,15 @@ class _Subtree:
     node: Node
     nodes: int  # expanded
     levels: int  # expanded
+
+
+@dataclass(frozen=True, slots=True)
+class _Template:
+    """A subtree with parameters, which is built anew for each arguments."""
+
+    parameters: tuple[str, ...]
+    body: _Tree
+    source: Source
 
 
 class Builder:
@@ -47,40 +64,118 @@ class Builder:
         self._later: set[str] = set()  # subtrees whose definition is not finished
         self.nodes = 0  # of the tree that is being built, so far
         self.levels = 0
+        self._templates: dict[str, _Template] = {}
+        self._instances: dict[tuple[str, tuple[float, ...]], _Subtree] = {}
+        self._constants: dict[str, float] = {}
+        self._values: dict[str, float] = {}  # of parameters of the subtree that is being built
+        self._open = 0  # subtrees with parameters that are being built
+        self._base = 1  # level of the root of what is being built
         self._name = ""  # of the subtree that is being built
+        self._terms = 0  # of the condition that is being built
 
-    def build(self, definitions: Sequence[_Tree], root: _Tree) -> Node:
-        """The Node of `root`; raises TreeError for whatever is wrong in the text."""
-        self._later = {str(definition.children[0]) for definition in definitions}
-        for definition in definitions:
-            self._define(*definition.children)
-        return self._whole(root)
+    def build(self, parts: Sequence[Part]) -> Node:
+        """The Node of the last part's tree; raises TreeError for whatever is wrong in the text."""
+        for part in parts:
+            self._source = part.source
+            definitions = [each for each in part.tree.children if _is(each, "subtree", "constant")]
+            self._later = {str(each.children[0]) for each in definitions if _is(each, "subtree")}
+            for definition in definitions:
+                if definition.data == "constant":
+                    self._constant(*definition.children)
+                else:
+                    self._define(definition.children[0], definition.children[1:])
+        last = parts[-1].tree.children[-1:]
+        if not last or _is(last[0], "subtree", "constant", "include", "domain"):
+            return NO_TREE
+        return self._whole(last[0])
 
-    def _define(self, name: _Token, body: _Tree) -> None:
-        if name in self._subtrees:
+    def condition(self, tree: _Tree) -> Asked:
+        """A condition alone."""
+        self._terms = 0
+        return self._asked(tree, 1)
+
+    def _constant(self, name: _Token, value: _Token) -> None:
+        if name in self._constants:
+            raise self._source.error_at(
+                name, f"constant {shown(name)} is defined twice", expected="a new name"
+            )
+        self._constants[str(name)] = self._number(value)
+
+    def _define(self, name: _Token, parts: Sequence[_Tree]) -> None:
+        if name in self._subtrees or name in self._templates:
             raise self._source.error_at(
                 name, f"subtree {shown(name)} is defined twice", expected="a new name"
             )
-        node = self._whole(body, name)
-        self._subtrees[str(name)] = _Subtree(node, self.nodes, self.levels)
+        *before, body = parts
+        if before:
+            self._define_with(name, before[0].children, body)
+        else:
+            node = self._whole(body, name)
+            self._subtrees[str(name)] = _Subtree(node, self.nodes, self.levels)
         self._later.discard(str(name))
 
-    def _whole(self, tree: _Tree, name: str = "") -> Node:
+    def _define_with(self, name: _Token, parameters: Sequence[_Token], body: _Tree) -> None:
+        for index, parameter in enumerate(parameters):
+            if parameter in parameters[:index]:
+                raise self._source.error_at(
+                    parameter, f"parameter {shown(parameter)} stands twice", expected="a new name"
+                )
+        names = tuple(map(str, parameters))
+        # Built once with numbers that are right everywhere, to find what is wrong in it.
+        self._values = dict.fromkeys(names, 1.0)
+        self._whole(body, name)
+        self._values = {}
+        self._templates[str(name)] = _Template(names, body, self._source)
+
+    def _instance(self, name: _Token, given: Sequence[_Token], level: int) -> _Subtree:
+        """The subtree with these arguments; each is built once."""
+        template = self._templates[str(name)]
+        if len(given) != len(template.parameters):
+            raise self._source.error_at(
+                name,
+                f"subtree {name} takes {len(template.parameters)} numbers, found {len(given)}",
+                expected=f"`use {name}({', '.join(template.parameters)})`",
+            )
+        values = tuple(map(self._number, given))
+        key = (str(name), values)
+        if key in self._instances:
+            return self._instances[key]
+        if len(self._instances) >= MAX_INSTANCES or self._open >= MAX_LEVELS:
+            raise self._source.error_at(
+                name,
+                "subtrees are used with too many arguments",
+                expected=f"at most {MAX_INSTANCES} different ones, {MAX_LEVELS} in each other",
+                kind=LimitError,
+            )
+        kept = self._source, self._values, self._name, self._base
+        sizes = self.nodes, self.levels
+        self._source = template.source
+        self._values = dict(zip(template.parameters, values, strict=True))
+        self._open += 1
+        node = self._whole(template.body, str(name), self._base + level - 1)
+        self._open -= 1
+        self._source, self._values, self._name, self._base = kept
+        found = self._instances[key] = _Subtree(node, self.nodes, self.levels)
+        self.nodes, self.levels = sizes
+        return found
+
+    def _whole(self, tree: _Tree, name: str = "", base: int = 1) -> Node:
+        """A tree whose root is on the level `base` of all that is being built."""
         self.nodes = self.levels = 0
-        self._name = name
+        self._name, self._base = name, base
         return self._node(tree, 1)
 
     def _node(self, tree: _Tree, level: int) -> Node:
         kind, parts = str(tree.data), tree.children
         if kind == "use":
-            return self._use(parts[0], level)
+            return self._use(parts[0], parts[1].children if parts[1:] else [], level)
         self._count(parts[0], nodes=1, deepest=level)
         if kind == "action":
             words = self._vocabulary
             if words is not None and parts[0] not in words.actions:
                 raise unknown_node(self._source, parts[0], self._subtrees, words)
             return Node("action", (str(parts[0]),))
-        args: tuple[str | float, ...] = ()
+        args: tuple[Argument, ...] = ()
         first = 1  # of the parts that are children
         if kind == "when":
             args, first = self._condition(parts)
@@ -90,36 +185,64 @@ class Builder:
             args, first = (self._repeats(parts[1]),), 2
         return Node(kind, args, tuple([self._node(part, level + 1) for part in parts[first:]]))
 
-    def _use(self, name: _Token, level: int) -> Node:
-        subtree = self._subtrees.get(name)
-        if subtree is None:
+    def _use(self, name: _Token, given: Sequence[_Token], level: int) -> Node:
+        if name in self._templates:
+            subtree = self._instance(name, given, level)
+        elif name not in self._subtrees:
             raise self._unknown_subtree(name)
+        elif given:
+            raise self._source.error_at(
+                name, f"subtree {shown(name)} takes no numbers", expected=f"`use {name}`"
+            )
+        else:
+            subtree = self._subtrees[str(name)]
         self._count(name, nodes=subtree.nodes, deepest=level + subtree.levels - 1)
         return subtree.node
 
     def _count(self, token: _Token, *, nodes: int, deepest: int) -> None:
         self.nodes += nodes
         self.levels = max(self.levels, deepest)
-        if self.levels > MAX_LEVELS or self.nodes > MAX_NODES:
+        too_deep = self._base + self.levels - 1 > MAX_LEVELS
+        if too_deep or self.nodes > MAX_NODES:
             raise self._source.error_at(
                 token,
-                "the tree is too deep" if self.levels > MAX_LEVELS else "the tree is too large",
+                "the tree is too deep" if too_deep else "the tree is too large",
                 expected=f"at most {MAX_LEVELS} levels and {MAX_NODES} nodes, each use expanded",
                 kind=LimitError,
             )
 
-    def _condition(self, parts: Sequence[_Tree]) -> tuple[tuple[str | float, ...], int]:
-        asked = parts[1].children
-        form = str(parts[1].data)
-        if self._vocabulary is not None:
-            self._check_key(asked[0], compared=form == "comparison", words=self._vocabulary)
-        if form == "comparison":
-            operator, number = str(asked[1]), self._number(asked[2])
-        else:
-            operator, number = ("is" if form == "flag" else "not"), 0.0
+    def _condition(self, parts: Sequence[_Tree]) -> tuple[tuple[Argument, ...], int]:
+        asked = self.condition(parts[1])
         if parts[2].data == "abort":
-            return (str(asked[0]), operator, number, str(parts[2].children[0])), 3
-        return (str(asked[0]), operator, number, ABORTS[-1]), 2
+            return (asked, str(parts[2].children[0])), 3
+        return (asked, ABORTS[-1]), 2
+
+    def _asked(self, tree: _Tree, level: int) -> Asked:
+        form, parts = str(tree.data), tree.children
+        if form in ("comparison", "flag"):
+            self._terms += 1
+            self._bounded(parts[0], level)
+            if self._vocabulary is not None:
+                self._check_key(parts[0], compared=form == "comparison", words=self._vocabulary)
+            if form == "flag":
+                return Condition(str(parts[0]), "is", 0.0)
+            return Condition(str(parts[0]), str(parts[1]), self._number(parts[2]))
+        self._bounded(_first_word(tree), level)
+        inside = [self._asked(part, level + 1) for part in parts]
+        if form == "negation":
+            return denied(inside[0])
+        if form == "brackets":
+            return inside[0]
+        return joined("and" if form == "conjunction" else "or", inside)
+
+    def _bounded(self, at: _Token, level: int) -> None:
+        if self._terms > MAX_TERMS or level > MAX_NESTED:
+            raise self._source.error_at(
+                at,
+                "the condition is too long" if level <= MAX_NESTED else "the condition is too deep",
+                expected=f"at most {MAX_TERMS} comparisons and flags, {MAX_NESTED} levels",
+                kind=LimitError,
+            )
 
     def _check_key(self, name: _Token, *, compared: bool, words: Vocabulary) -> None:
         key = words.keys.get(name)
@@ -142,6 +265,12 @@ class Builder:
         )
 
     def _number(self, token: _Token) -> float:
+        """A number, or the value of the constant or parameter of that name."""
+        if token.type == "NAME":
+            value = self._values.get(token, self._constants.get(token))
+            if value is None:
+                raise self._unknown_number(token)
+            return value
         if not _NUMBER.fullmatch(token):
             raise self._source.error_at(
                 token,
@@ -159,7 +288,12 @@ class Builder:
 
     def _repeats(self, token: _Token) -> int:
         fewest, most = REPEATS
-        count = int(token) if token.isdecimal() and len(token) < 10 else 0
+        count = 0
+        if token.type == "NAME":
+            value = self._number(token)
+            count = int(value) if value == int(value) else 0
+        elif token.isdecimal() and len(token) < 10:
+            count = int(token)
         if not fewest <= count <= most:
             raise self._source.error_at(
                 token,
@@ -168,15 +302,27 @@ class Builder:
             )
         return count
 
+    def _unknown_number(self, name: _Token) -> TreeError:
+        names = {**self._values, **self._constants}
+        known = shorten(", ".join(names), 200, placeholder=" ...")
+        return self._source.error_at(
+            name,
+            f"unknown constant {shown(name)}",
+            expected=f"a number, or a constant that is defined above: {known or 'there is none'}",
+            guess=closest(name, names),
+            kind=UnknownNameError,
+        )
+
     def _unknown_subtree(self, name: _Token) -> TreeError:
-        known = shorten(", ".join(self._subtrees), 200, placeholder=" ...")
+        names = (*self._subtrees, *self._templates)
+        known = shorten(", ".join(names), 200, placeholder=" ...")
         if name == self._name:
             message = f"subtree {shown(name)} uses itself"
         elif name in self._later:
             message = f"subtree {shown(name)} is defined further down"
         else:
             message = f"unknown subtree {shown(name)}"
-        guess = closest(name, self._subtrees)
+        guess = closest(name, names)
         if not guess and self._vocabulary is not None and name in self._vocabulary.actions:
             guess = f"{name}, without use"
         return self._source.error_at(
@@ -186,6 +332,16 @@ class Builder:
             guess=guess,
             kind=UnknownNameError,
         )
+
+
+def _is(tree: _Tree, *rules: str) -> bool:
+    return getattr(tree, "data", "") in rules
+
+
+def _first_word(tree: _Tree) -> _Token:
+    while hasattr(tree, "children"):
+        tree = tree.children[0]
+    return tree
 
 
 def _policies(parts: Sequence[_Tree]) -> tuple[tuple[str, str], int]:

@@ -7,7 +7,8 @@ from contextlib import suppress
 from itertools import pairwise, takewhile
 from typing import TYPE_CHECKING
 
-from islandgp.bt.node import KINDS, OPERATORS
+from islandgp.bt.condition import OPERATORS
+from islandgp.bt.node import KINDS
 from islandgp.bt.source import Source, closest, shown
 from islandgp.bt.vocabulary import NOTHING, Vocabulary
 from islandgp.errors import TreeError, UnknownNameError
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from lark import Token
     from lark.exceptions import UnexpectedInput
 
+_NAMING = ("subtree", "use", "domain", "constant")  # a name of its own stands behind
 _NODE_WORDS = (*(kind for kind in KINDS if kind != "action"), "use")
 
 # What the parser's terminals look like in a text.
@@ -24,6 +26,10 @@ _SPELLING = {
     "LBRACE": "{",
     "RBRACE": "}",
     "EQUAL": "=",
+    "LPAR": "(",
+    "RPAR": ")",
+    "COMMA": ",",
+    "FILE": 'a file such as "lib.bt"',
     "$END": "the end of the text",
 }
 
@@ -77,15 +83,17 @@ def syntax_error(
     from lark.exceptions import UnexpectedToken
 
     before = _words_before(tokens, error)
+    numbers = _names_of_numbers(before)
     subtrees = {str(word) for previous, word in pairwise(before) if previous == "subtree"}
-    for previous, word in zip(["", *before], before, strict=False):
+    for at, (previous, word) in enumerate(zip(["", *before], before, strict=False)):
         # A name that doesn't exist is the likelier cause than what came of it:
         # in `slector { ... }` the parser takes offence at the brace.
-        if word.type != "NAME" or previous in ("subtree", "use", "domain") or vocabulary is None:
+        if word.type != "NAME" or previous in _NAMING or vocabulary is None or at in numbers:
             continue
-        if previous in ("when", "not") and word not in vocabulary.keys:
+        asked = previous in ("when", "not", "and", "or", "(")
+        if asked and word not in vocabulary.keys:
             return unknown_key(source, word, vocabulary)
-        if previous not in ("when", "not") and word not in vocabulary.actions:
+        if not asked and word not in vocabulary.actions:
             return unknown_node(source, word, subtrees, vocabulary)
     words = vocabulary or NOTHING
     if not isinstance(error, UnexpectedToken):
@@ -95,6 +103,21 @@ def syntax_error(
     if error.token.type == "$END":
         return _unexpected_end(source, before, error.accepts, words)
     return _unexpected_word(source, error.token, before, error.accepts, words)
+
+
+def _names_of_numbers(words: Sequence[Token]) -> set[int]:
+    """Which words stand for numbers: compared ones, counts, values, parameters and arguments."""
+    found: set[int] = set()
+    inside = False  # the brackets behind the name of a subtree
+    for at, word in enumerate(words):
+        before = [str(each) for each in words[max(0, at - 3) : at]]
+        if word == "(" and before[-2:-1] and before[-2] in ("use", "subtree"):
+            inside = True
+        inside = inside and word != ")"
+        compared = at > 0 and words[at - 1].type == "OPERATOR"
+        if inside or compared or before[-1:] == ["repeater"] or before[:1] == ["constant"]:
+            found.add(at)
+    return found
 
 
 def _words_before(words: Iterator[Token], error: UnexpectedInput) -> list[Token]:
@@ -149,16 +172,26 @@ def _expected(
 ) -> tuple[str, tuple[str, ...]]:
     """What would have been taken: for people, and as words to guess from."""
     if "SELECTOR" in accepted:
-        first = [word for word in ("domain", "subtree") if word.upper() in accepted]
+        first = [
+            word
+            for word in ("domain", "include", "constant", "subtree")
+            if word.upper() in accepted
+        ]
         words = (*first, *_NODE_WORDS, *vocabulary.actions)
         return ("} or " if "RBRACE" in accepted else "") + _node_words(vocabulary), words
+    if "NAME" in accepted and "NUMBER" in accepted:
+        return "a number, or the name of one", ()
     if "NAME" in accepted:
+        if previous == "(" and len(accepted) == 1:
+            return "the name of a parameter", ()
+        if previous == "constant":
+            return "the name of a constant", ()
         if previous in ("subtree", "use"):
             return "the name of a subtree", ()
         if previous == "domain":
             return "the name of a domain", ()
         flags = tuple(name for name, key in vocabulary.keys.items() if key.flag)
-        words = ("not", *vocabulary.keys) if "NOT" in accepted else flags
+        words = ("not", "(", *vocabulary.keys) if "NOT" in accepted else flags
         return f"a key: {', '.join(words)}" if vocabulary.keys else "a key", words
     spelled: list[str] = []
     for name in sorted(accepted, key=lambda name: (name in _SPELLING, name)):

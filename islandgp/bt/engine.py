@@ -15,8 +15,17 @@ from typing import Final, TypeAlias
 
 from islandgp.bt import closures, observing
 from islandgp.bt.closures import Stop, Tick
-from islandgp.bt.condition import Board, condition, thresholds
-from islandgp.bt.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node
+from islandgp.bt.condition import Board, condition, terms
+from islandgp.bt.node import (
+    AGAIN,
+    FAILURE,
+    RUNNING,
+    SUCCESS,
+    Node,
+    condition_of,
+    count_of,
+    walk,
+)
 from islandgp.bt.observing import Observed
 
 __all__ = ["ABORTED", "Board", "Tick", "Watch", "compile_tree", "condition", "thresholds"]
@@ -109,7 +118,7 @@ class _Compiler:
         elif kind == "inverter":
             tick = closures.inverter(self.compile(node.children[0], observed))
         elif kind == "repeater":
-            tick = closures.repeater(self.compile(node.children[0], observed), int(node.args[0]))
+            tick = closures.repeater(self.compile(node.children[0], observed), count_of(node))
         else:
             raise ValueError(f"Expected a kind of KINDS, found {kind!r}.")
         return tick if self._watch is None else self._watched(tick, place, self._watch)
@@ -139,8 +148,8 @@ class _Compiler:
         return closures.parallel(branches, success, failure, places, self._cut_short)
 
     def _when(self, node: Node, observed: Observed | None) -> Tick:
-        holds = condition(node, self._board, self._places)
-        abort = node.args[3]
+        holds = condition(condition_of(node), self._board, self._places)
+        abort = node.args[1]
         truth: list[bool | None] = [None]
         slot = 0
         if observed is not None and abort in ("lower", "both"):
@@ -173,6 +182,17 @@ class _Compiler:
             if self._running[place]:
                 self._running[place] = False
                 self._watch(place, ABORTED)
+
+
+def thresholds(tree: Node, key: str) -> tuple[float, ...]:
+    """The numbers that a tree compares a key with, ascending, each once.
+
+    As long as the key's value stays between two neighbours, and on neither of
+    them, no condition on it changes its truth.
+    """
+    guards = (node for node in walk(tree) if node.kind == "when")
+    asked = (term for guard in guards for term in terms(condition_of(guard)))
+    return tuple(sorted({term.number for term in asked if term.key == key}))
 
 
 def _ignore(first: int, end: int) -> None:

@@ -10,23 +10,28 @@ some were.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 
 from islandgp.bt.comments import Comment
-from islandgp.bt.language import MAX_CHARACTERS
+from islandgp.bt.language import MAX_CHARACTERS, parse
 from islandgp.bt.node import Node
-from islandgp.bt.printer import INDENT, INLINE_LEVELS, WIDTH, head
-from islandgp.bt.syntax import File, Written, read
+from islandgp.bt.printer import INDENT, INLINE_LEVELS, WIDTH, head, number_text
+from islandgp.bt.syntax import Definition, File, Line, Written, read
 from islandgp.errors import LimitError
 
 
-def format_text(text: str, *, name: str = "<tree>") -> str:
+def format_text(text: str, *, name: str = "<tree>", folder: Path | None = None) -> str:
     """The canonical form of a file; formatting it again changes nothing.
+
+    It need not hold a tree; `folder`: that of the file, for what it includes.
 
     Raises:
         TreeError: the text is not a tree of the language.
         LimitError: its canonical form would be too long to be read again.
     """
-    lines = list(_file(read(text, name=name)))
+    if not text.strip("\ufeff \t\r\n"):
+        parse(text, name=name)  # says what is missing
+    lines = list(_file(read(text, name=name, folder=folder, library=True)))
     formatted = "\n".join(lines).lstrip("\n") + "\n"
     if len(formatted) > MAX_CHARACTERS:
         raise LimitError(
@@ -37,22 +42,40 @@ def format_text(text: str, *, name: str = "<tree>") -> str:
 
 
 def _file(file: File) -> Iterator[str]:
-    if file.domain is not None:
-        yield from _comments(file.domain.before, "")
-        if file.domain.blank_before:
-            yield ""
-        behind = f"  {file.domain.behind}" if file.domain.behind else ""
-        yield f"domain {file.domain.name}{behind}"
-        first = file.definitions[0].body if file.definitions else file.root
-        if not (first.blank_before or any(c.blank_before for c in first.before[:1])):
+    for index, line in enumerate(file.head):
+        yield from _line(line)
+        following = file.head[index + 1 : index + 2] or file.definitions[:1]
+        rest = following[0] if following else file.root
+        if isinstance(rest, Line) and rest.text.startswith("include") == line.text.startswith(
+            "include"
+        ):
+            continue
+        first = rest.body if isinstance(rest, Definition) else rest
+        if first is not None and not (
+            first.blank_before or any(c.blank_before for c in first.before[:1])
+        ):
             yield ""
     for definition in file.definitions:
-        yield from _node(definition.body, "", f"subtree {definition.name} = ")
-    root = list(_node(file.root, ""))
-    if file.definitions and root[0]:
-        yield ""
-    yield from root
+        if isinstance(definition, Line):
+            yield from _line(definition)
+            continue
+        lead = f"subtree {definition.name}"
+        if definition.parameters:
+            lead += f"({', '.join(definition.parameters)})"
+        yield from _node(definition.body, "", f"{lead} = ")
+    if file.root is not None:
+        root = list(_node(file.root, ""))
+        if file.definitions and root[0]:
+            yield ""
+        yield from root
     yield from _comments(file.at_end, "")
+
+
+def _line(line: Line) -> Iterator[str]:
+    yield from _comments(line.before, "")
+    if line.blank_before:
+        yield ""
+    yield line.text + (f"  {line.behind}" if line.behind else "")
 
 
 def _node(written: Written, indent: str, lead: str = "") -> Iterator[str]:
@@ -81,7 +104,11 @@ def _comments(comments: Iterable[Comment], indent: str) -> Iterator[str]:
 
 
 def _head(node: Node) -> str:
-    return f"use {node.args[0]}" if node.kind == "use" else head(node)
+    if node.kind != "use":
+        return head(node)
+    name, *given = node.args
+    numbers = ", ".join(number_text(value) for value in given if isinstance(value, int | float))
+    return f"use {name}({numbers})" if given else f"use {name}"
 
 
 def _inline(written: Written, levels: int) -> str | None:

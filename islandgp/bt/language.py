@@ -7,12 +7,15 @@ hostile, does worse than raise a clear `TreeError` at once.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from islandgp.bt.builder import MAX_LEVELS, MAX_NODES, MAX_NUMBER, Builder
+from islandgp.bt.condition import Asked
 from islandgp.bt.diagnosis import syntax_error
+from islandgp.bt.includes import Part, gathered
 from islandgp.bt.node import Node
 from islandgp.bt.printer import to_text
 from islandgp.bt.source import Source, shown
@@ -28,8 +31,11 @@ __all__ = [
     "MAX_LEVELS",
     "MAX_NODES",
     "MAX_NUMBER",
+    "built",
     "domain_of",
+    "files_of",
     "parse",
+    "parse_condition",
     "plain",
     "to_text",
     "words",
@@ -40,7 +46,13 @@ _GAP: Final = r"(?:[ \t\n]|#[^\n]*+)"  # between two words; possessive, so that 
 _DOMAIN: Final = re.compile(rf"{_GAP}*+domain{_GAP}++([A-Za-z_][A-Za-z0-9_]*)")
 
 
-def parse(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<tree>") -> Node:
+def parse(
+    text: str,
+    vocabulary: Vocabulary | None = None,
+    *,
+    name: str = "<tree>",
+    folder: Path | None = None,
+) -> Node:
     """The tree that a text describes, with every `use` expanded.
 
     Args:
@@ -49,17 +61,29 @@ def parse(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<tree
         vocabulary: the actions and keys that there are. Without one only grammar
             and sizes are checked, as for records that were checked when written.
         name: what error messages call the text, e.g. its file name.
+        folder: of the file that holds the text; what it includes is there or below. None: the
+            text stands in no file, so it can include none.
 
     Raises:
         TreeError: the text is not a tree of the language; the message shows the
             place and what would have been accepted.
-        UnknownNameError: an action, a key or a subtree does not exist.
+        UnknownNameError: an action, a key, a constant or a subtree does not exist.
         DomainError: the text says that it is for another domain.
         LimitError: the text is longer, or the tree deeper or larger, than any
             limit on trees could allow.
     """
-    from lark.exceptions import UnexpectedInput
+    return built(files_of(text, vocabulary, name=name, folder=folder), vocabulary)
 
+
+def files_of(
+    text: str,
+    vocabulary: Vocabulary | None = None,
+    *,
+    name: str,
+    folder: Path | None,
+    start: str = "start",
+) -> list[Part]:
+    """What a text and the files that it includes say, the text last. Raises as `parse`."""
     if len(text) > MAX_CHARACTERS:
         raise Source(text[:MAX_CHARACTERS], name).error(
             f"the text has {len(text)} characters",
@@ -68,21 +92,42 @@ def parse(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<tree
             expected=f"at most {MAX_CHARACTERS}",
             kind=LimitError,
         )
-    text = plain(text)
-    source = Source(text, name)
+
+    def grammar(source: Source, rule: str) -> Any:
+        return _parsed(source, rule, vocabulary)
+
+    parts = gathered(Source(plain(text), name), folder, grammar, MAX_CHARACTERS, start=start)
+    for source, tree in parts:
+        if tree.children and getattr(tree.children[0], "data", "") == "domain":
+            _check_domain(source, tree.children[0].children[0], vocabulary)
+    return parts
+
+
+def built(parts: Sequence[Part], vocabulary: Vocabulary | None = None) -> Node:
+    """The tree of `files_of`. Raises as `parse`."""
+    builder = Builder(parts[-1].source, vocabulary)
+    node = builder.build(parts)
+    size = builder.nodes * builder.levels
+    alone = len(parts) == 1 and len(parts[0].tree.children) == 1
+    _check_length(parts[-1].source, node, expanded=not alone, indents=size)
+    return node
+
+
+def _parsed(source: Source, rule: str, vocabulary: Vocabulary | None) -> Any:
+    """The lark.Tree of a text by a rule of the grammar. Raises TreeError."""
+    from lark.exceptions import UnexpectedInput
+
     parser = _parser()
     try:
-        tree: Any = parser.parse(text)  # lark mixes trees and tokens; the grammar tells which
+        return parser.parse(source.text, start=rule)
     except UnexpectedInput as error:
-        raise syntax_error(source, error, parser.lex(text), vocabulary) from None
-    parts: list[Any] = list(tree.children)  # trees, as the grammar says
-    *head, root = parts
-    if head and head[0].data == "domain":
-        _check_domain(source, head.pop(0).children[0], vocabulary)
-    builder = Builder(source, vocabulary)
-    node = builder.build(head, root)
-    _check_length(source, node, expanded=bool(head), indents=builder.nodes * builder.levels)
-    return node
+        raise syntax_error(source, error, parser.lex(source.text), vocabulary) from None
+
+
+def parse_condition(text: str, vocabulary: Vocabulary) -> Asked:
+    """The condition that a text says, as it stands behind `when`. Raises TreeError as `parse`."""
+    source = Source(plain(text[:MAX_CHARACTERS]), "<condition>")
+    return Builder(source, vocabulary).condition(_parsed(source, "disjunction", vocabulary))
 
 
 def _check_length(source: Source, tree: Node, *, expanded: bool, indents: int) -> None:
@@ -134,4 +179,5 @@ def _parser() -> Lark:
     grammar = (resource("grammar") / "bt.lark").read_text(encoding="utf-8")
     # The basic lexer knows every word everywhere; a contextual one would read
     # `selfish` as `self` and `ish` where only abort rules are expected.
-    return Lark(grammar, parser="lalr", lexer="basic", maybe_placeholders=False)
+    starts = ["start", "library", "disjunction"]
+    return Lark(grammar, parser="lalr", lexer="basic", maybe_placeholders=False, start=starts)

@@ -9,25 +9,28 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
+from islandgp.bt.condition import Asked, terms
 from islandgp.bt.language import plain
-from islandgp.bt.node import FAILURE, Node, size
+from islandgp.bt.node import FAILURE, Node, condition_of, size
 from islandgp.bt.outcomes import HANDS_OVER, ends, never
-from islandgp.bt.printer import head
+from islandgp.bt.printer import condition_text, head
 from islandgp.bt.source import Source
-from islandgp.bt.syntax import File, Written, expanded, read
+from islandgp.bt.syntax import Definition, File, Written, expanded, read
 from islandgp.bt.truth import (
     Standing,
     below,
     checks_itself,
-    condition_of,
     excludes,
     implies,
     may_interrupt,
     root_of,
+    shorter,
+    whenever_asked,
 )
-from islandgp.bt.vocabulary import Condition, Vocabulary
+from islandgp.bt.vocabulary import Vocabulary
 
 Above: TypeAlias = tuple[tuple[Node, int], ...]
 """The nodes above a node, each with the index of the child that leads down."""
@@ -60,13 +63,17 @@ class _Place(NamedTuple):
     above: Above
 
 
-def warnings(text: str, vocabulary: Vocabulary, *, name: str = "<tree>") -> list[Finding]:
+def warnings(
+    text: str, vocabulary: Vocabulary, *, name: str = "<tree>", folder: Path | None = None
+) -> list[Finding]:
     """The doubtful places of a file, in its order, each once.
+
+    What is doubtful in an included subtree is told where that is used. `folder`: as `parse`.
 
     Raises:
         TreeError: the text is not a tree of the language.
     """
-    file = read(text, vocabulary, name=name)
+    file = read(text, vocabulary, name=name, folder=folder)
     written = list(expanded(file))
     found = set(_unused(file))
     cold: set[int] = set()  # places below a node that never runs: one warning is enough
@@ -102,13 +109,14 @@ def _places(node: Node, standing: Standing, above: Above) -> Iterator[_Place]:
 def _unused(file: File) -> Iterator[Finding]:
     used = {w.node.args[0] for w in _all(file) if w.node.kind == "use"}
     for definition in file.definitions:
-        if definition.name not in used:
+        if isinstance(definition, Definition) and definition.name not in used:
             message = f"subtree {definition.name!r} is never used"
             yield Finding(definition.line, definition.column, message)
 
 
 def _all(file: File) -> Iterator[Written]:
-    waiting = [file.root, *(definition.body for definition in file.definitions)]
+    waiting = [d.body for d in file.definitions if isinstance(d, Definition)]
+    waiting += [file.root] if file.root is not None else []
     while waiting:
         written = waiting.pop()
         yield written
@@ -151,17 +159,21 @@ def _guard(
     asked = condition_of(node)
     if never(node, standing):
         yield at + 1, f"this branch can never run: {_why_never(asked, standing, above)}", True
-    elif implies(standing.at_start, asked):
+        return
+    if implies(standing.at_start, asked):
         needless = not checks_itself(node) or implies(standing.always, asked)
         if needless and not may_interrupt(node, standing):
             message = f"this guard says nothing new: {_why(asked, above)}"
             yield at, message, False
-    elif node.args[3] == "lower" and standing.observer is None:
+            return
+    elif node.args[1] == "lower" and standing.observer is None:
         message = "abort lower is abort none here: no composite has a later branch to stop"
         yield at, message, False
+    if (same := shorter(asked, whenever_asked(node, standing))) != asked:
+        yield at, f"this condition is the same as a shorter one: {condition_text(same)}", False
 
 
-def _why_never(asked: Condition, standing: Standing, above: Above) -> str:
+def _why_never(asked: Asked, standing: Standing, above: Above) -> str:
     return _why_not(asked, standing.at_start, above, standing.vocabulary)
 
 
@@ -235,34 +247,36 @@ def _passes_up(node: Node, index: int) -> bool:
 
 
 def _why_not(
-    needed: Condition,
-    known: Sequence[Condition],
+    needed: Asked,
+    known: Sequence[Asked],
     above: Above,
     vocabulary: Vocabulary,
     *,
     for_action: bool = False,
 ) -> str:
     """Why a condition, or the action that needs it, can't be where `known` holds."""
-    lead = f"it needs {_said(needed)}" if for_action else f"{_said(needed)} can't hold"
-    guards = [c for c in _guards(above) if c in known and c.key == needed.key]
+    said, keys = condition_text(needed), {term.key for term in terms(needed)}
+    lead = f"it needs {said}" if for_action else f"{said} can't hold"
+    if excludes((), needed):
+        return f"{lead}, whatever is on the blackboard"
+    guards = [
+        c for c in _guards(above) if c in known and not keys.isdisjoint(t.key for t in terms(c))
+    ]
     against = [c for c in guards if excludes((c,), needed)][-1:] or guards
     if not against:
-        return f"{lead}, as {needed.key} is {vocabulary.keys[needed.key].meaning}"
-    return f"{lead}, but above it stands {' and '.join(f'when {_said(c)}' for c in against)}"
+        meant = (f"{key} is {vocabulary.keys[key].meaning}" for key in sorted(keys))
+        return f"{lead}, as {' and '.join(meant)}"
+    stands = " and ".join(f"when {condition_text(c)}" for c in against)
+    return f"{lead}, but above it stands {stands}"
 
 
-def _why(asked: Condition, above: Above) -> str:
+def _why(asked: Asked, above: Above) -> str:
     """Why a condition always holds."""
     same = [c for c in _guards(above) if implies((c,), asked)]
     if not same:
-        return f"{_said(asked)} always holds"
-    return f"when {_said(same[-1])} stands above it already"
+        return f"{condition_text(asked)} always holds"
+    return f"when {condition_text(same[-1])} stands above it already"
 
 
-def _guards(above: Above) -> list[Condition]:
+def _guards(above: Above) -> list[Asked]:
     return [condition_of(node) for node, _ in above if node.kind == "when"]
-
-
-def _said(condition: Condition) -> str:
-    key, operator, number = condition
-    return head(Node("when", (key, operator, number, "both"))).removeprefix("when ")

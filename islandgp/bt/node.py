@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeAlias
+
+from islandgp.bt.condition import Asked, Compound, Condition
 
 # Statuses are plain integers because a tick is the innermost loop of a run.
 FAILURE: Final = 0
@@ -19,11 +21,14 @@ AGAIN: Final = 3  # running, and the very next tick will do something (a repetit
 STATUS_NAMES: Final = ("FAILURE", "SUCCESS", "RUNNING", "RUNNING")
 
 
+Argument: TypeAlias = str | float | Asked
+
+
 class Node(NamedTuple):
     """One node of a Behaviour Tree; a tree is its root. Equal nodes are equal trees."""
 
     kind: str  # a key of KINDS
-    args: tuple[str | float, ...] = ()  # as KINDS[kind].args tells
+    args: tuple[Argument, ...] = ()  # as KINDS[kind].args tells
     children: tuple[Node, ...] = ()
 
 
@@ -44,17 +49,27 @@ KINDS: Final[dict[str, Kind]] = {
     "parallel": Kind(("success", "failure"), (1, ANY), "runs all its children at once"),
     "inverter": Kind((), (1, 1), "turns success into failure and failure into success"),
     "repeater": Kind(("count",), (1, 1), "runs its child until it has succeeded that often"),
-    "when": Kind(
-        ("key", "op", "number", "abort"), (1, 1), "runs its child while a condition holds"
-    ),
+    "when": Kind(("condition", "abort"), (1, 1), "runs its child while a condition holds"),
     "action": Kind(("name",), (0, 0), "acts on the world"),
 }
 
-OPERATORS: Final = ("<", "<=", ">", ">=", "==", "!=")
-FLAG_OPERATORS: Final = ("is", "not")  # `when FLAG` and `when not FLAG`; their number is 0
 ABORTS: Final = ("none", "self", "lower", "both")  # the last is the default
 POLICIES: Final = ("one", "all")  # how many children of a parallel decide
 REPEATS: Final = (1, 100)  # fewest and most repetitions
+
+
+def condition_of(guard: Node) -> Asked:
+    """The condition of a `when`."""
+    asked = guard.args[0]
+    assert isinstance(asked, Condition | Compound)
+    return asked
+
+
+def count_of(repeater: Node) -> int:
+    """The repetitions of a repeater."""
+    count = repeater.args[0]
+    assert isinstance(count, int | float)
+    return int(count)
 
 
 def walk(node: Node) -> Iterator[Node]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final, TypeAlias
 
-from islandgp.bt.node import FAILURE, SUCCESS, Node
-from islandgp.bt.truth import Standing, below, condition_of, excludes, may_interrupt
+from islandgp.bt.node import FAILURE, SUCCESS, Node, condition_of
+from islandgp.bt.truth import Standing, below, excludes, may_interrupt
 
 Ends: TypeAlias = frozenset[int]  # of SUCCESS and FAILURE
 

@@ -8,12 +8,25 @@ from __future__ import annotations
 from collections.abc import Iterator
 from decimal import Decimal
 from functools import lru_cache
+from typing import Self
 
-from islandgp.bt.node import ABORTS, Node
+from islandgp.bt.condition import Asked, Compound
+from islandgp.bt.node import ABORTS, Node, condition_of, count_of
 
 WIDTH = 80  # columns of a line
 INDENT = "  "
 INLINE_LEVELS = 3  # levels that one line may hold: deeper ones are hard to read
+
+
+class Named(float):
+    """A number that is written by the name of a constant or a parameter."""
+
+    def __new__(cls, name: str, value: float) -> Self:
+        made = super().__new__(cls, value)
+        made.name = name
+        return made
+
+    name: str
 
 
 @lru_cache(maxsize=256)  # a run asks for each tree of a generation several times
@@ -27,7 +40,9 @@ def to_text(node: Node) -> str:
 
 
 def number_text(value: float) -> str:
-    """A number without exponent and without needless decimals: `25`, `12.5`."""
+    """A number without exponent and without needless decimals, `25`, `12.5`, or its name."""
+    if isinstance(value, Named):
+        return value.name
     if value == int(value):
         return str(int(value))
     return format(Decimal(repr(float(value))), "f")
@@ -38,7 +53,7 @@ def head(node: Node) -> str:
     if node.kind == "action":
         return str(node.args[0])
     if node.kind == "repeater":
-        return f"repeater {number_text(float(node.args[0]))}"
+        return f"repeater {_count(node)}"
     if node.kind == "parallel":
         success, failure = node.args
         return (
@@ -47,19 +62,32 @@ def head(node: Node) -> str:
             + ("" if failure == "one" else f" failure {failure}")
         )
     if node.kind == "when":
-        return _when_head(node)
+        abort = node.args[1]
+        return f"when {condition_text(condition_of(node))}" + (
+            "" if abort == ABORTS[-1] else f" abort {abort}"
+        )
     return node.kind
 
 
-def _when_head(node: Node) -> str:
-    key, operator, number, abort = node.args
-    if operator == "is":
-        condition = f"{key}"
-    elif operator == "not":
-        condition = f"not {key}"
-    else:
-        condition = f"{key} {operator} {number_text(float(number))}"
-    return f"when {condition}" + ("" if abort == ABORTS[-1] else f" abort {abort}")
+def _count(repeater: Node) -> str:
+    count = repeater.args[0]
+    return count.name if isinstance(count, Named) else str(count_of(repeater))
+
+
+def condition_text(asked: Asked, *, brackets: bool = False) -> str:
+    """A condition as it is written; `brackets`: around one that is joined."""
+    if isinstance(asked, Compound):
+        if asked.word == "not":
+            return f"not {condition_text(asked.parts[0], brackets=True)}"
+        # `and` binds more than `or`, so only an `or` in an `and` needs them.
+        inside = [condition_text(part, brackets=asked.word == "and") for part in asked.parts]
+        text = f" {asked.word} ".join(inside)
+        return f"({text})" if brackets else text
+    if asked.operator == "is":
+        return asked.key
+    if asked.operator == "not":
+        return f"not {asked.key}"
+    return f"{asked.key} {asked.operator} {number_text(asked.number)}"
 
 
 def _lines(node: Node, indent: str) -> Iterator[str]:

@@ -13,18 +13,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final, TypeAlias
 
-from islandgp.bt.node import FAILURE, REPEATS, SUCCESS, Node
+from islandgp.bt.node import FAILURE, REPEATS, SUCCESS, Node, condition_of, count_of
 from islandgp.bt.outcomes import HANDS_OVER, ends, idle
-from islandgp.bt.printer import head
+from islandgp.bt.printer import condition_text, head
 from islandgp.bt.truth import (
     Standing,
     below,
     checks_itself,
-    condition_of,
     exposes,
     implies,
     interrupts,
     may_interrupt,
+    shorter,
+    whenever_asked,
     with_aborts,
 )
 
@@ -134,7 +135,7 @@ def _double_repeater(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001
     child = node.children[0]
     if child.kind != "repeater":
         return None
-    count = int(node.args[0]) * int(child.args[0])
+    count = count_of(node) * count_of(child)
     if count > REPEATS[1]:
         return None
     return Node("repeater", (count,), child.children), "repeater in a repeater"
@@ -160,7 +161,7 @@ def _guard_twice(node: Node, standing: Standing) -> Rewrite:
         return None
     stops = checks_itself(node) or checks_itself(child)
     abort = {(0, 0): "none", (1, 0): "self", (0, 1): "lower", (1, 1): "both"}
-    args = (*node.args[:3], abort[(stops, interrupts(node))])
+    args = (node.args[0], abort[(stops, interrupts(node))])
     return Node("when", args, child.children), f"{head(node)} twice"
 
 
@@ -177,6 +178,17 @@ def _weaker_guard(node: Node, standing: Standing) -> Rewrite:
     return child, f"{head(node)} says less than the guard below it"
 
 
+def _shorter_condition(node: Node, standing: Standing) -> Rewrite:
+    # It is the same in every tick in which it is asked, so nobody can tell the two apart.
+    asked = condition_of(node)
+    found = shorter(asked, whenever_asked(node, standing))
+    if found == asked:
+        return None
+    return node._replace(
+        args=(found, node.args[1])
+    ), f"{head(node)} is when {condition_text(found)}"
+
+
 _COMPOSITE: Final = (_only_child, _never_gets_there, _idle_branch, _same_inside)
 RULES: Final[dict[str, tuple[Callable[[Node, Standing], Rewrite], ...]]] = {
     "selector": _COMPOSITE,
@@ -184,7 +196,7 @@ RULES: Final[dict[str, tuple[Callable[[Node, Standing], Rewrite], ...]]] = {
     "parallel": (_only_child, _same_parallel_inside),
     "inverter": (_double_inverter, _inverted_composite),
     "repeater": (_repeats_once, _double_repeater),
-    "when": (_holds_anyway, _guard_twice, _weaker_guard),
+    "when": (_holds_anyway, _guard_twice, _weaker_guard, _shorter_condition),
     "action": (),
 }
 """By kind of node, in the order in which they are tried."""

@@ -7,26 +7,18 @@ From this follow guards that can never hold and guards that say nothing new.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from itertools import pairwise
+from collections.abc import Mapping, Sequence
+from math import inf, prod
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.node import Node
-from islandgp.bt.vocabulary import NOTHING, Condition, Vocabulary
+from islandgp.bt.condition import Asked, Compound, Condition, joined, opposite, spread, terms
+from islandgp.bt.node import Node, condition_of
+from islandgp.bt.vocabulary import NOTHING, Vocabulary
 
-Conditions: TypeAlias = tuple[Condition, ...]
+Conditions: TypeAlias = tuple[Asked, ...]
 
-HOLDS: Final[dict[str, Callable[[float, float], bool]]] = {
-    "<": lambda value, number: value < number,
-    "<=": lambda value, number: value <= number,
-    ">": lambda value, number: value > number,
-    ">=": lambda value, number: value >= number,
-    "==": lambda value, number: value == number,
-    "!=": lambda value, number: value != number,
-    "is": lambda value, _: value != 0,
-    "not": lambda value, _: value == 0,
-}
-"""Whether a value on the blackboard and the number of a condition are in its relation."""
+MOST_CASES: Final = 32  # that are told apart where conditions are joined by `or`
+MOST_TERMS: Final = 64  # of all joined conditions that are looked at together
 
 
 class Standing(NamedTuple):
@@ -43,20 +35,14 @@ def root_of(vocabulary: Vocabulary) -> Standing:
     return Standing(vocabulary.always, vocabulary.always, None, vocabulary)
 
 
-def condition_of(guard: Node) -> Condition:
-    """The condition of a `when`."""
-    key, operator, number, _ = guard.args
-    return Condition(str(key), str(operator), float(number))
-
-
 def checks_itself(guard: Node) -> bool:
     """Whether a `when` stops its own child."""
-    return guard.args[3] in ("self", "both")
+    return guard.args[1] in ("self", "both")
 
 
 def interrupts(guard: Node) -> bool:
     """Whether a `when` stops later branches, if anybody observes it."""
-    return guard.args[3] in ("lower", "both")
+    return guard.args[1] in ("lower", "both")
 
 
 def chain(node: Node) -> list[Node]:
@@ -75,7 +61,7 @@ def with_aborts(branch: Node, change: Mapping[str, str]) -> Node:
         return branch
     args = branch.args
     if branch.kind == "when":
-        args = (*args[:3], change.get(str(args[3]), args[3]))
+        args = (args[0], change.get(str(args[1]), args[1]))
     return Node(branch.kind, args, (with_aborts(branch.children[0], change),))
 
 
@@ -84,20 +70,151 @@ def exposes(branch: Node) -> bool:
     return any(map(interrupts, chain(branch)))
 
 
-def implies(known: Conditions, asked: Condition) -> bool:
-    """Whether `asked` holds on every blackboard on which all of `known` hold."""
-    about = [c for c in known if c.key == asked.key]
-    return all(
-        _holds(asked, value)
-        for value in _samples([*about, asked])
-        if all(_holds(c, value) for c in about)
-    )
+def implies(known: Conditions, asked: Asked) -> bool:
+    """Whether `asked` holds on every blackboard on which all of `known` hold.
+
+    False may also mean that this is not known: where very much is joined.
+    """
+    return excludes(known, opposite(asked))
 
 
-def excludes(known: Conditions, asked: Condition) -> bool:
-    """Whether `asked` holds on no blackboard on which all of `known` hold."""
-    about = [c for c in known if c.key == asked.key] + [asked]
-    return not any(all(_holds(c, value) for c in about) for value in _samples(about))
+def excludes(known: Conditions, asked: Asked) -> bool:
+    """Whether `asked` holds on no blackboard on which all of `known` hold; as in `implies`."""
+    single = [c for c in known if isinstance(c, Condition)]
+    if isinstance(asked, Condition) and len(single) == len(known):
+        return not _together([*(c for c in single if c.key == asked.key), asked])
+    return not _possible(_about(known, asked), asked)
+
+
+def shorter(asked: Asked, known: Conditions) -> Asked:
+    """A condition with fewer words that is the same wherever all of `known` hold; else `asked`."""
+    found, near = spread(asked), _about(known, asked)
+    while (less := _without_needless(found, near)) != found:
+        found = less
+    return found if _words(found) < _words(asked) else asked
+
+
+def _words(asked: Asked) -> int:
+    if isinstance(asked, Condition):
+        return 2 if asked.operator == "not" else 1
+    return (asked.word == "not") + sum(map(_words, asked.parts))
+
+
+def _without_needless(asked: Asked, known: Conditions) -> Asked:
+    """Without parts that the others, or `known`, decide already."""
+    if isinstance(asked, Condition):
+        return asked
+    parts = list(asked.parts)
+    at = 0
+    while at < len(parts) > 1:
+        others = parts[:at] + parts[at + 1 :]
+        # Where a part of an `and` matters, the others hold; of an `or`, none of them does.
+        given = (*known, *(others if asked.word == "and" else map(opposite, others)))
+        if not _possible(given, opposite(parts[at]) if asked.word == "and" else parts[at]):
+            parts = others
+        else:
+            parts[at] = _without_needless(parts[at], given)
+            at += 1
+    return joined(asked.word, parts)
+
+
+def _about(known: Conditions, asked: Asked) -> Conditions:
+    """Those of `known` that say something of the keys of `asked`, however indirectly."""
+    keys = {term.key for term in terms(asked)}
+    left = [(c, {term.key for term in terms(c)}) for c in known]
+    found: list[Asked] = []
+    grown = True
+    while grown:
+        grown = False
+        still = []
+        for each, its_keys in left:
+            if its_keys & keys:
+                found.append(each)
+                grown |= not its_keys <= keys
+                keys |= its_keys
+            else:
+                still.append((each, its_keys))
+        left = still
+    return tuple(found)
+
+
+def _possible(known: Conditions, asked: Asked) -> bool:
+    """Whether there may be a blackboard on which all hold."""
+    single: list[Condition] = []
+    choices: list[tuple[Asked, ...]] = []  # one of each must hold
+    room = MOST_TERMS
+    waiting = [asked]
+    for each in known:
+        room -= sum(1 for _ in terms(each))
+        if room >= 0:  # to know less is no mistake
+            waiting.append(each)
+    while waiting:
+        each = waiting.pop()
+        if isinstance(each, Condition):
+            single.append(each)
+        elif each.word == "not":
+            waiting.append(spread(each))
+        elif each.word == "and":
+            waiting += each.parts
+        else:
+            choices.append(each.parts)
+    if prod(map(len, choices)) > MOST_CASES:
+        return True
+    return _some_case(single, choices)
+
+
+def _some_case(single: list[Condition], choices: Sequence[tuple[Asked, ...]]) -> bool:
+    """Whether all single conditions and one of each choice can hold together."""
+    if not _together(single):
+        return False
+    if not choices:
+        return True
+    first, *others = choices
+    for part in first:
+        if isinstance(part, Condition):
+            if _some_case([*single, part], others):
+                return True
+        else:  # an `and`, as what is asked is spread
+            inner = [p.parts for p in part.parts if isinstance(p, Compound)]
+            plain = [p for p in part.parts if isinstance(p, Condition)]
+            if prod(map(len, [*inner, *others])) > MOST_CASES:
+                return True
+            if _some_case([*single, *plain], [*inner, *others]):
+                return True
+    return False
+
+
+def _together(conditions: Sequence[Condition]) -> bool:
+    """Whether there is a blackboard on which all of these hold."""
+    ranges: dict[str, _Range] = {}
+    for key, operator, number in conditions:
+        ranges.setdefault(key, _Range()).narrow(operator, number)
+    return not any(each.empty() for each in ranges.values())
+
+
+class _Range:
+    """The values of a key with which some conditions hold."""
+
+    __slots__ = ("high", "low", "never", "open_high", "open_low")
+
+    def __init__(self) -> None:
+        self.low, self.high = -inf, inf
+        self.open_low = self.open_high = False  # whether the end itself is left out
+        self.never: set[float] = set()
+
+    def narrow(self, operator: str, number: float) -> None:
+        if operator in ("!=", "is"):  # the number of a flag is 0
+            self.never.add(number)
+        if operator in (">", ">=", "==", "not"):
+            self.low, self.open_low = max((self.low, self.open_low), (number, operator == ">"))
+        if operator in ("<", "<=", "==", "not"):
+            high = min((self.high, not self.open_high), (number, operator != "<"))
+            self.high, self.open_high = high[0], not high[1]
+
+    def empty(self) -> bool:
+        if self.low != self.high:
+            return self.low > self.high
+        return self.open_low or self.open_high or self.low in self.never
 
 
 def below(node: Node, standing: Standing, index: int) -> Standing:
@@ -130,12 +247,8 @@ def may_interrupt(guard: Node, standing: Standing) -> bool:
     return not (excludes(standing.observer, holds) or implies(standing.observer, holds))
 
 
-def _holds(condition: Condition, value: float) -> bool:
-    return HOLDS[condition.operator](value, condition.number)
-
-
-def _samples(conditions: Iterable[Condition]) -> list[float]:
-    """One value for each stretch on which none of the conditions changes its truth."""
-    marks = sorted({0.0, *(c.number for c in conditions)})
-    between = [(a + b) / 2 for a, b in pairwise(marks)]
-    return [marks[0] - 1, *marks, *between, marks[-1] + 1]
+def whenever_asked(guard: Node, standing: Standing) -> Conditions:
+    """What holds in each tick in which the condition of a `when` is asked."""
+    if standing.observer is not None and interrupts(guard):
+        return standing.observer
+    return standing.always if checks_itself(guard) else standing.at_start

@@ -12,28 +12,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import inf
-from typing import Final, NamedTuple
+from typing import Final
 
+from islandgp.bt.condition import Condition as Condition  # for those who declare actions
 from islandgp.bt.node import FAILURE, RUNNING, SUCCESS
 from islandgp.errors import DomainError
 
 NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 RESERVED: Final = frozenset((
-    "domain", "subtree", "selector", "sequence", "parallel", "success", "failure", "inverter",
-    "repeater", "when", "not", "abort", "use", "one", "all", "none", "self", "lower", "both",
+    "domain", "include", "constant", "subtree", "selector", "sequence", "parallel", "success",
+    "failure", "inverter", "repeater", "when", "and", "or", "not", "abort", "use", "one", "all",
+    "none", "self", "lower", "both",
 ))  # fmt: skip
 """Words of the grammar: no action or key can have such a name."""
 
 STATUSES: Final = frozenset({FAILURE, SUCCESS, RUNNING})
-
-
-class Condition(NamedTuple):
-    """A condition on the blackboard, as a `when` asks it."""
-
-    key: str
-    operator: str  # of OPERATORS or FLAG_OPERATORS
-    number: float  # 0 for a flag
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from islandgp.bt.language import parse
 from islandgp.bt.limits import Limits, check_limits
 from islandgp.bt.lint import warnings
 from islandgp.bt.node import depth, size
-from islandgp.commands.files import FILE, called, read_text
+from islandgp.commands.files import FILE, called, folder_of, read_text
 from islandgp.commands.setting import vocabulary_of, with_domain_options
 from islandgp.errors import TreeError
 
@@ -41,14 +41,14 @@ def command(
         text, name = read_text(file), called(file)
         vocabulary = vocabulary_of(text, overrides, config_dir, name=name)
         try:
-            tree = parse(text, vocabulary, name=name)
+            tree = parse(text, vocabulary, name=name, folder=folder_of(file))
             check_limits(tree, limits)
         except TreeError as error:
             message = str(error)
             click.echo(message if message.startswith(name) else f"{name}: {message}")
             wrong += 1
             continue
-        found = warnings(text, vocabulary, name=name)
+        found = warnings(text, vocabulary, name=name, folder=folder_of(file))
         for finding in found:
             click.echo(finding.text(text, name=name))
         doubtful += bool(found)

@@ -16,7 +16,7 @@ from islandgp.bt.node import Node, size
 from islandgp.bt.render.label import label
 from islandgp.bt.simplify import simplify
 from islandgp.bt.vocabulary import Vocabulary
-from islandgp.commands.files import FILE, called, read_text, read_tree
+from islandgp.commands.files import FILE, called, folder_of, read_text, read_tree
 from islandgp.commands.setting import vocabulary_of, with_domain_options
 from islandgp.errors import DomainError
 
@@ -36,7 +36,7 @@ def command(
     Marks: - deleted, + inserted, ~ changed. Exit code 1 when they differ.
     """
     text = read_text(new)
-    a, b = read_tree(old), parse(text, name=called(new))
+    a, b = read_tree(old), parse(text, name=called(new), folder=folder_of(new))
     if a == b:
         click.echo("The same tree.")
         return

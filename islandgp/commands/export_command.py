@@ -12,7 +12,7 @@ from islandgp.bt.export.plan import Loss
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node
 from islandgp.bt.vocabulary import Vocabulary
-from islandgp.commands.files import FILE, OUTPUT, STDIN, called, read_text, write_text
+from islandgp.commands.files import FILE, OUTPUT, STDIN, called, folder_of, read_text, write_text
 from islandgp.commands.setting import vocabulary_of, with_domain_options
 
 FORMATS: Final = ("json", "btcpp", "pytrees")
@@ -52,7 +52,7 @@ def command(
         raise click.UsageError(f"Missing option '--to', one of {', '.join(FORMATS)}.")
     text, name = read_text(file), called(file)
     vocabulary = vocabulary_of(text, overrides, config_dir, name=name)
-    tree = parse(text, vocabulary, name=name)
+    tree = parse(text, vocabulary, name=name, folder=folder_of(file))
     exported, losses = _export(tree, form, vocabulary, plain)
     write_text(output, exported)
     for loss in losses:

@@ -47,9 +47,14 @@ def read_text(file: str) -> str:
         raise IslandError(f"Expected to read {called(file)}: {error.strerror}.") from None
 
 
+def folder_of(file: str) -> Path:
+    """Where a tree file's includes are; of the standard input, the current folder."""
+    return Path.cwd() if file == STDIN else Path(file).parent
+
+
 def read_tree(file: str) -> Node:
     """The tree in a file, of whatever domain. Raises TreeError, IslandError."""
-    return parse(read_text(file), name=called(file))
+    return parse(read_text(file), name=called(file), folder=folder_of(file))
 
 
 def write_text(file: str, text: str) -> None:

@@ -8,7 +8,7 @@ import sys
 import click
 
 from islandgp.bt.format import format_text
-from islandgp.commands.files import FILE, STDIN, called, read_text, write_text
+from islandgp.commands.files import FILE, STDIN, called, folder_of, read_text, write_text
 from islandgp.errors import IslandError
 
 
@@ -28,7 +28,7 @@ def command(files: tuple[str, ...], check: bool, diff: bool) -> None:
         name = called(file)
         try:
             before = read_text(file)
-            after = format_text(before, name=name)
+            after = format_text(before, name=name, folder=folder_of(file))
         except IslandError as error:
             wrong.append(str(error))
             continue

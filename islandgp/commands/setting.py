@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from islandgp.bt.language import domain_of, parse
-from islandgp.commands.files import called, read_text
+from islandgp.commands.files import called, folder_of, read_text
 from islandgp.errors import ConfigError, DomainError
 from islandgp.resources import resource
 
@@ -96,7 +96,7 @@ def tree_in_domain(
     text, name = read_text(file), called(file)
     settings = configured(for_tree(text, overrides, config_dir, name=name), config_dir)
     domain = settings.make_domain()
-    tree = parse(text, domain.schema.vocabulary, name=name)
+    tree = parse(text, domain.schema.vocabulary, name=name, folder=folder_of(file))
     return tree, settings, Problem(domain, settings.curriculum)
 
 

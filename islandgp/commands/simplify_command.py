@@ -9,7 +9,7 @@ import click
 from islandgp.bt.language import domain_of, parse, to_text
 from islandgp.bt.node import size
 from islandgp.bt.simplify import simplify
-from islandgp.commands.files import FILE, OUTPUT, STDIN, called, read_text, write_text
+from islandgp.commands.files import FILE, OUTPUT, STDIN, called, folder_of, read_text, write_text
 from islandgp.commands.setting import vocabulary_of, with_domain_options
 
 
@@ -27,7 +27,7 @@ def command(
     """
     text, name = read_text(file), called(file)
     vocabulary = vocabulary_of(text, overrides, config_dir, name=name)
-    tree = parse(text, vocabulary, name=name)
+    tree = parse(text, vocabulary, name=name, folder=folder_of(file))
     shorter, reasons = simplify(tree, vocabulary)
     domain = domain_of(text)
     write_text(output, (f"domain {domain}\n\n" if domain else "") + to_text(shorter))

@@ -11,11 +11,19 @@ from typing import Final
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
+from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS, Asked, Condition, joined
 from islandgp.bt.limits import Limits, within
-from islandgp.bt.node import ABORTS, FLAG_OPERATORS, KINDS, OPERATORS, POLICIES, Node
+from islandgp.bt.node import ABORTS, KINDS, POLICIES, Argument, Node
 from islandgp.bt.vocabulary import Vocabulary
 
 MOST_NODES: Final = 2000.0  # expected of a random tree; a run takes at most 1,000
+
+
+class ConditionSettings(BaseModel, frozen=True, extra="forbid"):
+    """What random `when` nodes ask; by default a single key, as in the paper."""
+
+    joined: float = Field(default=0, ge=0, le=1)  # chance that a condition joins several
+    terms: int = Field(default=3, ge=2, le=8)  # most that evolution joins by `and`, `or`
 
 
 class TreeSettings(BaseModel, frozen=True, extra="forbid"):
@@ -28,6 +36,7 @@ class TreeSettings(BaseModel, frozen=True, extra="forbid"):
     kinds: dict[str, float]  # weight of each inner node kind
     operators: dict[str, float]  # weight of each comparison with a number
     aborts: dict[str, float]  # weight of each abort rule
+    conditions: ConditionSettings = ConditionSettings()
 
     @model_validator(mode="after")
     def _sound(self) -> TreeSettings:
@@ -93,7 +102,7 @@ def random_action(rng: np.random.Generator, space: TreeSpace) -> Node:
     return Node("action", (space.actions[rng.integers(len(space.actions))],))
 
 
-def random_args(rng: np.random.Generator, kind: str, space: TreeSpace) -> tuple[str | float, ...]:
+def random_args(rng: np.random.Generator, kind: str, space: TreeSpace) -> tuple[Argument, ...]:
     """The arguments of an inner node."""
     if kind == "when":
         return _random_condition(rng, space)
@@ -104,15 +113,36 @@ def random_args(rng: np.random.Generator, kind: str, space: TreeSpace) -> tuple[
     return ()
 
 
-def _random_condition(rng: np.random.Generator, space: TreeSpace) -> tuple[str | float, ...]:
+def _random_condition(rng: np.random.Generator, space: TreeSpace) -> tuple[Asked, str]:
+    how = space.settings.conditions
+    if how.joined and rng.random() < how.joined:
+        asked = _random_joined(rng, space, int(rng.integers(2, how.terms + 1)))
+        return asked, weighted(rng, space.settings.aborts)
     name = space.keys[rng.integers(len(space.keys))]
-    key = space.vocabulary.keys[name]
     abort = weighted(rng, space.settings.aborts)
+    return _about(rng, name, space), abort
+
+
+def _random_joined(rng: np.random.Generator, space: TreeSpace, terms: int) -> Asked:
+    if terms == 1:
+        return random_term(rng, space)
+    left = int(rng.integers(1, terms))
+    word = ("and", "or")[rng.integers(2)]
+    return joined(word, [_random_joined(rng, space, n) for n in (left, terms - left)])
+
+
+def random_term(rng: np.random.Generator, space: TreeSpace) -> Condition:
+    """A single condition."""
+    return _about(rng, space.keys[rng.integers(len(space.keys))], space)
+
+
+def _about(rng: np.random.Generator, name: str, space: TreeSpace) -> Condition:
+    key = space.vocabulary.keys[name]
     if key.flag:
-        return name, FLAG_OPERATORS[rng.integers(len(FLAG_OPERATORS))], 0.0, abort
+        return Condition(name, FLAG_OPERATORS[rng.integers(len(FLAG_OPERATORS))], 0.0)
     op = weighted(rng, space.settings.operators)
     steps = round((key.high - key.low) / key.step)
-    return name, op, key.low + key.step * float(rng.integers(steps + 1)), abort
+    return Condition(name, op, key.low + key.step * float(rng.integers(steps + 1)))
 
 
 def inner_node(rng: np.random.Generator, space: TreeSpace, depth: int) -> Node:

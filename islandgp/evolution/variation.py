@@ -14,8 +14,20 @@ from typing import Final
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
+from islandgp.bt.condition import Asked, Condition, joined, terms, with_term
 from islandgp.bt.limits import Limits, within
-from islandgp.bt.node import KINDS, REPEATS, Node, levels, measured, replace_at, size, walk
+from islandgp.bt.node import (
+    KINDS,
+    REPEATS,
+    Node,
+    condition_of,
+    count_of,
+    levels,
+    measured,
+    replace_at,
+    size,
+    walk,
+)
 from islandgp.bt.vocabulary import Key
 from islandgp.evolution.population import Individual, Origin
 from islandgp.evolution.random_trees import (
@@ -25,6 +37,7 @@ from islandgp.evolution.random_trees import (
     inner_node,
     random_action,
     random_args,
+    random_term,
     weighted,
 )
 from islandgp.plugin import function
@@ -109,22 +122,39 @@ def _parameter(
     if old.kind == "repeater":
         least, most = REPEATS
         args = (
-            float(
-                min(most, max(least, round(float(old.args[0]) + nudge * space.settings.repeats)))
-            ),
+            float(min(most, max(least, round(count_of(old) + nudge * space.settings.repeats)))),
         )
     elif old.kind == "when":
-        key = space.vocabulary.keys[str(old.args[0])]
-        if not key.flag and rng.random() < 0.5:
-            args = (*old.args[:2], _nudged(old, key, nudge), old.args[3])
+        asked = condition_of(old)
+        if not isinstance(asked, Condition) or (
+            space.settings.conditions.joined and rng.random() < space.settings.conditions.joined
+        ):
+            args = (_rejoined(rng, asked, nudge, space), old.args[1])
+        elif not space.vocabulary.keys[asked.key].flag and rng.random() < 0.5:
+            args = (_nudged(asked, space.vocabulary.keys[asked.key], nudge), old.args[1])
     return replace_at(tree, i, old._replace(args=args))
 
 
-def _nudged(guard: Node, key: Key, nudge: float) -> float:
-    """A guard's number moved by `nudge` ranges of its key, on the key's grid."""
-    moved = float(guard.args[2]) + nudge * (key.high - key.low)
+def _nudged(asked: Condition, key: Key, nudge: float) -> Condition:
+    """A comparison with its number moved by `nudge` ranges of its key, on the key's grid."""
+    moved = asked.number + nudge * (key.high - key.low)
     on_grid = key.low + round((moved - key.low) / key.step) * key.step
-    return min(key.high, max(key.low, on_grid))
+    return asked._replace(number=min(key.high, max(key.low, on_grid)))
+
+
+def _rejoined(rng: np.random.Generator, asked: Asked, nudge: float, space: TreeSpace) -> Asked:
+    """A condition with one part more, one part less, or one part changed."""
+    parts, how = list(terms(asked)), space.settings.conditions
+    at = int(rng.integers(len(parts)))
+    key = space.vocabulary.keys[parts[at].key]
+    if how.joined and len(parts) < how.terms and rng.random() < 0.5:
+        new = joined(("and", "or")[rng.integers(2)], [parts[at], random_term(rng, space)])
+        return with_term(asked, at, new) or asked
+    if rng.random() < 0.5:
+        return with_term(asked, at, None) or random_term(rng, space)
+    if not key.flag and rng.random() < 0.5:
+        return with_term(asked, at, _nudged(parts[at], key, nudge)) or asked
+    return with_term(asked, at, random_term(rng, space)) or asked
 
 
 def _insert(rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings) -> Node:

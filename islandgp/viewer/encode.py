@@ -8,7 +8,7 @@ from itertools import groupby, pairwise
 from math import inf, isfinite
 from typing import Any, Final
 
-from islandgp.bt.condition import thresholds
+from islandgp.bt.engine import thresholds
 from islandgp.bt.node import walk
 from islandgp.bt.render.label import label
 from islandgp.bt.render.layout import lay_out

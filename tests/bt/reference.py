@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 
-from islandgp.bt.condition import condition
+from islandgp.bt.condition import Asked, Condition
 from islandgp.bt.engine import ABORTED
-from islandgp.bt.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node
+from islandgp.bt.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, condition_of
 
 
 class Live:
@@ -69,7 +69,7 @@ class Reference:
                         return
             self.check(live.children[live.at])
         elif kind == "when":
-            if live.node.args[3] in ("self", "both") and not self.holds(live, self.board):
+            if live.node.args[1] in ("self", "both") and not self.holds(live, self.board):
                 self.abort(live.children[0])
                 live.broken = True
             else:
@@ -80,11 +80,11 @@ class Reference:
                     self.check(child)
 
     def turned_true(self, guard: Live) -> bool:
-        observed = guard.node.args[3] in ("lower", "both")
+        observed = guard.node.args[1] in ("lower", "both")
         return observed and not self.holds(guard, self.before) and self.holds(guard, self.board)
 
     def holds(self, guard: Live, board: list[float]) -> bool:
-        return condition(guard.node, board, self.places)()
+        return holds(condition_of(guard.node), board, self.places)
 
     def abort(self, live: Live) -> None:
         if live.running:
@@ -165,6 +165,24 @@ def judge(statuses: list[int], success: str | float, failure: str | float) -> in
     if set(statuses) <= {SUCCESS, FAILURE}:
         return FAILURE
     return AGAIN if AGAIN in statuses else RUNNING
+
+
+def holds(asked: Asked, board: list[float], places: Mapping[str, int]) -> bool:
+    """What a condition says, from the table of docs/language.md."""
+    if not isinstance(asked, Condition):
+        inside = [holds(part, board, places) for part in asked.parts]
+        return {"and": all(inside), "or": any(inside), "not": not inside[0]}[asked.word]
+    value, number = board[places[asked.key]], asked.number
+    return {
+        "<": value < number,
+        "<=": value <= number,
+        ">": value > number,
+        ">=": value >= number,
+        "==": value == number,
+        "!=": value != number,
+        "is": value != 0,
+        "not": value == 0,
+    }[asked.operator]
 
 
 def guards(branch: Live) -> Iterator[Live]:

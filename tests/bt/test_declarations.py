@@ -8,14 +8,18 @@ import pytest
 from lark import Lark
 
 from islandgp.bt import node
+from islandgp.bt.condition import OPERATORS, Condition
 from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import ABORTS, KINDS, OPERATORS, POLICIES, Node
+from islandgp.bt.node import ABORTS, KINDS, POLICIES, Node
 from islandgp.bt.vocabulary import RESERVED, Action, Vocabulary, number
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import UnknownNameError
 from islandgp.resources import resource
 
-OTHER_WORDS = {"domain", "subtree", "use", "not", "abort", "success", "failure"}
+OTHER_WORDS = {
+    "domain", "include", "constant", "subtree", "use", "and", "or", "not", "abort", "success",
+    "failure",
+}  # fmt: skip
 NAMES = (*VOCABULARY.actions, *VOCABULARY.keys)
 
 
@@ -26,7 +30,7 @@ def grammar_words() -> set[str]:
 
 
 def test_grammar_has_the_words_of_the_tables() -> None:
-    """The grammar's words are the node kinds, the abort rules, the policies, and seven more."""
+    """The grammar's words are the node kinds, the abort rules, the policies, and eleven more."""
     kinds = set(KINDS) - {"action"}
     assert grammar_words() == kinds | set(ABORTS) | set(POLICIES) | OTHER_WORDS
 
@@ -46,7 +50,8 @@ def test_reserved_words_are_those_of_the_grammar() -> None:
 def test_operators_can_be_said() -> None:
     """Every operator of the table is one of the grammar, and the other way round."""
     for operator in OPERATORS:
-        assert parse(f"when lap {operator} 1 {{ PatrolWaypoint }}").args[1] == operator
+        asked = parse(f"when lap {operator} 1 {{ PatrolWaypoint }}").args[0]
+        assert asked == Condition("lap", operator, 1.0)
     pattern = re.search(
         r"^OPERATOR: /(.*)/$", (resource("grammar") / "bt.lark").read_text(encoding="utf-8"), re.M
     )

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS, Condition
 from islandgp.bt.engine import ABORTED, compile_tree, condition, thresholds
 from islandgp.bt.language import parse
-from islandgp.bt.node import AGAIN, FAILURE, FLAG_OPERATORS, OPERATORS, RUNNING, SUCCESS, Node
+from islandgp.bt.node import AGAIN, FAILURE, RUNNING, SUCCESS, condition_of
 from islandgp.domains.island.vocabulary import VOCABULARY
 from tests.bt.stage import Stage, short_tree
 
@@ -208,6 +209,17 @@ def test_when_true_is_its_child(status: str) -> None:
     assert Stage("when p { A }", "p", A=status).tick() == expected
 
 
+def test_joined_conditions_are_one() -> None:
+    """It interrupts when the whole turns true, whichever part does, and stops likewise."""
+    stage = Stage("selector { when p and not (x < 2 or q) { A } B }", "p")
+    assert stage.tick() == ("B!", RUNNING)
+    assert stage.tick(q=1.0) == ("B", RUNNING)
+    assert stage.tick(x=2.0) == ("B", RUNNING)
+    assert stage.tick(q=0.0) == ("A!", RUNNING)
+    assert stage.tick(x=3.0) == ("A", RUNNING)
+    assert stage.tick(p=0.0) == ("B!", RUNNING)
+
+
 @pytest.mark.parametrize(
     ("operator", "true_at"),
     [("<", "1"), ("<=", "12"), (">", "3"), (">=", "23"), ("==", "2"), ("!=", "13")],
@@ -215,20 +227,22 @@ def test_when_true_is_its_child(status: str) -> None:
 def test_comparisons(operator: str, true_at: str) -> None:
     """Numbers compare as they do everywhere."""
     node = parse(f"when lap {operator} 2 {{ PatrolWaypoint }}")
-    assert [value for value in "123" if condition(node, [0, 0, float(value), 0, 0], PLACES)()] == [
-        *true_at
-    ]
+    assert [
+        value
+        for value in "123"
+        if condition(condition_of(node), [0, 0, float(value), 0, 0], PLACES)()
+    ] == [*true_at]
 
 
 def test_conditions_are_complete() -> None:
     """Every operator of the language can be asked, and no other."""
     for operator in (*OPERATORS, *FLAG_OPERATORS):
-        assert condition(Node("when", ("lap", operator, 0.0, "none")), [0.0] * 5, PLACES)() in (
+        assert condition(Condition("lap", operator, 0.0), [0.0] * 5, PLACES)() in (
             True,
             False,
         )
     with pytest.raises(ValueError, match="Expected one of"):
-        condition(Node("when", ("lap", "=<", 0.0, "none")), [0.0] * 5, PLACES)
+        condition(Condition("lap", "=<", 0.0), [0.0] * 5, PLACES)
 
 
 # When: abort rules

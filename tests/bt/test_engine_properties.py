@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from islandgp.bt.condition import condition
 from islandgp.bt.engine import compile_tree
-from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, walk
+from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, condition_of, walk
 from islandgp.domains.island.vocabulary import VOCABULARY
 from tests.bt.reference import Reference
 from tests.strategies import few_boards, few_numbers, nodes
@@ -94,7 +94,8 @@ def test_quiet_ticks_change_nothing(
     """
     tree = with_own_names(tree, iter(range(100)))
     board, other_board = list(boards[0]), list(boards[0])
-    guards = [condition(node, board, PLACES) for node in walk(tree) if node.kind == "when"]
+    asked = [condition_of(node) for node in walk(tree) if node.kind == "when"]
+    guards = [condition(each, board, PLACES) for each in asked]
     actions, other_actions = Actions(tree, results), Actions(tree, results)
     tick = compile_tree(tree, actions.table, board, PLACES)
     other_tick = compile_tree(tree, other_actions.table, other_board, PLACES)

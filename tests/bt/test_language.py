@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from islandgp.bt.condition import Condition
 from islandgp.bt.language import MAX_CHARACTERS, MAX_LEVELS, MAX_NODES, parse, to_text
 from islandgp.bt.node import Node, depth, size
 from islandgp.bt.printer import WIDTH, number_text
@@ -122,16 +123,22 @@ def test_numbers(value: float, text: str) -> None:
         ("parallel failure all { PickupGarbage }", Node("parallel", ("all", "all"), (PICKUP,))),
         ("inverter { PatrolWaypoint }", Node("inverter", (), (PATROL,))),
         ("repeater 3 { PatrolWaypoint }", Node("repeater", (3,), (PATROL,))),
-        ("when lap >= 2 { PatrolWaypoint }", Node("when", ("lap", ">=", 2, "both"), (PATROL,))),
+        (
+            "when lap >= 2 { PatrolWaypoint }",
+            Node("when", (Condition("lap", ">=", 2), "both"), (PATROL,)),
+        ),
         ("when lap<-.5{PatrolWaypoint}", None),
-        ("when lap <-0.5 { PatrolWaypoint }", Node("when", ("lap", "<", -0.5, "both"), (PATROL,))),
+        (
+            "when lap <-0.5 { PatrolWaypoint }",
+            Node("when", (Condition("lap", "<", -0.5), "both"), (PATROL,)),
+        ),
         (
             "when foundGarbage abort self { PatrolWaypoint }",
-            Node("when", ("foundGarbage", "is", 0, "self"), (PATROL,)),
+            Node("when", (Condition("foundGarbage", "is", 0), "self"), (PATROL,)),
         ),
         (
             "when not foundGarbage abort none { PatrolWaypoint }",
-            Node("when", ("foundGarbage", "not", 0, "none"), (PATROL,)),
+            Node("when", (Condition("foundGarbage", "not", 0), "none"), (PATROL,)),
         ),
     ],
 )

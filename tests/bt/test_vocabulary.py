@@ -96,7 +96,7 @@ def test_a_tree_of_one_domain_is_not_one_of_another() -> None:
     """Names are those of the vocabulary that is given, and of no other."""
     text = "when wall { Step }"
     assert parse(text, MAZE) == Node(
-        "when", ("wall", "is", 0.0, "both"), (Node("action", ("Step",)),)
+        "when", (Condition("wall", "is", 0.0), "both"), (Node("action", ("Step",)),)
     )
     with pytest.raises(UnknownNameError, match="a key: batteryLevel"):
         parse(text, VOCABULARY)
@@ -107,4 +107,4 @@ def test_a_tree_of_one_domain_is_not_one_of_another() -> None:
 def test_without_a_vocabulary_any_name_will_do() -> None:
     """Records are read so: they were checked when they were written."""
     tree = parse("when height > 3 { sequence { Climb when high { Jump } } }")
-    assert tree.args == ("height", ">", 3.0, "both")
+    assert tree.args == (Condition("height", ">", 3.0), "both")

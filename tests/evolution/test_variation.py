@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from islandgp.bt.condition import Condition
 from islandgp.bt.language import parse, to_text
 from islandgp.bt.limits import Limits, within
-from islandgp.bt.node import KINDS, Node, depth, levels, replace_at, size, walk
+from islandgp.bt.node import KINDS, Node, condition_of, depth, levels, replace_at, size, walk
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.evolution.random_trees import (
@@ -191,7 +192,7 @@ def test_numbers_stay_on_their_grid() -> None:
     tree = parse("when batteryLevel < 95 { PatrolWaypoint }")
     seen = set()
     for seed in range(300):
-        key, op, number, _ = mutated(seed, tree, "parameter").args
+        key, op, number = condition_of(mutated(seed, tree, "parameter"))
         if (key, op) == ("batteryLevel", "<"):
             seen.add(number)
     assert len(seen) > 8
@@ -234,7 +235,7 @@ def test_random_trees_use_the_whole_language() -> None:
     for seed in range(400):
         for node in walk(random_tree(np.random.default_rng(seed), space())):
             found[node.kind] += 1
-            found.update(node.args)
+            found.update(condition_of(node) if node.kind == "when" else node.args)
     expected = [
         *KINDS,
         *VOCABULARY.actions,
@@ -269,8 +270,9 @@ def test_thresholds_of_random_trees_lie_on_the_grid() -> None:
     seen: dict[str, set[float]] = {}
     rng = np.random.default_rng(0)
     for _ in range(2000):
-        key, _, number, _ = random_args(rng, "when", space())
-        seen.setdefault(str(key), set()).add(float(number))
+        asked, _ = random_args(rng, "when", space())
+        assert isinstance(asked, Condition)
+        seen.setdefault(asked.key, set()).add(asked.number)
     assert seen["batteryLevel"] == set(range(0, 101, 5))
     assert seen["lap"] == set(range(6))
     assert seen["foundGarbage"] == {0}

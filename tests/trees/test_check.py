@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from islandgp.bt.condition import condition
 from islandgp.bt.lint import warnings
 from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, walk
-from islandgp.bt.truth import HOLDS
 from islandgp.domain import Scene
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.resources import resource
@@ -129,6 +129,20 @@ DOUBTFUL = [
     ),
     ("when batteryLevel < 30 { ExecuteCharge }", (1, 26), "ExecuteCharge can never succeed"),
     ("when batteryLevel >= 95 abort none { ExecuteCharge }", (1, 38), "can never succeed"),
+    ("when lap > 1 and lap < 1 { SeekCharger }", (1, 28), "whatever is on the blackboard"),
+    ("when lap > 1 and foundGarbage and lap > 0 { SeekCharger }", (1, 1), "lap > 1 and found"),
+    ("when not not not lap < 2 { SeekCharger }", (1, 1), "shorter one: lap >= 2"),
+    (
+        "when foundGarbage { when not foundGarbage or lap > 1 { SeekCharger } }",
+        (1, 21),
+        "shorter one: lap > 1",
+    ),
+    (
+        "when foundGarbage or lap > 1 { when lap < 1 and not foundGarbage { SeekCharger } }",
+        (1, 68),
+        "stands when foundGarbage or lap > 1",
+    ),
+    ("when not (foundGarbage or lap > 1) { MoveToGarbage }", (1, 38), "can never succeed"),
     ("subtree a = SeekCharger PatrolWaypoint", (1, 9), "never used"),
     ("when foundGarbage abort lower { MoveToGarbage }", (1, 1), "is abort none here"),
 ]
@@ -205,9 +219,9 @@ class Facts:
             assert status in action.statuses
             self.seen[name, status] += 1
             if status == SUCCESS:
-                for key, operator, number in action.to_succeed:
-                    if key not in changed:
-                        assert HOLDS[operator](board[key], number), (name, key, board)
+                for asked in action.to_succeed:
+                    if asked.key not in changed:
+                        assert condition(asked, values, VOCABULARY.places)(), (name, asked, board)
                 changed |= action.changes.keys()
         self.told.clear()
 

@@ -10,16 +10,16 @@ import pytest
 from hypothesis import HealthCheck, Phase, assume, given, settings
 from hypothesis import strategies as st
 
+from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS, Asked, Condition, denied, joined
 from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.language import parse
 from islandgp.bt.node import (
     ABORTS,
     FAILURE,
-    FLAG_OPERATORS,
-    OPERATORS,
     POLICIES,
     RUNNING,
     SUCCESS,
+    Argument,
     Node,
 )
 from islandgp.bt.vocabulary import Action, Vocabulary, flag
@@ -79,6 +79,17 @@ def test_behaviortree_cpp(
     assert cpp.trace(tree, boards, results, how="once") == expected
 
 
+def random_condition(rng: Random, terms: int) -> Asked:
+    if terms > 1:
+        parts = [random_condition(rng, count) for count in (1, terms - 1)]
+        whole = joined(rng.choice(["and", "or"]), parts)
+        return denied(whole) if rng.random() < 0.3 else whole
+    key = rng.choice([*VOCABULARY.keys])
+    if VOCABULARY.keys[key].flag:
+        return Condition(key, rng.choice(FLAG_OPERATORS), 0.0)
+    return Condition(key, rng.choice(OPERATORS), float(rng.randint(1, 3)))
+
+
 def random_tree(rng: Random, levels: int) -> Node:
     """A tree rich in guards that interrupt; Hypothesis makes few of them."""
     kinds = ["action"] * 2 + ["selector", "when"] * 3 + ["sequence", "parallel", "inverter"]
@@ -86,13 +97,12 @@ def random_tree(rng: Random, levels: int) -> Node:
     if kind == "action":
         return Node("action", ("A",))
     several = kind in ("selector", "sequence", "parallel")
-    args: tuple[str | float, ...] = ()
+    args: tuple[Argument, ...] = ()
     if kind == "when":
-        key, abort = rng.choice([*VOCABULARY.keys]), rng.choice(["lower", "both", *ABORTS])
-        if VOCABULARY.keys[key].flag:
-            args = (key, rng.choice(FLAG_OPERATORS), 0.0, abort)
-        else:
-            args = (key, rng.choice(OPERATORS), float(rng.randint(1, 3)), abort)
+        args = (
+            random_condition(rng, rng.choice([1, 1, 1, 2, 3])),
+            rng.choice(["lower", "both", *ABORTS]),
+        )
     elif kind == "parallel":
         args = (rng.choice(POLICIES), rng.choice(POLICIES))
     elif kind == "repeater":

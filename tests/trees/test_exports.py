@@ -324,7 +324,11 @@ WRONG_NODES = {
     "<Sequenc><SeekCharger/></Sequenc>": "did you mean Sequence?",
     "<RetryUntilSuccessful num_attempts='3'><SeekCharger/></RetryUntilSuccessful>": "no node",
     "<ScriptCondition code='lap &lt; 1'/>": "must stand before something",
-    "<Sequence><ScriptCondition code='lap + 1'/><SeekCharger/></Sequence>": "expected a condition",
+    "<Sequence><ScriptCondition code='lap + 1'/><SeekCharger/></Sequence>": "lap is a number",
+    "<Sequence><ScriptCondition code='!lap == 1'/><SeekCharger/></Sequence>": "such as level",
+    "<Sequence><ScriptCondition code='(lap == 1'/><SeekCharger/></Sequence>": "such as level",
+    "<Sequence><ScriptCondition code='lap &lt; 1||'/><SeekCharger/></Sequence>": "such as level",
+    f"<Sequence><ScriptCondition code='{'(' * 99}lap'/><SeekCharger/></Sequence>": "16 levels",
     "<Sequence><ScriptCondition code='lapp &lt; 1'/><SeekCharger/></Sequence>": "did you mean lap",
     "<Sequence><ScriptCondition code='lap'/><SeekCharger/></Sequence>": "lap is a number",
     "<Repeat num_cycles='-1'><SeekCharger/></Repeat>": "num_cycles from 1 to 100",
@@ -371,8 +375,8 @@ def test_foreign_xml() -> None:
         VOCABULARY,
     )
     assert tree == parse(
-        "selector { when foundGarbage abort none { when batteryLevel >= 20 abort none"
-        " { sequence { MoveToGarbage PickupGarbage } } } PatrolWaypoint }"
+        "selector { when foundGarbage and batteryLevel >= 20 abort none"
+        " { sequence { MoveToGarbage PickupGarbage } } PatrolWaypoint }"
     )
 
 

@@ -64,7 +64,7 @@ LOST = {
     "<Repeat num_cycles='1'><A/></Repeat>": "",
     "<RepeatPerTick num_cycles='3'><A/></RepeatPerTick>": "",
     "<JudgedParallel success='one' failure='all'><A/><B/></JudgedParallel>": "",
-    "<InterruptibleFallback><When key='lap' op='&lt;' number='3'><A/></When><B/>"
+    "<InterruptibleFallback><When condition='lap &lt; 3'><A/></When><B/>"
     "</InterruptibleFallback>": "",
 }
 
@@ -78,13 +78,13 @@ def test_losses_of_an_import(text: str) -> None:
 
 def test_guards_that_nobody_observes() -> None:
     """A When in a composite of the library interrupts nothing there, so it does not here."""
-    guard = "<When key='foundGarbage'><A/></When>"
+    guard = "<When condition='foundGarbage'><A/></When>"
     text = short_xml(xml_of(f"<Fallback>{guard}<B/></Fallback>"))
     assert from_xml(text, VOCABULARY) == short_tree("selector { when p abort self { A } B }")
     behind = f"<Sequence><ScriptCondition code='lap &lt; 1'/>{guard}</Sequence>"
     text = short_xml(xml_of(f"<InterruptibleFallback>{behind}<B/></InterruptibleFallback>"))
     tree = from_xml(text, VOCABULARY)
-    assert [n.args[3] for n in walk(tree) if n.kind == "when"] == ["none", "self"]
+    assert [n.args[1] for n in walk(tree) if n.kind == "when"] == ["none", "self"]
 
 
 def test_a_parallel_that_fails_at_the_first_failure() -> None:
@@ -144,9 +144,16 @@ WRONG = {
     ),
     "cycles": (xml_of(f"<Repeat num_cycles='{'9' * 5000}'><A/></Repeat>"), "from 1 to 100"),
     "twice": (xml_of("<A/>").replace("</root>", '<BehaviorTree ID="T0"/></root>'), "stands twice"),
-    "abort": (xml_of("<When key='foundGarbage' abort='all'><A/></When>"), "expected abort none"),
-    "op": (xml_of("<When key='lap' op='is'><A/></When>"), "expected op < <="),
-    "flag": (xml_of("<When key='foundGarbage' op='&lt;'><A/></When>"), "expected op is not"),
+    "abort": (
+        xml_of("<When condition='foundGarbage' abort='all'><A/></When>"),
+        "expected abort none",
+    ),
+    "smuggled": (
+        xml_of("<When condition='foundGarbage { PatrolWaypoint } when lap'><A/></When>"),
+        "place <condition>:1:14: unexpected",
+    ),
+    "op": (xml_of("<When condition='lap'><A/></When>"), "lap is a number"),
+    "flag": (xml_of("<When condition='foundGarbage &lt; 1'><A/></When>"), "is yes or no"),
     "policy": (xml_of("<JudgedParallel success='two'><A/></JudgedParallel>"), "one or all"),
     "conditions": (
         xml_of("<Sequence>" + "<ScriptCondition code='foundGarbage'/>" * 5000 + "<A/></Sequence>"),

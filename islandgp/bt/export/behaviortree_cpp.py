@@ -15,10 +15,11 @@ from collections.abc import Iterator
 from typing import Final
 from xml.sax.saxutils import escape, quoteattr
 
+from islandgp.bt.condition import Compound, Condition, terms
 from islandgp.bt.export.exact import OWN, exact_plan, own_nodes, parts
 from islandgp.bt.export.plan import Loss, TargetNode, guard_losses, plan
-from islandgp.bt.node import Node, walk
-from islandgp.bt.printer import number_text
+from islandgp.bt.node import Argument, Node, condition_of, walk
+from islandgp.bt.printer import condition_text, number_text
 from islandgp.bt.vocabulary import NOTHING, Vocabulary
 from islandgp.errors import DomainError
 
@@ -48,7 +49,7 @@ OWN_TAGS: Final[dict[str, str]] = {
 """Our names of `exact`, and the nodes of ours for this library."""
 
 _PORTS: Final[dict[str, tuple[str, ...]]] = {
-    "when": ("key", "op", "number", "abort"),
+    "when": ("condition", "abort"),
     "judged_parallel": ("success", "failure"),
     "repeat_per_tick": ("num_cycles",),
 }
@@ -108,7 +109,7 @@ def differs(node: Node) -> bool:
     if node.kind == "parallel":
         # With one child only the words differ; they come back when the file is read.
         return len(node.children) > 1 or node.args != ("all", "one")
-    return node.args[1] in ("==", "!=")
+    return any(term.operator in ("==", "!=") for term in terms(condition_of(node)))
 
 
 def to_xml(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = False) -> str:
@@ -164,7 +165,7 @@ def _lines(part: TargetNode, indent: str) -> Iterator[str]:
         yield f"{indent}<{part.args[0]}/>"
         return
     if part.kind == "check":
-        yield f"{indent}<ScriptCondition code={quoteattr(_script(part))}/>"
+        yield f"{indent}<ScriptCondition code={quoteattr(_script(part.args[0]))}/>"
         return
     tag = TAGS.get(part.kind) or OWN_TAGS[part.kind]
     yield f"{indent}<{tag}{_attributes(part)}>"
@@ -178,7 +179,7 @@ def _attributes(part: TargetNode) -> str:
         values = ((name, _word(v)) for name, v in zip(_PORTS[part.kind], part.args, strict=True))
         return "".join(f" {name}={quoteattr(value)}" for name, value in values)
     if part.kind == "repeat":
-        return f' num_cycles="{int(part.args[0])}"'
+        return f' num_cycles="{_word(part.args[0])}"'
     if part.kind == "parallel":
         success, failure = part.args
         # With success all, the first failure fails it, whatever stands here.
@@ -187,8 +188,10 @@ def _attributes(part: TargetNode) -> str:
     return f' name="{REST}"' if part.rest else ""
 
 
-def _word(value: str | float) -> str:
-    return value if isinstance(value, str) else number_text(float(value))
+def _word(value: Argument) -> str:
+    if isinstance(value, Condition | Compound):
+        return condition_text(value)
+    return value if isinstance(value, str) else number_text(value)
 
 
 def _model(kind: str) -> Iterator[str]:
@@ -204,10 +207,16 @@ def _model(kind: str) -> Iterator[str]:
     yield f"    </{sort}>"
 
 
-def _script(check: TargetNode) -> str:
-    key, operator, number = check.args
-    if operator == "is":
-        return str(key)
-    if operator == "not":
-        return f"!{key}"
-    return f"{key} {operator} {number_text(float(number))}"
+def _script(asked: Argument) -> str:
+    """A condition in the library's script language, in which && and || bind equally."""
+    assert isinstance(asked, Condition | Compound)
+    if isinstance(asked, Condition):
+        flag = {"is": asked.key, "not": f"!{asked.key}"}.get(asked.operator)
+        return flag or f"{asked.key} {asked.operator} {number_text(asked.number)}"
+    inside = [
+        f"({_script(part)})" if isinstance(part, Compound) and part.word != "not" else _script(part)
+        for part in asked.parts
+    ]
+    if asked.word == "not":
+        return f"!{inside[0]}" if inside[0].startswith("(") else f"!({inside[0]})"
+    return {"and": " && ", "or": " || "}[asked.word].join(inside)

@@ -65,7 +65,7 @@ def _when(node: Node, child: TargetNode, *, ours: bool) -> TargetNode:
     if ours:
         return TargetNode("when", node.args, (child,))
     kind = "reactive_sequence" if checks_itself(node) else "sequence"
-    return TargetNode(kind, node.args, (TargetNode("check", node.args[:3]), child))
+    return TargetNode(kind, node.args, (TargetNode("check", node.args[:1]), child))
 
 
 def _composite(node: Node, differs: Differs) -> TargetNode:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, NamedTuple, NoReturn
 
+from islandgp.bt.condition import Asked, Compound, denied, opposite, terms
 from islandgp.bt.export.behaviortree_cpp import (
     EQUAL,
     JUDGED,
@@ -20,9 +21,9 @@ from islandgp.bt.export.behaviortree_cpp import (
     TAGS,
 )
 from islandgp.bt.export.plan import LEVEL, ORDER, RESUMED, Loss, hands_over
-from islandgp.bt.export.scripts import OPPOSITE, condition_of, read_condition
+from islandgp.bt.export.scripts import read_condition
 from islandgp.bt.export.xml_reader import Element, read_xml
-from islandgp.bt.language import MAX_LEVELS, MAX_NODES, parse, to_text
+from islandgp.bt.language import MAX_LEVELS, MAX_NODES, parse, parse_condition, to_text
 from islandgp.bt.node import ABORTS, POLICIES, REPEATS, Node
 from islandgp.bt.source import closest, shown
 from islandgp.bt.truth import with_aborts
@@ -36,7 +37,7 @@ _ATTRIBUTES: Final[dict[str, tuple[str, ...]]] = {
     "Repeat": ("num_cycles",),
     "Parallel": ("success_count", "failure_count"),
     "SubTree": ("_autoremap",),
-    "When": ("key", "op", "number", "abort"),
+    "When": ("condition", "abort"),
     "JudgedParallel": ("success", "failure"),
     "RepeatPerTick": ("num_cycles",),
 }
@@ -323,25 +324,18 @@ class _Importer:
         """Runs its child where a condition holds; inverted: succeeds there, else runs the child."""
         self._check_attributes(element, "ScriptCondition")
         self._asks = True
-        for key, operator, number in reversed(self._conditions(element, alone=inverted)):
-            if operator in ("==", "!="):
-                self._differs(element, EQUAL)
-            if inverted:
-                guard = Node(
-                    "when",
-                    (key, OPPOSITE[operator], number, abort),
-                    (Node("inverter", (), (child,)),),
-                )
-                child = Node("inverter", (), (guard,))
-            else:
-                child = Node("when", (key, operator, number, abort), (child,))
-        return child
+        asked = self._asked(element)
+        if any(term.operator in ("==", "!=") for term in terms(asked)):
+            self._differs(element, EQUAL)
+        if not inverted:
+            return Node("when", (asked, abort), (child,))
+        against = denied(asked) if isinstance(asked, Compound) else opposite(asked)
+        guard = Node("when", (against, abort), (Node("inverter", (), (child,)),))
+        return Node("inverter", (), (guard,))
 
-    def _conditions(self, element: Element, *, alone: bool) -> list[tuple[str, str, float]]:
-        code = element.attributes.get("code", "")
-        terms = [code] if alone else code.split("&&", MAX_LEVELS)
+    def _asked(self, element: Element) -> Asked:
         try:
-            return [read_condition(term, self._vocabulary) for term in terms]
+            return read_condition(element.attributes.get("code", ""), self._vocabulary)
         except ValueError as error:
             self._fail(element, str(error))
 
@@ -354,15 +348,11 @@ class _Importer:
                 element, f"expected abort {', '.join(ABORTS)}, found {shown(abort)}; choose one"
             )
         try:
-            condition = condition_of(
-                given.get("key", ""),
-                given.get("op", "is"),
-                given.get("number", "0"),
-                self._vocabulary,
-            )
-        except ValueError as error:
-            self._fail(element, str(error))
-        return Node("when", (*condition, abort), (self._node(self._only_child(element)),))
+            asked = parse_condition(given.get("condition", ""), self._vocabulary)
+        except TreeError as error:
+            said = [line.strip() for line in str(error).splitlines()]
+            self._fail(element, "; ".join(["in the condition, place " + said[0], *said[3:]]))
+        return Node("when", (asked, abort), (self._node(self._only_child(element)),))
 
     def _repeat(self, element: Element, tag: str) -> Node:
         count = element.attributes.get("num_cycles", "")

@@ -4,7 +4,12 @@
      "tree": {"kind": "when", "key": "charge", "op": "<", "number": 25,
               "abort": "lower", "children": [{"kind": "action", "name": "GoHome"}]}}
 
-An argument's name is that of `KINDS`. Comments and named subtrees are not part of
+An argument's name is that of `KINDS`. A condition that is joined stands as a whole:
+
+    {"kind": "when", "condition": {"and": [{"key": "found", "op": "is"},
+     {"not": {"key": "charge", "op": "<", "number": 25}}]}, "abort": "both", "children": [...]}
+
+Comments and named subtrees are not part of
 a tree, so they are not in here.
 """
 
@@ -13,8 +18,17 @@ from __future__ import annotations
 import json
 from typing import Any, Final, NoReturn
 
+from islandgp.bt.builder import MAX_NESTED
+from islandgp.bt.condition import (
+    FLAG_OPERATORS,
+    OPERATORS,
+    Asked,
+    Condition,
+    denied,
+    joined,
+)
 from islandgp.bt.language import MAX_LEVELS, MAX_NODES, MAX_NUMBER, parse, to_text
-from islandgp.bt.node import ABORTS, FLAG_OPERATORS, KINDS, OPERATORS, POLICIES, Node
+from islandgp.bt.node import ABORTS, KINDS, POLICIES, Argument, Node, condition_of
 from islandgp.bt.source import closest
 from islandgp.bt.vocabulary import NAME, RESERVED, Vocabulary
 from islandgp.errors import LimitError, TreeError
@@ -72,11 +86,26 @@ def from_json(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<
 def _plain(node: Node) -> dict[str, Any]:
     found: dict[str, Any] = {"kind": node.kind}
     for argument, value in zip(KINDS[node.kind].args, node.args, strict=True):
-        whole = isinstance(value, float) and value == int(value)
-        found[argument] = int(value) if whole else value
+        if argument != "condition":
+            found[argument] = _number(value) if isinstance(value, float) else value
+        elif isinstance(asked := condition_of(node), Condition):
+            found |= _plain_condition(asked)
+        else:
+            found[argument] = _plain_condition(asked)
     if node.children:
         found["children"] = [_plain(child) for child in node.children]
     return found
+
+
+def _plain_condition(asked: Asked) -> dict[str, Any]:
+    if isinstance(asked, Condition):
+        return {"key": asked.key, "op": asked.operator, "number": _number(asked.number)}
+    parts = [_plain_condition(part) for part in asked.parts]
+    return {asked.word: parts[0] if asked.word == "not" else parts}
+
+
+def _number(value: float) -> float:
+    return int(value) if value == int(value) else value
 
 
 class _Reader:
@@ -101,7 +130,10 @@ class _Reader:
             guess = closest(str(kind), KINDS)
             hint = f"; did you mean {guess!r}?" if guess else ""
             self._fail(at, f"expected a kind ({', '.join(KINDS)}), found {kind!r:.40}{hint}")
-        names = KINDS[kind].args
+        names: tuple[str, ...] = KINDS[kind].args
+        if kind == "when":
+            names = ("condition" if "condition" in value else "key", "op", "number", "abort")
+            names = names if names[0] == "key" else ("condition", "abort")
         extra = value.keys() - {"kind", "children", *names}
         if extra:
             self._fail(at, f"unknown entry {min(extra)!r:.40} of {kind}")
@@ -110,9 +142,11 @@ class _Reader:
         if not isinstance(children, list) or not least <= len(children) <= most:
             wanted = least if least == most else f"at least {least}"
             self._fail(at, f"expected {wanted} children of {kind}")
-        args = tuple(self._argument(value, argument, at) for argument in names)
-        if kind == "when" and args[1] in FLAG_OPERATORS and args[2] != 0:
-            self._fail(at, f'expected "number": 0 beside the op {args[1]}, found {args[2]:g}')
+        args: tuple[Argument, ...]
+        if kind == "when":
+            args = (self._asked(value, at), str(self._argument(value, "abort", at)))
+        else:
+            args = tuple(self._argument(value, argument, at) for argument in names)
         return Node(
             kind,
             args,
@@ -121,6 +155,39 @@ class _Reader:
                 for i, child in enumerate(children)
             ),
         )
+
+    def _asked(self, value: dict[str, Any], at: str) -> Asked:
+        """The condition of a `when`, which may stand in it without brackets."""
+        if "condition" in value:
+            return self._condition(value["condition"], f"{at}.condition", 1)
+        return self._single(value, at)
+
+    def _condition(self, value: Any, at: str, level: int) -> Asked:
+        if not isinstance(value, dict):
+            self._fail(at, f"expected a condition, found {value!r:.40}")
+        if level > MAX_NESTED:
+            self._fail(at, f"expected a condition of at most {MAX_NESTED} levels")
+        if "key" in value:
+            if extra := value.keys() - {"key", "op", "number"}:
+                self._fail(at, f"unknown entry {min(extra)!r:.40} of a condition")
+            return self._single({"number": 0, **value}, at)
+        if len(value) != 1 or (word := next(iter(value))) not in ("and", "or", "not"):
+            self._fail(at, 'expected one of "and", "or", "not", or "key", "op" and "number"')
+        inside = [value[word]] if word == "not" else value[word]
+        if not isinstance(inside, list) or not inside:
+            self._fail(at, f"expected a list of conditions as {word!r}, found {inside!r:.40}")
+        parts = [
+            self._condition(each, f"{at}.{word}[{i}]", level + 1) for i, each in enumerate(inside)
+        ]
+        return denied(parts[0]) if word == "not" else joined(word, parts)
+
+    def _single(self, value: dict[str, Any], at: str) -> Condition:
+        key, operator, number = (
+            self._argument(value, argument, at) for argument in ("key", "op", "number")
+        )
+        if operator in FLAG_OPERATORS and number != 0:
+            self._fail(at, f'expected "number": 0 beside the op {operator}, found {number:g}')
+        return Condition(str(key), str(operator), float(number))
 
     def _argument(self, value: dict[str, Any], argument: str, at: str) -> str | float:
         found = value.get(argument)

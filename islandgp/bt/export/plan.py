@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from islandgp.bt.node import Node
+from islandgp.bt.node import Argument, Node
 from islandgp.bt.truth import chain, checks_itself, exposes, interrupts
 
 
@@ -26,7 +26,7 @@ class TargetNode(NamedTuple):
     """
 
     kind: str
-    args: tuple[str | float, ...] = ()  # of the node of ours that it comes from
+    args: tuple[Argument, ...] = ()  # of the node of ours that it comes from
     children: tuple[TargetNode, ...] = ()
     rest: bool = False  # holds the branches behind reactive ones; no node of ours
 
@@ -71,7 +71,7 @@ def plan(node: Node) -> TargetNode:
     if kind == "action":
         return TargetNode("action", node.args)
     if kind == "when":
-        check = TargetNode("check", node.args[:3])
+        check = TargetNode("check", node.args[:1])
         kind = "reactive_sequence" if checks_itself(node) else "sequence"
         return TargetNode(kind, node.args, (check, plan(children[0])))
     if kind in ("selector", "sequence"):

@@ -13,11 +13,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
+from islandgp.bt.condition import Asked, Compound, Condition, terms
 from islandgp.bt.export.exact import OWN, exact_plan, own_nodes, parts
 from islandgp.bt.export.plan import Loss, TargetNode, guard_losses, plan
 from islandgp.bt.language import to_text
-from islandgp.bt.node import Node, walk
-from islandgp.bt.printer import head, number_text
+from islandgp.bt.node import Node, condition_of, walk
+from islandgp.bt.printer import condition_text, head, number_text
 from islandgp.bt.vocabulary import NOTHING, Vocabulary
 
 POLICY = Loss(
@@ -43,13 +44,6 @@ from py_trees.decorators import Decorator, EternalGuard, Inverter, Repeat
 def check(key, compare, value):
     """Succeeds when the condition holds."""
     return CheckBlackboardVariableValue(key, ComparisonExpression(key, value, compare))
-
-
-def guard(key, compare, value, child):
-    """Runs its child while the condition holds; asks again in each tick."""
-    def holds(blackboard):
-        return compare(blackboard.get(key), value)
-    return EternalGuard(key, child, holds, {{key}})
 
 
 {own}def create_tree(action):
@@ -80,7 +74,8 @@ def to_python(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = Fal
     whole = plan(tree) if plain else exact_plan(tree, differs)
     own = _own() if any(part.kind in OWN for part in parts(whole)) else ""
     text = "".join(f"    {line}\n" for line in to_text(tree).splitlines())
-    asked = dict.fromkeys(str(node.args[0]) for node in walk(tree) if node.kind == "when")
+    guards = (node for node in walk(tree) if node.kind == "when")
+    asked = dict.fromkeys(term.key for guard in guards for term in terms(condition_of(guard)))
     known = {name: key.meaning for name, key in vocabulary.keys.items()} or dict.fromkeys(asked, "")
     keys = "\n".join(f"    {name}: {meaning}".rstrip(": ") for name, meaning in known.items())
     keys = keys.replace("\\", "\\\\").replace('"""', "'''")  # it stands in a docstring
@@ -95,6 +90,9 @@ def _own() -> str:
 
 
 def _lines(part: TargetNode, indent: str) -> Iterator[str]:
+    if part.kind == "check":
+        yield f"{indent}{_check(_asked(part))},"
+        return
     before, behind = _around(part)
     if not part.children:
         yield f"{indent}{before}{behind},"
@@ -118,12 +116,10 @@ def _around(part: TargetNode) -> tuple[str, str]:
     kind = part.kind
     if kind == "action":
         return f"action({str(part.args[0])!r}", ")"
-    if kind == "check":
-        return f"check({_condition(part)}", ")"
     if _is_guard(part):
-        return f"guard({_condition(part.children[0])}, child=", ")"
+        return f"EternalGuard({_condition(part)}, child=", ")"
     if kind == "when":
-        return f"When({_condition(part)}, {str(part.args[3])!r}, child=", ")"
+        return f"When({_condition(part)}, abort={str(part.args[1])!r}, child=", ")"
     if kind in ("interruptible_fallback", "interruptible_sequence"):
         word = "selector" if kind == "interruptible_fallback" else "sequence"
         return f"Interruptible{word.title()}({word!r}, children=[", "])"
@@ -140,11 +136,50 @@ def _around(part: TargetNode) -> tuple[str, str]:
         return f"Parallel({head(node)!r}, ParallelPolicy.{policy}, children=[", "])"
     if kind == "inverter":
         return "Inverter('inverter', child=", ")"
-    return "Repeat('repeater', num_success=" + f"{int(part.args[0])}, child=", ")"
+    return "Repeat('repeater', num_success=" + f"{part.args[0]:.0f}, child=", ")"
 
 
-def _condition(check: TargetNode) -> str:
-    key, operator, number = check.args[:3]
-    if operator in ("is", "not"):
-        return f"{str(key)!r}, operator.{'ne' if operator == 'is' else 'eq'}, 0"
-    return f"{str(key)!r}, operator.{_COMPARE[str(operator)]}, {number_text(float(number))}"
+def _asked(part: TargetNode) -> Asked:
+    asked = part.args[0]
+    assert isinstance(asked, Condition | Compound)
+    return asked
+
+
+def _check(asked: Asked) -> str:
+    """Behaviours of the library that succeed when a condition holds; they end in their tick."""
+    if isinstance(asked, Condition):
+        compare, value = _comparison(asked)
+        return f"check({asked.key!r}, operator.{compare}, {value})"
+    inside = ", ".join(map(_check, asked.parts))
+    if asked.word == "not":
+        return f"Inverter('not', child={inside})"
+    kind = "Sequence" if asked.word == "and" else "Selector"
+    return f"{kind}({asked.word!r}, memory=False, children=[{inside}])"
+
+
+def _condition(part: TargetNode) -> str:
+    """A guard's name, keys and condition, as arguments of When and EternalGuard."""
+    asked = _asked(part)
+    keys = ", ".join(repr(key) for key in dict.fromkeys(term.key for term in terms(asked)))
+    return (
+        f"{condition_text(asked)!r}, blackboard_keys=[{keys}],"
+        f" condition=lambda blackboard: {_expression(asked)}"
+    )
+
+
+def _expression(asked: Asked) -> str:
+    if isinstance(asked, Condition):
+        compare, value = _comparison(asked)
+        return f"operator.{compare}(blackboard.get({asked.key!r}), {value})"
+    inside = [
+        f"({_expression(part)})" if isinstance(part, Compound) else _expression(part)
+        for part in asked.parts
+    ]
+    return f"not {inside[0]}" if asked.word == "not" else f" {asked.word} ".join(inside)
+
+
+def _comparison(asked: Condition) -> tuple[str, str]:
+    """The name of a function of `operator`, and its second argument."""
+    if asked.operator in ("is", "not"):
+        return "ne" if asked.operator == "is" else "eq", "0"
+    return _COMPARE[asked.operator], number_text(asked.number)

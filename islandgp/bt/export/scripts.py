@@ -1,73 +1,97 @@
-"""Conditions of other tools: scripts of BehaviorTree.CPP such as `level < 25`, `!found`."""
+"""Conditions of other tools: scripts of BehaviorTree.CPP such as `level < 25 && !found`."""
 
 from __future__ import annotations
 
 import re
-from typing import Final
+from typing import Final, NoReturn
 
-from islandgp.bt.builder import MAX_NUMBER
-from islandgp.bt.node import FLAG_OPERATORS, OPERATORS
+from islandgp.bt.builder import MAX_NESTED, MAX_NUMBER, MAX_TERMS
+from islandgp.bt.condition import Asked, Condition, denied, joined
 from islandgp.bt.source import closest, shown
 from islandgp.bt.vocabulary import Vocabulary
 
-OPPOSITE: Final = {
-    "<": ">=",
-    ">=": "<",
-    ">": "<=",
-    "<=": ">",
-    "==": "!=",
-    "!=": "==",
-    "is": "not",
-    "not": "is",
-}
-"""The operator that holds where another one does not."""
-
-_COMPARISON: Final = re.compile(
-    r"\s*(\w+)\s*(<=|>=|==|!=|<|>)\s*(true|false|-?[0-9]+(?:\.[0-9]+)?)\s*"
+_WORD: Final = re.compile(
+    r"\s*(&&|\|\||!(?!=)|\(|\)|(?P<key>[A-Za-z_]\w*)"
+    r"(?:\s*(?P<operator><=|>=|==|!=|<|>)\s*(?P<number>true|false|-?[0-9]+(?:\.[0-9]+)?(?![\w.])))?)"
 )
-_NUMBER: Final = re.compile(r"-?[0-9]+(?:\.[0-9]+)?")
-_FLAG: Final = re.compile(r"\s*(!?)\s*(\w+)\s*")
 
 
-def read_condition(code: str, vocabulary: Vocabulary) -> tuple[str, str, float]:
-    """(key, operator, number) of a `when`, from one condition of a script.
+def read_condition(code: str, vocabulary: Vocabulary) -> Asked:
+    """The condition that a script asks.
 
     Raises:
         ValueError: it is not one that a `when` can ask; the message tells why.
     """
-    if match := _COMPARISON.fullmatch(code):
-        key, operator, number = match.groups()
-    elif match := _FLAG.fullmatch(code):
-        key, operator, number = match[2], "==", "false" if match[1] else "true"
-    else:
-        raise ValueError(f"expected a condition such as level < 25 or !found, found {shown(code)}")
-    flag = _is_flag(key, vocabulary)
-    if not flag:
-        if number in ("true", "false"):
-            raise ValueError(f"{key} is a number, found {shown(code.strip())}")
-        return key, operator, _number(number)
-    if operator not in ("==", "!=") or number not in ("true", "false", "1", "0"):
-        raise ValueError(f"{key} is yes or no, found {shown(code.strip())}")
-    yes = (number in ("true", "1")) == (operator == "==")
-    return key, "is" if yes else "not", 0.0
+    return _Script(code, vocabulary).read()
 
 
-def condition_of(
-    key: str, operator: str, number: str, vocabulary: Vocabulary
-) -> tuple[str, str, float]:
-    """(key, operator, number) of a `when`, from three attributes.
+class _Script:
+    """Reads a script from left to right. There, && and || bind equally, and ! more than both."""
 
-    Raises:
-        ValueError: it is not one that a `when` can ask; the message tells why.
-    """
-    allowed = FLAG_OPERATORS if _is_flag(key, vocabulary) else OPERATORS
-    if operator not in allowed:
-        raise ValueError(f"expected op {' '.join(allowed)} of {key}, found {shown(operator)}")
-    if not _NUMBER.fullmatch(number):
-        raise ValueError(f"expected a plain number such as 25 or 12.5, found {shown(number)}")
-    if allowed is FLAG_OPERATORS and float(number) != 0:
-        raise ValueError(f"{key} is yes or no: expected no number, found {shown(number)}")
-    return key, operator, _number(number)
+    def __init__(self, code: str, vocabulary: Vocabulary) -> None:
+        self._code, self._vocabulary = code, vocabulary
+        self._at = self._terms = 0
+
+    def read(self) -> Asked:
+        found = self._joined(1)
+        if self._code[self._at :].strip():
+            self._fail()
+        return found
+
+    def _joined(self, level: int) -> Asked:
+        found = self._term(level)
+        while (word := self._peek()) in ("&&", "||"):
+            self._take()
+            found = joined({"&&": "and", "||": "or"}[word], [found, self._term(level)])
+        return found
+
+    def _term(self, level: int) -> Asked:
+        if level > MAX_NESTED or self._terms >= MAX_TERMS:
+            raise ValueError(
+                f"expected a condition of at most {MAX_TERMS} comparisons and flags,"
+                f" {MAX_NESTED} levels"
+            )
+        match = self._take()
+        if match is None or match[1] in ("&&", "||", ")"):
+            self._fail()
+        if match[1] == "!":
+            # It binds more than a comparison, so what it denies is a flag or stands in brackets.
+            following = _WORD.match(self._code, self._at)
+            if following is None or following["operator"]:
+                self._fail()
+            return denied(self._term(level + 1))
+        if match[1] == "(":
+            found = self._joined(level + 1)
+            if self._peek() != ")":
+                self._fail()
+            self._take()
+            return found
+        self._terms += 1
+        return self._single(match["key"], match["operator"] or "==", match["number"] or "true")
+
+    def _peek(self) -> str:
+        match = _WORD.match(self._code, self._at)
+        return match[1] if match else ""
+
+    def _take(self) -> re.Match[str] | None:
+        match = _WORD.match(self._code, self._at)
+        self._at = match.end() if match else self._at
+        return match
+
+    def _single(self, key: str, operator: str, number: str) -> Condition:
+        if not _is_flag(key, self._vocabulary):
+            if number in ("true", "false"):
+                raise ValueError(f"{key} is a number, found {shown(self._code.strip())}")
+            return Condition(key, operator, _number(number))
+        if operator not in ("==", "!=") or number not in ("true", "false", "1", "0"):
+            raise ValueError(f"{key} is yes or no, found {shown(self._code.strip())}")
+        yes = (number in ("true", "1")) == (operator == "==")
+        return Condition(key, "is" if yes else "not", 0.0)
+
+    def _fail(self) -> NoReturn:
+        raise ValueError(
+            f"expected a condition such as level < 25 && !found, found {shown(self._code)}"
+        )
 
 
 def _is_flag(key: str, vocabulary: Vocabulary) -> bool:

@@ -14,7 +14,8 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Final
 
-from islandgp.bt.node import ABORTS, FLAG_OPERATORS, KINDS, OPERATORS, REPEATS
+from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS
+from islandgp.bt.node import ABORTS, KINDS, REPEATS
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.domain import Schema
 from islandgp.errors import SupervisionError

@@ -18,9 +18,13 @@
 
 #pragma once
 
+#include <algorithm>
+#include <cctype>
 #include <cstddef>
 #include <functional>
+#include <locale>
 #include <optional>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -29,29 +33,177 @@
 namespace islandgp
 {
 
-/// A guard: runs its child while a blackboard entry and a number are in a relation.
+/// A condition as a tree says it: `battery < 25 and not (found or lap >= 3)`.
+///
+/// Keys are names of blackboard entries; `not` binds most, then `and`, then `or`. A number is
+/// compared exactly.
+class Condition
+{
+public:
+  using Read = std::function<double(const std::string& key)>;
+
+  explicit Condition(const std::string& text) : text_(text), whole_(joined("or"))
+  {
+    if(!word().empty())
+    {
+      fail();
+    }
+  }
+
+  bool holds(const Read& read) const
+  {
+    return holds(whole_, read);
+  }
+
+private:
+  struct Part
+  {
+    std::string word;  // and, or, not, an operator, or nothing for a flag
+    std::string key;
+    double number;
+    std::vector<Part> parts;
+  };
+
+  static bool holds(const Part& part, const Read& read)
+  {
+    if(part.word == "not")
+    {
+      return !holds(part.parts[0], read);
+    }
+    if(part.word == "and" || part.word == "or")
+    {
+      const bool decides = part.word == "or";
+      for(const auto& each : part.parts)
+      {
+        if(holds(each, read) == decides)
+        {
+          return decides;
+        }
+      }
+      return !decides;
+    }
+    const double value = read(part.key);
+    if(part.word == "<") return value < part.number;
+    if(part.word == "<=") return value <= part.number;
+    if(part.word == ">") return value > part.number;
+    if(part.word == ">=") return value >= part.number;
+    if(part.word == "==") return value == part.number;
+    return value != part.number;  // != and a flag, whose number is 0
+  }
+
+  Part joined(const std::string& by)
+  {
+    Part found{ by, "", 0, {} };
+    do
+    {
+      found.parts.push_back(by == "or" ? joined("and") : term());
+    } while(take(by));
+    return found.parts.size() == 1 ? Part(found.parts[0]) : found;
+  }
+
+  Part term()
+  {
+    if(take("not"))
+    {
+      return { "not", "", 0, { term() } };
+    }
+    if(take("("))
+    {
+      auto inside = joined("or");
+      if(!take(")"))
+      {
+        fail();
+      }
+      return inside;
+    }
+    const auto key = word();
+    if(key.empty() || !(std::isalpha(static_cast<unsigned char>(key[0])) || key[0] == '_'))
+    {
+      fail();
+    }
+    take(key);
+    const auto op = word();
+    if(op.empty() || std::string("<>=!").find(op[0]) == std::string::npos)
+    {
+      return { "", key, 0, {} };
+    }
+    if(op != "<" && op != "<=" && op != ">" && op != ">=" && op != "==" && op != "!=")
+    {
+      fail();
+    }
+    take(op);
+    const auto digits = word();
+    std::istringstream number(digits);
+    number.imbue(std::locale::classic());
+    double value = 0;
+    if(!(number >> value) || !number.eof())
+    {
+      fail();
+    }
+    take(digits);
+    return { op, key, value, {} };
+  }
+
+  /// The next word, which stays; empty at the end.
+  std::string word()
+  {
+    at_ = std::min(text_.find_first_not_of(" \t\n", at_), text_.size());
+    if(at_ == text_.size())
+    {
+      return "";
+    }
+    static const std::string operators = "<>=!";
+    static const std::string signs = "()";
+    const auto kind = [](char c) {
+      return operators.find(c) != std::string::npos ? 1 : std::isspace(static_cast<unsigned char>(c)) ? 2 : 0;
+    };
+    if(signs.find(text_[at_]) != std::string::npos)
+    {
+      return text_.substr(at_, 1);
+    }
+    auto end = at_;
+    while(end < text_.size() && kind(text_[end]) == kind(text_[at_]) &&
+          signs.find(text_[end]) == std::string::npos)
+    {
+      end++;
+    }
+    return text_.substr(at_, end - at_);
+  }
+
+  bool take(const std::string& expected)
+  {
+    if(word() != expected)
+    {
+      return false;
+    }
+    at_ += expected.size();
+    return true;
+  }
+
+  [[noreturn]] void fail() const
+  {
+    throw BT::RuntimeError("When: expected a condition such as battery < 25 and not found, found ",
+                           text_);
+  }
+
+  std::string text_;
+  std::size_t at_ = 0;
+  Part whole_;
+};
+
+/// A guard: runs its child while a condition on the blackboard holds.
 ///
 /// Attributes, read once when the tree is made:
-///   key     the name of a blackboard entry that is a number or a bool
-///   op      < <= > >= == != for a number; is, not for a bool
-///   number  what the entry is compared with
-///   abort   none: asked at the start only; self: also in each tick; lower: interrupts later
-///           branches of the nearest InterruptibleFallback or -Sequence; both: the last two
+///   condition  what must hold of blackboard entries, each a number or a bool
+///   abort      none: asked at the start only; self: also in each tick; lower: interrupts later
+///              branches of the nearest InterruptibleFallback or -Sequence; both: the last two
 class When : public BT::DecoratorNode
 {
 public:
   When(const std::string& name, const BT::NodeConfig& config)
-    : BT::DecoratorNode(name, config), key_(read<std::string>("key")), number_(read<double>("number"))
+    : BT::DecoratorNode(name, config), condition_(read("condition"))
   {
-    const auto op = read<std::string>("op");
-    const auto abort = read<std::string>("abort");
-    if(op == "<") compare_ = std::less<double>();
-    else if(op == "<=") compare_ = std::less_equal<double>();
-    else if(op == ">") compare_ = std::greater<double>();
-    else if(op == ">=") compare_ = std::greater_equal<double>();
-    else if(op == "==" || op == "not") compare_ = std::equal_to<double>();
-    else if(op == "!=" || op == "is") compare_ = std::not_equal_to<double>();
-    else throw BT::RuntimeError("When: expected op < <= > >= == != is or not, found ", op);
+    const auto abort = read("abort");
     if(abort != "none" && abort != "self" && abort != "lower" && abort != "both")
     {
       throw BT::RuntimeError("When: expected abort none, self, lower or both, found ", abort);
@@ -62,22 +214,22 @@ public:
 
   static BT::PortsList providedPorts()
   {
-    return { BT::InputPort<std::string>("key", "name of a blackboard entry"),
-             BT::InputPort<std::string>("op", "is", "relation of the entry and the number"),
-             BT::InputPort<double>("number", 0.0, "what the entry is compared with"),
+    return { BT::InputPort<std::string>("condition", "what must hold, e.g. battery < 25 and not found"),
              BT::InputPort<std::string>("abort", "both", "none, self, lower or both") };
   }
 
   /// Whether the condition holds now.
   bool holds() const
   {
-    const auto entry = config().blackboard->getAnyLocked(key_);
-    if(!entry || entry->empty())
-    {
-      throw BT::RuntimeError("When: the blackboard has no entry ", key_,
-                             "; set it before the first tick");
-    }
-    return compare_(entry->cast<double>(), number_);
+    return condition_.holds([this](const std::string& key) {
+      const auto entry = config().blackboard->getAnyLocked(key);
+      if(!entry || entry->empty())
+      {
+        throw BT::RuntimeError("When: the blackboard has no entry ", key,
+                               "; set it before the first tick");
+      }
+      return entry->cast<double>();
+    });
   }
 
   bool interrupts() const
@@ -113,10 +265,9 @@ private:
     return result;
   }
 
-  template <typename T>
-  T read(const std::string& port)
+  std::string read(const std::string& port)
   {
-    const auto found = getInput<T>(port);
+    const auto found = getInput<std::string>(port);
     if(!found)
     {
       throw BT::RuntimeError("When: expected the attribute ", port, ": ", found.error());
@@ -124,9 +275,7 @@ private:
     return found.value();
   }
 
-  std::string key_;
-  double number_;
-  std::function<bool(double, double)> compare_;
+  Condition condition_;
   bool stops_itself_ = false;
   bool interrupts_ = false;
 };

@@ -14,25 +14,28 @@ from py_trees.decorators import Decorator
 
 
 class When(Decorator):
-    """Runs its child while `compare(blackboard[key], value)` holds.
+    """Runs its child while `condition(blackboard)` holds.
 
+    The blackboard is a client that may read `blackboard_keys`.
     `abort` says what a change of the condition stops. none: nothing, it is asked at the start
     only; self: the child; lower: later branches of the nearest InterruptibleSelector or
     -Sequence above; both: the last two.
     """
 
-    def __init__(self, key, compare, value, abort, child):
+    def __init__(self, name, blackboard_keys, condition, abort, child):
         """The arguments are told above."""
-        super().__init__(key, child)
-        self.attach_blackboard_client().register_key(key, access=Access.READ)
-        self.key, self.compare, self.value = key, compare, value
+        super().__init__(name, child)
+        client = self.attach_blackboard_client()
+        for key in blackboard_keys:
+            client.register_key(key, access=Access.READ)
+        self.condition = condition
         self.stops_itself = abort in ("self", "both")
         self.interrupts = abort in ("lower", "both")
         self.seen = None  # the condition when last asked; None: not since the composite started
 
     def holds(self):
         """Whether the condition holds now."""
-        return bool(self.compare(self.blackboards[0].get(self.key), self.value))
+        return bool(self.condition(self.blackboards[0]))
 
     def tick(self):
         """Asks, then ticks the child."""
