@@ -14,7 +14,7 @@ from pydantic import BaseModel, ValidationError
 
 from islandgp.errors import SupervisionError
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, RunContext
+from islandgp.supervision.base import Guidance, RunContext, Seen
 from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.capabilities import Dialect, Dialects
 from islandgp.supervision.llm.recorded import RecordedCalls
@@ -69,6 +69,10 @@ class Replay:
         self.adviser = adviser
         self._calls = RecordedCalls(transcript)
         self._dialects = Dialects(adviser.settings, transcript, self._calls)
+
+    def see(self, generation: Seen) -> None:
+        """See `Witness`."""
+        self.adviser.see(generation)
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """See `Supervisor`.

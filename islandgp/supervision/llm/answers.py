@@ -52,6 +52,18 @@ def proposal_shape(targets: tuple[str, ...]) -> Mapping[str, FieldType]:
     return {"tree": str, "target": targets, "rationale": str}
 
 
+def reasons_first(shape: Mapping[str, FieldType]) -> Mapping[str, FieldType]:
+    """The shape in the other order: what decides comes last, and a model writes it last."""
+    return dict(reversed(list(shape.items())))
+
+
+def form(shape: Mapping[str, FieldType]) -> str:
+    """The shape as a prompt shows it."""
+    words: dict[object, str] = {float: "NUMBER", bool: "true or false", str: "TEXT"}
+    fields = [f'"{field}": {words.get(kind, field.upper())}' for field, kind in shape.items()]
+    return "{" + ", ".join(fields) + "}"
+
+
 def schema(shape: Mapping[str, FieldType]) -> dict[str, Any]:
     """The JSON schema of a shape. Ranges are not in it: servers drop them."""
     return {

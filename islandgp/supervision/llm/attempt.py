@@ -58,6 +58,15 @@ class Conclusion:
     rejected: tuple[str, ...]  # stages of the validation, in order
 
 
+@dataclass(frozen=True, slots=True)
+class Played:
+    """Episodes that supervision ran for itself."""
+
+    generation: int
+    purpose: str  # "traces": told in a prompt
+    episodes: int
+
+
 def to_line(attempt: Attempt, system: str) -> dict[str, Any]:
     """An attempt as JSON values; `system` is the hash under which its system prompt stands."""
     request = attempt.request.plain()

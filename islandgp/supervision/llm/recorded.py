@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from islandgp.errors import SupervisionError
-from islandgp.supervision.llm.attempt import Call, Conclusion
+from islandgp.supervision.llm.attempt import Call, Conclusion, Played
 from islandgp.supervision.llm.message import Failure, Reply, Request
 from islandgp.supervision.llm.transcript import Transcript
 
@@ -43,6 +43,9 @@ class RecordedCalls:
         return same[-1].answer
 
     def conclude(self, part: Conclusion) -> None:
+        """See `Calls`."""
+
+    def play(self, played: Played) -> None:
         """See `Calls`."""
 
     def learn(self, generation: int, dialect: Mapping[str, Any]) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from islandgp.errors import SupervisionError
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, RunContext
+from islandgp.supervision.base import Guidance, RunContext, Seen
 from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.calls import LiveCalls
 from islandgp.supervision.llm.capabilities import Dialect, Dialects
@@ -74,6 +74,10 @@ class LLM:
             self.adviser.too_short(),
         ]
         return "\n".join(line for line in lines if line)
+
+    def see(self, generation: Seen) -> None:
+        """See `Witness`."""
+        self.adviser.see(generation)
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """See `Supervisor`. A failure ends in the fallback.
