@@ -46,6 +46,7 @@ from islandgp.supervision.llm.prompts import (
     urgency,
 )
 from islandgp.supervision.llm.settings import LLMSettings, TreeSize
+from islandgp.supervision.llm.trial import try_out
 from islandgp.supervision.llm.validation import (
     Check,
     Reading,
@@ -63,6 +64,10 @@ _LATER: Final = (  # known only in a generation
     "generation", "state", "urgency", "answer", "tree_field", "stage", "error", *LATER
 )  # fmt: skip
 _TREE_FIELD: Final = "- tree: the tree in the language, as one JSON string; write line ends as \\n."
+_TREES_FIELD: Final = (
+    "- trees: {} trees for the same target, each another idea, as JSON strings in the language;"
+    " write\n  line ends as \\n. Each is tried in one episode, and the best joins the population."
+)
 
 
 class Adviser:
@@ -85,6 +90,12 @@ class Adviser:
             **standing_values(settings.informed, setup),
         }
         used = {v for name in self._asked() for v in self.prompts[name].variables}
+        if settings.candidates > 1 and setup.inject and not {"answer", "tree_field"} <= used:
+            raise SupervisionError(
+                "Expected {{answer}} and {{tree_field}} in the prompts for trees in"
+                f" {folder}, as supervisor.policy.candidates={settings.candidates} needs them,"
+                " found none; write them there, or set candidates=1."
+            )
         first = "reasoning" in used and settings.informed.reasoning
         self._order = reasons_first if first else _as_is
         self._later = bool(used.intersection(LATER))
@@ -179,7 +190,7 @@ class Adviser:
     def tree_request(self, state: PopulationState, dialect: Dialect) -> Request:
         """The question for a tree."""
         name, size = self._tree_phase(state)
-        shape = self._order(proposal_shape(state.targets))
+        shape = self._order(proposal_shape(state.targets, self.settings.candidates))
         return self._request(name, state, dialect, shape, _size(size))
 
     def _given_up(self, calls: Calls, generation: int) -> Failure | None:
@@ -235,7 +246,13 @@ class Adviser:
         most = self.setup.limits
         limits = Limits(min(size.most_depth, most.max_depth), min(size.most_nodes, most.max_nodes))
         words, targets = self.setup.schema.vocabulary, state.targets
-        return self._ask(calls, state, "tree", request, check_proposal(limits, words, targets, how))
+        check = check_proposal(limits, words, targets, how, self.settings.candidates)
+        found = self._ask(calls, state, "tree", request, check)
+        if found.value is None or not found.value.others:
+            return found
+        trial = try_out(found.value, state, self.setup)
+        calls.play(Played(state.now.generation, "trial", trial.episodes, trial.gain))
+        return replace(found, value=trial.chosen, trial=trial.note)
 
     def _ask(
         self, calls: Calls, state: PopulationState, part: str, request: Request, check: Check[T]
@@ -264,6 +281,7 @@ class Adviser:
         shape: Mapping[str, FieldType],
         values: Mapping[str, str],
     ) -> Request:
+        how = self.settings
         system, user = render(
             self.prompts[name],
             {
@@ -271,13 +289,14 @@ class Adviser:
                 **values,
                 "generation": str(state.now.generation),
                 "state": state_text(state, self.setup.crisis),
-                "urgency": urgency(state, self.settings.rare),
+                "urgency": urgency(state, how.rare),
                 "answer": form(shape),
-                "tree_field": _TREE_FIELD,
+                "tree_field": _TREES_FIELD.format(how.candidates)
+                if "trees" in shape
+                else _TREE_FIELD,
                 **self._told(state).values,
             },
         )
-        how = self.settings
         return Request(
             model=how.model_name,
             system=system,
@@ -336,6 +355,8 @@ def _notes(
             notes[name] = outcome.source + why
             if outcome.prompts:
                 notes[f"{name}_prompts"] = " ".join(outcome.prompts)
+            if outcome.trial:
+                notes["trial"] = outcome.trial
             if outcome.rejected:
                 notes[f"{name}_rejected"] = " ".join(outcome.rejected)
     return notes

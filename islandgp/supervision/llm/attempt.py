@@ -63,8 +63,9 @@ class Played:
     """Episodes that supervision ran for itself."""
 
     generation: int
-    purpose: str  # "traces": told in a prompt
+    purpose: str  # "traces": told in a prompt; "trial": of candidates
     episodes: int
+    gain: float = 0.0  # of a trial: points that the choice has above the first candidate
 
 
 def to_line(attempt: Attempt, system: str) -> dict[str, Any]:

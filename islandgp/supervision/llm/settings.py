@@ -79,6 +79,7 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     explore: TreeSize  # section 2.4.6, phase 1
     exploit: TreeSize  # phase 2
     exploit_from: str | None  # milestone whose first robot begins phase 2; None: the last one
+    candidates: int = Field(default=1, ge=1, le=10)  # trees of an answer; the best is injected
     rare: float = Field(ge=0, le=1)  # share of the population below which a behaviour is rare
     on_outage: Literal["fallback", "wait", "stop"] = "fallback"  # where nobody answers
     useless: Useless | None = None  # None: asked to the end, whatever the answers are
