@@ -36,7 +36,7 @@ bench: $(STAMP)  ## the benchmarks, with goals beside figures
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]' -c constraints.txt
 	$(BIN)/python -m benchmarks
 
-demo-llm: $(STAMP) ## supervision by a language model, with scripted answers: no key
+demo-llm: $(STAMP) ## supervision by a language model, with a mock in its place: no key
 	$(BIN)/python -m islandgp.testing.demo
 
 study: $(STAMP)  ## baseline against expert, 30 paired seeds, into docs/study; resumable

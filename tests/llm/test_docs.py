@@ -64,12 +64,12 @@ def test_no_command_is_left_out() -> None:
 def test_the_demo(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It needs no key, says that the answers are scripted, and ends with two equal records."""
+    """It needs no key, says that the answers are a mock's, and ends with two equal records."""
     monkeypatch.setattr(tempfile, "mkdtemp", lambda prefix: str(tmp_path / prefix))
     small = ("evaluator=serial", "gp.population=6", "world.episode.length=5")
     assert demo(small) == 0
     said = capsys.readouterr().out
-    assert "the answers below are scripted" in said
+    assert "the answers below are a mock's" in said
     assert "rate: llm" in said
     assert "repaired" in said
     assert said.rstrip().endswith("The two records are identical, byte for byte.")
