@@ -28,6 +28,7 @@ COMMANDS: Final[dict[str, str]] = {
     "import": "turn JSON or BehaviorTree.CPP XML into a tree",
     "compare": "compare arms of runs: tables, figures, statistics",
     "estimate": "tell what supervision by a language model will cost",
+    "distill": "fit a small offline policy to the decisions of past runs",
     "verify": "compare runs with the checksums of their records",
     "sync": "send records to the tracking server that it has not got yet",
     "ui": "start the MLflow UI and print the address of the right page",

@@ -55,6 +55,8 @@ def test_no_command_is_left_out() -> None:
         "python -m islandgp ",
         "islandgp estimate",
         "python -m islandgp.testing.demo",
+        "python -m islandgp.testing.measure",
+        "islandgp distill",
         "export",
     )
     assert len(COMMANDS) > 8
