@@ -98,7 +98,7 @@ class Adviser:
             )
         first = "reasoning" in used and settings.informed.reasoning
         self._order = reasons_first if first else _as_is
-        self._later = bool(used.intersection(LATER))
+        self.tells_of_run = bool(used.intersection(LATER))
         self._run = Chronicle()
         self._last: tuple[PopulationState, Told] | None = None
         for prompt in self.prompts.values():
@@ -155,7 +155,7 @@ class Adviser:
 
     def see(self, generation: Seen) -> None:
         """See `Witness`: keeps what prompts tell of a run; others need nothing of it."""
-        if self._later:
+        if self.tells_of_run:
             self._run = self._run.followed_by(generation)
 
     def too_short(self) -> str:
@@ -314,7 +314,7 @@ class Adviser:
         """What prompts tell of the run so far; worked out once a generation."""
         if self._last is None or self._last[0] is not state:
             how = self.settings.informed
-            found = told(how, self.setup, state, self._run) if self._later else UNTOLD
+            found = told(how, self.setup, state, self._run) if self.tells_of_run else UNTOLD
             self._last = (state, found)
         return self._last[1]
 

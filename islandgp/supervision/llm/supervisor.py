@@ -60,7 +60,11 @@ class LLM:
     def start(self) -> str:
         """See `Service`: opens the transcript, and finds out how the server wants to be asked."""
         calls = self._open()
-        found = self._dialects.start()
+        try:
+            found = self._dialects.start()
+        except SupervisionError:
+            self.close()
+            raise
         if calls.transcript.start is None:
             told = self.settings.model_dump(mode="json", exclude={"api_key"})
             known = asdict(found) if isinstance(found, Dialect) else None
