@@ -32,11 +32,15 @@ test-slow: $(STAMP) ## the long, exhaustive tests
 btcpp: $(STAMP)  ## build BehaviorTree.CPP in build/, for the tests of exports
 	$(BIN)/python tests/trees/btcpp/build_btcpp.py
 
+gateways:        ## LiteLLM's proxy and llmock in build/gateways, for slow tests of supervision
+	$(PYTHON) -m venv build/gateways
+	build/gateways/bin/python -m pip install --quiet --disable-pip-version-check -r tests/llm/gateways.txt
+
 bench: $(STAMP)  ## the benchmarks, with goals beside figures
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]' -c constraints.txt
 	$(BIN)/python -m benchmarks
 
-demo-llm: $(STAMP) ## supervision by a language model, with scripted answers: no key
+demo-llm: $(STAMP) ## supervision by a language model, with a mock in its place: no key
 	$(BIN)/python -m islandgp.testing.demo
 
 study: $(STAMP)  ## baseline against expert, 30 paired seeds, into docs/study; resumable
@@ -63,4 +67,4 @@ ui: $(STAMP)     ## start the MLflow UI on this folder's runs
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
 
-.PHONY: help setup run lint test test-slow bench demo-llm study ablations ui clean
+.PHONY: help setup run lint test test-slow gateways bench demo-llm study ablations ui clean

@@ -4,7 +4,8 @@
 
 These are the tables of docs/language.md, docs/llm.md and docs/tutorial.md, between
 `<!-- begin NAME -->` and `<!-- end -->`, and the TextMate grammar for editors.
-`tests/trees/test_docs.py` and `tests/llm/test_state_json.py` check that they are up to date.
+`tests/trees/test_docs.py` and `tests/llm/test_state_json.py` check that they are up to date. What
+runs cost is measured in two runs with the mock, which takes a minute.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 from statistics import fmean
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from islandgp.bt.builder import (
@@ -33,7 +35,18 @@ from islandgp.commands.setting import configured
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.evaluation.base import Job, Problem, simulate
 from islandgp.resources import resource
+from islandgp.running.app import main
+from islandgp.supervision.llm.estimate import ANSWER
+from islandgp.supervision.llm.message import Usage
+from islandgp.supervision.llm.prices import Facts, cost
+from islandgp.supervision.llm.prompts import SETS
+from islandgp.supervision.llm.settings import LLMSettings
+from islandgp.supervision.llm.transcript import Transcript
 from islandgp.supervision.state_json import field_meanings
+from islandgp.testing.mock_model import MockModel
+from islandgp.testing.server import MessagesServer
+
+GENERATIONS = 40  # that are asked about in the default experiment
 
 ROOT = Path(__file__).resolve().parent.parent
 TUTORIAL = ROOT / "docs" / "tutorial.md"
@@ -119,6 +132,57 @@ def field_table() -> dict[str, str]:
     meanings = field_meanings(SCHEMA, configured([]).classes)
     rows = [(f"`{name}`", meaning) for name, meaning in meanings.items()]
     return {"fields": _table(("field", "what it is"), rows)}
+
+
+def measured_characters() -> dict[str, int]:
+    """Characters of both questions of a generation by prompt set, the mean of a run with the mock.
+
+    They come from the transcript of a short run on the island.
+    """
+    found = {}
+    for prompts in SETS:
+        with TemporaryDirectory() as home, MessagesServer(answer=MockModel()) as server:
+            words = [
+                "supervisor=llm", f"supervisor.policy.base_url={server.url}",
+                f"supervisor.policy.prompts={prompts}", "gp.generations=8",
+                "gp.population=20", "world.episode.length=100", f"runs='{home}'",
+                "tracking=off", "progress=off", "evaluator=serial",
+            ]  # fmt: skip
+            if main(words):
+                raise SystemExit("Expected a run with the mock, found an error; see above.")
+            transcript = Transcript(next(Path(home).rglob("transcript.jsonl")))
+        asked = [a.request for a in transcript.attempts if a.call.part in ("rate", "tree")]
+        sizes = [len(request.system) + sum(map(len, request.turns)) for request in asked]
+        found[prompts] = round(2 * fmean(sizes))
+    return found
+
+
+def cost_table(characters: Mapping[str, int]) -> str:
+    """What a run of 41 generations costs with each model, by prompt set."""
+    prices = LLMSettings.model_validate(configured(["supervisor=llm"]).supervisor.policy).prices
+    questions = 2 * GENERATIONS
+    rows = []
+    for model, price in prices.models.items():
+        cells = [f"`{model}`"]
+        for found in characters.values():
+            tokens = GENERATIONS * found / prices.facts.get(model, Facts()).characters
+            usd = cost(Usage(round(tokens), questions * ANSWER), price)
+            cells += [f"{tokens:,.0f}", f"${usd:,.2f}"]
+        rows.append(tuple(cells))
+    heads = [head for name in characters for head in (f"{name}: tokens in", f"{name}: cost")]
+    sizes = ", ".join(f"{found:,} ({name})" for name, found in characters.items())
+    return (
+        f"Characters of a generation's two questions, as measured in runs with the mock: {sizes}."
+        f" {questions} answers of {ANSWER} tokens; prices of {prices.date}.\n\n"
+        + _table(("model", *heads), rows)
+    )
+
+
+def told_characters(text: str) -> dict[str, int]:
+    """The measured characters that a document tells."""
+    line = text.partition("as measured in runs with the mock: ")[2].partition(".")[0]
+    found = re.findall(r"([\d,]+) \((\w+)\)", line)
+    return {name: int(size.replace(",", "")) for size, name in found}
 
 
 def filled(text: str, made: Mapping[str, str]) -> str:
@@ -227,7 +291,8 @@ def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
 
 if __name__ == "__main__":
     LANGUAGE.write_text(filled(LANGUAGE.read_text(encoding="utf-8"), tables()), encoding="utf-8")
-    LLM.write_text(filled(LLM.read_text(encoding="utf-8"), field_table()), encoding="utf-8")
+    made = {**field_table(), "costs": cost_table(measured_characters())}
+    LLM.write_text(filled(LLM.read_text(encoding="utf-8"), made), encoding="utf-8")
     told = TUTORIAL.read_text(encoding="utf-8")
     TUTORIAL.write_text(filled(told, {"results": results_table(results(told))}), encoding="utf-8")
     TEXTMATE.write_text(textmate(), encoding="utf-8")

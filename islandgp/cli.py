@@ -30,6 +30,7 @@ COMMANDS: Final[dict[str, str]] = {
     "best": "find the best tree of a run again, and tell what it is worth in unseen worlds",
     "compare": "compare arms of runs: tables, figures, statistics",
     "estimate": "tell what supervision by a language model will cost",
+    "distill": "fit a small offline policy to the decisions of past runs",
     "verify": "compare runs with the checksums of their records",
     "sync": "send records to the tracking server that it has not got yet",
     "examples": "list the example trees, or print one",

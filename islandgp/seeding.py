@@ -26,6 +26,7 @@ class Stream(IntEnum):
     UNSEEN = 9  # a comparison's worlds for champions, by slot; the run seed is 0
     LIBRARY = 10  # the search for single behaviours, by behaviour and slot; the run seed is 0
     VALIDATION = 11  # worlds in which a run chooses its best robot, by slot
+    TRIAL = 12  # the world in which a model's candidates are tried, by generation
     TEST = 13  # worlds that tell what a run's best trees are worth, by slot; they choose nothing
 
 

@@ -7,7 +7,7 @@ a run can go on from any of its states and ends in the same bytes.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from contextlib import contextmanager
 from time import perf_counter
 
@@ -34,7 +34,7 @@ from islandgp.evolution.variation import CROSSOVERS, mutate_population
 from islandgp.plugin import function
 from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, stream
-from islandgp.supervision.base import Guidance, Supervisor
+from islandgp.supervision.base import Guidance, Seen, Supervisor
 from islandgp.supervision.queue import SupervisorQueue
 
 
@@ -64,27 +64,54 @@ def evolve(
     evaluator: Evaluator,
     *,
     start: RunState | None = None,
+    past: Iterable[GenerationRecord] = (),
 ) -> Generator[Step, None, None]:
-    """Algorithm 1 from `start` (default: from generation 0) to the last generation."""
+    """Algorithm 1 from `start` (default: from generation 0) to the last generation.
+
+    `past` are the records of the generations before `start`, from 0 on; a supervisor that goes
+    by the state alone needs none of them.
+    """
     start = initial_state(plan, seed) if start is None else start
     lag = plan.switches.lag
     queue = SupervisorQueue(supervisor, seed=seed, lag=lag, vocabulary=plan.vocabulary)
     try:
-        for g in range(max(0, start.generation - lag), start.generation):
-            queue.ask(view(plan, start.history[: g + 1]))
+        records, led = iter(past), None
+        for g in range(start.generation):
+            seen, led = _seen(plan, next(records, None), led)
+            if g >= start.generation - lag:
+                queue.ask(view(plan, start.history[: g + 1]), seen)
+            elif seen is not None:
+                queue.recall(seen)
         state: RunState | None = start
         while state is not None:
-            step = _generation(plan, seed, state, queue, evaluator)
+            step = _generation(plan, seed, state, queue, evaluator, led)
             yield step
-            state = step.state
+            state, led = step.state, step.record.guidance
     finally:
         queue.close()
 
 
+def _seen(
+    plan: Plan, record: GenerationRecord | None, led: GuidanceRecord | None
+) -> tuple[Seen | None, GuidanceRecord | None]:
+    """What a supervisor is told of a record, and the guidance for the generation after it."""
+    if record is None:
+        return None, None
+    now = record.snapshot
+    multipliers = plan.curriculum.multipliers(now.stage)
+    seen = Seen(now, record.worlds, multipliers, record.individuals, led)
+    return seen, record.guidance
+
+
 def _generation(
-    plan: Plan, seed: int, state: RunState, queue: SupervisorQueue, evaluator: Evaluator
+    plan: Plan,
+    seed: int,
+    state: RunState,
+    queue: SupervisorQueue,
+    evaluator: Evaluator,
+    led: GuidanceRecord | None,
 ) -> Step:
-    """Lines 4 to 15 of Algorithm 1."""
+    """Lines 4 to 15 of Algorithm 1; `led` is the guidance that made the population."""
     gp, g, meter = plan.gp, state.generation, Meter(evaluator)
     behaviours = plan.classes.kept
     texts = [to_text(i.tree) for i in state.population]
@@ -101,7 +128,8 @@ def _generation(
     if g + 1 < gp.generations:
         with meter.part("supervision"):
             if g + plan.switches.lag + 1 < gp.generations:  # else nobody waits for the answer
-                queue.ask(seen)
+                multipliers = plan.curriculum.multipliers(now.stage)
+                queue.ask(seen, Seen(now, worlds, multipliers, lines, led))
             answer = queue.answer(g)
         guidance, tree = decide(plan, seen, answer, state.rate)
         children = next_population(

@@ -20,7 +20,13 @@ from typing import Any
 from islandgp.bt.language import parse, to_text
 from islandgp.errors import RunError
 from islandgp.evolution.population import Ancestor, Individual, Origin
-from islandgp.evolution.record import Champion, IndividualRecord, RunState
+from islandgp.evolution.record import (
+    Champion,
+    GenerationRecord,
+    GuidanceRecord,
+    IndividualRecord,
+    RunState,
+)
 from islandgp.scoring.snapshot import Snapshot
 
 
@@ -177,3 +183,16 @@ def individual_record(plain: dict[str, Any]) -> IndividualRecord:
 def snapshot(plain: dict[str, Any]) -> Snapshot:
     """A generation in numbers from its JSON; older records hold some numbers twice."""
     return Snapshot(**{field.name: plain[field.name] for field in fields(Snapshot)})
+
+
+def generation_record(plain: dict[str, Any]) -> GenerationRecord:
+    """A generation's record from its JSON."""
+    guidance = plain["guidance"]
+    return GenerationRecord(
+        snapshot=snapshot(plain["snapshot"]),
+        worlds=tuple(plain["worlds"]),
+        origins=plain["origins"],
+        stagnant_generations=plain["stagnant_generations"],
+        individuals=tuple(map(individual_record, plain["individuals"])),
+        guidance=None if guidance is None else GuidanceRecord(**guidance),
+    )

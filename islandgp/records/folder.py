@@ -31,8 +31,9 @@ from typing import Any, Final
 from filelock import FileLock, Timeout
 
 from islandgp.errors import BusyError, IslandError, RunError, brief
-from islandgp.evolution.record import RunState, Step
+from islandgp.evolution.record import GenerationRecord, RunState, Step
 from islandgp.records.checkpoint import (
+    generation_record,
     read_checkpoint,
     remove_leftovers,
     save_state,
@@ -336,6 +337,10 @@ class RunFolder:
     def records(self, first: int = 0) -> Iterator[dict[str, Any]]:
         """The generation records from the `first` on, as plain JSON values."""
         return self._generations.read(first)
+
+    def generations(self) -> Iterator[GenerationRecord]:
+        """The same from the first on, as the loop made them."""
+        return map(generation_record, self.records())
 
     def costs(self, first: int = 0) -> Iterator[dict[str, Any]]:
         """What the generations took, from the `first` on; `at` is ms since 1970."""

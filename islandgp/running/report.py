@@ -100,6 +100,11 @@ def _supervision(target: RunFolder, given: Mapping[str, int]) -> Iterator[str]:
             f"Language model: {1 - fallback_share(given):.0%} of the answers,"
             f" {spent['requests']:,.0f} requests, {tokens}, {_dollars(spent)}"
         )
+    if spent.get("trials"):
+        yield (
+            f"Candidates: the best of each of {spent['trials']:,.0f} answers has"
+            f" {spent['trial_gain'] / spent['trials']:+,.0f} points above the first in its trial"
+        )
 
 
 def _dollars(spent: Mapping[str, float]) -> str:

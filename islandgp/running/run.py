@@ -34,7 +34,7 @@ from islandgp.running.progress import Progress
 from islandgp.running.pruning import Pruned
 from islandgp.running.report import is_mostly_fallback, report, summary
 from islandgp.running.resume import about_run, choose, domain_code
-from islandgp.supervision.base import RunContext, Service, Supervisor
+from islandgp.supervision.base import RunContext, Service, Supervisor, Witness
 from islandgp.supervision.library import Library, library_folder, read_library, read_tree
 from islandgp.tracking.base import Tracker
 
@@ -58,6 +58,8 @@ def setup_of(settings: Settings, domain: Domain, folder: Path | None) -> RunCont
         limits=settings.gp.limits,
         folder=folder,
         schema=domain.schema,
+        domain=domain,
+        rewards=settings.rewards,
         classes=settings.classes,
         library=lambda: make_library(settings, domain),
         crisis=settings.gp.crisis,
@@ -260,7 +262,8 @@ def _evolve(
     evaluator = make_evaluator(settings)
     fittest: Champion | None = None
     plan = plan_of(settings, settings.make_domain())
-    steps = evolve(plan, settings.seed, supervisor, evaluator, start=start)
+    past = target.generations() if done and isinstance(supervisor, Witness) else ()
+    steps = evolve(plan, settings.seed, supervisor, evaluator, start=start, past=past)
     written: Future[None] = Future()
     written.set_result(None)
     try:

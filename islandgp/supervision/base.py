@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
+from pydantic import BaseModel
 
 from islandgp.bt.limits import Limits
 from islandgp.bt.node import Node
-from islandgp.domain import Schema
+from islandgp.domain import Domain, Schema
+from islandgp.evolution.record import GuidanceRecord, IndividualRecord
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.crisis import Crisis
+from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.library import Library
 
@@ -70,12 +73,25 @@ class RunContext:
     limits: Limits  # of trees
     folder: Path | None  # where the run keeps its files, None when it keeps none
     schema: Schema  # of the domain
+    domain: Domain  # for episodes of the supervisor's own
+    rewards: BaseModel  # the domain's Rewards
     classes: Classes
     library: Callable[[], Library]  # trees to inject; may take seconds; raises ConfigError
     crisis: Crisis = _NEVER  # when the run overrides the rate
     adapt_mutation: bool = True  # False: rates are not used, and need not be worked out
     inject: bool = True  # False: trees are not used, and need not be worked out
     coming: frozenset[Path] = frozenset()  # folders of runs that the same command makes before
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """One generation as records keep it: what a state does not tell."""
+
+    snapshot: Snapshot
+    worlds: tuple[int, ...]  # seeds: one an episode, or one an individual and episode
+    multipliers: Mapping[str, float]  # of its stage, by component
+    individuals: tuple[IndividualRecord, ...]  # in slot order
+    guidance: GuidanceRecord | None  # that made it; None for generation 0
 
 
 SUPERVISES: Final = ("make", "advise")
@@ -95,6 +111,18 @@ class Supervisor(Protocol):
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """Guidance for the next generation; a function of the state and the generator's draws."""
+        ...
+
+
+@runtime_checkable
+class Witness(Protocol):
+    """What a supervisor has besides `advise` that goes by more than the state."""
+
+    def see(self, generation: Seen) -> None:
+        """Is told of each generation, in order, before `advise` is asked about its state.
+
+        A run that goes on tells those before from its records.
+        """
         ...
 
 

@@ -16,7 +16,9 @@ from islandgp.plugin import blaming, path_of
 from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.asking import ask
-from islandgp.supervision.base import Guidance, Service, Supervisor
+from islandgp.supervision.base import Guidance, Seen, Service, Supervisor, Witness
+
+Question = tuple[PopulationState, Seen | None, Future[Guidance]]
 
 
 class SupervisorQueue:
@@ -39,19 +41,25 @@ class SupervisorQueue:
         self.seed = seed
         self.lag = lag
         self._asked: dict[int, Future[Guidance]] = {}  # by generation
-        self._waiting: SimpleQueue[tuple[PopulationState, Future[Guidance]] | None] = SimpleQueue()
+        self._waiting: SimpleQueue[Question | None] = SimpleQueue()
         if lag:
             # A daemon: a slow answer that nobody waits for must not keep the process from ending.
             Thread(target=self._work, name="supervisor", daemon=True).start()
 
-    def ask(self, state: PopulationState) -> None:
-        """Hands a generation's state to the supervisor."""
+    def recall(self, seen: Seen) -> None:
+        """Tells the supervisor of a generation that is not asked about; before the first `ask`."""
+        if isinstance(self.supervisor, Witness):
+            with blaming(path_of(type(self.supervisor))):
+                self.supervisor.see(seen)
+
+    def ask(self, state: PopulationState, seen: Seen | None = None) -> None:
+        """Hands a generation's state to the supervisor, and what else is known of it."""
         answer: Future[Guidance] = Future()
         self._asked[state.now.generation] = answer
         if self.lag:
-            self._waiting.put((state, answer))
+            self._waiting.put((state, seen, answer))
         else:
-            answer.set_result(self._advise(state))
+            answer.set_result(self._advise(state, seen))
 
     def answer(self, generation: int) -> Guidance | None:
         """What takes effect after `generation`: waits for it, None in the first `lag` ones."""
@@ -74,16 +82,18 @@ class SupervisorQueue:
             with blaming(path_of(type(self.supervisor))):
                 self.supervisor.close()
 
-    def _advise(self, state: PopulationState) -> Guidance:
+    def _advise(self, state: PopulationState, seen: Seen | None) -> Guidance:
+        if seen is not None:
+            self.recall(seen)
         rng = stream(self.seed, Stream.SUPERVISION, generation=state.now.generation)
         return ask(self.supervisor, state, rng, self.vocabulary)
 
     def _work(self) -> None:
         while (next_one := self._waiting.get()) is not None:
-            state, answer = next_one
+            state, seen, answer = next_one
             if not answer.set_running_or_notify_cancel():
                 continue
             try:
-                answer.set_result(self._advise(state))
+                answer.set_result(self._advise(state, seen))
             except BaseException as error:  # raised again where the answer is fetched
                 answer.set_exception(error)

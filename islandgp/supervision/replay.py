@@ -18,9 +18,9 @@ from pydantic import BaseModel, ValidationError
 
 from islandgp.errors import SupervisionError
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, RunContext
+from islandgp.supervision.base import Guidance, RunContext, Seen
 from islandgp.supervision.llm.adviser import Adviser
-from islandgp.supervision.llm.attempt import Call, Conclusion
+from islandgp.supervision.llm.attempt import Call, Conclusion, Played
 from islandgp.supervision.llm.capabilities import Dialect, Dialects
 from islandgp.supervision.llm.message import Failure, Reply, Request
 from islandgp.supervision.llm.settings import LLMSettings
@@ -75,6 +75,10 @@ class Replay:
         self._calls = RecordedCalls(transcript)
         self._dialects = Dialects(adviser.settings, transcript, self._calls)
 
+    def see(self, generation: Seen) -> None:
+        """See `Witness`."""
+        self.adviser.see(generation)
+
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """See `Supervisor`.
 
@@ -114,6 +118,9 @@ class RecordedCalls:
         return same[-1].answer
 
     def conclude(self, part: Conclusion) -> None:
+        """See `Calls`."""
+
+    def play(self, played: Played) -> None:
         """See `Calls`."""
 
     def learn(self, generation: int, dialect: Mapping[str, Any]) -> None:

@@ -1,6 +1,6 @@
 """`python -m islandgp.testing.demo`: supervision by a language model, whole, without a key.
 
-A run with supervisor=llm against the scripted server, with a fault in every
+A run with supervisor=llm against a server with a mock model, with a fault in every
 third answer; then the same run again from its transcript, with no server.
 """
 
@@ -19,8 +19,8 @@ from islandgp.testing.faults import Fault, every
 from islandgp.testing.server import MessagesServer
 
 TOLD: Final = """\
-This shows supervision by a language model without one: the answers below are scripted.
-A server on this machine gives them by a fixed rule, and spoils every third one on purpose.
+This shows supervision by a language model without one: the answers below are a mock's.
+A server on this machine gives them by rules, and spoils every third one on purpose.
 """
 FAULTS: Final = (
     Fault.OVERLOADED,
@@ -84,7 +84,7 @@ def _tell(records: Sequence[dict[str, Any]], spent: dict[str, float], asked: int
             notes = given["notes"]
             print(f"{record['snapshot']['generation']:10}  {given['applied_rate']:.2f}", end="")
             print(f"  rate: {_first(notes['rate'])}\n{'':18}tree: {_first(notes['tree'])}")
-    print(f"\n{asked} requests reached the server. The ledger, tokens being made up by the script:")
+    print(f"\n{asked} requests reached the server. The ledger, a token being four characters:")
     print("  " + ", ".join(f"{name} {value:g}" for name, value in spent.items() if value))
 
 

@@ -1,4 +1,4 @@
-"""A loopback server that speaks the Messages API, with scripted answers and scripted faults."""
+"""A loopback server that speaks the Messages API, with a mock's answers and scripted faults."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, Final, Self
 
-from islandgp.testing.answers import scripted_answer
 from islandgp.testing.faults import ANSWER_FAULTS, Fault, Script, no_faults, spoiled
+from islandgp.testing.mock_model import MockModel
 
 WAIT: Final = 60.0  # s that a silent or dripping answer goes on at most
 
@@ -20,7 +20,7 @@ class MessagesServer:
     def __init__(
         self,
         script: Script = no_faults,
-        answer: Callable[[Mapping[str, Any]], Any] = scripted_answer,
+        answer: Callable[[Mapping[str, Any]], Any] = MockModel(),  # noqa: B008 -- it is frozen
         *,
         structured: bool = True,
         temperature: bool = True,
@@ -213,7 +213,7 @@ def _message(
         len(str(m["content"])) for m in request["messages"]
     )
     return {
-        "id": "msg_scripted",
+        "id": "msg_mock",
         "type": "message",
         "role": "assistant",
         "model": request["model"],

@@ -63,11 +63,28 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "scipy": ("study", "evolution.validation"),
     "matplotlib": ("study",),
     "lark": ("bt",),
+    "sklearn": ("study.distill",),
 }
 
-SLOW = ("mlflow", "scipy", "matplotlib", "anthropic", "httpx2", "ray", "pandas", "lark", "rich")
+SLOW = (
+    "mlflow",
+    "scipy",
+    "matplotlib",
+    "anthropic",
+    "httpx2",
+    "ray",
+    "pandas",
+    "lark",
+    "rich",
+    "sklearn",
+)
 
-DISTRIBUTIONS = {"hydra": "hydra-core", "yaml": "pyyaml"}  # import name -> name on the index
+DISTRIBUTIONS = {
+    # import name: name on the index
+    "hydra": "hydra-core",
+    "yaml": "pyyaml",
+    "sklearn": "scikit-learn",
+}
 
 
 def below(module: str, prefix: str) -> bool:

@@ -22,6 +22,8 @@ from islandgp.resources import resource
 from islandgp.running.run import make_supervisor, setup_of
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Pattern, Phase, Service, Supervisor
+from islandgp.supervision.distilled import Answer, Distilled, Policy, Question
+from islandgp.supervision.expert import Expert
 from islandgp.supervision.llm.message import FailureKind
 from islandgp.supervision.llm.supervisor import LLM
 from islandgp.supervision.replay import Replay
@@ -73,6 +75,21 @@ def yoked() -> Yoked:
     return Yoked([*[given] * 40, None])
 
 
+def distilled() -> Distilled:
+    """A policy of one question each."""
+    ends = [Answer(answer=rate, cases=1) for rate in (0.2, 0.4)]
+    policy = Policy(
+        format=1,
+        teacher="me",
+        target=Answer(answer="charging", cases=1),
+        rate=Question(feature="diversity.now", at_most=0.5, yes=ends[0], no=ends[1]),
+        report={},
+    )
+    expert = make_supervisor(composed("supervisor=expert"), None)
+    assert isinstance(expert, Expert)
+    return Distilled(policy, expert, made.setup().crisis)
+
+
 MAKERS: dict[str, Callable[[], Supervisor]] = {
     "baseline": by_configuration("baseline"),
     "expert": by_configuration("expert"),
@@ -82,6 +99,7 @@ MAKERS: dict[str, Callable[[], Supervisor]] = {
     "llm, nobody answers": failing_llm,
     "replay": Recorder,
     "yoked": yoked,
+    "distilled": distilled,
 }
 
 every_supervisor = pytest.mark.parametrize("name", MAKERS)

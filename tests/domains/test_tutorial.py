@@ -91,7 +91,7 @@ def test_every_supervisor_runs(tmp_path: Path, supervisor: str) -> None:
 
 
 def test_a_language_model_supervises_it(tmp_path: Path) -> None:
-    """Prompts, answers and trees of the domain, against the scripted server; then the replay."""
+    """Prompts, answers and trees of the domain, against the mock model; then the replay."""
     common = ("--config-dir", str(EXAMPLE / "conf"), "domain=pick_place", "gp.generations=4")
     with MessagesServer() as server:
         asked = ("supervisor=llm", f"supervisor.policy.base_url={server.url}", "runs=live")

@@ -15,7 +15,8 @@ from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.resources import resource
 from islandgp.supervision.base import Phase
 from islandgp.supervision.llm.adviser import Adviser
-from islandgp.supervision.llm.prompts import render
+from islandgp.supervision.llm.informed import LATER
+from islandgp.supervision.llm.prompts import SETS, render
 from islandgp.supervision.llm.validation import RejectionStage
 from islandgp.testing.demo import demo
 from tests.composed import composed
@@ -54,6 +55,8 @@ def test_no_command_is_left_out() -> None:
         "python -m islandgp ",
         "islandgp estimate",
         "python -m islandgp.testing.demo",
+        "python -m islandgp.testing.measure",
+        "islandgp distill",
         "export",
     )
     assert len(COMMANDS) > 8
@@ -63,12 +66,12 @@ def test_no_command_is_left_out() -> None:
 def test_the_demo(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It needs no key, says that the answers are scripted, and ends with two equal records."""
+    """It needs no key, says that the answers are a mock's, and ends with two equal records."""
     monkeypatch.setattr(tempfile, "mkdtemp", lambda prefix: str(tmp_path / prefix))
     small = ("evaluator=serial", "gp.population=6", "world.episode.length=5")
     assert demo(small) == 0
     said = capsys.readouterr().out
-    assert "the answers below are scripted" in said
+    assert "the answers below are a mock's" in said
     assert "rate: llm" in said
     assert "repaired" in said
     assert said.rstrip().endswith("The two records are identical, byte for byte.")
@@ -89,18 +92,19 @@ def test_the_names_of_the_record_are_real() -> None:
 
 def variables(text: str) -> set[str]:
     """The names in double braces."""
-    return set(re.findall(r"\{\{([\w.]+)\}\}", text))
+    return set(re.findall(r"\{\{#?([\w.]+)\}\}", text))
 
 
 def test_the_variables_of_the_prompts_are_told() -> None:
     """The table has each variable that can be used, and no others."""
     table = TEXT.partition("| variable | what it is |")[2].partition("\n\n")[0]
     told = variables(table) - {"rate.PHASE"} | {f"rate.{phase}" for phase in Phase}
-    adviser = Adviser(settings(), setup())
     values = dict.fromkeys(told, "")
-    for prompt in adviser.prompts.values():
-        render(prompt, values)
-    later = {"generation", "state", "urgency", "stage", "error"}
+    for name in SETS:
+        adviser = Adviser(settings(f"prompts={name}"), setup())
+        for prompt in adviser.prompts.values():
+            render(prompt, values)
+    later = {"generation", "state", "urgency", "answer", "tree_field", "stage", "error", *LATER}
     sizes = {"depth", "nodes", "most_depth", "most_nodes"}
     assert told == {*adviser.values, *later, *sizes}
 
@@ -108,6 +112,6 @@ def test_the_variables_of_the_prompts_are_told() -> None:
 def test_prompts_are_of_no_domain() -> None:
     """They name no action, no key and no tier of the island."""
     words = {*VOCABULARY.actions, *VOCABULARY.keys, *(t.title() for t in composed().classes.tiers)}
-    for file in resource("prompts").glob("*.md"):
+    for file in resource("prompts").rglob("*.md"):
         text = file.read_text(encoding="utf-8")
         assert words.isdisjoint(re.findall(r"\w+", text))

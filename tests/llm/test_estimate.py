@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,16 @@ import pytest
 from click.testing import CliRunner
 
 from islandgp.commands.estimate_command import command
-from islandgp.supervision.llm.estimate import ANSWER, Bill, as_recorded, at_most, expected
+from islandgp.resources import resource
+from islandgp.supervision.llm.estimate import (
+    ANSWER,
+    CANDIDATE,
+    Bill,
+    as_recorded,
+    at_most,
+    expected,
+)
+from islandgp.supervision.llm.prompts import SETS
 from islandgp.supervision.llm.transcript import Transcript
 from tests.llm.made import advise, answering, settings, setup, state, supervisor
 
@@ -120,3 +130,25 @@ def test_the_command_reads_a_record(tmp_path: Path) -> None:
     advise(llm)
     text = said("--record", str(tmp_path), "supervisor=llm")
     assert "as measured in the record" in text
+
+
+def test_the_estimate_is_near_what_was_measured() -> None:
+    """Near the characters that docs/llm.md tells of runs with the mock, both sets.
+
+    Traces of its short episodes are shorter than those of whole ones, which the estimate is for.
+    """
+    text = (resource("conf").parent / "docs" / "llm.md").read_text(encoding="utf-8")
+    line = text.partition("as measured in runs with the mock: ")[2].partition(".")[0]
+    told = dict(re.findall(r"([\d,]+) \((\w+)\)", line))
+    assert set(told.values()) == set(SETS)
+    for size, name in told.items():
+        how, tolerance = settings(f"prompts={name}"), 0.05 if name == "paper" else 0.15
+        measured = 40 * int(size.replace(",", "")) / how.facts.characters
+        assert expected(how, setup()).input == pytest.approx(measured, rel=tolerance)
+
+
+def test_candidates_cost_their_tokens() -> None:
+    """Each tree more is so many tokens of the answers for trees."""
+    one, three = (expected(settings(f"candidates={n}"), setup()) for n in (1, 3))
+    assert three.output - one.output == 40 * 2 * CANDIDATE
+    assert three.requests == one.requests

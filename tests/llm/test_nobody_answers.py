@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from islandgp.running.app import main
-from islandgp.testing.answers import scripted_answer
 from islandgp.testing.faults import Fault
+from islandgp.testing.mock_model import MockModel
 from islandgp.testing.server import MessagesServer
 
 SMALL = (
@@ -100,7 +100,7 @@ def test_answers_that_are_the_fallbacks_in_part(
     """A model that gives rates and no trees; a sweep's table tells it, too."""
 
     def rates_only(request: Mapping[str, Any]) -> Any:
-        answer = scripted_answer(request)
+        answer = MockModel()(request)
         return "no tree today" if "tree" in answer else answer
 
     with MessagesServer(answer=rates_only) as server:

@@ -18,7 +18,7 @@ from islandgp.domain import Outcome
 from islandgp.errors import SupervisionError
 from islandgp.evaluation.base import Job
 from islandgp.evolution.loop import evolve
-from islandgp.evolution.record import RunState, Step
+from islandgp.evolution.record import GenerationRecord, RunState, Step
 from islandgp.records.checkpoint import dump
 from islandgp.running.run import make_supervisor, setup_of
 from islandgp.supervision.base import Service
@@ -43,6 +43,7 @@ def steps_of(
     seed: int = 3,
     start: RunState | None = None,
     stop: int | None = None,
+    past: Sequence[GenerationRecord] = (),
     **policy: str,
 ) -> list[Step]:
     """The steps of a run in a folder, up to generation `stop` where that is given.
@@ -58,7 +59,7 @@ def steps_of(
     made = make_supervisor(settings, folder)
     found = []
     with closing(
-        evolve(settings.plan(settings.make_domain()), seed, made, Fake(), start=start)
+        evolve(settings.plan(settings.make_domain()), seed, made, Fake(), start=start, past=past)
     ) as run:
         for step in run:
             found.append(step)

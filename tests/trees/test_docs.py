@@ -52,6 +52,14 @@ def test_language_is_up_to_date() -> None:
         assert name in text
 
 
+def test_costs_are_up_to_date() -> None:
+    """docs/llm.md has the table that today's prices give for what was measured there."""
+    text = generate.LLM.read_text(encoding="utf-8")
+    found = generate.told_characters(text)
+    assert list(found) == ["paper", "informed"]
+    assert generate.cost_table(found) in text
+
+
 def test_editor_grammar_is_up_to_date() -> None:
     """The TextMate grammar is the one that the declarations give (python docs/generate.py)."""
     assert generate.textmate() == generate.TEXTMATE.read_text(encoding="utf-8")

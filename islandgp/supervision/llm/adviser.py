@@ -10,32 +10,43 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import replace
-from pathlib import Path
 from threading import Thread
-from typing import Any, Final, TypeVar
+from typing import Final, TypeVar
 
 import numpy as np
 
 from islandgp.bt.limits import Limits
 from islandgp.errors import SupervisionError
 from islandgp.plugin import blaming, path_of
-from islandgp.resources import resource
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.asking import ask
-from islandgp.supervision.base import Guidance, RunContext, Supervisor
+from islandgp.supervision.base import Guidance, RunContext, Seen, Supervisor
 from islandgp.supervision.llm.answers import (
     DECISION,
     Decision,
+    FieldType,
     Proposal,
+    form,
     proposal_shape,
+    reasons_first,
     schema,
 )
+from islandgp.supervision.llm.attempt import Played
 from islandgp.supervision.llm.calls import Calls
 from islandgp.supervision.llm.capabilities import Dialect
+from islandgp.supervision.llm.chronicle import Chronicle
 from islandgp.supervision.llm.conversation import Conversation, converse, unasked
+from islandgp.supervision.llm.informed import LATER, UNTOLD, Told, standing_values, told
 from islandgp.supervision.llm.message import Failure, FailureKind, Request
-from islandgp.supervision.llm.prompts import fixed_values, load_prompt, render, urgency
+from islandgp.supervision.llm.prompts import (
+    fixed_values,
+    load_prompt,
+    prompt_folder,
+    render,
+    urgency,
+)
 from islandgp.supervision.llm.settings import LLMSettings, TreeSize
+from islandgp.supervision.llm.trial import try_out
 from islandgp.supervision.llm.validation import (
     Check,
     Reading,
@@ -49,7 +60,14 @@ T = TypeVar("T")
 NEAR: Final = 1.2  # times a prompt's least length; tokens are only guessed here
 REASON: Final = 600  # characters of a fallback's reason that the record keeps
 _FILES: Final = ("mutation_rate", "tree_explore", "tree_exploit", "repair")
-_LATER: Final = ("generation", "state", "urgency", "stage", "error")  # known only in a generation
+_LATER: Final = (  # known only in a generation
+    "generation", "state", "urgency", "answer", "tree_field", "stage", "error", *LATER
+)  # fmt: skip
+_TREE_FIELD: Final = "- tree: the tree in the language, as one JSON string; write line ends as \\n."
+_TREES_FIELD: Final = (
+    "- trees: {} trees for the same target, each another idea, as JSON strings in the language;"
+    " write\n  line ends as \\n. Each is tried in one episode, and the best joins the population."
+)
 
 
 class Adviser:
@@ -64,12 +82,25 @@ class Adviser:
                 "supervisor.policy.exploit_from: expected one of classes.milestones"
                 f" ({', '.join(setup.classes.milestones)}), found {self.exploit_from!r}"
             )
-        folder = Path(settings.prompts) if settings.prompts else resource("prompts")
+        folder = prompt_folder(settings.prompts)
         self.prompts = {name: load_prompt(name, folder) for name in _FILES}
         self.values = {
             **fixed_values(setup.schema, setup.classes, setup.library()),
             **_rates(settings),
+            **standing_values(settings.informed, setup),
         }
+        used = {v for name in self._asked() for v in self.prompts[name].variables}
+        if settings.candidates > 1 and setup.inject and not {"answer", "tree_field"} <= used:
+            raise SupervisionError(
+                "Expected {{answer}} and {{tree_field}} in the prompts for trees in"
+                f" {folder}, as supervisor.policy.candidates={settings.candidates} needs them,"
+                " found none; write them there, or set candidates=1."
+            )
+        first = "reasoning" in used and settings.informed.reasoning
+        self._order = reasons_first if first else _as_is
+        self.tells_of_run = bool(used.intersection(LATER))
+        self._run = Chronicle()
+        self._last: tuple[PopulationState, Told] | None = None
         for prompt in self.prompts.values():
             size = _size(settings.explore)
             render(prompt, {**self.values, **size, **dict.fromkeys(_LATER, "")})
@@ -97,6 +128,8 @@ class Adviser:
             rate, tree = self._unasked(calls, generation, how)
         else:
             rate, tree = self._both(state, calls, how)
+            if episodes := self._told(state).episodes:
+                calls.play(Played(generation, "traces", episodes))
         asked = [outcome for outcome in (rate, tree) if outcome is not None]
         missing = sum(outcome.value is None for outcome in asked)
         backup = ask(self.fallback, state, rng) if missing else None
@@ -120,6 +153,11 @@ class Adviser:
             )
         return guidance
 
+    def see(self, generation: Seen) -> None:
+        """See `Witness`: keeps what prompts tell of a run; others need nothing of it."""
+        if self.tells_of_run:
+            self._run = self._run.followed_by(generation)
+
     def too_short(self) -> str:
         """Which system prompts the model will not keep, in words; "" for none, or unknown."""
         least = self.settings.facts.caches_from
@@ -140,16 +178,20 @@ class Adviser:
             f" too short, or nearly so, are {', '.join(short)}"
         )
 
+    def _asked(self) -> list[str]:
+        """The prompts that a run may need, repairs left out."""
+        trees = ["tree_explore", "tree_exploit"] if self.setup.inject else []
+        return ["mutation_rate"] * self.setup.adapt_mutation + trees
+
     def rate_request(self, state: PopulationState, dialect: Dialect) -> Request:
         """The question for a mutation rate."""
-        return self._request("mutation_rate", state, dialect, schema(DECISION), {})
+        return self._request("mutation_rate", state, dialect, self._order(DECISION), {})
 
     def tree_request(self, state: PopulationState, dialect: Dialect) -> Request:
         """The question for a tree."""
         name, size = self._tree_phase(state)
-        return self._request(
-            name, state, dialect, schema(proposal_shape(state.targets)), _size(size)
-        )
+        shape = self._order(proposal_shape(state.targets, self.settings.candidates))
+        return self._request(name, state, dialect, shape, _size(size))
 
     def _given_up(self, calls: Calls, generation: int) -> Failure | None:
         """Why the model is not asked any more; None: it is."""
@@ -204,7 +246,13 @@ class Adviser:
         most = self.setup.limits
         limits = Limits(min(size.most_depth, most.max_depth), min(size.most_nodes, most.max_nodes))
         words, targets = self.setup.schema.vocabulary, state.targets
-        return self._ask(calls, state, "tree", request, check_proposal(limits, words, targets, how))
+        check = check_proposal(limits, words, targets, how, self.settings.candidates)
+        found = self._ask(calls, state, "tree", request, check)
+        if found.value is None or not found.value.others:
+            return found
+        trial = try_out(found.value, state, self.setup)
+        calls.play(Played(state.now.generation, "trial", trial.episodes, trial.gain))
+        return replace(found, value=trial.chosen, trial=trial.note)
 
     def _ask(
         self, calls: Calls, state: PopulationState, part: str, request: Request, check: Check[T]
@@ -230,9 +278,10 @@ class Adviser:
         name: str,
         state: PopulationState,
         dialect: Dialect,
-        answer: dict[str, Any],
+        shape: Mapping[str, FieldType],
         values: Mapping[str, str],
     ) -> Request:
+        how = self.settings
         system, user = render(
             self.prompts[name],
             {
@@ -240,22 +289,34 @@ class Adviser:
                 **values,
                 "generation": str(state.now.generation),
                 "state": state_text(state, self.setup.crisis),
-                "urgency": urgency(state, self.settings.rare),
+                "urgency": urgency(state, how.rare),
+                "answer": form(shape),
+                "tree_field": _TREES_FIELD.format(how.candidates)
+                if "trees" in shape
+                else _TREE_FIELD,
+                **self._told(state).values,
             },
         )
-        how = self.settings
         return Request(
             model=how.model_name,
             system=system,
             turns=(user,),
             max_tokens=how.reply_tokens,
             temperature=dialect.temperature,
-            schema=answer if dialect.structured else None,
+            schema=schema(shape) if dialect.structured else None,
             cache=how.cache,
             thinking=how.thinking_value,
             effort=how.effort,
             extra=how.extra_body,
         )
+
+    def _told(self, state: PopulationState) -> Told:
+        """What prompts tell of the run so far; worked out once a generation."""
+        if self._last is None or self._last[0] is not state:
+            how = self.settings.informed
+            found = told(how, self.setup, state, self._run) if self.tells_of_run else UNTOLD
+            self._last = (state, found)
+        return self._last[1]
 
     def _repair(self, rejection: Rejection) -> str:
         values = {"stage": rejection.stage.value, "error": rejection.error}
@@ -294,6 +355,8 @@ def _notes(
             notes[name] = outcome.source + why
             if outcome.prompts:
                 notes[f"{name}_prompts"] = " ".join(outcome.prompts)
+            if outcome.trial:
+                notes["trial"] = outcome.trial
             if outcome.rejected:
                 notes[f"{name}_rejected"] = " ".join(outcome.rejected)
     return notes
@@ -304,6 +367,10 @@ def _rates(settings: LLMSettings) -> dict[str, str]:
     ranges = {f"rate.{p}": f"{low:.2f} to {high:.2f}" for p, (low, high) in settings.phases.items()}
     how = settings.rate
     return {**ranges, "rate.least": f"{how.least:g}", "rate.most": f"{how.most:g}"}
+
+
+def _as_is(shape: Mapping[str, FieldType]) -> Mapping[str, FieldType]:
+    return shape
 
 
 def _size(size: TreeSize) -> dict[str, str]:

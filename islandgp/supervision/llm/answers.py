@@ -32,9 +32,10 @@ class Proposal:
     tree: Node  # inside the limits
     target: str  # one of the state's targets
     rationale: str
+    others: tuple[Node, ...] = ()  # candidates that came with it, inside the limits, too
 
 
-FieldType = type[StrEnum] | type[float] | type[bool] | type[str] | tuple[str, ...]
+FieldType = type[StrEnum] | type[float] | type[bool] | type[str] | type[list[str]] | tuple[str, ...]
 """A type, or the words that a field may be."""
 
 DECISION: Final[Mapping[str, FieldType]] = {
@@ -47,9 +48,21 @@ DECISION: Final[Mapping[str, FieldType]] = {
 }
 
 
-def proposal_shape(targets: tuple[str, ...]) -> Mapping[str, FieldType]:
-    """The shape of an answer to a prompt for a tree."""
-    return {"tree": str, "target": targets, "rationale": str}
+def proposal_shape(targets: tuple[str, ...], candidates: int = 1) -> Mapping[str, FieldType]:
+    """The shape of an answer to a prompt for a tree, or for several candidates."""
+    trees: dict[str, FieldType] = {"tree": str} if candidates == 1 else {"trees": list[str]}
+    return {**trees, "target": targets, "rationale": str}
+
+
+def reasons_first(shape: Mapping[str, FieldType]) -> Mapping[str, FieldType]:
+    """The shape in the other order: what decides comes last, and a model writes it last."""
+    return dict(reversed(list(shape.items())))
+
+
+def form(shape: Mapping[str, FieldType]) -> str:
+    """The shape as a prompt shows it."""
+    fields = [f'"{field}": {_FORMS.get(kind, field.upper())}' for field, kind in shape.items()]
+    return "{" + ", ".join(fields) + "}"
 
 
 def schema(shape: Mapping[str, FieldType]) -> dict[str, Any]:
@@ -62,18 +75,39 @@ def schema(shape: Mapping[str, FieldType]) -> dict[str, Any]:
     }
 
 
+_FORMS: Final[Mapping[FieldType, str]] = {
+    float: "NUMBER",
+    bool: "true or false",
+    str: "TEXT",
+    list[str]: "[TEXT, TEXT, ...]",
+}
+_SCHEMAS: Final[Mapping[FieldType, dict[str, Any]]] = {
+    float: {"type": "number"},
+    bool: {"type": "boolean"},
+    str: {"type": "string"},
+    list[str]: {"type": "array", "items": {"type": "string"}},
+}
+_WANTED: Final[Mapping[FieldType, str]] = {
+    float: "a number",
+    bool: "true or false",
+    str: "a text",
+    list[str]: "a list of texts, one at least",
+}
+
+
 def _words(kind: FieldType) -> tuple[str, ...] | None:
     """The words that a field may be; None for other types."""
     if isinstance(kind, tuple):
         return kind
-    return tuple(member.value for member in kind) if issubclass(kind, StrEnum) else None
+    if isinstance(kind, type) and issubclass(kind, StrEnum):
+        return tuple(member.value for member in kind)
+    return None
 
 
 def _json_type(kind: FieldType) -> dict[str, Any]:
     if (words := _words(kind)) is not None:
         return {"type": "string", "enum": list(words)}
-    assert not isinstance(kind, tuple)
-    return {"type": {float: "number", bool: "boolean", str: "string"}[kind]}
+    return _SCHEMAS[kind]
 
 
 def faults(found: Mapping[str, Any], shape: Mapping[str, FieldType]) -> list[str]:
@@ -93,15 +127,16 @@ def _is(value: Any, kind: FieldType) -> bool:
         return isinstance(value, (int, float)) and type(value) is not bool and abs(value) < 1e300
     if (words := _words(kind)) is not None:
         return isinstance(value, str) and value in words
-    assert not isinstance(kind, tuple)
+    if kind == list[str]:
+        return isinstance(value, list) and bool(value) and all(isinstance(v, str) for v in value)
+    assert isinstance(kind, type)
     return isinstance(value, kind)
 
 
 def _wanted(kind: FieldType) -> str:
     if (words := _words(kind)) is not None:
         return f"one of {', '.join(words)}"
-    assert not isinstance(kind, tuple)
-    return {float: "a number", bool: "true or false", str: "a text"}[kind]
+    return _WANTED[kind]
 
 
 def _shown(value: Any) -> str:

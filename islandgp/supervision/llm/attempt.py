@@ -58,6 +58,16 @@ class Conclusion:
     rejected: tuple[str, ...]  # stages of the validation, in order
 
 
+@dataclass(frozen=True, slots=True)
+class Played:
+    """Episodes that supervision ran for itself."""
+
+    generation: int
+    purpose: str  # "traces": told in a prompt; "trial": of candidates
+    episodes: int
+    gain: float = 0.0  # of a trial: points that the choice has above the first candidate
+
+
 def to_line(attempt: Attempt, system: str) -> dict[str, Any]:
     """An attempt as JSON values; `system` is the hash under which its system prompt stands."""
     request = attempt.request.plain()

@@ -14,7 +14,7 @@ from typing import Any, Final, Literal, Protocol
 
 from islandgp.errors import SupervisionError
 from islandgp.seeding import Stream, stream
-from islandgp.supervision.llm.attempt import Attempt, Call, Conclusion, Sent
+from islandgp.supervision.llm.attempt import Attempt, Call, Conclusion, Played, Sent
 from islandgp.supervision.llm.ledger import Ledger, known_usage
 from islandgp.supervision.llm.message import (
     QUOTED,
@@ -45,6 +45,10 @@ class Calls(Protocol):
 
     def conclude(self, part: Conclusion) -> None:
         """Takes note of what became of a part of the guidance."""
+        ...
+
+    def play(self, played: Played) -> None:
+        """Takes note of episodes that supervision ran for itself."""
         ...
 
     def learn(self, generation: int, dialect: Mapping[str, Any]) -> None:
@@ -156,6 +160,10 @@ class LiveCalls:
     def conclude(self, part: Conclusion) -> None:
         """See `Calls`."""
         self.transcript.conclude(part)
+
+    def play(self, played: Played) -> None:
+        """See `Calls`."""
+        self.transcript.play(played)
 
     def learn(self, generation: int, dialect: Mapping[str, Any]) -> None:
         """See `Calls`."""

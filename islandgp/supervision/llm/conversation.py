@@ -23,6 +23,7 @@ class Conversation(Generic[T]):
     why: str  # of the fallback, else ""
     rejected: tuple[RejectionStage, ...]  # stages that turned an answer away, in order
     prompts: tuple[str, ...]  # SHA-256 of each rendered prompt, hexadecimal
+    trial: str = ""  # which of several candidates was chosen, and why
 
 
 def converse(

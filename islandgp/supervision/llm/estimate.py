@@ -17,6 +17,9 @@ from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.transcript import Transcript
 
 ANSWER: Final = 300  # tokens of an answer; an assumption: a paragraph, or a tree of 20 nodes
+CANDIDATE: Final = 150  # tokens of each tree more; an assumption
+TOLD: Final = (4_300, 7_200)  # characters that a run adds to informed questions, as measured
+TOLD_MOST: Final = 30_000  # the same at most, as `informed` bounds it
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,12 +45,13 @@ def expected(settings: LLMSettings, setup: RunContext, lag: int = 0) -> Bill:
     """The bill where every question is answered at once, with ANSWER tokens."""
     asked = _requests(settings, setup)
     times = _times(setup, lag)
-    sizes = [sum(map(len, (r.system, *r.turns))) for r in asked]
+    sizes = [told + sum(map(len, (r.system, *r.turns))) for r, told in asked]
+    more = CANDIDATE * (settings.candidates - 1) if setup.inject else 0
     return _bill(
         settings,
         times * len(asked) + 1,  # and the probe
         times * sum(sizes) / settings.facts.characters,
-        times * len(asked) * ANSWER,
+        times * (len(asked) * ANSWER + more),
     )
 
 
@@ -59,7 +63,10 @@ def at_most(settings: LLMSettings, setup: RunContext, lag: int = 0) -> Bill:
     asked = _requests(settings, setup)
     times = _times(setup, lag) * settings.retry.attempts
     turns = 1 + settings.repairs
-    most = [most_tokens(request, longer=QUOTED * settings.repairs) for request in asked]
+    most = [
+        most_tokens(request, longer=QUOTED * settings.repairs + (TOLD_MOST if told else 0))
+        for request, told in asked
+    ]
     bill = _bill(
         settings,
         times * turns * len(asked) + 3 * settings.retry.attempts,
@@ -108,15 +115,19 @@ def _capped(bill: Bill, caps: Caps) -> Bill:
     )
 
 
-def _requests(settings: LLMSettings, setup: RunContext) -> list[Request]:
-    """One generation's questions, about a state with numbers of the usual length."""
+def _requests(settings: LLMSettings, setup: RunContext) -> list[tuple[Request, int]]:
+    """One generation's questions, about a state with numbers of the usual length.
+
+    With each the characters that the run adds to it, where its prompt tells of the run.
+    """
     adviser, dialect = Adviser(settings, setup), Dialect(True, settings.temperature, "")
     state = _state(setup)
+    told = TOLD if adviser.tells_of_run else (0, 0)
     asked = []
     if setup.adapt_mutation:
-        asked.append(adviser.rate_request(state, dialect))
+        asked.append((adviser.rate_request(state, dialect), told[0]))
     if setup.inject:
-        asked.append(adviser.tree_request(state, dialect))
+        asked.append((adviser.tree_request(state, dialect), told[1]))
     return asked
 
 

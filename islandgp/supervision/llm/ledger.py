@@ -139,6 +139,12 @@ class Ledger:
             "fallback_rates": sum(p.source == "fallback" and p.part == "rate" for p in parts),
             "fallback_trees": sum(p.source == "fallback" and p.part == "tree" for p in parts),
         }
+        played = list(self.transcript.played)
+        if played:
+            found["episodes"] = sum(p.episodes for p in played)
+        if trials := [p for p in played if p.purpose == "trial"]:
+            found["trials"] = len(trials)
+            found["trial_gain"] = sum(p.gain for p in trials)
         if self.price is not None:
             found["cost_usd"] = sum(a.usd or 0.0 for a in attempts)
             found["cost_usd_at_most"] = self._most().usd

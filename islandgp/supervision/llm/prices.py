@@ -9,7 +9,7 @@ from pydantic import BaseModel, Field
 from islandgp.supervision.llm.message import Request, Usage
 
 PER: Final = 1e6  # tokens that a price is for
-CHARACTERS: Final = 3.5  # of a token; an assumption: English and JSON have three to four
+CHARACTERS: Final = 3.8  # of a token, as measured: docs/llm.md, "What it will cost"
 DATE: Final = r"^\d{4}-\d\d-\d\d$"
 
 

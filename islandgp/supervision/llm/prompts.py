@@ -2,7 +2,8 @@
 
 A file has a part `# system`, which is the same in every generation, and a part
 `# user`. `{{name}}` stands for a value; a name without a value is an error that
-says where it stands.
+says where it stands. What stands between `{{#name}}` and `{{/name}}` is left out
+where the value is empty.
 """
 
 from __future__ import annotations
@@ -25,8 +26,13 @@ from islandgp.scoring.state import PopulationState
 from islandgp.supervision.library import Library
 from islandgp.supervision.state_json import field_meanings, title
 
-_VARIABLE: Final = re.compile(r"\{\{\s*([A-Za-z_][\w.]*)\s*\}\}")
+_VARIABLE: Final = re.compile(r"\{\{\s*#?\s*([A-Za-z_][\w.]*)\s*\}\}")
+_SECTION: Final = re.compile(r"\{\{#([A-Za-z_][\w.]*)\}\}(.*?)\{\{/\1\}\}", re.DOTALL)
+_MARK: Final = re.compile(r"\{\{[#/][\w.]*\}\}")
 _PART: Final = re.compile(r"^# (system|user)\s*$", re.MULTILINE)
+
+SETS: Final = ("paper", "informed")
+"""The project's own prompts; `paper` stands in `prompts` itself."""
 
 AIMS: Final[dict[str, str]] = {
     RARE: "does what has almost died out; for a population of low diversity",
@@ -51,6 +57,18 @@ class Prompt:
     name: str
     system: str  # template, may be empty
     user: str  # template
+
+    @property
+    def variables(self) -> set[str]:
+        """The names that the templates use."""
+        return set(_VARIABLE.findall(self.system + self.user))
+
+
+def prompt_folder(chosen: str | None) -> Path:
+    """The folder of a prompt set: `paper`, `informed`, or a folder of one's own."""
+    if chosen is None or chosen == "paper":
+        return resource("prompts")
+    return resource("prompts") / chosen if chosen in SETS else Path(chosen)
 
 
 def load_prompt(name: str, folder: Path) -> Prompt:
@@ -80,19 +98,26 @@ def render(prompt: Prompt, values: Mapping[str, str]) -> tuple[str, str]:
 
 
 def _fill(template: str, name: str, values: Mapping[str, str]) -> str:
-    def value(match: re.Match[str]) -> str:
+    def known(match: re.Match[str]) -> str:
         if match[1] in values:
             return values[match[1]]
-        line = template.count("\n", 0, match.start()) + 1
+        line = template.count("\n", 0, template.find(match[0])) + 1
         near = get_close_matches(match[1], values, 1)
         hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(sorted(values))}"
         text = template.splitlines()[line - 1].strip()
         raise SupervisionError(
-            f"prompts/{name}.md: expected a known variable, found {{{{{match[1]}}}}} in"
-            f" {text!r}; {hint}"
+            f"prompts/{name}.md: expected a known variable, found {match[0]} in {text!r}; {hint}"
         )
 
-    return _VARIABLE.sub(value, template)
+    for match in _VARIABLE.finditer(template):
+        known(match)
+    shown = _SECTION.sub(lambda match: match[2] if values[match[1]] else "", template)
+    if left := _MARK.search(shown):
+        raise SupervisionError(
+            f"prompts/{name}.md: expected {{{{#name}}}} and {{{{/name}}}} in pairs, one pair in no"
+            f" other, found {left[0]} alone"
+        )
+    return _VARIABLE.sub(known, shown)
 
 
 def language(words: Vocabulary) -> str:

@@ -10,6 +10,7 @@ from pydantic import BaseModel, Field, SecretStr, field_validator, model_validat
 
 from islandgp.plugin import Part
 from islandgp.supervision.base import SUPERVISES, Phase
+from islandgp.supervision.llm.informed import InformedSettings
 from islandgp.supervision.llm.ledger import Caps
 from islandgp.supervision.llm.prices import Facts, Price, Prices
 from islandgp.supervision.llm.retry import RetrySettings
@@ -78,13 +79,15 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     explore: TreeSize  # section 2.4.6, phase 1
     exploit: TreeSize  # phase 2
     exploit_from: str | None  # milestone whose first robot begins phase 2; None: the last one
+    candidates: int = Field(default=1, ge=1, le=10)  # trees of an answer; the best is injected
     rare: float = Field(ge=0, le=1)  # share of the population below which a behaviour is rare
     on_outage: Literal["fallback", "wait", "stop"] = "fallback"  # where nobody answers
     useless: Useless | None = None  # None: asked to the end, whatever the answers are
     most_fallback: float | None = Field(default=None, ge=0, le=1)  # share; None: any
     caps: Caps
     prices: Prices
-    prompts: str | None  # a folder of prompts; None: the project's own
+    prompts: str | None  # paper, informed, or a folder; None (of older records): paper
+    informed: InformedSettings = InformedSettings()  # the parts of informed prompts
     fallback: Fallback
 
     @field_validator("api_key", mode="before")

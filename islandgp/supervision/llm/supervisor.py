@@ -10,7 +10,7 @@ import numpy as np
 
 from islandgp.errors import SupervisionError
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, RunContext
+from islandgp.supervision.base import Guidance, RunContext, Seen
 from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.calls import LiveCalls
 from islandgp.supervision.llm.capabilities import Dialect, Dialects
@@ -60,7 +60,11 @@ class LLM:
     def start(self) -> str:
         """See `Service`: opens the transcript, and finds out how the server wants to be asked."""
         calls = self._open()
-        found = self._dialects.start()
+        try:
+            found = self._dialects.start()
+        except SupervisionError:
+            self.close()
+            raise
         if calls.transcript.start is None:
             told = self.settings.model_dump(mode="json", exclude={"api_key"})
             known = asdict(found) if isinstance(found, Dialect) else None
@@ -74,6 +78,10 @@ class LLM:
             self.adviser.too_short(),
         ]
         return "\n".join(line for line in lines if line)
+
+    def see(self, generation: Seen) -> None:
+        """See `Witness`."""
+        self.adviser.see(generation)
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """See `Supervisor`. A failure ends in the fallback.

@@ -10,6 +10,7 @@ system   a system prompt, once, under its hash
 sent     an attempt is about to be made; without its attempt line, nobody knows what it came to
 attempt  one attempt at a call: where, request, reply or failure, tokens, dollars, seconds
 part     what became of one part of the guidance: its source, and the stages that rejected it
+played   episodes that supervision ran for itself: for which generation, what for, how many
 """
 
 from __future__ import annotations
@@ -25,7 +26,15 @@ from threading import Lock
 from typing import Any, Final
 
 from islandgp.errors import SupervisionError
-from islandgp.supervision.llm.attempt import Attempt, Call, Conclusion, Sent, from_line, to_line
+from islandgp.supervision.llm.attempt import (
+    Attempt,
+    Call,
+    Conclusion,
+    Played,
+    Sent,
+    from_line,
+    to_line,
+)
 from islandgp.supervision.llm.message import Usage
 
 NAME: Final = "transcript.jsonl"
@@ -46,6 +55,7 @@ class Transcript:
         self.attempts: list[Attempt] = []
         self.parts: list[Conclusion] = []
         self.sent: list[Sent] = []
+        self.played: list[Played] = []
         self.learnt: tuple[int, dict[str, Any]] | None = None  # a dialect, and since when
         self._systems: dict[str, str] = {}
         self._lock = Lock()  # the two questions of a generation are asked at the same time
@@ -121,6 +131,13 @@ class Transcript:
                 self.parts.append(part)
                 self._write({"line": "part", **asdict(part)})
 
+    def play(self, played: Played) -> None:
+        """Writes down episodes of supervision's own, once."""
+        with self._lock:
+            if played not in self.played:
+                self.played.append(played)
+                self._write({"line": "played", **asdict(played)})
+
     def _write(self, line: Mapping[str, Any]) -> None:
         if self.path is None:
             return
@@ -149,6 +166,8 @@ class Transcript:
                     )
                 elif kind == "attempt":
                     self.attempts.append(from_line(line, self._systems))
+                elif kind == "played":
+                    self.played.append(Played(**line))
                 elif kind == "part":
                     self.parts.append(Conclusion(**{**line, "rejected": tuple(line["rejected"])}))
         except (ValueError, KeyError, TypeError) as error:

@@ -18,6 +18,7 @@ from pydantic import BaseModel, Field, model_validator
 
 from islandgp.bt.language import parse
 from islandgp.bt.limits import Limits, check_limits
+from islandgp.bt.node import Node
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.errors import DomainError, LimitError, TreeError, UnknownNameError
 from islandgp.supervision.base import Pattern, Phase
@@ -119,27 +120,43 @@ def check_decision(rates: RateSettings, reading: Reading = "last") -> Check[Deci
 
 
 def check_proposal(
-    limits: Limits, vocabulary: Vocabulary, targets: tuple[str, ...], reading: Reading = "last"
+    limits: Limits,
+    vocabulary: Vocabulary,
+    targets: tuple[str, ...],
+    reading: Reading = "last",
+    candidates: int = 1,
 ) -> Check[Proposal]:
-    """The validation of trees."""
-    shape = proposal_shape(targets)
+    """The validation of trees. Of several candidates those count that go through, one at least."""
+    shape = proposal_shape(targets, candidates)
 
     def check(reply: Reply) -> Accepted[Proposal] | Rejection:
         found = _fields(reply, shape, reading)
         if isinstance(found, Rejection):
             return found
-        try:
-            tree = parse(found["tree"], vocabulary, name="tree")
-            check_limits(tree, limits)
-        except (UnknownNameError, DomainError) as error:
-            return Rejection(RejectionStage.NAMES, str(error))
-        except LimitError as error:
-            return Rejection(RejectionStage.LIMITS, str(error))
-        except TreeError as error:
-            return Rejection(RejectionStage.GRAMMAR, str(error))
-        return Accepted(Proposal(tree, found["target"], found["rationale"][:LONGEST]))
+        texts = found["trees"][:candidates] if candidates > 1 else [found["tree"]]
+        checked = [_check_tree(clean(text), limits, vocabulary) for text in texts]
+        trees = [tree for tree in checked if isinstance(tree, Node)]
+        if not trees:
+            return next(wrong for wrong in checked if isinstance(wrong, Rejection))
+        target, rationale = found["target"], found["rationale"][:LONGEST]
+        change = f"{len(trees)} of {len(texts)} trees" if len(trees) < len(texts) else ""
+        return Accepted(Proposal(trees[0], target, rationale, tuple(trees[1:])), change)
 
     return check
+
+
+def _check_tree(text: str, limits: Limits, vocabulary: Vocabulary) -> Node | Rejection:
+    """Grammar, names and limits of one tree."""
+    try:
+        tree = parse(text, vocabulary, name="tree")
+        check_limits(tree, limits)
+    except (UnknownNameError, DomainError) as error:
+        return Rejection(RejectionStage.NAMES, str(error))
+    except LimitError as error:
+        return Rejection(RejectionStage.LIMITS, str(error))
+    except TreeError as error:
+        return Rejection(RejectionStage.GRAMMAR, str(error))
+    return tree
 
 
 def _fields(

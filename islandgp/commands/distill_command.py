@@ -1,0 +1,91 @@
+"""`islandgp distill`: a small offline policy from the decisions of past runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import click
+
+from islandgp.errors import StudyError
+from islandgp.records.folder import RunFolder
+from islandgp.study.distill import Case, Shape, distil, told
+from islandgp.supervision.distilled import NAME, features, rules
+
+
+@click.command()
+@click.argument("runs", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
+@click.option(
+    "-o", "--out", type=click.Path(path_type=Path), required=True, help="Folder for the policy."
+)
+@click.option(
+    "--depth", type=click.IntRange(1, 20), default=6, show_default=True, help="Questions in a row."
+)
+@click.option(
+    "--cases", type=click.IntRange(1), default=4, show_default=True, help="Decisions of an answer."
+)
+def command(runs: tuple[Path, ...], out: Path, depth: int, cases: int) -> None:
+    """Fit a decision tree to the decisions in RUNS, which are run folders or folders of them.
+
+    What the state was, and what the supervisor decided, stand in the records. The policy plays
+    as supervisor=distilled supervisor.policy.folder=FOLDER. It needs islandgp[distill].
+    """
+    if find_spec("sklearn") is None:
+        raise StudyError(
+            "Expected scikit-learn, found none; install it with pip install 'islandgp[distill]'."
+        )
+    folders = [RunFolder(file.parent) for top in runs for file in sorted(top.rglob("config.yaml"))]
+    finished = list({f.path.resolve(): f for f in folders if f.finished()}.values())
+    if not finished:
+        raise StudyError(f"Expected finished runs in {', '.join(map(str, runs))}, found none.")
+    teachers = {str(folder.configuration()["supervisor"]["name"]) for folder in finished}
+    if len(teachers) > 1:
+        raise StudyError(
+            f"Expected the runs of one supervisor, found those of {', '.join(sorted(teachers))};"
+            " name the folders of one of them."
+        )
+    found = [case for number, run in enumerate(finished) for case in _cases(number, run)]
+    if len({frozenset(case.known) for case in found}) > 1:
+        raise StudyError(
+            "Expected runs whose states have the same fields, found others; give runs with one"
+            " domain and the same classes."
+        )
+    policy = distil(found, teachers.pop(), Shape(depth, cases))
+    out.mkdir(parents=True, exist_ok=True)
+    file = out / NAME
+    file.write_text(policy.model_dump_json(indent=1) + "\n", encoding="utf-8")
+    lines = ["The target:", *rules(policy.target), "", "The rate:", *rules(policy.rate)]
+    (out / "rules.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    for line in told(policy):
+        click.echo(line)
+    click.echo(f"The policy: {file}; in words: {out / 'rules.txt'}")
+
+
+def _cases(number: int, run: RunFolder) -> Iterator[Case]:
+    """The decisions of a run's supervisor; those of a fallback are none of its own."""
+    from islandgp.config.settings import read_settings
+    from islandgp.evolution.evaluate import view
+
+    settings = read_settings(run.configuration())
+    plan = settings.plan(settings.make_domain())
+    records = list(run.generations())
+    history = [record.snapshot for record in records]
+    for record in records:
+        given = record.guidance
+        if given is None or given.asked_at is None or given.source == "fallback":
+            continue
+        state = view(plan, history[: given.asked_at + 1])
+        tree = given.tree is not None and not _fell_back(given.notes, "tree")
+        rate = not _fell_back(given.notes, "rate")
+        yield Case(
+            run=number,
+            known=features(state, plan.gp.crisis),
+            target=given.target if tree else None,
+            rate=given.wanted_rate if rate else None,
+        )
+
+
+def _fell_back(notes: dict[str, Any], part: str) -> bool:
+    return str(notes.get(part, "")).startswith("fallback")

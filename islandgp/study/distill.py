@@ -1,0 +1,160 @@
+"""Fits a small policy to a supervisor's decisions, and tells how well it agrees (section 3.9).
+
+Whole runs are held back: generations of one run are too much alike to test on each other.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from statistics import fmean
+from typing import Any, Final
+
+from islandgp.errors import StudyError
+from islandgp.supervision.distilled import Answer, Policy, Question, Rule, decide
+
+FOLDS: Final = 5  # parts that the runs are divided into; each is held back once
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One decision of the teacher."""
+
+    run: int  # number of its run
+    known: Mapping[str, float]  # the state, as `supervision.distilled.features` gives it
+    target: str | None  # None: it gave no tree of its own
+    rate: float | None  # None: it gave no rate of its own
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """How large the decision trees may be."""
+
+    depth: int = 6  # questions on a way, at most
+    cases: int = 4  # of a leaf, at least
+
+
+def distil(cases: Sequence[Case], teacher: str, shape: Shape) -> Policy:
+    """A policy from all cases, with a report from runs that were held back.
+
+    The report: `runs`, `targets` and `rates` (cases); `target_agreement`, the share of targets
+    that are the teacher's, beside `target_commonest`, the share of its commonest target;
+    `target_agreement_least`, that of the run with the least; `rate_error`, the mean distance
+    from the teacher's rate, beside `rate_error_mean`, that of its mean rate.
+
+    Raises:
+        StudyError: there are not enough runs, or no decisions.
+    """
+    runs = sorted({case.run for case in cases})
+    if len(runs) < 2:
+        raise StudyError(
+            f"Expected at least two runs, one to be held back, found {len(runs)}; give more."
+        )
+    for name, found in (("targets", _targets(cases)), ("rates", _rates(cases))):
+        if len({case.run for case, _ in found}) < 2:
+            raise StudyError(f"Expected {name} of the teacher in at least two runs, found fewer.")
+    return Policy(
+        format=1,
+        teacher=teacher,
+        target=_fit_targets(cases, shape),
+        rate=_fit_rates(cases, shape),
+        report={"runs": len(runs), **_held_back(cases, runs, shape)},
+    )
+
+
+def _held_back(cases: Sequence[Case], runs: Sequence[int], shape: Shape) -> dict[str, float]:
+    right: dict[int, list[bool]] = {}  # by run
+    errors: list[float] = []
+    for fold in range(min(FOLDS, len(runs))):
+        out = set(runs[fold :: min(FOLDS, len(runs))])
+        seen = [case for case in cases if case.run not in out]
+        new = [case for case in cases if case.run in out]
+        if _targets(seen):
+            rule = _fit_targets(seen, shape)
+            for case, target in _targets(new):
+                right.setdefault(case.run, []).append(decide(rule, case.known) == target)
+        if _rates(seen):
+            rule = _fit_rates(seen, shape)
+            errors += [abs(float(decide(rule, c.known)) - rate) for c, rate in _rates(new)]
+    commonest = Counter(target for _, target in _targets(cases)).most_common(1)[0][1]
+    rates = [rate for _, rate in _rates(cases)]
+    every = [hit for hits in right.values() for hit in hits]
+    return {
+        "targets": len(every),
+        "rates": len(errors),
+        "target_agreement": fmean(every),
+        "target_agreement_least": min(map(fmean, right.values())),
+        "target_commonest": commonest / len(_targets(cases)),
+        "rate_error": fmean(errors),
+        "rate_error_mean": fmean(abs(rate - fmean(rates)) for rate in rates),
+    }
+
+
+def _targets(cases: Sequence[Case]) -> list[tuple[Case, str]]:
+    return [(case, case.target) for case in cases if case.target is not None]
+
+
+def _rates(cases: Sequence[Case]) -> list[tuple[Case, float]]:
+    return [(case, case.rate) for case in cases if case.rate is not None]
+
+
+def _fit_targets(cases: Sequence[Case], shape: Shape) -> Rule:
+    from sklearn.tree import DecisionTreeClassifier  # type: ignore[import-untyped] # no stubs
+
+    found = _targets(cases)
+    names = sorted({target for _, target in found})
+    tree = DecisionTreeClassifier(
+        max_depth=shape.depth, min_samples_leaf=shape.cases, random_state=0
+    )
+    tree.fit(_table(found), [names.index(target) for _, target in found])
+    known = [names[i] for i in tree.classes_]
+    return _rule(tree.tree_, _features(found), lambda counts: known[int(counts[0].argmax())])
+
+
+def _fit_rates(cases: Sequence[Case], shape: Shape) -> Rule:
+    from sklearn.tree import DecisionTreeRegressor
+
+    found = _rates(cases)
+    tree = DecisionTreeRegressor(
+        max_depth=shape.depth, min_samples_leaf=shape.cases, random_state=0
+    )
+    tree.fit(_table(found), [rate for _, rate in found])
+    return _rule(tree.tree_, _features(found), lambda mean: round(float(mean[0][0]), 6))
+
+
+def _features(found: Sequence[tuple[Case, Any]]) -> list[str]:
+    return list(found[0][0].known)
+
+
+def _table(found: Sequence[tuple[Case, Any]]) -> list[list[float]]:
+    names = _features(found)
+    return [[case.known[name] for name in names] for case, _ in found]
+
+
+def _rule(tree: Any, names: Sequence[str], answer: Any, place: int = 0) -> Rule:
+    """scikit-learn's arrays as a rule; a node without children has -1 there."""
+    if tree.children_left[place] < 0:
+        cases = int(tree.n_node_samples[place])
+        return Answer(answer=answer(tree.value[place]), cases=cases)
+    yes = _rule(tree, names, answer, tree.children_left[place])
+    no = _rule(tree, names, answer, tree.children_right[place])
+    if isinstance(yes, Answer) and isinstance(no, Answer) and yes.answer == no.answer:
+        return Answer(answer=yes.answer, cases=yes.cases + no.cases)
+    feature, at_most = names[tree.feature[place]], float(tree.threshold[place])
+    return Question(feature=feature, at_most=at_most, yes=yes, no=no)
+
+
+def told(policy: Policy) -> Iterator[str]:
+    """The report in lines for people."""
+    r = policy.report
+    yield f"Teacher: {policy.teacher}, {r['runs']:.0f} runs; each was held back once."
+    yield (
+        f"Targets: {r['target_agreement']:.0%} of {r['targets']:,.0f} agree with the teacher's"
+        f" ({r['target_agreement_least']:.0%} in the run with the fewest;"
+        f" {r['target_commonest']:.0%} where always the commonest is said)."
+    )
+    yield (
+        f"Rates: {r['rate_error']:.3f} from the teacher's on the mean"
+        f" ({r['rate_error_mean']:.3f} where always the mean is said), {r['rates']:,.0f} rates."
+    )

@@ -1,0 +1,233 @@
+"""What `prompts=informed` tells beyond the paper's prompts: rewards, fates, traces, decisions.
+
+Each part can be switched off. All of it follows from configuration, the domain's
+declaration and the records, and has a largest size.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from statistics import fmean
+from typing import Final
+
+from pydantic import BaseModel, Field
+
+from islandgp.bt.language import parse
+from islandgp.domain import Schema
+from islandgp.evolution.record import IndividualRecord
+from islandgp.scoring.classes import Classes
+from islandgp.scoring.crisis import Crisis
+from islandgp.scoring.rewards import Reward, RewardTable
+from islandgp.scoring.state import PopulationState
+from islandgp.supervision.base import RunContext, Seen
+from islandgp.supervision.llm.chronicle import KEPT, Chronicle, Fate, Past, ranked
+from islandgp.supervision.llm.story import story
+from islandgp.supervision.state_json import title
+
+TREE: Final = 1500  # characters of a tree that is shown, at most
+ROWS: Final = 40  # rewards and classes that are told, at most
+SHOWN: Final = 2000  # characters of rewards that are no table of events
+PARTS: Final = 3  # components of a class's earnings
+
+
+class InformedSettings(BaseModel, frozen=True, extra="forbid"):
+    """The parts of informed prompts; each can be left out."""
+
+    reasoning: bool = True  # the answer's reasons stand before its decision
+    rewards: bool = True  # what events earn, and the thresholds of a crisis
+    classes: bool = True  # what each class of the population earns
+    injected: int = Field(default=5, ge=0, le=KEPT)  # the last injected trees with their fate
+    traces: bool = True  # what the best and the most lacking tree did, in words
+    decisions: int = Field(default=5, ge=0, le=KEPT)  # the last decisions and what followed
+    differ: bool = True  # the instruction to differ from the examples
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """Values for a generation's prompts, and what they took."""
+
+    values: dict[str, str]
+    episodes: int  # that were run for them
+
+
+def standing_values(how: InformedSettings, setup: RunContext) -> dict[str, str]:
+    """Values that no generation changes; "" for a part that is left out."""
+    return {
+        "reasoning": "first" if how.reasoning else "",
+        "differ": "differ" if how.differ else "",
+        "traces_told": "told" if how.traces else "",
+        "decisions_told": "told" if how.decisions else "",
+        "rewards": _rewards(setup.rewards, setup.schema) if how.rewards else "",
+        "thresholds": _thresholds(setup.crisis) if how.rewards else "",
+    }
+
+
+LATER: Final = ("earnings", "injected", "traces", "decisions")
+"""Values that `told` gives."""
+
+UNTOLD: Final = Told(dict.fromkeys(LATER, ""), 0)
+
+
+def told(how: InformedSettings, setup: RunContext, state: PopulationState, run: Chronicle) -> Told:
+    """The other values; "" for a part that is left out, or of which nothing is known yet."""
+    if run.now is None:
+        return UNTOLD
+    values, episodes = dict.fromkeys(LATER, ""), 0
+    if how.classes:
+        values["earnings"] = "\n".join(_earnings(run.now.individuals, setup.classes))
+    if how.injected:
+        fates = [_fate(fate, run.now) for fate in run.fates[-how.injected :]]
+        values["injected"] = "\n\n".join(fates)
+    if how.decisions:
+        lines = [_decision(past, setup.classes) for past in run.past[-how.decisions :]]
+        values["decisions"] = "\n".join(lines)
+    if how.traces:
+        values["traces"], episodes = _traces(setup, state, run.now)
+    return Told(values, episodes)
+
+
+def _rewards(rewards: BaseModel, schema: Schema) -> str:
+    """Table 3 of the running configuration in words."""
+    if not isinstance(rewards, RewardTable):
+        text = json.dumps(rewards.model_dump(mode="json"))
+        return text if len(text) <= SHOWN else text[: SHOWN - 3] + "..."
+    lines = []
+    for name, reward in list(rewards.events.items())[:ROWS]:
+        event = schema.events[name]
+        line = f"- {name}, {event.meaning}: {_points(reward, event.amount)}"
+        lines.append(f"{line} (component {reward.component})")
+    if rewards.normalize:
+        most = ", ".join(f"{name} {value:g}" for name, value in rewards.maxima.items())
+        lines.append(f"- each component is divided by its largest value: {most}")
+    return "\n".join(lines)
+
+
+def _points(reward: Reward, amount: str) -> str:
+    """What one event earns, e.g. "200 points and 100 for each of items"."""
+    bands = [f"{band.points:g} points below {band.below:g} {amount}" for band in reward.bands]
+    whole = [f"{reward.base:g} points"] if reward.base or not reward.per_unit else []
+    each = f"{reward.per_unit:g} points for each of: {amount}"
+    whole += [each] if reward.per_unit else []
+    parts = [*bands, ("else " if bands else "") + " and ".join(whole)]
+    over = f"; nothing up to {reward.over:g} {amount}" if reward.over is not None else ""
+    return ", ".join(parts) + over
+
+
+def _thresholds(crisis: Crisis) -> str:
+    return (
+        f"A crisis is a diversity below {crisis.diversity_below:g}, or more than"
+        f" {crisis.stagnant_epochs_above:g} epochs of stagnation: then the mutation rate is"
+        f" {crisis.emergency_rate:g}, whatever you answer."
+    )
+
+
+def _earnings(individuals: Sequence[IndividualRecord], classes: Classes) -> Iterator[str]:
+    """A line for each class and tier that the generation has."""
+    groups = {
+        **{n: [i for i in individuals if i.specialist == n] for n in classes.specialist_names},
+        **{
+            f"{title(name)} Robots": [i for i in individuals if name in i.tiers]
+            for name in classes.tiers
+        },
+    }
+    for name, members in list(groups.items())[:ROWS]:
+        if members:
+            points = [i.fitness for i in members]
+            yield (
+                f"- {name}: {len(members)} individuals, mean {fmean(points):,.0f} points, best"
+                f" {max(points):,.0f}; on the mean {_components(members)}"
+            )
+
+
+def _components(members: Sequence[IndividualRecord]) -> str:
+    """The components that say most of some individuals' points."""
+    means = {c: fmean(i.components[c] for i in members) for c in members[0].components}
+    largest = sorted(means, key=lambda c: -abs(means[c]))[:PARTS]
+    return ", ".join(f"{c} {means[c]:+,.0f}" for c in largest if means[c]) or "nothing"
+
+
+def _fate(fate: Fate, now: Seen) -> str:
+    tiers = ", ".join(f"{title(tier)} Robot" for tier in fate.tiers)
+    start = (
+        f"Generation {fate.generation}, for {fate.target or 'nothing'}"
+        f"{', mutated at once' if fate.mutation else ''}: {fate.fitness:,.0f} points, rank"
+        f" {fate.rank} of {len(now.individuals)}{f', {tiers}' if tiers else ''}."
+    )
+    if fate.best_rank is None:
+        end = (
+            f"It died out after generation {fate.last}; at most {fate.most_alive} descended from"
+            " it at a time."
+        )
+    else:
+        same = "it lives on unchanged" if fate.unchanged else "it lives on in changed trees only"
+        n = len(fate.alive)
+        alive = "1 living individual descends" if n == 1 else f"{n} living individuals descend"
+        end = f"{alive} from it, the best of rank {fate.best_rank}; {same}."
+    return f"{start} {end}\n```\n{_cut(fate.tree)}\n```"
+
+
+def _cut(tree: str) -> str:
+    text = tree.strip()
+    return text if len(text) <= TREE else text[: TREE - 3] + "..."
+
+
+def _decision(past: Past, classes: Classes) -> str:
+    g, before, after = past.guidance, past.before, past.after
+    by = "" if g.source == "llm" else f" by {g.source}"
+    rate = f"rate {g.applied_rate:.2f}" + (f", enforced: crisis of {g.crisis}" if g.crisis else "")
+    phase = f"{g.phase}, " if g.phase else ""
+    tree = f", a tree for {g.target}" if g.injected else ""
+    seen = "; ".join(
+        f"{title(tier)} Robots {before.tiers[tier]} -> {after.tiers[tier]}"
+        for tier in classes.milestones
+    )
+    new = "; a new stage, another scale" if before.stage != after.stage else ""
+    return (
+        f"- after generation {before.generation}{by}: {phase}{rate}{tree}. Then best"
+        f" {before.best:,.0f} -> {after.best:,.0f}, mean {before.mean:,.0f} -> {after.mean:,.0f};"
+        f" {seen}; diversity {before.diversity:.2f} -> {after.diversity:.2f}{new}"
+    )
+
+
+def most_lacking(individuals: Sequence[IndividualRecord], classes: Classes) -> IndividualRecord:
+    """The individual that shows the fewest behaviours, the least fit of equals."""
+
+    def shown(i: IndividualRecord) -> int:
+        return sum(i.counters[counter] > 0 for counter in classes.behaviours.values())
+
+    return min(ranked(individuals)[::-1], key=lambda i: (shown(i), i.fitness))
+
+
+def _traces(setup: RunContext, state: PopulationState, now: Seen) -> tuple[str, int]:
+    """The best tree and the most lacking one in the first world in which they were evaluated."""
+    best, worst = ranked(now.individuals)[0], most_lacking(now.individuals, setup.classes)
+    named = [("The fittest tree", best)]
+    if worst.tree != best.tree:
+        lacking = ", ".join(
+            name for name in state.lacking if not worst.counters[setup.classes.behaviours[name]] > 0
+        )
+        named.append((f"The most lacking tree (no {lacking or 'behaviour lacks'})", worst))
+    each = len(now.worlds) // len(now.individuals)  # 0: fewer worlds than individuals, all common
+    texts = []
+    for name, i in named:
+        seed = now.worlds[now.individuals.index(i) * each]
+        texts.append(_trace(name, i, setup, seed, now.multipliers))
+    return "\n\n".join(texts), len(texts)
+
+
+def _trace(
+    name: str,
+    i: IndividualRecord,
+    setup: RunContext,
+    seed: int,
+    weights: Mapping[str, float],
+) -> str:
+    tree = parse(i.tree, setup.schema.vocabulary)
+    outcome, lines = story(setup.domain, tree, seed, weights)
+    head = (
+        f"{name}, of class {i.specialist}, {i.fitness:,.0f} points ({_components([i])}). In an"
+        f" episode of {outcome.seconds:,.0f} s that ended with {', '.join(outcome.endings)} it did:"
+    )
+    return "\n".join((head, *lines, "```", _cut(i.tree), "```"))

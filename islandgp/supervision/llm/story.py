@@ -1,0 +1,151 @@
+"""What a tree did in one episode, told in a few lines of words."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import isfinite
+from typing import Final
+
+from islandgp.bt.engine import ABORTED
+from islandgp.bt.node import AGAIN, RUNNING, Node, walk
+from islandgp.domain import Domain, Outcome, Scene, Schema
+
+SPANS: Final = 8  # lines of the course of an episode, at most
+BINS: Final = 60  # pieces of an episode that spans are made of
+NAMED: Final = 3  # actions and events of a span, at most
+KEYS: Final = 12  # keys whose course is told, at most
+LINE: Final = 240  # characters of a line, at most
+
+
+class Watcher:
+    """An observer that keeps what a story needs."""
+
+    def __init__(self, tree: Node) -> None:
+        self.actions = [str(n.args[0]) if n.kind == "action" else "" for n in walk(tree)]
+        self.doing: list[str] = []  # by tick: the action that ran, else the last that ended, or ""
+        self.boards: list[tuple[float, ...]] = []  # by tick
+        self.credits: list[tuple[int, str, float]] = []  # tick, event, points
+        self._ran = self._ended = ""
+
+    def node(self, place: int, status: int) -> None:
+        """See `Observer`."""
+        if not (action := self.actions[place]) or status == ABORTED:
+            return
+        if status in (RUNNING, AGAIN):
+            self._ran = action
+        else:
+            self._ended = action
+
+    def tick(self, board: Sequence[float], scene: Scene | None) -> None:  # noqa: ARG002 -- the protocol's
+        """See `Observer`."""
+        self.doing.append(self._ran or self._ended)
+        self.boards.append(tuple(map(float, board)))
+        self._ran = self._ended = ""
+
+    def credit(self, component: str, points: float, event: str, action: str) -> None:  # noqa: ARG002 -- the protocol's
+        """See `Observer`."""
+        self.credits.append((len(self.doing), event, points))
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A part of an episode in which a tree did much the same."""
+
+    begin: int  # first tick
+    end: int  # first tick behind it
+    actions: Counter[str]  # ticks by action
+
+    def __add__(self, other: Span) -> Span:
+        return Span(self.begin, other.end, self.actions + other.actions)
+
+    def apart(self, other: Span) -> float:
+        """How much is lost by telling two spans as one: 0 where they are alike."""
+        n, m = self.end - self.begin, other.end - other.begin
+        names = self.actions | other.actions
+        differ = sum(abs(self.actions[name] / n - other.actions[name] / m) for name in names)
+        return differ * n * m / (n + m)
+
+
+def story(
+    domain: Domain, tree: Node, seed: int, weights: Mapping[str, float]
+) -> tuple[Outcome, list[str]]:
+    """An episode's outcome and its story: at most SPANS + KEYS + 2 lines of LINE characters.
+
+    It runs one episode, which is a function of the arguments.
+    """
+    seen = Watcher(tree)
+    outcome = domain.run_episode(tree, seed, weights, seen)
+    lines = [*_course(seen, domain.step_s), *_never(seen), *_keys(seen, domain)]
+    return outcome, [line if len(line) <= LINE else line[: LINE - 3] + "..." for line in lines]
+
+
+def spans(doing: Sequence[str]) -> list[Span]:
+    """An episode's ticks in at most SPANS parts, cut where the actions change most."""
+    bins = min(BINS, len(doing))
+    edges = [i * len(doing) // bins for i in range(bins + 1)] if bins else []
+    found = [Span(a, b, Counter(doing[a:b])) for a, b in pairwise(edges)]
+    while len(found) > 1:
+        lost, i = min((a.apart(b), i) for i, (a, b) in enumerate(pairwise(found)))
+        if len(found) <= SPANS and lost > 0:
+            break
+        found[i : i + 2] = [found[i] + found[i + 1]]
+    return found
+
+
+def _course(seen: Watcher, step_s: float) -> Iterator[str]:
+    last = len(seen.doing) - 1
+    for span in spans(seen.doing):
+        length = span.end - span.begin
+        did = ", ".join(
+            f"{name or 'nothing'} {count / length:.0%}"
+            for name, count in span.actions.most_common(NAMED)
+        )
+        inside = [
+            (event, points)
+            for tick, event, points in seen.credits
+            if span.begin <= min(tick, last) < span.end
+        ]
+        times = Counter(event for event, _ in inside)
+        earned = "".join(f", {event} {n}x" for event, n in times.most_common(NAMED))
+        won = sum(points for _, points in inside)
+        tail = f"; {earned[2:]}: {won:+,.0f} points" if inside else ""
+        yield f"- {span.begin * step_s:.0f} to {span.end * step_s:.0f} s: {did}{tail}"
+
+
+def _never(seen: Watcher) -> Iterator[str]:
+    done = set(seen.doing)
+    never = dict.fromkeys(name for name in seen.actions if name and name not in done)
+    if never:
+        yield f"- hardly or never done, though in the tree: {', '.join(never)}"
+
+
+def _keys(seen: Watcher, domain: Domain) -> Iterator[str]:
+    schema: Schema = domain.schema
+    if not seen.boards:
+        return
+    for place, (name, key) in enumerate(list(schema.vocabulary.keys.items())[:KEYS]):
+        values = [board[place] for board in seen.boards]
+        if key.flag:
+            yield f"- {name}: yes in {sum(v != 0 for v in values) / len(values):.0%} of the time"
+            continue
+        known = [(v, tick) for tick, v in enumerate(values) if isfinite(v)]
+        if not known:
+            continue
+        low, at = min(known)
+        high, when = max(known, key=lambda pair: (pair[0], -pair[1]))
+        step_s = domain.step_s
+        if low == high:
+            yield f"- {name}: {_number(low)} throughout"
+            continue
+        yield (
+            f"- {name}: {_number(known[0][0])} at first, {_number(known[-1][0])} at the end;"
+            f" least {_number(low)} at {at * step_s:.0f} s, most {_number(high)} at"
+            f" {when * step_s:.0f} s"
+        )
+
+
+def _number(value: float) -> str:
+    return f"{round(value, 1) + 0.0:g}"

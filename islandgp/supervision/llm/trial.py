@@ -1,0 +1,59 @@
+"""Candidates: several trees of one answer, of which the best for its target is injected.
+
+Each is tried in one episode, all in the same world, which nobody trains in, under the
+factors of the generation that the tree will join.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from islandgp.bt.node import Node
+from islandgp.domain import Outcome
+from islandgp.scoring.classes import INTEGRATION, RARE, Classes, does
+from islandgp.scoring.state import PopulationState
+from islandgp.seeding import Stream, stream
+from islandgp.supervision.base import RunContext
+from islandgp.supervision.llm.answers import Proposal
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """What came of some candidates."""
+
+    chosen: Proposal
+    episodes: int
+    gain: float  # points of the chosen tree above those of the first, which would have been it
+    note: str  # for the record
+
+
+def try_out(proposal: Proposal, state: PopulationState, setup: RunContext) -> Trial:
+    """The candidate that does best for its target; the first of equals."""
+    trees: Sequence[Node] = (proposal.tree, *proposal.others)
+    rng = stream(setup.seed, Stream.TRIAL, generation=state.now.generation)
+    seed = int(rng.integers(2**32))
+    outcomes = [setup.domain.run_episode(tree, seed, state.multipliers) for tree in trees]
+    worth = [_worth(o, proposal.target, state, setup.classes) for o in outcomes]
+    best = max(range(len(trees)), key=lambda i: worth[i])
+    gain = outcomes[best].fitness - outcomes[0].fitness
+    note = (
+        f"number {best + 1} of {len(trees)} tried in world {seed}: {worth[best][0]:g} for"
+        f" {proposal.target}, {worth[best][1]:,.0f} points; the first has {worth[0][0]:g} and"
+        f" {worth[0][1]:,.0f}"
+    )
+    return Trial(replace(proposal, tree=trees[best], others=()), len(trees), gain, note)
+
+
+def _worth(
+    o: Outcome, target: str, state: PopulationState, classes: Classes
+) -> tuple[float, float]:
+    """How much an outcome is worth for a target (Table 7), and its points between equals.
+
+    For a behaviour it is the behaviour's counter, for `rare` that of the rarest, for
+    `integration` how many behaviours it shows; for `exploration` points alone decide.
+    """
+    name = state.lacking[0] if target == RARE else target
+    if name in classes.behaviours:
+        return o.counters[classes.behaviours[name]], o.fitness
+    return (float(len(does(o, classes))) if target == INTEGRATION else 0.0), o.fitness

@@ -1,0 +1,90 @@
+"""`python -m islandgp.testing.measure FOLDER`: the mock model beside expert and baseline.
+
+Runs each arm with the same seeds and prints a table. The mock is a rule, so the table says
+what the path from state to tree can do, and nothing about any language model.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from islandgp import load
+from islandgp.running.app import main
+from islandgp.testing.mock_model import MockModel
+from islandgp.testing.server import MessagesServer
+
+SETTING: Final = ("gp.population=20", "gp.generations=16", "tracking=off", "progress=off")
+LLM: Final = ("supervisor=llm", "supervisor.policy.retry.first_wait=0.05")
+INFORMED: Final = "supervisor.policy.prompts=informed"
+ARMS: Final[dict[str, tuple[str, ...]]] = {
+    "baseline": ("supervisor=baseline",),
+    "expert": ("supervisor=expert",),
+    "mock_paper": LLM,
+    "mock_informed": (*LLM, INFORMED),
+    "mock_informed_3": (*LLM, INFORMED, "supervisor.policy.candidates=3"),
+}
+"""By name: what makes an arm. `_3` has three candidates."""
+HEAD: Final = (
+    "arm", "best robot", "Complete", "fallback", "tokens in", "tokens out", "episodes", "gain",
+)  # fmt: skip
+
+
+def measure(folder: Path, overrides: Sequence[str], *, noise: float, faults: float) -> int:
+    """Runs all arms below `folder`, or what is missing of them; returns the exit code."""
+    with MessagesServer(answer=MockModel(noise=noise, faults=faults)) as server:
+        for name, words in ARMS.items():
+            where = [f"name={name}", f"runs='{folder}'"]
+            if words[0] == LLM[0]:
+                where.append(f"supervisor.policy.base_url={server.url}")
+            code = main([*SETTING, *words, *where, *overrides, "-m"])
+            if code:
+                return code
+    print("\n" + "\n".join(table(folder)))
+    return 0
+
+
+def table(folder: Path) -> Iterator[str]:
+    """The arms as a table in Markdown: means over their runs."""
+    yield f"| {' | '.join(HEAD)} |"
+    yield "|" + "---|" * len(HEAD)
+    for name in ARMS:
+        runs = load(folder / name)
+        found = runs.runs
+        spent = [_spent(run.path) for run in runs.folders]
+        given = [run.summary()["answers"] for run in runs.folders]
+        halves = sum(2 * g["fallback"] - g["in_part"] for g in given)
+        share = halves / (2 * sum(g["total"] for g in given))
+        reached = found[next(c for c in found.columns if c.startswith("first."))].notna()
+
+        def mean(key: str, spent: list[dict[str, Any]] = spent) -> str:
+            values = [one.get(key, 0) for one in spent]
+            return f"{sum(values) / len(values):,.0f}" if any(values) else ""
+
+        trials = sum(one.get("trials", 0) for one in spent)
+        gain = sum(one.get("trial_gain", 0) for one in spent) / trials if trials else None
+        cells = (
+            name,
+            f"{found['best'].mean():,.0f}",
+            f"{reached.sum()} of {len(found)}",
+            f"{share:.0%}" if name.startswith("mock") else "",
+            mean("input_tokens"),
+            mean("output_tokens"),
+            mean("episodes"),
+            "" if gain is None else f"{gain:+,.0f}",
+        )
+        yield f"| {' | '.join(cells)} |"
+
+
+def _spent(run: Path) -> dict[str, Any]:
+    lines = (run / "costs.jsonl").read_text(encoding="utf-8").splitlines()
+    return dict(json.loads(lines[-1])["llm"])
+
+
+if __name__ == "__main__":
+    if len(sys.argv) < 2:
+        sys.exit("expected a folder for the runs, found none; python -m ...measure FOLDER")
+    sys.exit(measure(Path(sys.argv[1]).resolve(), sys.argv[2:], noise=0.1, faults=0.1))

@@ -1,0 +1,175 @@
+"""A mock of a language model: rules over the prompt's text, with noise and faults. No model.
+
+It reads nothing but the prompt, as a model does, so that the whole path can be measured
+without one. Rules of Tables 7 and 8 choose a phase and a target; where informed prompts tell
+fates and traces, it goes by them. It says nothing of what a real model would achieve.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from islandgp.bt.language import parse, to_text
+from islandgp.bt.limits import Limits, within
+from islandgp.bt.node import Node, walk
+from islandgp.errors import TreeError
+from islandgp.testing.faults import Fault, spoiled
+
+_STATE: Final = re.compile(r"```json\n(.*?)\n```", re.DOTALL)
+_EXAMPLE: Final = re.compile(r"(?:For ([\w, ]+):\n\n)?```\n(.*?)\n```", re.DOTALL)
+_RANGE: Final = re.compile(r"^\| (\w+) \|.*\| ([\d.]+) to ([\d.]+) \|$", re.MULTILINE)
+_LIMITS: Final = re.compile(r"More than (\d+) levels or (\d+) nodes are refused")
+_CANDIDATES: Final = re.compile(r"^- trees: (\d+) trees", re.MULTILINE)
+_FATE: Final = re.compile(r"^Generation \d+, for (\w+)[^\n]* It died out", re.MULTILINE)
+_TRACED: Final = re.compile(r"^The fittest tree.*?```\n(.*?)\n```", re.MULTILINE | re.DOTALL)
+_COMPARED: Final = re.compile(r"([<>]=?) (\d+)")
+
+SPOILS: Final = (Fault.UNKNOWN_ACTION, Fault.OUT_OF_RANGE, Fault.MAX_TOKENS, Fault.WRONG_TYPES)
+STUCK: Final = 5  # generations without a better best
+DIED: Final = 2  # trees for a target that died out, after which it tries another one
+
+
+@dataclass(frozen=True)
+class MockModel:
+    """Answers a request of `supervisor=llm`; a function of its fields and the request."""
+
+    seed: int = 0
+    noise: float = 0.0  # share of answers that are drawn at random instead of judged
+    faults: float = 0.0  # share of answers that cannot be used
+
+    def __call__(self, request: Mapping[str, Any]) -> Any:
+        """The answer as JSON values; as a text where it is spoiled."""
+        user = str(request["messages"][0]["content"])
+        if (found := _STATE.search(user)) is None:  # the probe
+            return {"greeting": "Hello."}
+        rng = self._draws(request)
+        state, system = json.loads(found[1]), _text(request.get("system", ""))
+        guess, spoil = rng.random() < self.noise, rng.random() < self.faults
+        if '"rationale"' in system:
+            answer = _tree(state, system, user, rng, guess)
+        else:
+            answer = _rate(state, system, rng, guess)
+        if spoil:
+            return spoiled(answer, SPOILS[rng.integers(len(SPOILS))])[0]
+        return answer
+
+    def _draws(self, request: Mapping[str, Any]) -> np.random.Generator:
+        """Draws of this request's own: the order in which requests come changes nothing."""
+        said = json.dumps([self.seed, request.get("system", ""), request["messages"]])
+        return np.random.default_rng(list(hashlib.sha256(said.encode()).digest()))
+
+
+def _text(system: Any) -> str:
+    """A system prompt's text, whether it came as one text or in blocks."""
+    return system if isinstance(system, str) else "".join(str(block["text"]) for block in system)
+
+
+def _rate(
+    state: Mapping[str, Any], system: str, rng: np.random.Generator, guess: bool
+) -> dict[str, Any]:
+    ranges = {name: (float(low), float(high)) for name, low, high in _RANGE.findall(system)}
+    milestone = next(iter(state["milestones"])).removesuffix("_seen")
+    good, ever = state["tiers"][milestone], state["milestones"][f"{milestone}_seen"]
+    stuck, varied = state["stagnation"]["generations"] >= STUCK, state["diversity"]["now"]
+    low = varied < state["crisis"]["diversity_below"] + 0.2
+    if not good:
+        phase = ("crisis_intervention" if low else "aggressive_exploration") if ever else ""
+        phase = phase or "early_exploration"
+    elif low:
+        phase = "aggressive_exploration"
+    elif good < 3:
+        phase = "balanced_exploration" if stuck else "refinement"
+    else:
+        rising = state["fitness"]["best_change_share"] > 0.2
+        phase = "exploitation" if rising else "balanced_optimization" if stuck else "refinement"
+    if guess and ranges:
+        phase = list(ranges)[rng.integers(len(ranges))]
+    least, most = ranges.get(phase, (0.2, 0.4))
+    calm = min(1.0, max(state["working_ratio"], good / 6))
+    return {
+        "reasoning": f"Mock answer: {good} {milestone} robots now, diversity {varied:.2f}.",
+        "risk": "None: a mock gives this answer.",
+        "intervention": phase in ("crisis_intervention", "aggressive_exploration"),
+        "pattern": "healthy_progress" if good else "exploration_phase",
+        "phase": phase,
+        "mutation_rate": round(most - (most - least) * calm, 3),
+    }
+
+
+def _tree(
+    state: Mapping[str, Any], system: str, user: str, rng: np.random.Generator, guess: bool
+) -> dict[str, Any]:
+    shown = system.partition("## Examples")[2].partition("\n## ")[0]
+    examples = _EXAMPLE.findall(shown)
+    target = _target(state, [name for name, _ in examples], user, rng, guess)
+    own = [tree for names, tree in examples if target in names.split(", ")]
+    first = parse((own or [tree for _, tree in examples])[0])
+    most = _LIMITS.search(system)
+    limits = Limits(int(most[1]), int(most[2])) if most else Limits(8, 50)
+    ideas = [first]
+    if traced := _TRACED.search(user):
+        ideas.insert(0, _grafted(first, traced[1], limits))
+    if "differs from all of them" in shown:
+        ideas = [tree for tree in ideas if tree not in [parse(text) for _, text in examples]]
+    asked = _CANDIDATES.search(system)
+    wanted = int(asked[1]) if asked else 1
+    while len(ideas) < wanted:
+        ideas.append(_varied(first, rng))
+    texts = [to_text(tree) for tree in ideas[:wanted]]
+    why = f"Mock answer: {target} is lacking."
+    found: dict[str, Any] = {"rationale": why, "target": target}
+    return {**found, "trees": texts} if asked else {**found, "tree": texts[0]}
+
+
+def _target(
+    state: Mapping[str, Any],
+    named: Sequence[str],
+    user: str,
+    rng: np.random.Generator,
+    guess: bool,
+) -> str:
+    """What lacks most; another behaviour where trees for it have died out again and again."""
+    lacking: list[str] = state["behaviours"]["lacking"]
+    if guess:
+        known = [*lacking, *(t for names in named for t in names.split(", ") if t)]
+        return known[rng.integers(len(known))]
+    few = 0.1 * state["parameters"]["population"]
+    missing = [name for name in lacking if state["doing"][name] < few]
+    died = _FATE.findall(user)
+    alive = [name for name in missing if died.count(name) < DIED]
+    return (alive or missing or ["integration"])[0]
+
+
+def _grafted(example: Node, traced: str, limits: Limits) -> Node:
+    """The fittest tree with the example's branches before its own; the example if too large."""
+    try:
+        best = parse(traced)
+    except TreeError:  # it was cut off
+        return example
+    if {example.kind, best.kind} != {"selector"}:
+        return example
+    *urgent, last = example.children
+    known = _actions(*urgent)
+    more = [c for c in best.children if c.kind == "when" and not _actions(c) <= known]
+    grafted = Node("selector", (), (*urgent, *more, last))
+    return grafted if within(grafted, limits) else example
+
+
+def _actions(*nodes: Node) -> set[str]:
+    return {str(n.args[0]) for node in nodes for n in walk(node) if n.kind == "action"}
+
+
+def _varied(tree: Node, rng: np.random.Generator) -> Node:
+    """The same tree with other numbers in its conditions."""
+
+    def other(match: re.Match[str]) -> str:
+        return f"{match[1]} {round(int(match[2]) * rng.uniform(0.6, 1.6))}"
+
+    return parse(_COMPARED.sub(other, to_text(tree)))

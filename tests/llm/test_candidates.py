@@ -1,0 +1,175 @@
+"""policy.candidates: several trees of one answer, of which the best for its target is injected."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from islandgp.bt.language import parse, to_text
+from islandgp.bt.limits import Limits
+from islandgp.bt.node import Node
+from islandgp.domain import Domain, Outcome
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.errors import SupervisionError
+from islandgp.resources import resource
+from islandgp.supervision.base import RunContext
+from islandgp.supervision.llm.adviser import Adviser
+from islandgp.supervision.llm.answers import Proposal
+from islandgp.supervision.llm.trial import try_out
+from islandgp.supervision.llm.validation import (
+    Accepted,
+    Rejection,
+    RejectionStage,
+    check_proposal,
+)
+from islandgp.testing.server import MessagesServer
+from tests.llm.made import advise, answering, said, settings, setup, state, supervisor
+from tests.llm.test_prompts import DIALECT
+from tests.llm.test_whole_run import lines, live, replayed
+from tests.made import CLASSES, outcome
+
+PATROL, CHARGE, PICK = "PatrolWaypoint\n", "ExecuteCharge\n", "PickupGarbage\n"
+OUTCOMES = {
+    PATROL: outcome(components={"garbage": 900.0}),
+    CHARGE: outcome(components={"garbage": 100.0}, charges=3.0, pickups=1.0),
+    PICK: outcome(components={"garbage": 500.0}, pickups=2.0),
+}
+TREES = tuple(parse(text) for text in OUTCOMES)
+
+
+class Scripted:
+    """A domain whose outcomes are written down."""
+
+    def __init__(self, domain: Domain) -> None:
+        self.schema, self.step_s = domain.schema, domain.step_s
+        self.seeds: list[int] = []
+
+    def run_episode(
+        self, tree: Node, seed: int, weights: Mapping[str, float], observer: Any = None
+    ) -> Outcome:
+        """See `Domain`."""
+        assert weights
+        assert observer is None
+        self.seeds.append(seed)
+        return OUTCOMES[to_text(tree)]
+
+
+def scripted() -> tuple[RunContext, Scripted]:
+    given = setup()
+    domain = Scripted(given.domain)
+    return replace(given, domain=domain), domain  # type: ignore[arg-type] # it makes no other
+
+
+@pytest.mark.parametrize(
+    ("target", "best"),
+    [
+        ("charging", CHARGE),
+        ("pickup", PICK),
+        ("rare", CHARGE),  # charging is the rarest of the state
+        ("integration", CHARGE),
+        ("exploration", PATROL),
+        ("humanoid", PATROL),  # none of them takes anything over: points decide
+    ],
+)
+def test_the_best_for_its_target(target: str, best: str) -> None:
+    """Its behaviour first, then points; all are tried in one world."""
+    given, domain = scripted()
+    found = try_out(Proposal(TREES[0], target, "r", TREES[1:]), state(), given)
+    assert to_text(found.chosen.tree) == best
+    assert (found.chosen.others, found.episodes) == ((), 3)
+    assert found.gain == OUTCOMES[best].fitness - OUTCOMES[PATROL].fitness
+    assert len(domain.seeds) == 3
+    assert len(set(domain.seeds)) == 1
+
+
+def test_worlds_of_trials_are_their_own() -> None:
+    """Another generation has another one, the same generation the same."""
+    given, domain = scripted()
+    for generation in (3, 3, 4):
+        try_out(Proposal(TREES[0], "pickup", "r", TREES[1:2]), state(generation), given)
+    first, again, later = domain.seeds[::2]
+    assert first == again != later
+
+
+def checked(*trees: object, candidates: int = 3) -> Accepted[Proposal] | Rejection:
+    check = check_proposal(Limits(3, 5), VOCABULARY, CLASSES.targets, candidates=candidates)
+    return check(said({"trees": list(trees), "target": "rare", "rationale": "r"}))
+
+
+def test_candidates_that_cannot_be_used_are_left_out() -> None:
+    """The others stay, in their order, and the change is told; too many are cut off."""
+    found = checked("FlyHome", PATROL, CHARGE, PICK)
+    assert isinstance(found, Accepted)
+    assert (found.value.tree, found.value.others) == (TREES[0], TREES[1:2])
+    assert found.change == "2 of 3 trees"
+
+
+def test_where_none_can_be_used_the_first_error_is_told() -> None:
+    """It is what the repair turn tells the model."""
+    found = checked("FlyHome", "selector {")
+    assert isinstance(found, Rejection)
+    assert found.stage is RejectionStage.NAMES
+    for wrong in ([], "x", [7]):
+        check = check_proposal(Limits(3, 5), VOCABULARY, CLASSES.targets, candidates=2)
+        answer = check(said({"trees": wrong, "target": "rare", "rationale": "r"}))
+        assert isinstance(answer, Rejection)
+        assert answer.stage is RejectionStage.FIELDS
+        assert "trees: expected a list of texts, one at least" in answer.error
+
+
+def test_the_question_asks_for_so_many() -> None:
+    """In its words and in its schema, with both prompt sets."""
+    for name in ("paper", "informed"):
+        found = Adviser(settings("candidates=4", f"prompts={name}"), setup())
+        request = found.tree_request(state(), DIALECT)
+        assert "- trees: 4 trees for the same target" in request.system
+        assert '"trees": [TEXT, TEXT, ...]' in request.system
+        assert request.schema is not None
+        assert request.schema["properties"]["trees"]["type"] == "array"
+
+
+def test_what_a_trial_took_and_gained_is_told(tmp_path: Path) -> None:
+    """In the record's notes and in the costs."""
+    given, _ = scripted()
+    answer = {"trees": [PATROL, CHARGE], "target": "charging", "rationale": "c"}
+    llm, _ = supervisor(
+        answering(tree=answer), "candidates=2", given=replace(given, folder=tmp_path)
+    )
+    guidance = advise(llm)
+    assert guidance.tree == TREES[1]
+    assert "number 2 of 2 tried in world" in guidance.notes["trial"]
+    assert "3 for charging, 100 points; the first has 0 and 900" in guidance.notes["trial"]
+    spent = llm.spent()
+    assert (spent["trials"], spent["episodes"], spent["trial_gain"]) == (1, 2, -800)
+
+
+def test_runs_with_candidates_repeat(tmp_path: Path) -> None:
+    """Live and from the transcript: the same bytes, and real episodes."""
+    short = ("gp.generations=4", "world.episode.length=20")
+
+    def answer(request: Mapping[str, Any]) -> Any:
+        if "trees" not in str(request.get("system")):
+            return "no"
+        return {"trees": [PATROL, PICK, "wrong"], "target": "pickup", "rationale": "r"}
+
+    with MessagesServer(answer=answer) as server:
+        found = live(server, tmp_path / "live", *short, "supervisor.policy.candidates=3")
+    assert lines(replayed(tmp_path / "live", tmp_path / "again", *short)) == lines(found)
+    assert found[-1].cost.llm["trials"] == 3
+    for step in found[:-1]:
+        assert step.record.guidance is not None
+        assert "of 2 tried in world" in step.record.guidance.notes["trial"]
+
+
+def test_prompts_of_one_s_own_must_say_it(tmp_path: Path) -> None:
+    """Without the variables of the answer's form a model would not know that it may give more."""
+    for file in resource("prompts").glob("*.md"):
+        text = file.read_text(encoding="utf-8").replace("{{answer}}", "an answer")
+        (tmp_path / file.name).write_text(text, encoding="utf-8")
+    assert Adviser(settings(f"prompts={tmp_path}"), setup())
+    with pytest.raises(SupervisionError, match=r"Expected \{\{answer\}\} and"):
+        Adviser(settings(f"prompts={tmp_path}", "candidates=2"), setup())

@@ -1,0 +1,293 @@
+"""prompts=informed: what it tells is right, can be switched off, has a largest size, repeats."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from islandgp.bt.language import parse
+from islandgp.errors import SupervisionError
+from islandgp.evaluation.base import Problem
+from islandgp.evaluation.serial import Serial
+from islandgp.evolution.loop import evolve
+from islandgp.evolution.record import IndividualRecord
+from islandgp.records.folder import RunFolder
+from islandgp.running.run import make_supervisor, setup_of
+from islandgp.scoring.state import PopulationState
+from islandgp.supervision.base import Guidance, RunContext, Seen, Supervisor
+from islandgp.supervision.llm.adviser import Adviser
+from islandgp.supervision.llm.chronicle import Chronicle
+from islandgp.supervision.llm.informed import most_lacking
+from islandgp.supervision.llm.prompts import Prompt, render
+from islandgp.supervision.llm.story import LINE, SPANS, Span, spans, story
+from islandgp.testing.faults import Fault, every
+from islandgp.testing.server import MessagesServer
+from tests.composed import composed
+from tests.goldens import check_golden
+from tests.llm.made import settings, state
+from tests.llm.test_prompts import DIALECT, whole
+from tests.llm.test_whole_run import lines, live, replayed
+from tests.made import CLASSES
+
+SMALL = ("gp.population=8", "gp.generations=8", "world.episode.length=40")
+INFORMED = "supervisor.policy.prompts=informed"
+PARTS = {
+    # a key that leaves a part out: what stands in the prompts only with it
+    "reasoning=false": "Think first",
+    "rewards=false": "What earns points here",
+    "classes=false": "What each class of this population earns",
+    "injected=0": "The trees that were injected last",
+    "traces=false": "What two trees of this population did",
+    "decisions=0": "The last decisions, and what followed",
+    "differ=false": "Do not send one of them back",
+}
+
+
+class Keeps:
+    """The expert, which keeps what it is told of each generation."""
+
+    name = "keeps"
+
+    def __init__(self, expert: Supervisor) -> None:
+        self.expert = expert
+        self.seen: list[Seen] = []
+        self.states: list[PopulationState] = []
+
+    def see(self, generation: Seen) -> None:
+        """See `Witness`."""
+        self.seen.append(generation)
+
+    def advise(self, at: PopulationState, rng: np.random.Generator) -> Guidance:
+        """See `Supervisor`."""
+        self.states.append(at)
+        return self.expert.advise(at, rng)
+
+
+@cache
+def small_run() -> tuple[RunContext, Keeps]:
+    """A run with real episodes, and what its supervisor was told."""
+    found = composed("supervisor=expert", *SMALL)
+    domain = found.make_domain()
+    keeps = Keeps(make_supervisor(found, None))
+    evaluator = Serial(Problem(domain, found.curriculum))
+    list(evolve(found.plan(domain), 5, keeps, evaluator))
+    return setup_of(found, domain, None), keeps
+
+
+def adviser(*overrides: str) -> Adviser:
+    """One with informed prompts that has seen the run."""
+    setup, keeps = small_run()
+    found = Adviser(settings("prompts=informed", *overrides), setup)
+    for seen in keeps.seen:
+        found.see(seen)
+    return found
+
+
+def both(found: Adviser) -> str:
+    """The questions for a rate and for a tree after the run's last question."""
+    at = small_run()[1].states[-1]
+    return whole(found.rate_request(at, DIALECT)) + whole(found.tree_request(at, DIALECT))
+
+
+def test_golden_informed_rate_prompt() -> None:
+    """The whole question for a mutation rate, after seven generations of a small run."""
+    at = small_run()[1].states[-1]
+    found = whole(adviser().rate_request(at, DIALECT))
+    check_golden("prompt_informed_mutation_rate.md", found)
+
+
+def test_golden_informed_tree_prompt() -> None:
+    """The whole question for a tree, traces and fates included."""
+    at = small_run()[1].states[-1]
+    found = whole(adviser().tree_request(at, DIALECT))
+    check_golden("prompt_informed_tree_explore.md", found)
+
+
+@pytest.mark.parametrize("key", PARTS)
+def test_each_part_can_be_left_out(key: str) -> None:
+    """One key takes away its part and no other one."""
+    found = both(adviser(f"informed.{key}"))
+    assert PARTS[key] not in found
+    assert all(text in found for other, text in PARTS.items() if other != key)
+    assert "{{" not in found
+
+
+def test_reasons_come_before_the_decision() -> None:
+    """In the schema's order, too: a server that keeps to it writes the fields in that order."""
+    at = small_run()[1].states[-1]
+    for key, first in (("reasoning=true", True), ("reasoning=false", False)):
+        found = adviser(f"informed.{key}")
+        rate = found.rate_request(at, DIALECT).schema
+        tree = found.tree_request(at, DIALECT).schema
+        assert rate is not None
+        assert tree is not None
+        for shape, why, what in ((rate, "reasoning", "mutation_rate"), (tree, "rationale", "tree")):
+            order = list(shape["properties"])
+            assert (order.index(why) < order.index(what)) is first
+            assert shape["required"] == order
+
+
+def test_before_the_first_generation_nothing_is_known() -> None:
+    """The parts that a run fills are left out, and no trace is played."""
+    found = Adviser(settings("prompts=informed"), small_run()[0])
+    text = whole(found.tree_request(state(), DIALECT))
+    assert PARTS["rewards=false"] in text
+    assert all(PARTS[k] not in text for k in ("classes=false", "injected=0", "traces=false"))
+
+
+def test_traces_tell_the_episode_that_was_scored() -> None:
+    """The world and the factors are those of the record, so the points are, too."""
+    setup, keeps = small_run()
+    seen = keeps.seen[-1]
+    best = max(seen.individuals, key=lambda i: i.fitness)
+    text = adviser()._told(keeps.states[-1]).values["traces"]
+    assert f"of class {best.specialist}, {best.fitness:,.0f} points" in text
+    outcome, _ = story(setup.domain, parse(best.tree), seen.worlds[0], seen.multipliers)
+    assert outcome.fitness == best.fitness
+
+
+def test_prompts_have_a_largest_size() -> None:
+    """The largest trees, the longest histories: not more than the documented characters."""
+    setup, keeps = small_run()
+    huge = "sequence { " + "PatrolWaypoint " * 49 + "}\n"
+    found = Adviser(settings("prompts=informed"), setup)
+    for _ in range(5):
+        for seen in keeps.seen:
+            trees = tuple(
+                replace(i, tree=huge, origin="injected", fitness=-123456789.0)
+                for i in seen.individuals
+            )
+            found.see(replace(seen, individuals=trees))
+    at = keeps.states[-1]
+    plain = Adviser(settings(), setup)
+    for name in ("rate_request", "tree_request"):
+        asked = getattr(found, name)(at, DIALECT).turns[0]
+        assert len(asked) - len(getattr(plain, name)(at, DIALECT).turns[0]) < 30_000
+
+
+@pytest.mark.parametrize("lag", [0, 2])
+def test_runs_repeat_and_go_on(tmp_path: Path, lag: int) -> None:
+    """Live, replayed, and stopped and gone on: the same bytes, also with faults and a lag."""
+    again = ("gp.generations=6", "world.episode.length=20", f"supervisor.lag={lag}")
+    how = (*again, INFORMED)
+    with MessagesServer(every(4, [Fault.UNKNOWN_ACTION, Fault.HTML])) as server:
+        found = live(server, tmp_path / "live", *how)
+    assert lines(replayed(tmp_path / "live", tmp_path / "again", *again)) == lines(found)
+    assert found[-1].cost.llm["episodes"] >= 6 - 1 - lag
+    with MessagesServer() as server:
+        whole_run = live(server, tmp_path / "whole", *how)
+        first = live(server, tmp_path / "parts", *how, stop=2)
+        past = [step.record for step in first]
+        rest = live(server, tmp_path / "parts", *how, start=first[-1].state, past=past)
+    assert lines([*first, *rest]) == lines(whole_run)
+
+
+def individual(
+    at: str, fitness: float, *parents: str, origin: str = "crossover"
+) -> IndividualRecord:
+    """A line of a made-up lineage; trees are told apart by their ids."""
+    one = small_run()[1].seen[0].individuals[0]
+    return replace(one, id=at, fitness=fitness, parents=parents, origin=origin, tree=f"{at}\n")
+
+
+def test_the_fate_of_a_tree() -> None:
+    """Ranks, heirs by any parent, unchanged copies, and the end are those of the records."""
+    seen, *_ = small_run()[1].seen
+    populations = [
+        [individual("0.0", 9), individual("0.1", 5, origin="injected"), individual("0.2", 7)],
+        [
+            replace(individual("1.0", 9, "0.1", origin="elite"), tree="0.1\n"),
+            individual("1.1", 10, "0.0", "0.1"),
+            individual("1.2", 11, "0.0"),
+        ],
+        [individual("2.0", 1, "1.2"), individual("2.1", 8, "1.1", "1.2")],
+        [individual("3.0", 1, "2.0")],
+    ]
+    run, fates = Chronicle(), []
+    for generation, people in enumerate(populations):
+        now = replace(seen.snapshot, generation=generation)
+        run = run.followed_by(replace(seen, snapshot=now, individuals=tuple(people)))
+        fates.append(run.fates[0])
+    assert [(f.rank, f.fitness) for f in fates] == [(3, 5)] * 4
+    assert [len(f.alive) for f in fates] == [1, 2, 1, 0]
+    assert [f.best_rank for f in fates] == [3, 2, 1, None]
+    assert [f.unchanged for f in fates] == [True, True, False, False]
+    assert (fates[-1].most_alive, fates[-1].last) == (2, 2)
+
+
+def test_the_most_lacking_shows_the_fewest_behaviours() -> None:
+    """Of equals it is the least fit."""
+    one = individual("0.0", 5)
+    nothing = dict.fromkeys(one.counters, 0.0)
+    people = [
+        replace(one, id="a", fitness=1, counters={**nothing, "pickups": 1.0}),
+        replace(one, id="b", fitness=9, counters=nothing),
+        replace(one, id="c", fitness=2, counters=nothing),
+    ]
+    assert most_lacking(people, CLASSES).id == "c"
+
+
+def test_spans_are_cut_where_the_actions_change() -> None:
+    """Two halves are two spans; one action is one; there are never more than SPANS."""
+    halves = ["a"] * 300 + ["b"] * 300
+    assert spans(halves) == [
+        Span(0, 300, Counter({"a": 300})),
+        Span(300, 600, Counter({"b": 300})),
+    ]
+    assert spans(["a"] * 7) == [Span(0, 7, Counter({"a": 7}))]
+    assert spans([]) == []
+    many = [f"{i // 10}" for i in range(600)]
+    assert len(spans(many)) == SPANS
+    assert sum(spans(many)[1:], spans(many)[0]).actions == Counter(many)
+
+
+def test_stories_are_bounded_lines() -> None:
+    """Also of a tree with many actions that nothing ever reaches."""
+    setup, keeps = small_run()
+    seen = keeps.seen[0]
+    tree = parse("selector { PatrolWaypoint " + "ExecuteCharge PickupGarbage " * 20 + "}")
+    _, told = story(setup.domain, tree, seen.worlds[0], seen.multipliers)
+    assert all(len(line) <= LINE for line in told)
+    assert any("never done" in line and "ExecuteCharge" in line for line in told)
+    assert told[0].startswith("- 0 to ")
+
+
+@pytest.mark.parametrize("text", ["{{#a}}x", "x{{/a}}", "{{#a}}{{#b}}{{/b}}{{/a}}"])
+def test_sections_come_in_pairs(text: str) -> None:
+    """Anything else is told before a run starts."""
+    with pytest.raises(SupervisionError, match=r"prompts/p.md: expected .* in pairs"):
+        render(Prompt("p", "", text), {"a": "1", "b": "2"})
+
+
+def test_sections_of_nothing_are_left_out() -> None:
+    """A section stands there where its value is not empty."""
+    prompt = Prompt("p", "", "a{{#b}} {{b}}!{{/b}}c")
+    assert render(prompt, {"b": "x"})[1] == "a x!c"
+    assert render(prompt, {"b": ""})[1] == "ac"
+
+
+def test_the_transcript_counts_episodes_once(tmp_path: Path) -> None:
+    """Asking again after a stop plays the traces again; they are written down once."""
+    how = ("gp.generations=4", "world.episode.length=20", INFORMED)
+    with MessagesServer() as server:
+        live(server, tmp_path, *how)
+        live(server, tmp_path, *how)
+    text = (tmp_path / "transcript.jsonl").read_text(encoding="utf-8")
+    played = [json.loads(line) for line in text.splitlines() if '"line": "played"' in line]
+    assert [line["generation"] for line in played] == [0, 1, 2]
+
+
+def test_records_are_read_as_they_were_made(tmp_path: Path) -> None:
+    """What a run that goes on tells its supervisor is what the loop told it."""
+    folder = RunFolder(tmp_path)
+    with MessagesServer() as server:
+        found = live(server, tmp_path, "gp.generations=3", "world.episode.length=20")
+    for step in found:
+        folder.append(step)
+    assert list(folder.generations()) == [step.record for step in found]

@@ -1,0 +1,90 @@
+"""The mock in a model's place: its judgement is a rule's, its noise and faults are seeded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+
+from islandgp.bt.language import parse
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.scoring.state import PopulationState
+from islandgp.supervision.llm.adviser import Adviser
+from islandgp.supervision.llm.message import Request
+from islandgp.supervision.llm.validation import Accepted, check_decision, check_proposal
+from islandgp.testing.mock_model import MockModel
+from tests.llm.made import said, settings, setup, state
+from tests.llm.test_informed import adviser, small_run
+from tests.llm.test_prompts import DIALECT
+
+
+def wire(request: Request) -> dict[str, Any]:
+    """A request as it arrives at a server."""
+    return {
+        "system": request.system,
+        "messages": [{"role": "user", "content": turn} for turn in request.turns],
+    }
+
+
+@pytest.fixture(scope="module")
+def paper() -> Adviser:
+    return Adviser(settings(), setup())
+
+
+def rate(of: Adviser, at: PopulationState, model: MockModel | None = None) -> Any:
+    return (model or MockModel())(wire(of.rate_request(at, DIALECT)))
+
+
+def tree(of: Adviser, at: PopulationState, model: MockModel | None = None) -> Any:
+    return (model or MockModel())(wire(of.tree_request(at, DIALECT)))
+
+
+def test_it_judges_by_the_prompt(paper: Adviser) -> None:
+    """Phases by quality first, rates from the prompt's own table, trees for what is missing."""
+    assert rate(paper, state())["phase"] == "early_exploration"
+    assert rate(paper, state(ever=True))["phase"] == "aggressive_exploration"
+    assert rate(paper, state(complete=1))["phase"] == "refinement"
+    assert rate(paper, state(complete=5))["phase"] == "exploitation"  # the best rises by a third
+    assert rate(paper, state(complete=5))["mutation_rate"] == pytest.approx(0.117)
+    assert tree(paper, state())["target"] == "charging"  # nobody does it
+
+
+def test_its_answers_can_be_used(paper: Adviser) -> None:
+    """With both prompt sets, with and without candidates."""
+    at = small_run()[1].states[-1]
+    for found in (paper, adviser(), adviser("candidates=3")):
+        n, limits = found.settings.candidates, found.setup.limits
+        targets = at.targets
+        proposal = check_proposal(limits, VOCABULARY, targets, candidates=n)(said(tree(found, at)))
+        assert isinstance(proposal, Accepted)
+        assert len(proposal.value.others) == n - 1
+        decision = check_decision(found.settings.rate)(said(rate(found, at)))
+        assert isinstance(decision, Accepted)
+
+
+def test_it_goes_by_fates_and_traces() -> None:
+    """A target whose trees died out twice gives way; the answer is no example of the prompt."""
+    at, found = small_run()[1].states[-1], adviser()
+    assert at.lacking[0] == "humanoid"
+    assert tree(found, at)["target"] == "clearing"  # two trees for humanoid died out
+    assert tree(Adviser(settings(), found.setup), at)["target"] == "humanoid"
+    library = found.setup.library().trees.values()
+    assert parse(tree(found, at)["tree"]) not in library
+
+
+def test_noise_and_faults_are_seeded(paper: Adviser) -> None:
+    """The same seed, the same answers; the shares are those that were asked for."""
+    states = [state(g, complete=g % 4) for g in range(200)]
+
+    def answers(**how: Any) -> list[Any]:
+        return [rate(paper, at, MockModel(**how)) for at in states]
+
+    plain = answers()
+    assert plain == answers(seed=3)  # without noise the seed decides nothing
+    spoilt = [a for a in answers(faults=0.3) if not isinstance(a, Mapping)]
+    assert 40 < len(spoilt) < 80
+    noisy = answers(noise=0.5)
+    assert noisy == answers(noise=0.5)
+    assert noisy != answers(noise=0.5, seed=1)
+    assert 50 < sum(a != b for a, b in zip(plain, noisy, strict=True)) < 120

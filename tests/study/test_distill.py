@@ -1,0 +1,210 @@
+"""`islandgp distill`: a policy read off past decisions, checked on runs that were held back."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from islandgp.cli import islandgp
+from islandgp.errors import StudyError, SupervisionError
+from islandgp.records.folder import RunFolder
+from islandgp.running.app import main
+from islandgp.seeding import Stream, stream
+from islandgp.study.distill import Case, Shape, distil, told
+from islandgp.supervision.distilled import (
+    Answer,
+    Distilled,
+    Policy,
+    Question,
+    decide,
+    features,
+    read_policy,
+    rules,
+)
+from tests.composed import composed
+from tests.llm.made import setup, state
+
+CRISIS = setup().crisis
+SMALL = ("gp.population=8", "gp.generations=8", "world.episode.length=20", "evaluator=serial")
+
+
+def cases(runs: int = 4) -> list[Case]:
+    """A teacher that goes by one number: below 5 a low rate and `rare`."""
+    return [
+        Case(run, {"x": float(i), "y": 1.0}, "rare" if i < 5 else "pickup", 0.1 if i < 5 else 0.4)
+        for run in range(runs)
+        for i in range(10)
+    ]
+
+
+def test_a_rule_of_one_question_is_found() -> None:
+    """Exactly, also on runs that were held back; the noise field is not asked for."""
+    policy = distil(cases(), "me", Shape())
+    for rule in (policy.target, policy.rate):
+        assert isinstance(rule, Question)
+        assert (rule.feature, rule.at_most) == ("x", 4.5)
+    assert policy.target == Question(
+        feature="x",
+        at_most=4.5,
+        yes=Answer(answer="rare", cases=20),
+        no=Answer(answer="pickup", cases=20),
+    )
+    report = policy.report
+    assert (report["target_agreement"], report["rate_error"]) == (1.0, 0.0)
+    assert (report["target_commonest"], report["rate_error_mean"]) == (0.5, pytest.approx(0.15))
+    shown = ["x <= 4.5", "  0.100 (20 cases)", "x > 4.5", "  0.400 (20 cases)"]
+    assert list(rules(policy.rate)) == shown
+    assert "Targets: 100% of 40 agree" in "\n".join(told(policy))
+
+
+def test_agreement_is_that_of_runs_held_back() -> None:
+    """A run whose teacher decides otherwise is not learnt by heart: all of its cases are wrong."""
+    odd = [replace(case, target="pickup" if case.target == "rare" else "rare") for case in cases()]
+    mixed = [case if case.run else other for case, other in zip(cases(), odd, strict=True)]
+    report = distil(mixed, "me", Shape()).report
+    assert (report["target_agreement"], report["target_agreement_least"]) == (0.75, 0.0)
+
+
+def test_the_teacher_s_gaps_are_left_out() -> None:
+    """Where it gave no tree or no rate of its own there is nothing to learn."""
+    some = [replace(c, target=None) if c.run == 2 else replace(c, rate=None) for c in cases()]
+    report = distil([*cases(2), *(replace(c, run=c.run + 2) for c in some)], "me", Shape()).report
+    assert (report["targets"], report["rates"]) == (20 + 30, 20 + 10)
+
+
+def test_too_few_runs_are_told() -> None:
+    """One run cannot be held back and learnt from."""
+    with pytest.raises(StudyError, match="at least two runs"):
+        distil(cases(1), "me", Shape())
+    with pytest.raises(StudyError, match="Expected rates"):
+        distil([replace(c, rate=None) for c in cases()], "me", Shape())
+
+
+def test_features_are_numbers_of_the_state() -> None:
+    """Each has the name of a field, and how far a behaviour is ahead of the rarest."""
+    found = features(state(), CRISIS)
+    assert found["fitness.best"] == 4000
+    assert found["milestones.complete_seen"] == 0
+    assert (found["ahead.pickup"], found["ahead.charging"]) == (14, 0)
+    assert all(isinstance(value, float) for value in found.values())
+
+
+@pytest.fixture(scope="module")
+def learnt(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three small runs of the expert, and the policy that the command makes of them."""
+    home = tmp_path_factory.mktemp("learnt")
+    common = [*SMALL, "tracking=off", "progress=off", f"runs='{home}/my runs'"]
+    assert main([*common, "supervisor=expert", "seed=range(3)", "-m"]) == 0
+    words = ["distill", str(home / "my runs"), "-o", str(home / "the policy"), "--cases", "2"]
+    done = CliRunner().invoke(islandgp, words)
+    assert done.exit_code == 0, done.output
+    assert "Teacher: expert, 3 runs" in done.output
+    return home
+
+
+def test_the_policy_plays(learnt: Path) -> None:
+    """A run of it follows its rules; the same command again makes the same policy."""
+    folder = learnt / "the policy"
+    common = [*SMALL, "tracking=off", "progress=off", f"runs='{learnt}/played'"]
+    play = ["supervisor=distilled", f"supervisor.policy.folder='{folder}'", "seed=7"]
+    assert main([*common, *play]) == 0
+    run = RunFolder(next((learnt / "played").rglob("generations.jsonl")).parent)
+    policy = read_policy(folder)
+    given = [record.guidance for record in run.generations()][:-1]
+    assert {g.source for g in given if g} == {"distilled"}
+    targets = {str(a.answer) for a in _answers(policy.target)}
+    assert {g.target for g in given if g} <= targets
+    again = ["distill", str(learnt / "my runs"), "-o", str(learnt / "b"), "--cases", "2"]
+    assert CliRunner().invoke(islandgp, again).exit_code == 0
+    assert (learnt / "b" / "policy.json").read_bytes() == (folder / "policy.json").read_bytes()
+    mixed = ["distill", str(learnt / "my runs"), str(learnt / "played"), "-o", str(learnt / "c")]
+    done = CliRunner().invoke(islandgp, mixed)
+    assert isinstance(done.exception, StudyError)
+    assert "found those of distilled, expert" in str(done.exception)
+
+
+def _answers(rule: object) -> list[Answer]:
+    if isinstance(rule, Answer):
+        return [rule]
+    assert isinstance(rule, Question)
+    return [*_answers(rule.yes), *_answers(rule.no)]
+
+
+def test_advice_is_what_the_policy_says() -> None:
+    """Rate and target of the rules, a tree of the library for it."""
+    rule = Question(
+        feature="tiers.complete",
+        at_most=0.5,
+        yes=Answer(answer="charging", cases=1),
+        no=Answer(answer="integration", cases=1),
+    )
+    policy = Policy(
+        format=1, teacher="me", target=rule, rate=Answer(answer=0.23, cases=2), report={}
+    )
+    settings = composed("supervisor=distilled").supervisor.settings()
+    given = setup()
+    made = Distilled(policy, _expert(settings, given), given.crisis)
+    for at, target in ((state(), "charging"), (state(complete=2), "integration")):
+        found = made.advise(at, stream(0, Stream.SUPERVISION))
+        assert (found.mutation_rate, found.target, found.source) == (0.23, target, "distilled")
+        assert found.tree in given.library().trees.values()
+    assert decide(rule, features(state(complete=1), CRISIS)) == "integration"
+
+
+def _expert(settings: object, given: object) -> object:
+    from islandgp.supervision.expert import Expert
+
+    return Expert.make(settings, given)  # type: ignore[arg-type] # its settings are the expert's
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"target": {"answer": "dance", "cases": 1}}, "Expected targets of this experiment"),
+        ({"rate": {"answer": "much", "cases": 1}}, "Expected rates that are numbers"),
+        (
+            {"rate": {"feature": "moon", "at_most": 1, "yes": {}, "no": {}}},
+            "Expected a policy in",
+        ),
+        (
+            {
+                "rate": {
+                    "feature": "moon",
+                    "at_most": 1,
+                    "yes": {"answer": 0.1, "cases": 1},
+                    "no": {"answer": 0.2, "cases": 1},
+                }
+            },
+            "asks for 'moon'",
+        ),
+        ({"format": 2}, "found another file"),
+        ("[" * 100_000, "found another file"),
+        ("", "found another file"),
+    ],
+)
+def test_policies_that_do_not_fit_are_told(tmp_path: Path, change: object, said: str) -> None:
+    """In one line, before anything runs."""
+    good = {
+        "format": 1,
+        "teacher": "me",
+        "target": {"answer": "rare", "cases": 1},
+        "rate": {"answer": 0.2, "cases": 1},
+        "report": {},
+    }
+    text = change if isinstance(change, str) else json.dumps({**good, **change})  # type: ignore[dict-item] # a mapping
+    (tmp_path / "policy.json").write_text(text, encoding="utf-8")
+    settings = composed("supervisor=distilled", f"supervisor.policy.folder={tmp_path}")
+    with pytest.raises(SupervisionError, match=said):
+        Distilled.ready(settings.supervisor.settings(), setup())
+
+
+def test_a_missing_policy_is_told(tmp_path: Path) -> None:
+    """With the command that makes one."""
+    for folder in ("null", str(tmp_path)):
+        settings = composed("supervisor=distilled", f"supervisor.policy.folder={folder}")
+        with pytest.raises(SupervisionError, match="islandgp distill"):
+            Distilled.ready(settings.supervisor.settings(), setup())
