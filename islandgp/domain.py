@@ -11,7 +11,9 @@ domain against this contract, and docs/domains.md builds one step by step.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import struct
+import zlib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, NamedTuple, Protocol, Self
 
@@ -116,7 +118,20 @@ class Scene:
     fixed: tuple[Thing, ...] = ()  # the same in each tick of an episode
     items: tuple[Thing, ...] = ()  # they come and go, and do not move
     movers: tuple[Thing, ...] = ()  # as many in each tick, in the same order; the robot is the last
-    frame: bytes = b""  # a PNG instead, as a simulator renders it
+    frame: Callable[[], bytes] | None = None
+    """A simulator's own picture instead: renders it as a PNG. Called at once or not at all."""
+
+
+def png(pixels: Any) -> bytes:
+    """A picture for `Scene.frame`: of an array of shape (height, width, 3) of 8-bit numbers."""
+    height, width, _ = pixels.shape
+    lines = b"".join(b"\0" + pixels[row].tobytes() for row in range(height))
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(lines)), (b"IEND", b""))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        for kind, data in chunks
+    )
 
 
 class Observer(Protocol):

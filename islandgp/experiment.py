@@ -18,7 +18,6 @@ from islandgp.bt.language import parse, to_text
 from islandgp.bt.node import Node
 from islandgp.config.settings import Settings
 from islandgp.domain import Domain, Outcome
-from islandgp.evaluation.base import Problem
 from islandgp.evaluation.serial import Serial
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import Step
@@ -46,7 +45,7 @@ class Experiment:
         from islandgp.running.run import make_supervisor, plan_of
 
         supervisor = make_supervisor(self.settings, None)
-        evaluator = Serial(Problem(self.domain, self.settings.curriculum))
+        evaluator = Serial(self.settings.problem())
         plan = plan_of(self.settings, self.domain)
         yield from evolve(plan, self.settings.seed, supervisor, evaluator)
 
@@ -69,8 +68,10 @@ class Experiment:
         """
         node = self.parse(tree) if isinstance(tree, str) else self.parse(to_text(tree))
         last = len(self.settings.curriculum.stages) - 1
-        weights = self.settings.curriculum.multipliers(last if stage is None else stage)
-        return [self.domain.run_episode(node, seed, weights) for seed in worlds]
+        stage = last if stage is None else stage
+        domain = self.settings.problem().at(stage)
+        weights = self.settings.curriculum.multipliers(stage)
+        return [domain.run_episode(node, seed, weights) for seed in worlds]
 
     def run(self) -> Results:
         """Runs it as the command does, or what is missing of it, with records and tracking.

@@ -91,13 +91,11 @@ def tree_in_domain(
         ConfigError, DomainError: the domain is not configured so, or is not the tree's.
         TreeError: the file holds no tree in the words of the domain.
     """
-    from islandgp.evaluation.base import Problem
-
     text, name = read_text(file), called(file)
     settings = configured(for_tree(text, overrides, config_dir, name=name), config_dir)
-    domain = settings.make_domain()
-    tree = parse(text, domain.schema.vocabulary, name=name, folder=folder_of(file))
-    return tree, settings, Problem(domain, settings.curriculum)
+    problem = settings.problem()
+    tree = parse(text, problem.domain.schema.vocabulary, name=name, folder=folder_of(file))
+    return tree, settings, problem
 
 
 def vocabulary_of(

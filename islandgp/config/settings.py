@@ -22,8 +22,9 @@ from pydantic import (
     model_validator,
 )
 
-from islandgp.domain import Domain
+from islandgp.domain import Domain, Schema
 from islandgp.errors import ConfigError, IslandError
+from islandgp.evaluation.base import Problem, staged
 from islandgp.evolution.allocation import Allocation
 from islandgp.evolution.plan import GP, Plan, Switches
 from islandgp.evolution.random_trees import check_growth
@@ -141,6 +142,12 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
             domain: Domain = factory.make(self.world, self.rewards)
         return domain
 
+    def problem(self) -> Problem:
+        """What trees are evaluated in: the domain, and the worlds of the curriculum's stages."""
+        factory = self.domain.factory
+        with blaming(path_of(factory)):
+            return Problem.of(factory, self.world, self.rewards, self.curriculum)
+
     def plan(self, domain: Domain) -> Plan:
         """What evolution needs of it."""
         s = self.supervisor
@@ -173,10 +180,34 @@ def read_settings(config: Mapping[str, Any]) -> Settings:
 def _faults(settings: Settings) -> Iterator[str]:
     """A line for each name that the domain does not declare."""
     schema = settings.make_domain().schema
+    yield from _staged_worlds(settings, schema)
     if isinstance(settings.rewards, RewardTable):
         yield from settings.rewards.faults(schema)
     yield from settings.curriculum.faults(schema)
     yield from settings.classes.faults(schema)
+
+
+def _staged_worlds(settings: Settings, schema: Schema) -> Iterator[str]:
+    """A line for each stage whose world cannot be, or speaks another language."""
+    for i, stage in enumerate(settings.curriculum.stages):
+        if not stage.world:
+            continue
+        path, before = f"curriculum.stages.{i}.world", settings.world.model_dump()
+        try:
+            world = staged(settings.world, stage.world)
+        except ValidationError as error:
+            yield from (f"{path}.{line}" for line in _lines(error, {**before, **stage.world}))
+            continue
+        with blaming(path_of(settings.domain.factory)):
+            found = settings.domain.factory.make(world, settings.rewards).schema
+        if (found.vocabulary, *map(tuple, (found.components, found.counters))) != (
+            schema.vocabulary,
+            *map(tuple, (schema.components, schema.counters)),
+        ):
+            yield (
+                f"{path}: expected the same actions, keys, components and counters in every"
+                " stage, found others; leave them out of the stage"
+            )
 
 
 def _counted(config: Any, settings: Any, path: str = "") -> Iterator[str]:

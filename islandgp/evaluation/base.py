@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Protocol
+from typing import Any, Protocol, Self
+
+from pydantic import BaseModel
 
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node
@@ -29,6 +31,46 @@ class Problem:
 
     domain: Domain
     curriculum: Curriculum
+    stages: tuple[Domain, ...] = ()  # by stage, where stages change the world; empty: none does
+
+    @classmethod
+    def of(cls, factory: Any, world: Any, rewards: Any, curriculum: Curriculum) -> Self:
+        """The problem that configuration describes.
+
+        Args:
+            factory: a class that is a Domain.
+            world, rewards: its settings.
+            curriculum: its stages may change settings of the world.
+
+        Raises:
+            ConfigError: the domain refuses these settings.
+            pydantic.ValidationError: a stage changes the world to one that cannot be.
+        """
+        stages: tuple[Domain, ...] = ()
+        if any(stage.world for stage in curriculum.stages):
+            stages = tuple(
+                factory.make(staged(world, stage.world), rewards) for stage in curriculum.stages
+            )
+        return cls(factory.make(world, rewards), curriculum, stages)
+
+    def at(self, stage: int) -> Domain:
+        """The domain of a stage's index."""
+        return self.stages[stage] if self.stages else self.domain
+
+
+def staged(world: BaseModel, changes: Mapping[str, Any]) -> BaseModel:
+    """The world with a stage's changes. Raises pydantic.ValidationError where they do not fit."""
+    return type(world).model_validate(_merged(world.model_dump(), changes)) if changes else world
+
+
+def _merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
+    both = {
+        key: _merged(old[key], value)
+        if isinstance(value, Mapping) and isinstance(old.get(key), Mapping)
+        else value
+        for key, value in new.items()
+    }
+    return {**old, **both}
 
 
 class Evaluator(Protocol):
@@ -69,7 +111,7 @@ def simulate(setting: Problem, job: Job) -> Outcome:
     """
     weights = setting.curriculum.multipliers(job.stage)
     try:
-        return setting.domain.run_episode(_tree(job.tree), job.seed, weights)
+        return setting.at(job.stage).run_episode(_tree(job.tree), job.seed, weights)
     except Exception as error:
         raise EvaluationError(blame(job, f"{type(error).__name__}: {error}")) from error
 

@@ -21,7 +21,7 @@ def setting_of(config: Mapping[str, Any]) -> Problem:
     factory = imported(config["domain"]["factory"])
     world = factory.World.model_validate(config["world"])
     rewards = factory.Rewards.model_validate(config["rewards"])
-    return Problem(factory.make(world, rewards), Curriculum(**config["curriculum"]))
+    return Problem.of(factory, world, rewards, Curriculum(**config["curriculum"]))
 
 
 def check_version(config: Mapping[str, Any]) -> None:

@@ -43,10 +43,13 @@ class Allocation(BaseModel, frozen=True, extra="forbid"):
 
     @model_validator(mode="after")
     def _ranges(self) -> Allocation:
-        for name in ("diversity", "tournament"):
+        lowest = {"diversity": 1, "tournament": 0}  # without children it is a random search
+        for name in lowest:
             least, most = getattr(self, name)
-            if not 1 <= least <= most:
-                raise ValueError(f"{name}: expected 1 <= least <= most, found [{least}, {most}]")
+            if not lowest[name] <= least <= most:
+                raise ValueError(
+                    f"{name}: expected {lowest[name]} <= least <= most, found [{least}, {most}]"
+                )
         enough, low = self.diversity_targets
         if not 0 <= low <= enough <= 1:
             raise ValueError(

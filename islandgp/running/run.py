@@ -19,7 +19,7 @@ from islandgp.bt.limits import within
 from islandgp.config.settings import Settings
 from islandgp.domain import Domain
 from islandgp.errors import ConfigError
-from islandgp.evaluation.base import Cached, Evaluator, Problem
+from islandgp.evaluation.base import Cached, Evaluator
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.plan import Plan
 from islandgp.evolution.record import Champion, Step
@@ -157,7 +157,7 @@ def check_ready(settings: Settings, coming: frozenset[Path] = frozenset()) -> No
 
 def make_evaluator(settings: Settings) -> Evaluator:
     """The evaluator that the settings choose."""
-    setting = Problem(settings.make_domain(), settings.curriculum)
+    setting = settings.problem()
     part = settings.evaluator
     evaluator: Evaluator = part.factory.make(part.settings(), setting)
     return Cached(evaluator) if part.cache else evaluator

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import BaseModel, Field, FiniteFloat, model_validator
 
@@ -18,6 +18,8 @@ class Stage(BaseModel, frozen=True, extra="forbid"):
 
     epochs: tuple[int, int]  # first and last epoch, from 1
     multipliers: dict[str, Multiplier]  # by component; 1 for those not named
+    world: dict[str, Any] = Field(default_factory=dict)
+    """Settings of the group `world` that are others in this stage, e.g. `{levels: [DoorKey]}`."""
 
 
 class Curriculum(BaseModel, frozen=True, extra="forbid"):

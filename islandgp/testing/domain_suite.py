@@ -184,6 +184,12 @@ class DomainSuite:
                     assert thing.form in domain.schema.forms, f"Expected a form, found {thing}"
             assert len({len(scene.movers) for scene in scenes}) <= 1, "as many movers in each tick"
 
+    def test_frames_are_pictures(self) -> None:
+        """A simulator's own frame is a PNG."""
+        domain = self.make_domain()
+        tree = next(self.trees(domain))
+        domain.run_episode(tree, 0, {}, _Pictures())
+
 
 class _Seen(Observer):
     """Everything that an observer is told."""
@@ -204,6 +210,16 @@ class _Seen(Observer):
 
     def credit(self, component: str, points: float, event: str, action: str) -> None:
         self.credits.append((component, points, event, action))
+
+
+class _Pictures(_Seen):
+    """Looks at the first frames."""
+
+    def tick(self, board: Sequence[float], scene: Scene | None) -> None:
+        super().tick(board, scene)
+        if scene is not None and scene.frame is not None and len(self.boards) <= 3:
+            begin = scene.frame()[:8]
+            assert begin == b"\x89PNG\r\n\x1a\n", f"Expected a PNG, found {begin!r}..."
 
 
 def _watched(domain: Domain, tree: Node) -> tuple[Outcome, _Seen]:

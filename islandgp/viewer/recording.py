@@ -108,7 +108,7 @@ def record(tree: Node, setting: Problem, *, seed: int, stage: int) -> Recording:
     Raises:
         DomainError: the domain shows what its schema does not declare.
     """
-    domain = setting.domain
+    domain = setting.at(stage)
     schema = domain.schema
     recorder = Recorder(tree, schema)
     weights = setting.curriculum.multipliers(stage)
@@ -210,8 +210,9 @@ class Camera:
         self.scenes += 1
         if scene.items != self._items:
             self._see_items(scene.items, tick)
-        if scene.frame and (not self._frames or scene.frame != self._frames[-1][1]):
-            self._frames.append((tick, scene.frame))
+        frame = b"" if scene.frame is None else scene.frame()
+        if frame and (not self._frames or frame != self._frames[-1][1]):
+            self._frames.append((tick, frame))
         self._movers += [scene.movers] * (tick + 1 - len(self._movers))
 
     def _see_items(self, items: tuple[Thing, ...], tick: int) -> None:

@@ -53,6 +53,8 @@ NAMES_ONLY = ("", "evolution")  # packages whose __init__ holds nothing but name
 MAY_IMPORT: dict[str, tuple[str, ...]] = {
     # library: the modules that may
     "pymunk": ("domains.island",),
+    "minigrid": ("domains.minigrid",),
+    "gymnasium": ("domains.minigrid", "domains.gymnasium"),
     "hydra": ("config", "running", "experiment", "commands"),
     "omegaconf": ("config", "running", "commands"),
     "mlflow": ("tracking",),
@@ -77,6 +79,8 @@ SLOW = (
     "lark",
     "rich",
     "sklearn",
+    "gymnasium",
+    "minigrid",
 )
 
 DISTRIBUTIONS = {

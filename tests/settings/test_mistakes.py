@@ -147,7 +147,7 @@ ONE_LINE = [
     (["world.obstacles.count=30", "world.obstacles.gap=60"],
      "world.obstacles: expected room for 30 obstacles, found room for"),
     (["allocation.tournament=[25,18]"],
-     "allocation.tournament: expected 1 <= least <= most, found [25, 18]"),
+     "allocation.tournament: expected 0 <= least <= most, found [25, 18]"),
     (["~classes.tiers.complete"],
      "classes.milestones: expected one of excellent, full_service, balanced_elite, found"
      " 'complete'"),

@@ -9,6 +9,7 @@ import re
 import struct
 import zlib
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -411,7 +412,7 @@ def test_pictures_of_a_simulator(
 ) -> None:
     """Where a domain gives pictures, the one of the tick is shown."""
     pictures = [png(8, (200, 0, 0)), png(8, (0, 0, 200))]
-    scenes = [Scene(bounds, frame=pictures[tick // 10]) for tick in range(20)]
+    scenes = [Scene(bounds, frame=partial(bytes, pictures[tick // 10])) for tick in range(20)]
     open_small(browser, tmp_path, scenes=scenes)
     browser.run("new Promise(done => setTimeout(() => done(1), 200))")
     for tick, colour in ((3, [200, 0, 0]), (15, [0, 0, 200])):

@@ -6,6 +6,7 @@ import dataclasses
 import json
 import re
 from base64 import b64decode
+from functools import partial
 from math import isclose
 from typing import Any
 
@@ -126,7 +127,9 @@ def test_a_domain_that_tells_no_ticks() -> None:
 
 def test_frames_are_kept_where_they_change() -> None:
     """A picture that comes again is in the page once."""
-    scenes = [Scene((0, 0, 1, 1), frame=b"ab"[tick // 3 % 2 :][:1]) for tick in range(12)]
+    scenes = [
+        Scene((0, 0, 1, 1), frame=partial(bytes, b"ab"[tick // 3 % 2 :][:1])) for tick in range(12)
+    ]
     recording = small(scenes=scenes, ticks=12)
     assert recording.film is not None
     assert [tick for tick, _ in recording.film.frames] == [0, 3, 6, 9]
@@ -138,7 +141,7 @@ def test_frames_are_kept_where_they_change() -> None:
 def test_many_frames_are_thinned_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pictures of more bytes than a page may have: evenly spread ones of them are shown."""
     monkeypatch.setattr("islandgp.viewer.encode.MOST_FRAMES", 30)
-    scenes = [Scene((0, 0, 1, 1), frame=bytes([tick]) * 10) for tick in range(12)]
+    scenes = [Scene((0, 0, 1, 1), frame=partial(bytes, bytes([tick]) * 10)) for tick in range(12)]
     told = encode(small(scenes=scenes, ticks=12), title="t")["scene"]
     assert len(told["frames"]) == 3
     assert told["shown"] == [0, 0, 4, 1, 4, 2]

@@ -1,0 +1,5 @@
+"""MiniGrid of the Farama Foundation: a robot that looks for keys, doors and goals in a maze."""
+
+from islandgp.domains.minigrid.domain import MiniGrid
+
+__all__ = ["MiniGrid"]

@@ -1,0 +1,62 @@
+"""MiniGrid as a domain: an episode is a level, chosen by the world's seed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from difflib import get_close_matches
+from importlib.util import find_spec
+from typing import Any, ClassVar, Self
+
+from pydantic import BaseModel, Field
+
+from islandgp.domain import Schema
+from islandgp.domains.minigrid.robot import Robot
+from islandgp.domains.minigrid.vocabulary import SCHEMA
+from islandgp.errors import ConfigError
+from islandgp.scoring.rewards import RewardTable
+from islandgp.ticking import EventLog, Simulation, Stepped
+
+
+class Levels(BaseModel, frozen=True, extra="forbid"):
+    """The configuration group `world`."""
+
+    levels: tuple[str, ...] = Field(min_length=1)
+    """Names as MiniGrid has them, without `MiniGrid-` and `-v0`; a seed plays one of them."""
+    ticks: int = Field(ge=1, le=10_000)  # steps of an episode, at most; a level may have fewer
+
+
+class MiniGrid(Stepped):
+    """The domain."""
+
+    World: ClassVar[type[BaseModel]] = Levels
+    Episode: ClassVar[Callable[[Any, int, EventLog], Simulation]] = Robot
+    schema: Schema = SCHEMA
+
+    @classmethod
+    def make(cls, world: Levels, rewards: RewardTable) -> Self:
+        """See `Domain`. Raises ConfigError without MiniGrid, or for a level that it has not."""
+        if find_spec("minigrid") is None:
+            raise ConfigError(
+                "domain=minigrid: expected the package minigrid, found none; install it with"
+                " pip install 'islandgp[minigrid]'."
+            )
+        known = levels()
+        for level in world.levels:
+            if level not in known:
+                near = get_close_matches(level, known, 1, 0.4)
+                hint = f"did you mean {near[0]}?" if near else f"there is, e.g., {known[0]}"
+                raise ConfigError(
+                    f"world.levels: expected levels of MiniGrid that stand still, found {level!r};"
+                    f" {hint}"
+                )
+        return cls(world, rewards)
+
+
+def levels() -> list[str]:
+    """The levels that the domain can play: those in which nothing moves by itself."""
+    import gymnasium
+    import minigrid  # noqa: F401 -- it registers its levels
+
+    names = sorted(name for name in gymnasium.registry if name.startswith("MiniGrid-"))
+    short = [name.removeprefix("MiniGrid-").removesuffix("-v0") for name in names]
+    return [name for name in short if not name.startswith("Dynamic-Obstacles")]

@@ -1,0 +1,147 @@
+"""What the robot has seen of a level, and the ways through it.
+
+Places are bits of an integer: a set of places is a number, and a step of a search in all
+directions is four shifts. The field of view is MiniGrid's own (`Grid.process_vis`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import cache
+from typing import Any, Final
+
+VIEW: Final = 7  # places across and ahead, as MiniGrid's `agent_view_size`
+SIDE: Final = VIEW // 2
+ROW: Final = (1 << VIEW) - 1
+RIGHT, DOWN, LEFT, UP = range(4)  # MiniGrid's directions
+
+
+class Memory:
+    """A level as the robot knows it.
+
+    Attributes:
+        stride: places from one row to the next, a margin included.
+        inside: the places of the level.
+        seen: those of them that it has seen.
+        free: places without wall or thing, as they are; what is known is `free & seen`.
+    """
+
+    def __init__(self, width: int, height: int) -> None:
+        self.stride = width + 2 * VIEW
+        self._tall = height + 2 * VIEW
+        self.inside = sum(self.at(x, y) for x in range(width) for y in range(height))
+        self.seen = self.free = 0
+        self._seen_down = 0  # the same as `seen`, column by column
+        self._opaque = (1 << self.stride * self._tall) - 1  # row by row
+        self._opaque_down = self._opaque  # column by column
+
+    def at(self, x: int, y: int) -> int:
+        """The bit of a place."""
+        return 1 << (y + VIEW) * self.stride + x + VIEW
+
+    def fill(self, free: int, transparent: int) -> None:
+        """Says which places can be walked on, and which can be seen through."""
+        self.free = free
+        everything = (1 << self.stride * self._tall) - 1
+        self._opaque = everything & ~transparent
+        self._opaque_down = everything & ~self._down(transparent)
+
+    def _down(self, places: int) -> int:
+        """Places row by row as places column by column."""
+        found = 0
+        for bit in bits(places):
+            row, column = divmod(bit.bit_length() - 1, self.stride)
+            found |= 1 << column * self._tall + row
+        return found
+
+    def look(self, x: int, y: int, direction: int) -> int:
+        """Sees what is in view from a place; returns how many places are new."""
+        upright = direction in (UP, DOWN)
+        stride, opaque = (self.stride, self._opaque) if upright else (self._tall, self._opaque_down)
+        ahead, across = (y, x) if upright else (x, y)
+        shift = (ahead + VIEW) * stride + across + VIEW - SIDE
+        step = stride if direction in (RIGHT, DOWN) else -stride
+        row, found = 1 << SIDE, 0
+        for _ in range(VIEW):
+            row, further = spread(row, opaque >> shift & ROW)
+            found |= row << shift
+            if not further:
+                break
+            row = further
+            shift += step
+        if upright:
+            new = found & self.inside & ~self.seen
+            if new:
+                self.seen |= new
+                self._seen_down |= self._down(new)
+            return new.bit_count()
+        new = found & ~self._seen_down
+        if not new:
+            return 0
+        self._seen_down |= new
+        before = self.seen
+        for bit in bits(new):
+            column, row = divmod(bit.bit_length() - 1, self._tall)
+            self.seen |= 1 << row * self.stride + column
+        self.seen &= self.inside
+        return (self.seen & ~before).bit_count()
+
+    def around(self, places: int) -> int:
+        """The four neighbours of each place."""
+        return places << 1 | places >> 1 | places << self.stride | places >> self.stride
+
+    @property
+    def frontier(self) -> int:
+        """Known free places beside a place that it has not seen."""
+        return self.free & self.seen & self.around(self.inside & ~self.seen)
+
+    def way(self, start: int, ends: int) -> list[int] | None:
+        """The places of a shortest known way to one of `ends`, the first step first.
+
+        None where there is no way; [] where it is there.
+        """
+        if start & ends:
+            return []
+        left, layers = self.free & self.seen & ~start, [start]
+        while True:
+            layer = self.around(layers[-1]) & left
+            if not layer:
+                return None
+            if found := layer & ends:
+                break
+            layers.append(layer)
+            left &= ~layer
+        way = [found & -found]
+        for layer in layers[:0:-1]:
+            found = self.around(way[-1]) & layer
+            way.append(found & -found)
+        return way[::-1]
+
+
+def bits(places: int) -> Iterator[int]:
+    """The single places of a set."""
+    while places:
+        bit = places & -places
+        yield bit
+        places ^= bit
+
+
+@cache
+def spread(row: int, opaque: int) -> tuple[int, int]:
+    """What is seen of a row of the view and of the next one, from what is seen of it so far."""
+    clear = row & ~opaque
+    while True:
+        more = (clear << 1 | clear >> 1) & ROW & ~opaque & ~clear
+        if not more:
+            break
+        clear |= more
+    seen = (row | clear | clear << 1 | clear >> 1) & ROW
+    return seen, (clear | clear << 1 | clear >> 1) & ROW
+
+
+def places_of(memory: Memory, grid: Any, holds: Callable[[Any], bool]) -> int:
+    """The places of a MiniGrid grid whose content, an object or None, `holds`."""
+    width = grid.width
+    return sum(
+        memory.at(i % width, i // width) for i, thing in enumerate(grid.grid) if holds(thing)
+    )

@@ -1,0 +1,264 @@
+"""One episode in MiniGrid: a skill for each action, and a step of the environment a tick."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Generator, Mapping
+from functools import cache
+from typing import TYPE_CHECKING, Any, Final
+
+from islandgp.domain import Scene, png
+from islandgp.domains.minigrid.memory import Memory
+from islandgp.ticking import EventLog
+
+if TYPE_CHECKING:
+    from islandgp.domains.minigrid.domain import Levels
+
+TURN_LEFT, TURN_RIGHT, FORWARD, TAKE, PUT, TOGGLE, WAIT = range(7)  # MiniGrid's actions
+STEPS: Final = ((1, 0), (0, 1), (-1, 0), (0, -1))  # by direction
+TILE: Final = 20  # pixels of a place in pictures
+
+Skill = Generator[None, None, bool]
+Board = Callable[[], int]  # a set of places, as it is now
+
+
+@cache
+def environment(level: str) -> Any:
+    """The environment of a level, one for all episodes of a process; `reset` makes it anew.
+
+    It draws no observation: the robot's own memory sees the same, forty times as fast.
+    """
+    import gymnasium
+    import minigrid  # noqa: F401 -- it registers its levels
+
+    env = gymnasium.make(f"MiniGrid-{level}-v0", disable_env_checker=True).unwrapped
+    env.gen_obs = lambda: None  # type: ignore[attr-defined]
+    return env
+
+
+class Robot:
+    """One episode: a method for each action. `step` lets the environment take the step."""
+
+    def __init__(self, world: Levels, seed: int, log: EventLog) -> None:
+        self.log = log
+        self.env = environment(world.levels[seed % len(world.levels)])
+        self.env.reset(seed=seed)
+        self.steps = min(self.env.max_steps, world.ticks)
+        self.left, self.reward, self.wish = self.steps, 0.0, WAIT
+        self._wanted = wanted(self.env.mission)
+        self._opened: set[int] = set()  # ids of doors, and of things that were in hand
+        self.memory = Memory(self.env.width, self.env.height)
+        self._survey()
+        self._look()
+
+    # What it knows
+
+    def _survey(self) -> None:
+        """Takes in where things are; they change by the robot's hand alone."""
+        places: dict[str, int] = dict.fromkeys(
+            ("free", "clear", "key", "door", "locked", "goal", "object", "thing"), 0
+        )
+        grid, at = self.env.grid, self.memory.at
+        for i, thing in enumerate(grid.grid):
+            bit = at(i % grid.width, i // grid.width)
+            if thing is None:
+                places["free"] |= bit
+                places["clear"] |= bit
+                continue
+            if thing.see_behind():
+                places["clear"] |= bit
+            if thing.can_overlap() and thing.type != "lava":
+                places["free"] |= bit
+            if thing.type in ("key", "goal"):
+                places[thing.type] |= bit
+            elif thing.type == "door" and not thing.is_open:
+                places["locked" if thing.is_locked else "door"] |= bit
+            if (thing.color, thing.type) == self._wanted:
+                places["object"] |= bit
+            elif thing.type in ("ball", "box"):
+                places["thing"] |= bit
+        self._places = places
+        self.memory.fill(places["free"], places["clear"])
+
+    def _look(self) -> None:
+        """Sees what is in view, and brings what the keys tell up to date."""
+        x, y = map(int, self.env.agent_pos)
+        direction = int(self.env.agent_dir)
+        new = self.memory.look(x, y, direction)
+        if new:
+            self.log("seen", new)
+        memory, places = self.memory, self._places
+        seen, carrying = memory.seen, self.env.carrying
+        dx, dy = STEPS[direction]
+        self.here, self.front = memory.at(x, y), memory.at(x + dx, y + dy)
+        self._known = {
+            "carryingKey": carrying is not None and carrying.type == "key",
+            "keySeen": places["key"] & seen != 0,
+            "doorSeen": places["door"] & seen != 0,
+            "lockedDoorSeen": places["locked"] & seen != 0,
+            "objectSeen": places["object"] & seen != 0,
+            "thingSeen": places["thing"] & seen != 0,
+            "goalSeen": places["goal"] & seen != 0,
+            "moreToSee": memory.frontier != 0,
+            "facingDoor": (places["door"] | places["locked"]) & self.front != 0,
+            "stepsLeft": 100.0 * self.left / self.steps,
+        }
+
+    def sense(self) -> Mapping[str, float]:
+        """See `Simulation`."""
+        return self._known
+
+    # Skills
+
+    def GoToKey(self) -> Skill:
+        return (yield from self._go_beside("key"))
+
+    def GoToDoor(self) -> Skill:
+        return (yield from self._go_beside("door"))
+
+    def GoToLockedDoor(self) -> Skill:
+        return (yield from self._go_beside("locked"))
+
+    def GoToObject(self) -> Skill:
+        return (yield from self._go_beside("object"))
+
+    def GoToThing(self) -> Skill:
+        return (yield from self._go_beside("thing"))
+
+    def GoToGoal(self) -> Skill:
+        return (yield from self._go(self._places["goal"] & self.memory.seen))
+
+    def Explore(self) -> Skill:
+        before = self.memory.seen
+        way = self.memory.way(self.here, self.memory.frontier)
+        if way is None:
+            return False
+        for place in way:
+            yield from self._step_onto(place)
+            if self.memory.seen != before:
+                return True
+        unseen = self.memory.around(self.here) & self.memory.inside & ~self.memory.seen
+        yield from self._face(unseen & -unseen)
+        return True
+
+    def PickUp(self) -> Skill:
+        thing = self._ahead()
+        if self.env.carrying is not None or thing is None or not thing.can_pickup():
+            return False
+        yield from self._do(TAKE)
+        return self.env.carrying is not None
+
+    def Toggle(self) -> Skill:
+        door = self._ahead()
+        if door is None or door.type != "door" or door.is_open:
+            return False
+        yield from self._do(TOGGLE)
+        return bool(door.is_open)
+
+    def Drop(self) -> Skill:
+        if self.env.carrying is None:
+            return False
+        for _ in STEPS:
+            yield from self._do(TURN_RIGHT)
+            if self._ahead() is None:
+                yield from self._do(PUT)
+                return self.env.carrying is None
+        return False
+
+    def _go_beside(self, what: str) -> Skill:
+        """Goes to a place beside the nearest of these things that it has seen, and faces it."""
+        places = self._places[what] & self.memory.seen
+        if not places:
+            return False
+        if not (yield from self._go(self.memory.around(places))):
+            return False
+        beside = self.memory.around(self.here) & places
+        yield from self._face(beside & -beside)
+        return True
+
+    def _go(self, ends: int) -> Skill:
+        way = self.memory.way(self.here, ends)
+        if way is None:
+            return False
+        for place in way:
+            yield from self._step_onto(place)
+            if self.here != place:
+                return False
+        return True
+
+    def _step_onto(self, place: int) -> Generator[None, None, None]:
+        yield from self._face(place)
+        yield from self._do(FORWARD)
+
+    def _face(self, place: int) -> Generator[None, None, None]:
+        """Turns towards one of the four places around; the shorter way."""
+        stride = self.memory.stride
+        around = (self.here << 1, self.here << stride, self.here >> 1, self.here >> stride)
+        turns = (around.index(place) - self.env.agent_dir) % 4
+        for _ in range(1 if turns == 3 else turns):
+            yield from self._do(TURN_LEFT if turns == 3 else TURN_RIGHT)
+
+    def _do(self, action: int) -> Generator[None, None, None]:
+        self.wish = action
+        yield
+
+    def _ahead(self) -> Any:
+        """What is in front, or None."""
+        x, y = self.env.agent_pos
+        dx, dy = STEPS[self.env.agent_dir]
+        return self.env.grid.get(x + dx, y + dy)
+
+    # Time
+
+    def step(self) -> str:
+        """See `run_ticks`: one step of the environment."""
+        action, self.wish = self.wish, WAIT
+        handled = action in (TAKE, PUT, TOGGLE)
+        thing = (self.env.carrying if action == PUT else self._ahead()) if handled else None
+        locked = thing is not None and thing.type == "door" and thing.is_locked
+        _, reward, terminated, truncated, _ = self.env.step(action)
+        self.left -= 1
+        self.log("step")
+        if handled:
+            self._handled(action, thing, locked)
+        self._look()
+        if reward > 0:
+            self.reward = float(reward)
+            self.log("solved", self.reward)
+            return "solved"
+        if terminated:
+            return "failed"
+        return "time" if truncated or not self.left else ""
+
+    def _handled(self, action: int, thing: Any, locked: bool) -> None:
+        """Tells what a hand did, each thing's first time, and takes in where things are now."""
+        self._survey()
+        if action == PUT:
+            if self.env.carrying is None:
+                self.log("dropped")
+        elif thing is not None and id(thing) not in self._opened:
+            if action == TAKE and self.env.carrying is thing:
+                self._opened.add(id(thing))
+                if thing.type == "key":
+                    self.log("key")
+            elif action == TOGGLE and thing.type == "door" and thing.is_open:
+                self._opened.add(id(thing))
+                self.log("opened")
+                if locked:
+                    self.log("unlocked")
+
+    def measures(self) -> Mapping[str, float]:
+        """See `run_ticks`."""
+        seen = self.memory.seen.bit_count() / self.memory.inside.bit_count()
+        return {"reward": self.reward, "explored": 100.0 * seen}
+
+    def scene(self) -> Scene:
+        """See `run_ticks`: MiniGrid's own picture, with the field of view."""
+        bounds = (0.0, 0.0, float(self.env.width), float(self.env.height))
+        return Scene(bounds, frame=lambda: png(self.env.get_frame(tile_size=TILE)))
+
+
+def wanted(mission: str) -> tuple[str, str] | None:
+    """(colour, type) of the object that a mission asks for, if it asks for one."""
+    found = re.fullmatch(r"(?:pick up|go to) (?:the|a) (\w+) (ball|box|key|door)", mission)
+    return (found[1], found[2]) if found else None
