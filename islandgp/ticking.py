@@ -51,6 +51,7 @@ class EventLog:
         self.components = dict.fromkeys(schema.components, 0.0)
         self.action = ""  # the leaf that is being called
         self._events = schema.events
+        self._rewarded = rewards.events.keys()
         self._worth = worth(rewards, weights)
         self._observer = observer
 
@@ -60,6 +61,8 @@ class EventLog:
             known = ", ".join(self._events)
             raise DomainError(f"Expected an event of the schema ({known}), found {event!r}.")
         self.counts[event] += 1
+        if event not in self._rewarded:
+            return
         component, points = self._worth(event, amount)
         if component:
             self.components[component] += points

@@ -78,7 +78,7 @@ NOTHING: Final = Reward(component="")
 def worth(table: RewardTable, weights: Mapping[str, float]) -> Worth:
     """What one event adds to the fitness, by its amount: a term of Eq. (1)."""
     rows = {
-        event: (reward.component, reward.points, _scale(table, reward.component, weights))
+        event: (reward.component, _points(reward), _scale(table, reward.component, weights))
         for event, reward in table.events.items()
     }
     nothing = ("", NOTHING.points, 0.0)
@@ -88,6 +88,14 @@ def worth(table: RewardTable, weights: Mapping[str, float]) -> Worth:
         return component, scale * points(amount)
 
     return value
+
+
+def _points(reward: Reward) -> Callable[[float], float]:
+    """`Reward.points` of a row, quicker where it is a straight line."""
+    if reward.bands or reward.over is not None:
+        return reward.points
+    base, per_unit = reward.base, reward.per_unit
+    return lambda amount: base + per_unit * amount
 
 
 def _scale(table: RewardTable, component: str, weights: Mapping[str, float]) -> float:

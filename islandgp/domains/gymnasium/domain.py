@@ -1,0 +1,212 @@
+"""An environment of Gymnasium as a domain: a tick is a step, and the tree chooses its action."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Callable, Mapping
+from functools import cache
+from importlib.util import find_spec
+from json import dumps, loads
+from typing import Any, ClassVar, Final, Self
+
+from pydantic import BaseModel
+
+from islandgp.bt.closures import Tick
+from islandgp.bt.engine import compile_tree
+from islandgp.bt.node import SUCCESS, Node
+from islandgp.domain import Observer, Outcome, Scene, png
+from islandgp.domains.gymnasium import world as settings
+from islandgp.errors import ConfigError
+from islandgp.scoring.rewards import RewardTable
+from islandgp.ticking import EventLog
+
+HELPERS: Final = ("TimeLimit", "OrderEnforcing", "PassiveEnvChecker")
+"""Wrappers of `gymnasium.make` that the domain does without: `ticks` limits the time."""
+
+
+@cache
+def environment(name: str, options: str, render: bool) -> Any:
+    """An environment, one for all episodes of a process; `reset` makes it anew.
+
+    Args:
+        name: as `gymnasium.make` takes it.
+        options: further arguments, as JSON.
+        render: whether pictures will be asked for.
+    """
+    with warnings.catch_warnings():
+        # Importing Box2D warns of its own types; where warnings are errors, it crashes.
+        warnings.simplefilter("ignore")
+        import gymnasium
+
+        if render:  # into memory: no window is opened
+            os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
+        more: dict[str, Any] = {"render_mode": "rgb_array"} if render else {}
+        env = gymnasium.make(name, disable_env_checker=True, **loads(options), **more)
+    while type(env).__name__ in HELPERS:
+        env = env.env  # type: ignore[attr-defined]
+    return env
+
+
+class Gymnasium:
+    """The domain of one environment."""
+
+    World: ClassVar[type[BaseModel]] = settings.World
+    Rewards: ClassVar[type[BaseModel]] = RewardTable
+
+    def __init__(self, world: settings.World, rewards: RewardTable) -> None:
+        self.world = world
+        self.rewards = rewards
+        self.schema = world.declared()
+        self.step_s = world.step_s
+
+    @classmethod
+    def make(cls, world: settings.World, rewards: RewardTable) -> Self:
+        """See `Domain`. Raises ConfigError where the environment is not there, or another one."""
+        if find_spec("gymnasium") is None:
+            raise ConfigError(
+                f"domain={world.name}: expected the package gymnasium, found none; install it"
+                " with pip install 'islandgp[gymnasium]'."
+            )
+        domain = cls(world, rewards)
+        _check(world, domain.environment(render=False))
+        return domain
+
+    def environment(self, *, render: bool) -> Any:
+        """The environment of this process. Raises ConfigError where it cannot be made."""
+        world = self.world
+        try:
+            return environment(world.environment, dumps(world.options), render)
+        except Exception as error:  # Gymnasium and environments raise anything
+            what = " ".join(str(error).split())
+            raise ConfigError(
+                f"world.environment: expected one that gymnasium.make knows, found"
+                f" {world.environment!r}: {what}"
+            ) from error
+
+    def run_episode(
+        self,
+        tree: Node,
+        seed: int,
+        weights: Mapping[str, float],
+        observer: Observer | None = None,
+    ) -> Outcome:
+        """See `Domain`."""
+        world, places = self.world, self.schema.vocabulary.places
+        env = self.environment(render=observer is not None)
+        log = EventLog(self.rewards, self.schema, weights, observer)
+        actions = {name: choice.do for name, choice in world.actions.items()}
+        board, chosen = [0.0] * len(places), [world.otherwise]
+        tick = compile_tree(
+            tree,
+            {name: _leaf(number, chosen) for name, number in actions.items()},
+            board,
+            places,
+            watch=None if observer is None else observer.node,
+        )
+        sense = _sense(world.observations, places, board)
+        names = {number: name for name, number in actions.items()}
+        take, total, done, ending = env.step, 0.0, 0, ""
+        values = env.reset(seed=seed)[0].tolist()
+        signals, lasting = _signals(world, len(values)), "step" in self.rewards.events
+        while not ending:
+            sense(values)
+            chosen[0] = world.otherwise
+            tick()
+            if observer is not None:
+                log.action = names.get(chosen[0], "")
+                observer.tick(board, _scene(env, world.shrink))
+            observation, reward, terminated, truncated, _ = take(chosen[0])
+            values, reward, done = observation.tolist(), float(reward), done + 1
+            total += reward
+            log("reward", reward)
+            if lasting:
+                log("step")
+            told = (*values, reward, done)
+            for event, place, above, below in signals:
+                if above < told[place] < below:
+                    log(event)
+            if terminated:
+                ending = "terminated"
+            elif truncated or done == world.ticks:
+                ending = "time"
+        return Outcome(
+            components=log.components,
+            counters={
+                "return": total,
+                "steps": float(done),
+                **{name: float(log.counts[name]) for name in world.signals},
+            },
+            seconds=done * self.step_s,
+            endings=(ending,),
+        )
+
+
+def _leaf(number: int, chosen: list[int]) -> Tick:
+    """Chooses an action of the environment, and succeeds at once."""
+
+    def tick(_fresh: bool) -> int:
+        chosen[0] = number
+        return SUCCESS
+
+    return tick
+
+
+def _sense(
+    observations: Mapping[str, settings.Observation],
+    places: Mapping[str, int],
+    board: list[float],
+) -> Callable[[list[float]], None]:
+    """What puts an observation onto the blackboard."""
+    flags = [(places[n], o.at) for n, o in observations.items() if o.flag]
+    numbers = [(places[n], o.at, *o.range) for n, o in observations.items() if not o.flag]
+
+    def sense(values: list[float]) -> None:
+        for place, at, low, high in numbers:
+            value = values[at]
+            board[place] = low if value < low else high if value > high else value
+        for place, at in flags:
+            board[place] = float(values[at] > 0.5)
+
+    return sense
+
+
+def _signals(world: settings.World, size: int) -> list[tuple[str, int, float, float]]:
+    """(event, place, above, below): places behind an observation's `size` numbers are OWN's."""
+    places = {name: size + i for i, name in enumerate(settings.OWN)}
+    places |= {name: observation.at for name, observation in world.observations.items()}
+    return [(name, places[s.of], s.above, s.below) for name, s in world.signals.items()]
+
+
+def _scene(env: Any, shrink: int) -> Scene:
+    """The environment's own picture."""
+    return Scene((0.0, 0.0, 1.0, 1.0), frame=lambda: png(env.render()[::shrink, ::shrink]))
+
+
+def _check(world: settings.World, env: Any) -> None:
+    """Raises ConfigError where the environment has not what the configuration names."""
+    observed, actions = env.observation_space, env.action_space
+    shape = getattr(observed, "shape", None)
+    if type(observed).__name__ != "Box" or shape is None or len(shape) != 1:
+        raise ConfigError(
+            f"world.environment: expected observations that are a row of numbers (Box), found"
+            f" {observed} in {world.environment}."
+        )
+    if type(actions).__name__ != "Discrete":
+        raise ConfigError(
+            f"world.environment: expected actions to choose from (Discrete), found {actions} in"
+            f" {world.environment}."
+        )
+    for name, observation in world.observations.items():
+        if observation.at >= shape[0]:
+            raise ConfigError(
+                f"world.observations.{name}.at: expected 0 to {shape[0] - 1}, as"
+                f" {world.environment} observes {shape[0]} numbers, found {observation.at}"
+            )
+    numbers = {f"actions.{name}.do": choice.do for name, choice in world.actions.items()}
+    for path, number in {**numbers, "otherwise": world.otherwise}.items():
+        if number >= actions.n:
+            raise ConfigError(
+                f"world.{path}: expected 0 to {actions.n - 1}, the actions of"
+                f" {world.environment}, found {number}"
+            )

@@ -1,0 +1,119 @@
+"""The configuration of an environment: which numbers are keys, which actions there are."""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Annotated, Any, Final, Self
+
+from pydantic import BaseModel, Field, FiniteFloat, StringConstraints, model_validator
+
+from islandgp.bt.node import SUCCESS
+from islandgp.bt.vocabulary import NAME, Action, Key, Vocabulary, flag, number
+from islandgp.domain import Counter, Event, Schema
+
+Word = Annotated[str, StringConstraints(pattern=f"^{NAME.pattern}$")]
+
+OWN: Final = {
+    "reward": Event("the environment's own reward of a step", "reward"),
+    "step": Event("steps"),
+}
+"""Events that every environment has, and what signals can be of beside observations."""
+
+
+class Observation(BaseModel, frozen=True, extra="forbid"):
+    """A number of the observation as a key."""
+
+    at: int = Field(ge=0)  # its place in the observation
+    meaning: str  # one line, with the unit
+    flag: bool = False  # yes or no: above one half or not
+    range: tuple[FiniteFloat, FiniteFloat] = (0.0, 1.0)  # values beyond it are cut to it
+    step: float = Field(default=0.1, gt=0)  # distance between two thresholds of random trees
+
+    @model_validator(mode="after")
+    def _rising(self) -> Self:
+        if self.range[0] >= self.range[1]:
+            raise ValueError(f"range: expected two rising numbers, found {list(self.range)}")
+        return self
+
+    def key(self) -> Key:
+        """The key that it becomes."""
+        if self.flag:
+            return flag(self.meaning)
+        low, high = self.range
+        return number(self.meaning, low, high, self.step, most=high)
+
+
+class Choice(BaseModel, frozen=True, extra="forbid"):
+    """An action of the environment."""
+
+    do: int = Field(ge=0)  # its number
+    meaning: str  # one line
+
+
+class Signal(BaseModel, frozen=True, extra="forbid"):
+    """An event in each step in which a number lies between two levels."""
+
+    of: str  # an observation, `reward`, or `step`, the number of steps so far
+    meaning: str  # one line
+    above: float = -inf
+    below: float = inf
+
+
+class World(BaseModel, frozen=True, extra="forbid"):
+    """The configuration group `world`."""
+
+    name: Word  # of the domain, as `domain NAME` in a tree file
+    environment: str = Field(min_length=1)  # as gymnasium.make takes it
+    options: dict[str, Any] = Field(default_factory=dict)  # further arguments of gymnasium.make
+    ticks: int = Field(ge=1, le=1_000_000)  # steps of an episode, at most
+    step_s: float = Field(default=1.0, gt=0)  # simulated s of a step
+    task: str
+    habits: tuple[str, ...] = ()
+    observations: dict[Word, Observation] = Field(min_length=1)
+    actions: dict[Word, Choice] = Field(min_length=1)
+    otherwise: int = Field(default=0, ge=0)  # the number of the action where a tree chooses none
+    signals: dict[Word, Signal] = Field(default_factory=dict)
+    shrink: int = Field(default=1, ge=1, le=64)  # of frames each so many-th pixel is kept
+
+    @model_validator(mode="after")
+    def _signals_of_something(self) -> Self:
+        known = [*OWN, *self.observations]
+        for name, signal in self.signals.items():
+            if name in (*OWN, "return", "steps"):
+                raise ValueError(f"signals: expected another name, as {name!r} is there already")
+            if signal.of not in known:
+                raise ValueError(
+                    f"signals.{name}.of: expected one of {', '.join(known)}, found {signal.of!r}"
+                )
+        return self
+
+    def declared(self) -> Schema:
+        """What the domain declares. Raises DomainError for names that the language has."""
+        signals = {name: Event(signal.meaning) for name, signal in self.signals.items()}
+        counts = {name: Counter(signal.meaning) for name, signal in self.signals.items()}
+        return Schema(
+            vocabulary=Vocabulary(
+                domain=self.name,
+                actions={n: _action(choice) for n, choice in self.actions.items()},
+                keys={n: observation.key() for n, observation in self.observations.items()},
+            ),
+            components={
+                "reward": "the environment's own reward",
+                "length": "points for lasting",
+                "signals": "points for what the configuration looks for",
+            },
+            events={**OWN, **signals},
+            counters={
+                "return": Counter("sum of the environment's own rewards"),
+                "steps": Counter("steps"),
+                **counts,
+            },
+            task=self.task,
+            habits=self.habits,
+        )
+
+
+def _action(choice: Choice) -> Action:
+    return Action(f"{choice.meaning}; of several in a step the last counts", frozenset({SUCCESS}))
+
+
