@@ -24,6 +24,7 @@ BENCHMARKS: Final = (
     "startup_s",
     "growth",
     "profile_share",
+    "worlds_ratio",
 )
 """Modules of this package with `measure(effort)`, in the order of the table."""
 
