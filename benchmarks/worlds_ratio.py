@@ -72,7 +72,9 @@ def measure(effort: Effort) -> list[Figure]:
             Figure(f"{name}_bare_us", 1e6 * bare / steps, "us", "a step of the bare environment"),
         ]
         if name == "minigrid":
-            blind = turns([sides[0], _bare(episodes, blind=True)], ROUNDS[effort], clock=process_time)
+            blind = turns(
+                [sides[0], _bare(episodes, blind=True)], ROUNDS[effort], clock=process_time
+            )
             figures.append(
                 Figure(
                     "minigrid_blind_ratio",

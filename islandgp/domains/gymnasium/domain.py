@@ -18,8 +18,7 @@ from islandgp.bt.node import SUCCESS, Node
 from islandgp.domain import Observer, Outcome, Scene, png
 from islandgp.domains.gymnasium import world as settings
 from islandgp.errors import ConfigError
-from islandgp.scoring.rewards import RewardTable
-from islandgp.ticking import EventLog
+from islandgp.scoring.rewards import RewardTable, worth
 
 HELPERS: Final = ("TimeLimit", "OrderEnforcing", "PassiveEnvChecker")
 """Wrappers of `gymnasium.make` that the domain does without: `ticks` limits the time."""
@@ -93,49 +92,59 @@ class Gymnasium:
     ) -> Outcome:
         """See `Domain`."""
         world, places = self.world, self.schema.vocabulary.places
-        env = self.environment(render=observer is not None)
-        log = EventLog(self.rewards, self.schema, weights, observer)
-        actions = {name: choice.do for name, choice in world.actions.items()}
+        env, value = self.environment(render=observer is not None), worth(self.rewards, weights)
+        components = dict.fromkeys(self.schema.components, 0.0)
+        counts = dict.fromkeys(world.signals, 0)
         board, chosen = [0.0] * len(places), [world.otherwise]
         tick = compile_tree(
             tree,
-            {name: _leaf(number, chosen) for name, number in actions.items()},
+            {name: _leaf(choice.do, chosen) for name, choice in world.actions.items()},
             board,
             places,
             watch=None if observer is None else observer.node,
         )
         sense = _sense(world.observations, places, board)
-        names = {number: name for name, number in actions.items()}
+        names = {choice.do: name for name, choice in world.actions.items()}
+
+        def award(event: str, amount: float) -> None:
+            component, points = value(event, amount)
+            if component:
+                components[component] += points
+                if observer is not None:
+                    observer.credit(component, points, event, names.get(chosen[0], ""))
+
         take, total, done, ending = env.step, 0.0, 0, ""
         values = env.reset(seed=seed)[0].tolist()
-        signals, lasting = _signals(world, len(values)), "step" in self.rewards.events
+        signals, earns = _signals(world, len(values)), self.rewards.events.keys()
+        lasting = "step" in earns
         while not ending:
             sense(values)
             chosen[0] = world.otherwise
             tick()
             if observer is not None:
-                log.action = names.get(chosen[0], "")
                 observer.tick(board, _scene(env, world.shrink))
             observation, reward, terminated, truncated, _ = take(chosen[0])
             values, reward, done = observation.tolist(), float(reward), done + 1
             total += reward
-            log("reward", reward)
+            award("reward", reward)
             if lasting:
-                log("step")
+                award("step", 1.0)
             told = (*values, reward, done)
             for event, place, above, below in signals:
                 if above < told[place] < below:
-                    log(event)
+                    counts[event] += 1
+                    if event in earns:
+                        award(event, 1.0)
             if terminated:
                 ending = "terminated"
             elif truncated or done == world.ticks:
                 ending = "time"
         return Outcome(
-            components=log.components,
+            components=components,
             counters={
                 "return": total,
                 "steps": float(done),
-                **{name: float(log.counts[name]) for name in world.signals},
+                **{name: float(n) for name, n in counts.items()},
             },
             seconds=done * self.step_s,
             endings=(ending,),

@@ -115,5 +115,3 @@ class World(BaseModel, frozen=True, extra="forbid"):
 
 def _action(choice: Choice) -> Action:
     return Action(f"{choice.meaning}; of several in a step the last counts", frozenset({SUCCESS}))
-
-
