@@ -61,10 +61,13 @@ ablations: $(STAMP) ## what of the expert helps: its rate, its trees, their choi
 	  --arm founders="name=ablation_founders seed=range(6000,6030)" \
 	  --arm baseline="name=study supervisor=baseline seed=range(6000,6030)" -o docs/study/ablations
 
+study-worlds: $(STAMP) ## MiniGrid, LunarLander and CartPole: expert, baseline, random search; resumable
+	$(BIN)/python docs/study_worlds.py
+
 ui: $(STAMP)     ## start the MLflow UI on this folder's runs
 	$(BIN)/islandgp ui
 
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
 
-.PHONY: help setup run lint test test-slow gateways bench demo-llm study ablations ui clean
+.PHONY: help setup run lint test test-slow gateways bench demo-llm study ablations study-worlds ui clean

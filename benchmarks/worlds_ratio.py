@@ -97,7 +97,7 @@ def _taken(domain: Any, tree: Node, seed: int) -> Taken:
         level, env = domain.world.environment, domain.environment(render=False)
     else:
         short = domain.world.levels[seed % len(domain.world.levels)]
-        level, env = f"MiniGrid-{short}-v0", robot.environment(short)
+        level, env = robot.levels()[short], robot.environment(short)
     step, actions = env.step, []
 
     def recorded(action: int) -> Any:

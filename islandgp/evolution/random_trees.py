@@ -14,7 +14,7 @@ from pydantic import BaseModel, Field, model_validator
 from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS, Asked, Condition, joined
 from islandgp.bt.limits import Limits, within
 from islandgp.bt.node import ABORTS, KINDS, POLICIES, Argument, Node
-from islandgp.bt.vocabulary import Vocabulary
+from islandgp.bt.vocabulary import Key, Vocabulary
 
 MOST_NODES: Final = 2000.0  # expected of a random tree; a run takes at most 1,000
 
@@ -142,7 +142,12 @@ def _about(rng: np.random.Generator, name: str, space: TreeSpace) -> Condition:
         return Condition(name, FLAG_OPERATORS[rng.integers(len(FLAG_OPERATORS))], 0.0)
     op = weighted(rng, space.settings.operators)
     steps = round((key.high - key.low) / key.step)
-    return Condition(name, op, key.low + key.step * float(rng.integers(steps + 1)))
+    return Condition(name, op, on_grid(key, float(rng.integers(steps + 1))))
+
+
+def on_grid(key: Key, steps: float) -> float:
+    """A threshold so many steps above the least value, in as few digits as people write."""
+    return round(key.low + steps * key.step, 9) + 0.0  # no -0
 
 
 def inner_node(rng: np.random.Generator, space: TreeSpace, depth: int) -> Node:

@@ -35,6 +35,7 @@ from islandgp.evolution.random_trees import (
     check_weights,
     grow,
     inner_node,
+    on_grid,
     random_action,
     random_args,
     random_term,
@@ -138,8 +139,8 @@ def _parameter(
 def _nudged(asked: Condition, key: Key, nudge: float) -> Condition:
     """A comparison with its number moved by `nudge` ranges of its key, on the key's grid."""
     moved = asked.number + nudge * (key.high - key.low)
-    on_grid = key.low + round((moved - key.low) / key.step) * key.step
-    return asked._replace(number=min(key.high, max(key.low, on_grid)))
+    nearest = on_grid(key, round((moved - key.low) / key.step))
+    return asked._replace(number=min(key.high, max(key.low, nearest)))
 
 
 def _rejoined(rng: np.random.Generator, asked: Asked, nudge: float, space: TreeSpace) -> Asked:

@@ -112,7 +112,10 @@ def automatic_library(settings: Settings, domain: Domain) -> Library:
     file = Path(settings.runs) / ".libraries" / f"{digest}.json"
     if not file.exists():
         print("islandgp: searching for a tree of each behaviour, once", file=sys.stderr)
-        space, stage = settings.plan(domain).space, len(settings.curriculum.stages) - 1
+        stages = settings.curriculum.stages
+        space = settings.plan(domain).space
+        # Where stages change the world, a behaviour is easiest to find in the first one.
+        stage = 0 if any(s.world for s in stages) else len(stages) - 1
         evaluator = make_evaluator(settings)
         try:
             found = single_behaviours(

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 from pydantic import BaseModel, Field
 
 from islandgp.domain import Schema
-from islandgp.domains.minigrid.robot import Robot
+from islandgp.domains.minigrid.robot import Robot, levels
 from islandgp.domains.minigrid.vocabulary import SCHEMA
 from islandgp.errors import ConfigError
 from islandgp.scoring.rewards import RewardTable
@@ -21,7 +21,7 @@ class Levels(BaseModel, frozen=True, extra="forbid"):
     """The configuration group `world`."""
 
     levels: tuple[str, ...] = Field(min_length=1)
-    """Names as MiniGrid has them, without `MiniGrid-` and `-v0`; a seed plays one of them."""
+    """Names as MiniGrid has them, without `MiniGrid-` and the version; a seed plays one of them."""
     ticks: int = Field(ge=1, le=10_000)  # steps of an episode, at most; a level may have fewer
 
 
@@ -40,7 +40,7 @@ class MiniGrid(Stepped):
                 "domain=minigrid: expected the package minigrid, found none; install it with"
                 " pip install 'islandgp[minigrid]'."
             )
-        known = levels()
+        known = list(levels())
         for level in world.levels:
             if level not in known:
                 near = get_close_matches(level, known, 1, 0.4)
@@ -50,13 +50,3 @@ class MiniGrid(Stepped):
                     f" {hint}"
                 )
         return cls(world, rewards)
-
-
-def levels() -> list[str]:
-    """The levels that the domain can play: those in which nothing moves by itself."""
-    import gymnasium
-    import minigrid  # noqa: F401 -- it registers its levels
-
-    names = sorted(name for name in gymnasium.registry if name.startswith("MiniGrid-"))
-    short = [name.removeprefix("MiniGrid-").removesuffix("-v0") for name in names]
-    return [name for name in short if not name.startswith("Dynamic-Obstacles")]

@@ -23,15 +23,29 @@ Board = Callable[[], int]  # a set of places, as it is now
 
 
 @cache
+def levels() -> dict[str, str]:
+    """The levels in which nothing moves by itself: by short name the newest of Gymnasium."""
+    import gymnasium
+    import minigrid  # noqa: F401 -- it registers its levels
+
+    found: dict[str, str] = {}
+    named = [spec for spec in gymnasium.registry.values() if spec.name.startswith("MiniGrid-")]
+    for spec in sorted(named, key=lambda spec: (spec.name, spec.version or 0)):
+        short = spec.name.removeprefix("MiniGrid-")
+        if not short.startswith("Dynamic-Obstacles"):
+            found[short] = spec.id
+    return found
+
+
+@cache
 def environment(level: str) -> Any:
     """The environment of a level, one for all episodes of a process; `reset` makes it anew.
 
     It draws no observation: the robot's own memory sees the same, forty times as fast.
     """
     import gymnasium
-    import minigrid  # noqa: F401 -- it registers its levels
 
-    env = gymnasium.make(f"MiniGrid-{level}-v0", disable_env_checker=True).unwrapped
+    env = gymnasium.make(levels()[level], disable_env_checker=True).unwrapped
     env.gen_obs = lambda: None  # type: ignore[attr-defined]
     return env
 
@@ -191,9 +205,11 @@ class Robot:
         yield from self._do(FORWARD)
 
     def _face(self, place: int) -> Generator[None, None, None]:
-        """Turns towards one of the four places around; the shorter way."""
+        """Turns towards one of the four places around, the shorter way; else does nothing."""
         stride = self.memory.stride
         around = (self.here << 1, self.here << stride, self.here >> 1, self.here >> stride)
+        if place not in around:  # another skill, in parallel, has led it away
+            return
         turns = (around.index(place) - self.env.agent_dir) % 4
         for _ in range(1 if turns == 3 else turns):
             yield from self._do(TURN_LEFT if turns == 3 else TURN_RIGHT)
