@@ -29,6 +29,9 @@ FIGURES: Final = {
     "profile_share": "all_rounder_engine all_rounder_sensing all_rounder_tree"
     " all_rounder_time all_rounder_rest all_rounder_samples random_engine"
     " random_sensing random_tree random_time random_rest random_samples",
+    "worlds_ratio": "cartpole_ratio cartpole_step_us cartpole_bare_us lunarlander_ratio"
+    " lunarlander_step_us lunarlander_bare_us minigrid_ratio minigrid_step_us minigrid_bare_us"
+    " minigrid_blind_ratio",
 }
 GOALS: Final = {  # of the figures that have one at any effort
     "engine_ratio": 2.0,
@@ -37,15 +40,23 @@ GOALS: Final = {  # of the figures that have one at any effort
     "walk_us": 2.0,
     "efficiency_2": 90.0,
     "efficiency_4": 90.0,
+    "cartpole_ratio": 1.5,
+    "lunarlander_ratio": 1.5,
+    "minigrid_ratio": 1.5,
+}
+
+
+LIBRARIES: Final = {
+    "peer_ratio": ("deap", "py_trees"),
+    "tick_us": ("behaviortreepy",),
+    "worlds_ratio": ("minigrid", "gymnasium"),
 }
 
 
 def needed(benchmark: str) -> None:
-    """Skips where the extra `bench` is not installed."""
-    for library in {"peer_ratio": ("deap", "py_trees"), "tick_us": ("behaviortreepy",)}.get(
-        benchmark, ()
-    ):
-        pytest.importorskip(library, reason="extra `bench` is not installed")
+    """Skips where an extra is not installed."""
+    for library in LIBRARIES.get(benchmark, ()):
+        pytest.importorskip(library, reason="an extra is not installed")
 
 
 def expected(benchmark: str) -> list[str]:

@@ -1,0 +1,335 @@
+"""The domains over other people's simulators, MiniGrid and Gymnasium, by what all promise."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from islandgp.bt.language import parse
+from islandgp.config.settings import read_settings
+from islandgp.domain import Domain, Scene
+from islandgp.errors import ConfigError, IslandError
+from islandgp.evaluation.base import Job
+from islandgp.evaluation.processes import Processes
+from islandgp.evaluation.serial import Serial
+from islandgp.evolution.loop import evolve
+from islandgp.evolution.record import Step
+from islandgp.running.run import make_supervisor
+from islandgp.testing.domain_suite import DomainSuite
+from tests.composed import composed, plain
+from tests.running.commands import finish, kill_group, lines, start, wait_until
+from tests.trees.shell import Cli, shell
+
+pytest.importorskip("minigrid", reason="extra `minigrid` is not installed")
+pytest.importorskip("gymnasium", reason="extra `gymnasium` is not installed")
+
+DOMAINS = Path(__file__).parents[2] / "islandgp" / "domains"
+BY_HAND = {
+    "minigrid": DOMAINS / "minigrid" / "trees" / "by_hand.bt",
+    "cartpole": DOMAINS / "gymnasium" / "trees" / "cartpole.bt",
+    "lunarlander": DOMAINS / "gymnasium" / "trees" / "lunarlander.bt",
+}
+SHORT = ("world.ticks=40",)
+TINY = (*SHORT, "gp.population=6", "gp.generations=4", "gp.episodes=1", "supervisor=baseline")
+
+every_world = pytest.mark.parametrize("world", BY_HAND)
+
+
+@pytest.fixture
+def islandgp(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Cli:
+    """Runs `islandgp ARGUMENTS...`; see `shell`."""
+    return shell(monkeypatch, capsys)
+
+
+@cache
+def short(world: str) -> Domain:
+    """A domain with short episodes."""
+    return composed(f"domain={world}", *SHORT).make_domain()
+
+
+class TestMiniGrid(DomainSuite):
+    """A maze with keys, in which a seed chooses one of six levels."""
+
+    random_trees = 6
+    texts = (BY_HAND["minigrid"].read_text(encoding="utf-8"),)
+
+    def make_domain(self) -> Domain:
+        return short("minigrid")
+
+
+class TestCartPole(DomainSuite):
+    """An environment that is described by configuration alone."""
+
+    random_trees = 4
+    texts = (BY_HAND["cartpole"].read_text(encoding="utf-8"),)
+
+    def make_domain(self) -> Domain:
+        return short("cartpole")
+
+
+class TestLunarLander(DomainSuite):
+    """Another one, with flags, over a simulator in C++."""
+
+    random_trees = 4
+    texts = (BY_HAND["lunarlander"].read_text(encoding="utf-8"),)
+
+    def make_domain(self) -> Domain:
+        return short("lunarlander")
+
+
+@every_world
+def test_the_commands_work(islandgp: Cli, tmp_path: Path, world: str) -> None:
+    """Check, play, trace, replay and export, on a tree whose first line names the domain."""
+    tree, quick = BY_HAND[world], ("--set", SHORT[0])
+    assert "no warnings" in islandgp("check", tree).out
+    played = islandgp("play", tree, "--seeds", 2, "--json", *quick)
+    assert (played.code, len(json.loads(played.out))) == (0, 2)
+    assert "points in" in islandgp("trace", tree, *quick).out
+    page, file = tmp_path / "page.html", tmp_path / "tree.xml"
+    assert islandgp("replay", tree, "-o", page, *quick).code == 0
+    assert '"frames":["iVBOR' in page.read_text(encoding="utf-8").replace(" ", "")
+    assert islandgp("export", tree, "-o", file).code == 0
+    assert ElementTree.parse(file).getroot().tag == "root"
+
+
+def steps_of(world: str, *overrides: str) -> list[Step]:
+    """A tiny run in this process."""
+    settings = composed(f"domain={world}", *TINY, *overrides)
+    evaluator = Serial(settings.problem())
+    plan = settings.plan(settings.make_domain())
+    return list(evolve(plan, settings.seed, make_supervisor(settings, None), evaluator))
+
+
+@every_world
+def test_a_run_goes_on_from_any_generation(world: str) -> None:
+    """What is evolved from a state that was kept is what would have been."""
+    settings = composed(f"domain={world}", *TINY)
+    whole = steps_of(world)
+    state = whole[1].state
+    assert state is not None
+    rest = evolve(
+        settings.plan(settings.make_domain()),
+        settings.seed,
+        make_supervisor(settings, None),
+        Serial(settings.problem()),
+        start=state,
+    )
+    assert [step.record for step in rest] == [step.record for step in whole[2:]]
+
+
+@every_world
+@pytest.mark.slow
+def test_one_worker_and_four_give_the_same_records(tmp_path: Path, world: str) -> None:
+    """So does a run that was killed and started again."""
+    words = (f"domain={world}", *TINY, "gp.generations=30", "tracking=off", "progress=off")
+    records = []
+    for workers in (1, 4):
+        home = tmp_path / str(workers)
+        home.mkdir()
+        command = (*words, f"evaluator.policy.workers={workers}")
+        if workers == 4:
+            process = start(home, *command)
+            wait_until(lambda: lines(*home.rglob("generations.jsonl")) >= 3, process)  # noqa: B023 -- called at once
+            kill_group(process)
+        code, said = finish(start(home, *command))
+        assert code == 0, said
+        (file,) = home.rglob("generations.jsonl")
+        records.append(file.read_bytes())
+    assert records[0] == records[1]
+
+
+@pytest.mark.slow
+def test_arms_are_compared(islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`compare` writes its page for a domain of an extra, unseen worlds included."""
+    monkeypatch.chdir(tmp_path)
+    sweep = ("domain=cartpole", *TINY[:-1], "tracking=off", "progress=off", "name=s")
+    for arm in ("baseline", "fixed"):
+        command = (*sweep, f"supervisor={arm}", "seed=range(3)", "-m")
+        assert finish(start(tmp_path, *command))[0] == 0
+    arms = [word for arm in ("fixed", "baseline") for word in ("--arm", f"{arm}=supervisor={arm}")]
+    said = islandgp("compare", *arms, "--worlds", 3, "--workers", 1, "--no-mlflow", "-o", "out")
+    assert said.code == 0, said.err
+    assert (tmp_path / "out" / "index.html").is_file()
+
+
+def test_processes_run_an_environment() -> None:
+    """A worker makes the environment by itself."""
+    problem = composed("domain=cartpole", *SHORT).problem()
+    job = Job("PushLeft\n", 0, 3)
+    evaluator = Processes(problem, 1)
+    try:
+        assert evaluator.evaluate([job]) == Serial(problem).evaluate([job])
+    finally:
+        evaluator.close()
+
+
+def test_random_search_inherits_nothing() -> None:
+    """Each individual of each generation is a new random tree, and none is mutated."""
+    steps = steps_of("cartpole", "experiment=random_search", "supervisor=fixed")
+    found = {(i.origin, i.mutation) for step in steps for i in step.record.individuals}
+    assert found == {("random", "")}
+    trees = [i.tree for step in steps for i in step.record.individuals]
+    assert len(set(trees)) > len(trees) // 2
+
+
+# MiniGrid
+
+
+class _Silent:
+    """A log that nobody reads."""
+
+    def __call__(self, event: str, amount: float = 1.0) -> None: ...
+
+
+def _in_view(env: Any) -> set[tuple[int, int]]:
+    """What MiniGrid itself says is visible, as places around the robot."""
+    _, visible = env.gen_obs_grid()
+    found = set()
+    for across, ahead in zip(*np.nonzero(visible), strict=True):
+        x, y = env.agent_pos + env.dir_vec * (6 - ahead) + env.right_vec * (across - 3)
+        if 0 <= x < env.width and 0 <= y < env.height:
+            found.add((int(x), int(y)))
+    return found
+
+
+@pytest.mark.parametrize("level", ["DoorKey-8x8", "MultiRoom-N6", "KeyCorridorS3R3"])
+def test_the_robot_sees_what_minigrid_shows(level: str) -> None:
+    """Its own quick field of view is the environment's, on a random walk through doors."""
+    from islandgp.domains.minigrid.domain import Levels
+    from islandgp.domains.minigrid.robot import Robot
+
+    robot = Robot(Levels(levels=(level,), ticks=200), 3, _Silent())  # type: ignore[arg-type]
+    rng, seen = np.random.default_rng(0), _in_view(robot.env)
+    for _ in range(120):
+        robot.wish = int(rng.choice([0, 1, 2, 2, 2, 3, 4, 5]))
+        if robot.step():
+            break
+        seen |= _in_view(robot.env)
+        assert robot.memory.seen == sum(robot.memory.at(x, y) for x, y in seen)
+
+
+@pytest.mark.parametrize(
+    ("level", "solved"), [("DoorKey-8x8", 6), ("UnlockPickup", 6), ("BlockedUnlockPickup", 0)]
+)
+def test_the_tree_by_hand(level: str, solved: int) -> None:
+    """It does what needs a key and a full hand, and knows no way around a blocked door."""
+    domain = composed("domain=minigrid", f"world.levels=[{level}]").make_domain()
+    tree = parse(BY_HAND["minigrid"].read_text(encoding="utf-8"), domain.schema.vocabulary)
+    assert sum(domain.run_episode(tree, seed, {}).counters["solved"] for seed in range(6)) == solved
+
+
+def test_two_skills_at_once_do_no_harm() -> None:
+    """In a parallel one skill leads another away; both end, and the episode too."""
+    domain = composed("domain=minigrid").make_domain()
+    text = "parallel success all failure all { Explore GoToKey GoToDoor PickUp Toggle Drop }"
+    tree = parse(text, domain.schema.vocabulary)
+    endings = {domain.run_episode(tree, seed, {}).endings for seed in range(12)}
+    assert endings <= {("time",), ("solved",)}
+
+
+def test_a_thing_is_told_once() -> None:
+    """Picking a key up again and again earns no more points than once."""
+    domain = composed("domain=minigrid", "world.levels=[DoorKey-8x8]").make_domain()
+    tree = parse("sequence { GoToKey PickUp Drop }", domain.schema.vocabulary)
+    outcome = max(
+        (domain.run_episode(tree, seed, {}) for seed in range(8)),
+        key=lambda found: found.counters["dropped"],
+    )
+    assert outcome.counters["dropped"] > 3
+    assert outcome.counters["key"] == 1
+
+
+# Gymnasium
+
+
+def test_the_return_is_the_fitness() -> None:
+    """The counters are the environment's own numbers, step by step."""
+    import gymnasium
+
+    domain = composed("domain=cartpole").make_domain()
+    outcome = domain.run_episode(parse("PushRight", domain.schema.vocabulary), 5, {})
+    env, done, total = gymnasium.make("CartPole-v1"), False, 0.0
+    env.reset(seed=5)
+    while not done:
+        _, reward, terminated, truncated, _ = env.step(1)
+        total, done = total + float(reward), terminated or truncated
+    assert outcome.counters["return"] == outcome.fitness == total
+    assert outcome.endings == ("terminated",)
+
+
+class _Boards:
+    """Keeps the blackboard of each tick."""
+
+    def __init__(self) -> None:
+        self.seen: list[tuple[float, ...]] = []
+
+    def node(self, place: int, status: int) -> None: ...
+
+    def tick(self, board: Sequence[float], _scene: Scene | None) -> None:
+        self.seen.append(tuple(board))
+
+    def credit(self, component: str, points: float, event: str, action: str) -> None: ...
+
+
+def test_values_beyond_the_range_are_cut() -> None:
+    """A key keeps what its range says, whatever the environment observes."""
+    config = plain("domain=cartpole")
+    config["world"]["observations"]["speed"]["range"] = [-0.3, 0.3]
+    domain = read_settings(config).make_domain()
+    boards = _Boards()
+    domain.run_episode(parse("PushRight", domain.schema.vocabulary), 0, {}, boards)
+    speeds = [board[domain.schema.vocabulary.places["speed"]] for board in boards.seen]
+    assert max(speeds) == 0.3
+    assert len({speed for speed in speeds if -0.3 < speed < 0.3}) > 1
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (("domain=cartpole", "world.environment=CartPool-v1"), "world.environment: expected one"),
+        (("domain=cartpole", "world.actions.PushLeft.do=7"), "world.actions.PushLeft.do: expected"),
+        (("domain=cartpole", "world.observations.speed.at=9"), "world.observations.speed.at: exp"),
+        (("domain=cartpole", "world.environment=Pendulum-v1"), "world.environment: expected act"),
+        (("domain=cartpole", "world.observations.speed.range=[2,1]"), "world.observations.speed.r"),
+        (("domain=cartpole", "world.signals.lasting.of=hight"), "world.signals.lasting.of: expec"),
+        (("domain=cartpole", "world.name=when"), "Expected a name of letters"),
+        (("domain=minigrid", "world.levels=[DoorKey-9x9]"), "world.levels: expected levels of"),
+        (("domain=minigrid", "world.levels=[Dynamic-Obstacles-6x6]"), "world.levels: expected"),
+        (("domain=minigrid", "world.levels=[]"), "world.levels=[]"),
+    ],
+)
+def test_what_is_not_there_is_told_in_a_line(words: tuple[str, ...], line: str) -> None:
+    """Key, what was expected and found."""
+    with pytest.raises(IslandError) as found:
+        composed(*words)
+    assert str(found.value).startswith(line)
+    assert "\n" not in str(found.value)
+
+
+@pytest.mark.parametrize(("world", "module"), [("minigrid", "minigrid"), ("cartpole", "gymnasium")])
+def test_a_missing_extra_is_told_with_its_remedy(
+    monkeypatch: pytest.MonkeyPatch, world: str, module: str
+) -> None:
+    """Where the package is not installed."""
+    place = {"minigrid": "minigrid.domain", "cartpole": "gymnasium.domain"}[world]
+    monkeypatch.setattr(f"islandgp.domains.{place}.find_spec", lambda _: None)
+    with pytest.raises(ConfigError, match=rf"pip install 'islandgp\[{module}\]'"):
+        composed.__wrapped__(f"domain={world}", "seed=1")
+
+
+def test_stages_play_their_own_levels() -> None:
+    """The curriculum of MiniGrid begins with levels that need two skills."""
+    problem = composed("domain=minigrid").problem()
+    played = [problem.at(stage).world.levels for stage in range(3)]  # type: ignore[attr-defined]
+    assert "Unlock" in played[0]
+    assert "LockedRoom" in played[2]
+    assert played[2] == problem.domain.world.levels  # type: ignore[attr-defined]
+    assert replace(problem, stages=()).at(0) is problem.domain
