@@ -3,13 +3,16 @@
     python docs/study_worlds.py
 
 runs what is missing in `runs/`, lets the best robots meet 100 unseen seeds of each level, and
-writes docs/study_worlds.md. The plan, made before the runs, stands in docs/log.md.
+writes docs/study_worlds.md, and the gallery of docs/domains.md. The plan, made before the
+runs, stands in docs/log.md.
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from math import sqrt
 from pathlib import Path
 from statistics import fmean
@@ -18,13 +21,14 @@ from typing import Any, Final
 import numpy as np
 
 import islandgp
-from islandgp.domain import Outcome
+from islandgp.domain import Outcome, Scene
 from islandgp.evolution.validation import interval
 from islandgp.study.statistics import benjamini_hochberg, bootstrap, paired_test
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 DOMAINS: Final = ROOT / "islandgp" / "domains"
 PAGE: Final = ROOT / "docs" / "study_worlds.md"
+GALLERY: Final = ROOT / "docs" / "domains.md"
 
 SEEDS: Final = range(6000, 6020)  # of runs; nothing was tried on them
 UNSEEN: Final = range(10_000, 10_100)  # of worlds, for the tables of trees
@@ -54,6 +58,8 @@ class Study:
     unit: str  # of the measure
     by_hand: Path
     levels: tuple[str, ...] = ()  # () where there is only one
+    shown: str = ""  # the level of the picture
+    seed: int = 0  # of the world of the picture
 
 
 STUDIES: Final = (
@@ -68,6 +74,8 @@ STUDIES: Final = (
             *("DoorKey-8x8", "MultiRoom-N6", "LockedRoom", "UnlockPickup", "KeyCorridorS3R3"),
             *("BlockedUnlockPickup", "DoorKey-16x16", "KeyCorridorS4R3"),
         ),
+        "KeyCorridorS3R3",
+        4,
     ),
     Study(
         "LunarLander",
@@ -89,20 +97,24 @@ STUDIES: Final = (
 TRAINED: Final = 6  # levels of MiniGrid that runs train on; the others are told beside them
 
 
-def best_robots(study: Study, arm: str) -> list[dict[str, Any]]:
-    """A row for each seed's run: its best robot, and what the run itself thinks of it."""
-    rows = []
-    for seed in SEEDS:
-        name = f"name=worlds-{study.domain}-{arm.replace(' ', '_')}"
-        words = (f"domain={study.domain}", *ARMS[arm], *study.budget, name, f"seed={seed}")
-        rows += islandgp.run(*words, *QUIET).runs.to_dict("records")
-    return rows
+def best_robot(study: Study, arm: str, seed: int) -> dict[str, Any]:
+    """A run, made where it is missing: its best robot, and what the run itself thinks of it."""
+    name = f"name=worlds-{study.domain}-{arm.replace(' ', '_')}"
+    words = (f"domain={study.domain}", *ARMS[arm], *study.budget, name, f"seed={seed}")
+    (row,) = islandgp.run(*words, *QUIET).runs.to_dict("records")
+    return dict(row)
 
 
 def episodes(study: Study, tree: str, seeds: Sequence[int], level: str = "") -> list[Outcome]:
     """The outcomes of a tree in the worlds of these seeds."""
-    words = [f"domain={study.domain}", *([f"world.levels=[{level}]"] if level else [])]
-    return islandgp.compose(*words, *QUIET).evaluate(tree, seeds)
+    return experiment(study.domain, level).evaluate(tree, seeds)
+
+
+@cache
+def experiment(domain: str, level: str = "") -> islandgp.Experiment:
+    """A domain as it comes, with one level or all."""
+    words = [f"domain={domain}", *([f"world.levels=[{level}]"] if level else [])]
+    return islandgp.compose(*words, *QUIET)
 
 
 def measured(study: Study, tree: str) -> float:
@@ -126,19 +138,25 @@ def told(study: Study, outcomes: Sequence[Outcome]) -> str:
 
 
 def main() -> None:
-    """Runs, measures and writes."""
+    """Runs, measures and writes; the number of seeds may be given, at least 2."""
+    seeds = SEEDS[: int(sys.argv[1])] if len(sys.argv) > 1 else SEEDS
+    for seed in seeds:  # seed by seed: a study that is stopped has as many of each arm
+        for study in STUDIES:
+            for arm in ARMS:
+                best_robot(study, arm, seed)
+        print(f"seed {seed} is done", flush=True)
     parts, tests = [], []
     for study in STUDIES:
-        runs = {arm: best_robots(study, arm) for arm in ARMS}
+        runs = {arm: [best_robot(study, arm, seed) for seed in seeds] for arm in ARMS}
         found = {arm: [measured(study, row["tree"]) for row in runs[arm]] for arm in ARMS}
         for one, other in PAIRS:
-            differences = np.subtract(found[one], found[other])
+            differences = [a - b for a, b in zip(found[one], found[other], strict=True)]
             mean = bootstrap([differences], lambda x: np.mean(x, axis=-1))
             p = paired_test(found[one], found[other])
             tests.append((study, one, other, mean, p))
         parts.append((study, runs, found))
     adjusted = benjamini_hochberg([p.p for *_, p in tests])
-    lines = [_row("study", "measure", *ARMS), _rule(5)]
+    lines = [f"{len(seeds)} paired seeds.", "", _row("study", "measure", *ARMS), _rule(5)]
     for study, _, found in parts:
         cells = (bootstrap([found[arm]], lambda x: np.mean(x, axis=-1)) for arm in ARMS)
         shown = (_numbers(study, c.estimate, c.low, c.high) for c in cells)
@@ -159,11 +177,78 @@ def main() -> None:
                 f"{q:.3f}",
             )
         )
-    text = PAGE.read_text(encoding="utf-8")
-    text = _replaced(text, "comparison", "\n".join(lines))
-    text = _replaced(text, "trees", "\n".join(_trees(study, runs) for study, runs, _ in parts))
-    PAGE.write_text(text, encoding="utf-8")
-    print(f"wrote {PAGE}")
+    replace_parts(
+        PAGE,
+        comparison="\n".join(lines),
+        trees="\n".join(_trees(study, runs) for study, runs, _ in parts),
+    )
+    for study, runs, _ in parts:
+        picture(study, str(evolved(runs)["tree"]))
+    gallery = "\n".join(_shown(study, runs) for study, runs, _ in parts)
+    replace_parts(GALLERY, gallery=gallery)
+
+
+def evolved(runs: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
+    """The row of the best evolved robot, as validation says."""
+    rows = [row for arm in PAIRS[0] for row in runs[arm]]
+    return max(rows, key=lambda row: float(row["best"]))
+
+
+def picture(study: Study, tree: str) -> None:
+    """Keeps the frame two thirds into an episode of a tree, in docs/img."""
+    domain = experiment(study.domain, study.shown).domain
+    node, frames = experiment(study.domain, study.shown).parse(tree), _Frames()
+    domain.run_episode(node, study.seed, {}, frames)
+    frame = frames.seen[2 * len(frames.seen) // 3]
+    (ROOT / "docs" / "img" / f"world-{study.domain}.png").write_bytes(frame)
+
+
+class _Frames:
+    """Collects the pictures of an episode."""
+
+    def __init__(self) -> None:
+        self.seen: list[bytes] = []
+
+    def node(self, place: int, status: int) -> None: ...
+
+    def tick(self, _board: Sequence[float], scene: Scene | None) -> None:
+        if scene is not None and scene.frame is not None:
+            self.seen.append(scene.frame())
+
+    def credit(self, component: str, points: float, event: str, action: str) -> None: ...
+
+
+def _shown(study: Study, runs: dict[str, list[dict[str, Any]]]) -> str:
+    """A domain of the gallery: picture, vocabulary, best tree, score."""
+    schema, tree = experiment(study.domain).domain.schema, str(evolved(runs)["tree"])
+    levels = study.levels[:TRAINED] or ("",)
+
+    def score(text: str) -> str:
+        return told(study, [o for level in levels for o in episodes(study, text, UNSEEN, level)])
+
+    where = f"100 unseen seeds{' of each of the six levels' if study.levels else ''}"
+    return "\n".join(
+        (
+            f"### {study.title}: `domain={study.domain}`",
+            "",
+            f"![{study.title}: a frame of an episode](img/world-{study.domain}.png)",
+            "",
+            schema.task,
+            "",
+            f"- actions: {', '.join(f'`{name}`' for name in schema.vocabulary.actions)}",
+            f"- keys: {', '.join(f'`{name}`' for name in schema.vocabulary.keys)}",
+            f"- score, the {study.unit} on {where}: best evolved tree {score(tree)},"
+            f" [by hand](../{study.by_hand.relative_to(ROOT)})"
+            f" {score(study.by_hand.read_text(encoding='utf-8'))}",
+            "",
+            "The best evolved tree:",
+            "",
+            "```bt",
+            tree.strip(),
+            "```",
+            "",
+        )
+    )
 
 
 def _trees(study: Study, runs: dict[str, list[dict[str, Any]]]) -> str:
@@ -175,11 +260,9 @@ def _trees(study: Study, runs: dict[str, list[dict[str, Any]]]) -> str:
     for level in study.levels or ("",):
         cells = [told(study, episodes(study, tree, UNSEEN, level)) for tree in trees.values()]
         lines.append(_row(level or study.title, *cells))
-    seed, tree = max(
-        ((row["seed"], row["tree"], float(row["best"])) for arm in PAIRS[0] for row in runs[arm]),
-        key=lambda found: found[2],
-    )[:2]
-    lines += ["", f"The best evolved tree (seed {seed}):", "", "```", tree.strip(), "```", ""]
+    best_of_all = evolved(runs)
+    seed, tree = best_of_all["seed"], str(best_of_all["tree"])
+    lines += ["", f"The best evolved tree (seed {seed}):", "", "```bt", tree.strip(), "```", ""]
     return "\n".join(lines)
 
 
@@ -197,10 +280,16 @@ def _rule(columns: int) -> str:
     return "|---" * columns + "|"
 
 
-def _replaced(text: str, part: str, content: str) -> str:
-    begin, end = f"<!-- begin {part} -->\n", "<!-- end -->"
-    before, _, rest = text.partition(begin)
-    return f"{before}{begin}{content}\n{end}{rest.partition(end)[2]}"
+def replace_parts(page: Path, **parts: str) -> None:
+    """Writes a page anew between its markers."""
+    text = page.read_text(encoding="utf-8")
+    for part, content in parts.items():
+        begin, end = f"<!-- begin {part} -->\n", "<!-- end -->"
+        before, found, rest = text.partition(begin)
+        assert found, f"{page} has no {begin}"
+        text = f"{before}{begin}{content}\n{end}{rest.partition(end)[2]}"
+    page.write_text(text, encoding="utf-8")
+    print(f"wrote {page}")
 
 
 if __name__ == "__main__":

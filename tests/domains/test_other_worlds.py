@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -22,6 +24,7 @@ from islandgp.evaluation.processes import Processes
 from islandgp.evaluation.serial import Serial
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import Step
+from islandgp.experiment import run
 from islandgp.running.run import make_supervisor
 from islandgp.testing.domain_suite import DomainSuite
 from tests.composed import composed, plain
@@ -98,6 +101,40 @@ def test_the_commands_work(islandgp: Cli, tmp_path: Path, world: str) -> None:
     assert '"frames":["iVBOR' in page.read_text(encoding="utf-8").replace(" ", "")
     assert islandgp("export", tree, "-o", file).code == 0
     assert ElementTree.parse(file).getroot().tag == "root"
+
+
+def gallery_commands() -> list[list[str]]:
+    """The commands of docs/domains.md on these domains, but pip's."""
+    page = (DOMAINS.parents[1] / "docs" / "domains.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```sh\n(.*?)```", page, re.DOTALL | re.MULTILINE)
+    found = [shlex.split(line) for block in blocks for line in block.splitlines()]
+    return [words for words in found if words[0] != "pip"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        # The suite runs on these domains above.
+        pytest.param(words, marks=pytest.mark.slow if "--check" in words else ())
+        for words in gallery_commands()
+    ],
+    ids=" ".join,
+)
+def test_the_gallery_s_commands(
+    islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str]
+) -> None:
+    """Each does what it says; runs are shortened."""
+    if words[0] == "islandgp":
+        quick = ("--set", SHORT[0]) if words[1] == "domain" else ()
+        assert islandgp(*words[1:], *quick).code == 0
+        return
+    monkeypatch.chdir(tmp_path)
+    own = [word for word in words[3:] if not word.startswith("gp.generations")]
+    quick = [*TINY, "gp.generations=2", "gp.validation=0", "tracking=off", "evaluator=serial"]
+    if any(word.startswith(("supervisor=", "experiment=random")) for word in own):
+        quick.remove("supervisor=baseline")
+    found = run(*own, *quick).runs
+    assert list(found["status"]) == ["FINISHED"]
 
 
 def steps_of(world: str, *overrides: str) -> list[Step]:

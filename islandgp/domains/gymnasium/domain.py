@@ -117,12 +117,13 @@ class Gymnasium:
         values = env.reset(seed=seed)[0].tolist()
         signals, earns = _signals(world, len(values)), self.rewards.events.keys()
         lasting = "step" in earns
+        scene = None if observer is None else _scene(env, world.shrink)
         while not ending:
             sense(values)
             chosen[0] = world.otherwise
             tick()
             if observer is not None:
-                observer.tick(board, _scene(env, world.shrink))
+                observer.tick(board, scene)
             observation, reward, terminated, truncated, _ = take(chosen[0])
             values, reward, done = observation.tolist(), float(reward), done + 1
             total += reward
@@ -188,8 +189,10 @@ def _signals(world: settings.World, size: int) -> list[tuple[str, int, float, fl
 
 
 def _scene(env: Any, shrink: int) -> Scene:
-    """The environment's own picture."""
-    return Scene((0.0, 0.0, 1.0, 1.0), frame=lambda: png(env.render()[::shrink, ::shrink]))
+    """The environment's own picture, as it is whenever it is asked for."""
+    height, width, _ = env.render().shape
+    bounds = (0.0, 0.0, float(width), float(height))
+    return Scene(bounds, frame=lambda: png(env.render()[::shrink, ::shrink]))
 
 
 def _check(world: settings.World, env: Any) -> None:
