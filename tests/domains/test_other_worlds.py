@@ -254,12 +254,19 @@ def test_the_robot_sees_what_minigrid_shows(level: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("level", "solved"), [("DoorKey-8x8", 6), ("UnlockPickup", 6), ("BlockedUnlockPickup", 0)]
+    ("name", "level", "solved"),
+    [
+        ("by_hand", "DoorKey-8x8", 6),
+        ("by_hand", "UnlockPickup", 6),
+        ("by_hand", "BlockedUnlockPickup", 0),
+        ("ball_first", "BlockedUnlockPickup", 6),
+    ],
 )
-def test_the_tree_by_hand(level: str, solved: int) -> None:
-    """It does what needs a key and a full hand, and knows no way around a blocked door."""
+def test_trees_by_hand(name: str, level: str, solved: int) -> None:
+    """Keys, full hands and blocked doors are within the words of the domain."""
     domain = composed("domain=minigrid", f"world.levels=[{level}]").make_domain()
-    tree = parse(BY_HAND["minigrid"].read_text(encoding="utf-8"), domain.schema.vocabulary)
+    text = BY_HAND["minigrid"].with_stem(name).read_text(encoding="utf-8")
+    tree = parse(text, domain.schema.vocabulary)
     assert sum(domain.run_episode(tree, seed, {}).counters["solved"] for seed in range(6)) == solved
 
 
