@@ -195,7 +195,7 @@ ONE_LINE = [
      "world@x: expected GROUP=OPTION, found a package behind the group; write world=OPTION"),
     (["+hydra.callbacks.x._target_=builtins.print"],
      "hydra.callbacks.x: expected no callbacks, found one; leave it out,"),
-    (["hydra.run.dir=/proc/x"], "Expected Hydra to start the run, found that it cannot: [Errno 2]"),
+    (["hydra.run.dir=/proc/x"], "hydra.run.dir: expected ., found /proc/x"),
 ]  # fmt: skip
 
 HUGE = {
