@@ -97,6 +97,11 @@ STUDIES: Final = (
 TRAINED: Final = 6  # levels of MiniGrid that runs train on; the others are told beside them
 
 
+def _p(p: float) -> str:
+    """A probability as people read it."""
+    return f"{p:.3f}" if p >= 0.0005 else "< 0.001"
+
+
 def best_robot(study: Study, arm: str, seed: int) -> dict[str, Any]:
     """A run, made where it is missing: its best robot, and what the run itself thinks of it."""
     name = f"name=worlds-{study.domain}-{arm.replace(' ', '_')}"
@@ -173,8 +178,8 @@ def main() -> None:
                 f"{one} - {other}",
                 _numbers(study, mean.estimate, mean.low, mean.high, sign="+"),
                 f"{p.higher} of {p.pairs}",
-                f"{p.p:.3f}",
-                f"{q:.3f}",
+                _p(p.p),
+                _p(q),
             )
         )
     replace_parts(
