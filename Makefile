@@ -61,10 +61,14 @@ ablations: $(STAMP) ## what of the expert helps: its rate, its trees, their choi
 	  --arm founders="name=ablation_founders seed=range(6000,6030)" \
 	  --arm baseline="name=study supervisor=baseline seed=range(6000,6030)" -o docs/study/ablations
 
+docs: $(STAMP)   ## the documentation's site, in build/site
+	$(BIN)/python docs/pages.py
+	$(BIN)/zensical build --clean --strict
+
 ui: $(STAMP)     ## start the MLflow UI on this folder's runs
 	$(BIN)/islandgp ui
 
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
 
-.PHONY: help setup run lint test test-slow gateways bench demo-llm study ablations ui clean
+.PHONY: help setup run lint test test-slow gateways bench demo-llm study ablations docs ui clean
