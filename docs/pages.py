@@ -23,7 +23,11 @@ ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 SITE_PAGES = ROOT / "build" / "pages"
 
-AT_THE_TOP = {"README.md": "index.md", "CHANGELOG.md": "changelog.md", "CONTRIBUTING.md": "contributing.md"}
+AT_THE_TOP = {
+    "README.md": "index.md",
+    "CHANGELOG.md": "changelog.md",
+    "CONTRIBUTING.md": "contributing.md",
+}
 RENAMED = {"docs/study/README.md": "study/results.md"}  # its folder has a page index.html
 
 MODULES = ("islandgp.domain", "islandgp.ticking", "islandgp.testing.domain_suite")
@@ -72,7 +76,11 @@ def api() -> str:
     lines = [
         "# Python interface\n",
         "The names that `islandgp` itself exports.\n",
-        *(f"::: {islandgp._HOMES[name]}.{name}\n" for name in islandgp.__all__ if name in islandgp._HOMES),
+        *(
+            f"::: {islandgp._HOMES[name]}.{name}\n"
+            for name in islandgp.__all__
+            if name in islandgp._HOMES
+        ),
         "`islandgp.__version__` is the version, as text.\n",
         "## A domain of your own\n",
         "What a domain is made of, and the tests that every one has to pass; [A robot of your"
@@ -104,7 +112,8 @@ def replay(file: Path) -> str:
     command.main(["replay", str(tree), "-o", str(file)], standalone_mode=False)
     return (
         "# An episode\n\nThe example tree `all_rounder` in the world of seed 0, as `islandgp replay"
-        f" grammar/examples/all_rounder.bt` shows it. [Open it on a page of its own]({file.name}).\n\n"
+        " grammar/examples/all_rounder.bt` shows it. [Open it on a page of its own]"
+        f"({file.name}).\n\n"
         f'<iframe src="{file.name}" title="A replay of all_rounder" style="width: 100%;'
         ' height: 85vh; border: 1px solid #8886"></iframe>\n'
     )

@@ -32,7 +32,9 @@ from islandgp.supervision.expert import ExpertSettings
 
 CONF = resource("conf")
 
-_PAPER = re.compile(r"\b(?:[Ss]ections? [\d.]*\d(?:,? and [\d.]*\d)?|Tables? \d+|Eq\. \(\d+\)|Fig\. \d+)")
+_PAPER = re.compile(
+    r"\b(?:[Ss]ections? [\d.]*\d(?:,? and [\d.]*\d)?|Tables? \d+|Eq\. \(\d+\)|Fig\. \d+)"
+)
 _CHOICES = ("supervisor", "evaluator", "tracking")
 """Groups whose key `policy` has other keys with each option."""
 
@@ -126,7 +128,9 @@ def _option(group: str, file: Path) -> Chapter:
     comments = _comments([file])
     if issubclass(value.factory.Settings, ExpertSettings):
         comments = {**_comments([CONF / group / "expert.yaml"]), **comments}
-    return Chapter(f"`{group}={file.stem}`", (file,), tuple(_keys(type(value), value, group, comments)))
+    return Chapter(
+        f"`{group}={file.stem}`", (file,), tuple(_keys(type(value), value, group, comments))
+    )
 
 
 def _launcher(file: Path) -> Iterator[Key]:
@@ -164,7 +168,9 @@ def _keys(
     for name, field in model.model_fields.items():
         if name == "policy" and isinstance(value, Part):
             policy = value.factory.Settings
-            yield from _keys(policy, value.settings(), f"{path}.{name}", comments, f"{inner}{name}.")
+            yield from _keys(
+                policy, value.settings(), f"{path}.{name}", comments, f"{inner}{name}."
+            )
             continue
         if value is None:
             given = _ABSENT if field.is_required() else field.default
@@ -174,7 +180,12 @@ def _keys(
 
 
 def _field(
-    model: type[BaseModel], name: str, given: Any, path: str, inner: str, comments: Mapping[str, str]
+    model: type[BaseModel],
+    name: str,
+    given: Any,
+    path: str,
+    inner: str,
+    comments: Mapping[str, str],
 ) -> Iterator[Key]:
     field = model.model_fields[name]
     below, step = _model_in(field.annotation)
