@@ -64,10 +64,14 @@ ablations: $(STAMP) ## what of the expert helps: its rate, its trees, their choi
 study-worlds: $(STAMP) ## MiniGrid, LunarLander and CartPole: expert, baseline, random search; resumable
 	$(BIN)/python docs/study_worlds.py
 
+docs: $(STAMP)   ## the documentation's site, in build/site
+	$(BIN)/python docs/pages.py
+	$(BIN)/zensical build --clean --strict
+
 ui: $(STAMP)     ## start the MLflow UI on this folder's runs
 	$(BIN)/islandgp ui
 
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
 
-.PHONY: help setup run lint test test-slow gateways bench demo-llm study ablations study-worlds ui clean
+.PHONY: help setup run lint test test-slow gateways bench demo-llm study ablations study-worlds docs ui clean

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import webbrowser
 from pathlib import Path
 
 import click
@@ -23,16 +24,19 @@ from islandgp.tracking.ui import served
     "--runs", type=click.Path(path_type=Path), default=Path("runs"), help="Folder of runs."
 )
 @click.option("--port", default=5000, show_default=True, help="Port of this machine to serve on.")
-def command(uri: str | None, experiment: str, runs: Path, port: int) -> None:
+@click.option("--open", "opened", is_flag=True, help="Open the page of the arms in a browser.")
+def command(uri: str | None, experiment: str, runs: Path, port: int, opened: bool) -> None:
     """Serve the MLflow pages and print the address of the runs page."""
     place = place_from(uri, experiment) if uri else place_of_latest(runs)
     click.echo(f"Starting the MLflow server for {place.uri} ...", err=True)
     try:
         # A server has a session of its own: it does not hear of what ends this command.
         with as_ctrl_c("SIGTERM", "SIGHUP"), served(place, port) as pages:
-            click.echo(f"arms, grouped by arm:  {pages.arms}")
+            click.echo(f"arms, grouped by arm:         {pages.arms}")
             click.echo(f"all runs:                     {pages.runs}")
             click.echo("Ctrl-C stops the server.", err=True)
+            if opened and not webbrowser.open(pages.arms):
+                click.echo("Found no browser to open: open the address yourself.", err=True)
             threading.Event().wait()
     except KeyboardInterrupt:
         click.echo("stopped", err=True)

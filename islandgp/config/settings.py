@@ -61,10 +61,10 @@ class SupervisorSettings(Part, frozen=True, extra="forbid"):
 
     needs = SUPERVISES
 
-    name: str = Field(pattern=r"^[a-z][a-z0-9_]*$")
-    adapt_mutation: bool
-    inject: bool
-    lag: int = Field(ge=0, le=100)
+    name: str = Field(pattern=r"^[a-z][a-z0-9_]*$")  # in records, tags and folders' names
+    adapt_mutation: bool  # its mutation rate takes effect
+    inject: bool  # its tree takes its slot; else a random tree does
+    lag: int = Field(ge=0, le=100)  # generations until an answer takes effect
 
 
 class EvaluatorSettings(Part, frozen=True, extra="forbid"):

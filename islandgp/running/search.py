@@ -52,8 +52,8 @@ class SweeperSettings(BaseModel, frozen=True, extra="forbid"):
     n_jobs: int = Field(ge=1, le=MOST_JOBS)
     direction: Direction | tuple[Direction, ...]
     params: dict[str, Any]
-    sampler: dict[str, Any]
-    pruner: dict[str, Any] | None = None
+    sampler: dict[str, Any]  # which trials are tried: conf/hydra/sweeper/sampler
+    pruner: dict[str, Any] | None = None  # which trials are ended early: conf/hydra/sweeper/pruner
 
 
 @dataclass(frozen=True, slots=True)

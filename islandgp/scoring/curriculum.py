@@ -25,7 +25,7 @@ class Stage(BaseModel, frozen=True, extra="forbid"):
 class Curriculum(BaseModel, frozen=True, extra="forbid"):
     """Table 2."""
 
-    generations_per_epoch: int = Field(ge=1)
+    generations_per_epoch: int = Field(ge=1)  # as long as an epoch lasts
     stages: tuple[Stage, ...] = Field(min_length=1)
 
     @model_validator(mode="after")

@@ -13,8 +13,8 @@ from islandgp.domain import Schema
 class Band(BaseModel, frozen=True, extra="forbid"):
     """What an event earns while its amount is below a level."""
 
-    below: FiniteFloat
-    points: FiniteFloat
+    below: FiniteFloat  # levels under this one
+    points: FiniteFloat  # that they earn
 
 
 class Reward(BaseModel, frozen=True, extra="forbid"):

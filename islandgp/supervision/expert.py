@@ -22,8 +22,8 @@ from islandgp.supervision.library import Library
 class Size(BaseModel, frozen=True, extra="forbid"):
     """The largest that a tree may be."""
 
-    depth: int = Field(ge=1)
-    nodes: int = Field(ge=1)
+    depth: int = Field(ge=1)  # levels at most
+    nodes: int = Field(ge=1)  # at most
 
     def holds(self, tree: Node) -> bool:
         """Whether `tree` is no larger."""

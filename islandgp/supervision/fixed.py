@@ -12,7 +12,7 @@ from islandgp.supervision.base import Guidance, RunContext
 class FixedSettings(BaseModel, frozen=True, extra="forbid"):
     """The constant."""
 
-    rate: float = Field(ge=0, le=1)
+    rate: float = Field(ge=0, le=1)  # of mutation, in every generation
 
 
 class Fixed:

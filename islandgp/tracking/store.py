@@ -41,7 +41,7 @@ class MLflowSettings(BaseModel, frozen=True, extra="forbid"):
 
     uri: str = Field(pattern=r"^(sqlite:///.+|https?://.+)$")
     artifacts: str = Field(min_length=1)  # folder, for the SQLite store; a server knows its own
-    experiment: str = Field(min_length=1)
+    experiment: str = Field(min_length=1)  # of MLflow, where runs are kept
     patience: float = Field(ge=0, le=3600)  # s to wait for the store at the end of a run
 
 

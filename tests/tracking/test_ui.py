@@ -9,21 +9,24 @@ import signal
 import socket
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from time import monotonic, sleep
+from types import SimpleNamespace
 from urllib.request import urlopen
 
 import pytest
 from click.testing import CliRunner
 
 from islandgp.cli import islandgp
+from islandgp.commands import ui_command
 from islandgp.errors import TrackingError
 from islandgp.records.folder import Status
 from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.place import place_from, place_of_latest
 from islandgp.tracking.store import Place, Store
 from islandgp.tracking.sync import sync
-from islandgp.tracking.ui import served
+from islandgp.tracking.ui import Pages, served
 from islandgp.tracking.view import runs_page, share_view
 from tests.running.commands import ROOT
 from tests.tracking.folders import history, place, written
@@ -105,6 +108,29 @@ def stand_in(place, port):
 ui._command = stand_in
 main()
 """
+
+
+def test_open_opens_the_page_of_the_arms(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`islandgp ui --open`; without a browser the command says so and goes on serving."""
+    opened: list[str] = []
+    pages = Pages("http://h:1/#arms", "http://h:1/#runs")
+
+    def ends() -> None:
+        raise KeyboardInterrupt
+
+    def no_browser(address: str) -> bool:
+        opened.append(address)
+        return False
+
+    monkeypatch.setattr(ui_command, "served", lambda *_: nullcontext(pages))
+    monkeypatch.setattr(ui_command.webbrowser, "open", no_browser)
+    monkeypatch.setattr(ui_command.threading, "Event", lambda: SimpleNamespace(wait=ends))
+    words = ["ui", "--uri", "sqlite:///mlflow.db"]
+    assert "--open" not in (said := CliRunner().invoke(islandgp, words)).output
+    assert (said.exit_code, opened) == (0, [])
+    said = CliRunner().invoke(islandgp, [*words, "--open"])
+    assert (said.exit_code, opened) == (0, ["http://h:1/#arms"])
+    assert "Found no browser" in said.output
 
 
 def free_port() -> int:

@@ -50,7 +50,7 @@ class GarbageSettings(BaseModel, frozen=True, extra="forbid"):
 class HumanoidSettings(BaseModel, frozen=True, extra="forbid"):
     """Humanoids that walk, collect garbage, and ask for clearing."""
 
-    count: int = Field(ge=0, le=1_000)
+    count: int = Field(ge=0, le=1_000)  # that walk about
     speed: Positive  # m/s
     radius: Positive  # m
     turn_every: tuple[Positive, Positive]  # s, least and most between two decisions
@@ -62,10 +62,10 @@ class HumanoidSettings(BaseModel, frozen=True, extra="forbid"):
 class ObstacleSettings(BaseModel, frozen=True, extra="forbid"):
     """Rocks and trees: the same on every day of the island."""
 
-    count: int = Field(ge=0, le=500)
+    count: int = Field(ge=0, le=500)  # that stand on the island
     radius: tuple[Positive, Positive]  # m, least and most
     gap: Positive  # m of free ground around each
-    layout_seed: int = Field(ge=0)
+    layout_seed: int = Field(ge=0)  # of the obstacles' places, the same in every world
 
 
 class EpisodeSettings(BaseModel, frozen=True, extra="forbid"):
@@ -98,8 +98,8 @@ class World(BaseModel, frozen=True, extra="forbid"):
 
     side: Positive  # m
     start: Point
-    chargers: tuple[Point, ...] = Field(min_length=1)
-    clearing_points: tuple[Point, ...] = Field(min_length=1)
+    chargers: tuple[Point, ...] = Field(min_length=1)  # places where robots charge; m
+    clearing_points: tuple[Point, ...] = Field(min_length=1)  # places where robots deliver; m
     waypoints: tuple[Point, ...] = Field(min_length=2)
     robot: RobotSettings
     garbage: GarbageSettings

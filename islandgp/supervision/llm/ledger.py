@@ -24,8 +24,8 @@ class Caps(BaseModel, frozen=True, extra="forbid"):
 
     requests: int | None = Field(ge=0)  # sent, retries and repairs included
     input_tokens: int | None = Field(ge=0)  # those read from and written to a cache included
-    output_tokens: int | None = Field(ge=0)
-    usd: float | None = Field(ge=0)
+    output_tokens: int | None = Field(ge=0)  # in all answers
+    usd: float | None = Field(ge=0)  # at the prices of `prices`
     seconds: float | None = Field(ge=0)  # spent on attempts and on waiting between them
 
 

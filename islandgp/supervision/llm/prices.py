@@ -16,9 +16,9 @@ DATE: Final = r"^\d{4}-\d\d-\d\d$"
 class Price(BaseModel, frozen=True, extra="forbid"):
     """US dollars for a million tokens of one model."""
 
-    input: float = Field(ge=0)
-    output: float = Field(ge=0)
-    cache_read: float = Field(ge=0)
+    input: float = Field(ge=0)  # USD a million tokens
+    output: float = Field(ge=0)  # USD a million tokens
+    cache_read: float = Field(ge=0)  # USD a million tokens
     cache_write: float = Field(ge=0)  # kept for 5 minutes
 
 
@@ -35,7 +35,7 @@ class Prices(BaseModel, frozen=True, extra="forbid"):
     """The prices of one day."""
 
     date: str = Field(pattern=DATE)  # when they were read
-    source: str
+    source: str  # where they were read
     models: dict[str, Price]
     unknown: tuple[str, ...] = ()  # models whose price was nowhere to be found on that day
     aliases: dict[str, str] = Field(default_factory=dict)  # a name of ours: the model

@@ -25,13 +25,13 @@ class TreeSize(BaseModel, frozen=True, extra="forbid"):
     depth: int = Field(ge=1)  # levels, asked for
     nodes: str  # about how many, asked for
     most_depth: int = Field(ge=1)  # taken; the run's own limits hold besides
-    most_nodes: int = Field(ge=1)
+    most_nodes: int = Field(ge=1)  # taken
 
 
 class Thinking(BaseModel, frozen=True, extra="forbid"):
     """Whether a model thinks before it answers, as the Messages API takes it."""
 
-    type: Literal["adaptive", "enabled", "disabled", "between_tools"]
+    type: Literal["adaptive", "enabled", "disabled", "between_tools"]  # whether it thinks
     budget_tokens: int | None = Field(default=None, ge=1024)  # of "enabled"
     display: Literal["summarized", "omitted"] | None = None  # what of it comes back
 

@@ -78,7 +78,7 @@ class RateSettings(BaseModel, frozen=True, extra="forbid"):
     """Which rates are taken. One outside is never used as it is."""
 
     least: float = Field(ge=0, le=1)
-    most: float = Field(ge=0, le=1)
+    most: float = Field(ge=0, le=1)  # highest rate that is taken
     outside: Literal["repair", "clamp"]  # ask again and then refuse, or take the nearest limit
 
     @model_validator(mode="after")

@@ -1,0 +1,14 @@
+# An image for the MLflow server and for workers; compose.yaml uses it for both.
+FROM python:3.11-slim
+WORKDIR /opt/islandgp
+COPY pyproject.toml constraints.txt README.md LICENSE ./
+COPY conf conf
+COPY grammar grammar
+COPY prompts prompts
+COPY hydra_plugins hydra_plugins
+COPY islandgp islandgp
+RUN pip install --no-cache-dir '.[postgresql]' -c constraints.txt \
+    && useradd --create-home worker && mkdir -p /work/runs /artifacts && chown -R worker /work /artifacts
+USER worker
+WORKDIR /work
+CMD ["python", "-m", "islandgp"]
