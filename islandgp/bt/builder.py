@@ -11,7 +11,8 @@ from typing import Any, Final, TypeAlias
 from islandgp.bt.condition import OPERATORS, Asked, Condition, denied, joined
 from islandgp.bt.diagnosis import unknown_key, unknown_node
 from islandgp.bt.includes import Part
-from islandgp.bt.node import ABORTS, REPEATS, Argument, Node
+from islandgp.bt.node import ABORTS, REPEATS, Argument, Node, Used
+from islandgp.bt.printer import use_text
 from islandgp.bt.source import Source, closest, shown
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.errors import LimitError, TreeError, UnknownNameError
@@ -56,8 +57,14 @@ class Builder:
     that subtrees which double each other are refused before they are expanded.
     """
 
-    def __init__(self, source: Source, vocabulary: Vocabulary | None) -> None:
-        """Without a vocabulary every name is an action, and every key a flag or a number."""
+    def __init__(
+        self, source: Source, vocabulary: Vocabulary | None, *, marked: bool = False
+    ) -> None:
+        """Without a vocabulary every name is an action, and every key a flag or a number.
+
+        Marked: the root of a subtree that is used is a `Used`.
+        """
+        self._marked = marked
         self._source = source
         self._vocabulary = vocabulary
         self._subtrees: dict[str, _Subtree] = {}
@@ -197,7 +204,9 @@ class Builder:
         else:
             subtree = self._subtrees[str(name)]
         self._count(name, nodes=subtree.nodes, deepest=level + subtree.levels - 1)
-        return subtree.node
+        if not self._marked:
+            return subtree.node
+        return Used.of(subtree.node, use_text(str(name), [self._number(each) for each in given]))
 
     def _count(self, token: _Token, *, nodes: int, deepest: int) -> None:
         self.nodes += nodes

@@ -14,8 +14,7 @@ from pathlib import Path
 
 from islandgp.bt.comments import Comment
 from islandgp.bt.language import MAX_CHARACTERS, parse
-from islandgp.bt.node import Node
-from islandgp.bt.printer import INDENT, INLINE_LEVELS, WIDTH, head, number_text
+from islandgp.bt.printer import INDENT, INLINE_LEVELS, WIDTH, head
 from islandgp.bt.syntax import Definition, File, Line, Written, read
 from islandgp.errors import LimitError
 
@@ -89,7 +88,7 @@ def _node(written: Written, indent: str, lead: str = "") -> Iterator[str]:
     if inline is not None and (len(start) + len(inline) <= WIDTH or not written.children):
         yield f"{start}{inline}{behind}"
         return
-    yield f"{start}{_head(written.node)} {{" + (f"  {written.inside}" if written.inside else "")
+    yield f"{start}{head(written.node)} {{" + (f"  {written.inside}" if written.inside else "")
     inside = [line for child in written.children for line in _node(child, indent + INDENT)]
     inside += _comments(written.at_end, indent + INDENT)
     yield from inside[1:] if not inside[0] else inside  # no blank line behind the brace
@@ -103,19 +102,11 @@ def _comments(comments: Iterable[Comment], indent: str) -> Iterator[str]:
         yield f"{indent}{comment.text}"
 
 
-def _head(node: Node) -> str:
-    if node.kind != "use":
-        return head(node)
-    name, *given = node.args
-    numbers = ", ".join(number_text(value) for value in given if isinstance(value, int | float))
-    return f"use {name}({numbers})" if given else f"use {name}"
-
-
 def _inline(written: Written, levels: int) -> str | None:
     """The node on one line, as the printer would; None if it does not fit or has comments."""
     children = written.children
     if not children:
-        return _head(written.node)
+        return head(written.node)
     if written.inside or written.at_end or any(c.before or c.behind for c in children):
         return None
     if levels == 1 or (len(children) > 1 and any(c.children for c in children)):
@@ -123,4 +114,4 @@ def _inline(written: Written, levels: int) -> str | None:
     inside = [_inline(child, levels - 1) for child in children]
     if None in inside:
         return None
-    return f"{_head(written.node)} {{ {' '.join(map(str, inside))} }}"
+    return f"{head(written.node)} {{ {' '.join(map(str, inside))} }}"

@@ -52,6 +52,7 @@ def parse(
     *,
     name: str = "<tree>",
     folder: Path | None = None,
+    marked: bool = False,
 ) -> Node:
     """The tree that a text describes, with every `use` expanded.
 
@@ -63,6 +64,7 @@ def parse(
         name: what error messages call the text, e.g. its file name.
         folder: of the file that holds the text; what it includes is there or below. None: the
             text stands in no file, so it can include none.
+        marked: the root of each subtree that is used is a `Used`, which knows its name.
 
     Raises:
         TreeError: the text is not a tree of the language; the message shows the
@@ -72,7 +74,8 @@ def parse(
         LimitError: the text is longer, or the tree deeper or larger, than any
             limit on trees could allow.
     """
-    return built(files_of(text, vocabulary, name=name, folder=folder), vocabulary)
+    parts = files_of(text, vocabulary, name=name, folder=folder)
+    return built(parts, vocabulary, marked=marked)
 
 
 def files_of(
@@ -103,9 +106,11 @@ def files_of(
     return parts
 
 
-def built(parts: Sequence[Part], vocabulary: Vocabulary | None = None) -> Node:
+def built(
+    parts: Sequence[Part], vocabulary: Vocabulary | None = None, *, marked: bool = False
+) -> Node:
     """The tree of `files_of`. Raises as `parse`."""
-    builder = Builder(parts[-1].source, vocabulary)
+    builder = Builder(parts[-1].source, vocabulary, marked=marked)
     node = builder.build(parts)
     size = builder.nodes * builder.levels
     alone = len(parts) == 1 and len(parts[0].tree.children) == 1

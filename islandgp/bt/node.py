@@ -32,6 +32,26 @@ class Node(NamedTuple):
     children: tuple[Node, ...] = ()
 
 
+class Used(Node):
+    """The root of a named subtree where it is used; equal to the same node without a name."""
+
+    names: tuple[str, ...] = ()
+    """As `use` says them, `recharge(20, 3)`; several, the outermost first, where a subtree is
+    nothing but another one."""
+
+    @classmethod
+    def of(cls, node: Node, name: str) -> Used:
+        """The node under that name, outside of those that it has."""
+        made = cls._make(node)
+        made.names = (name, *names_of(node))
+        return made
+
+
+def names_of(node: Node) -> tuple[str, ...]:
+    """The names of the subtrees whose root this is; the outermost first."""
+    return node.names if isinstance(node, Used) else ()
+
+
 @dataclass(frozen=True, slots=True)
 class Kind:
     """What a node of a kind is made of."""

@@ -5,13 +5,13 @@ Equal trees have equal text, and parsing the text gives the tree again.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from functools import lru_cache
 from typing import Self
 
 from islandgp.bt.condition import Asked, Compound
-from islandgp.bt.node import ABORTS, Node, condition_of, count_of
+from islandgp.bt.node import ABORTS, Node, condition_of, count_of, names_of
 
 WIDTH = 80  # columns of a line
 INDENT = "  "
@@ -39,6 +39,28 @@ def to_text(node: Node) -> str:
     return "\n".join(_lines(node, "")) + "\n"
 
 
+def with_subtrees(tree: Node) -> str:
+    """The text of a tree with its named subtrees (`Used`) defined above it.
+
+    A name stands for the first tree that bears it; one that differs is written where it is used.
+    """
+    bodies: dict[str, Node] = {}
+    texts: list[str] = []
+
+    def define(node: Node) -> Node:
+        inner = node._replace(children=tuple(map(define, node.children)))
+        for name in reversed(names_of(node)):
+            if name not in bodies:
+                bodies[name] = inner
+                texts.append(f"subtree {name} = {to_text(inner)}")
+            if bodies[name] == inner:
+                inner = Node("use", (name,))
+        return inner
+
+    root = define(tree)
+    return "\n".join([*texts, to_text(root)])
+
+
 def number_text(value: float) -> str:
     """A number without exponent and without needless decimals, `25`, `12.5`, or its name."""
     if isinstance(value, Named):
@@ -48,10 +70,19 @@ def number_text(value: float) -> str:
     return format(Decimal(repr(float(value))), "f")
 
 
+def use_text(name: str, numbers: Sequence[float]) -> str:
+    """What stands behind `use`: `recharge`, `recharge(20, 3)`."""
+    return f"{name}({', '.join(map(number_text, numbers))})" if numbers else name
+
+
 def head(node: Node) -> str:
     """What stands before a node's brace; the whole of a leaf: `when charge < 25`."""
     if node.kind == "action":
         return str(node.args[0])
+    if node.kind == "use":  # as it is written; no kind of a tree
+        name, *numbers = node.args
+        given = [value for value in numbers if isinstance(value, int | float)]
+        return f"use {use_text(str(name), given)}"
     if node.kind == "repeater":
         return f"repeater {_count(node)}"
     if node.kind == "parallel":

@@ -62,7 +62,10 @@ def with_aborts(branch: Node, change: Mapping[str, str]) -> Node:
     args = branch.args
     if branch.kind == "when":
         args = (args[0], change.get(str(args[1]), args[1]))
-    return Node(branch.kind, args, (with_aborts(branch.children[0], change),))
+    child = with_aborts(branch.children[0], change)
+    if args == branch.args and child is branch.children[0]:
+        return branch  # it may be a subtree, which keeps its name
+    return Node(branch.kind, args, (child,))
 
 
 def exposes(branch: Node) -> bool:

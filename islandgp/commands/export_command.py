@@ -52,7 +52,7 @@ def command(
         raise click.UsageError(f"Missing option '--to', one of {', '.join(FORMATS)}.")
     text, name = read_text(file), called(file)
     vocabulary = vocabulary_of(text, overrides, config_dir, name=name)
-    tree = parse(text, vocabulary, name=name, folder=folder_of(file))
+    tree = parse(text, vocabulary, name=name, folder=folder_of(file), marked=True)
     exported, losses = _export(tree, form, vocabulary, plain)
     write_text(output, exported)
     for loss in losses:

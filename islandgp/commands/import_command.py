@@ -38,7 +38,8 @@ def command(
     form = form or ("btcpp" if text.lstrip("\ufeff \t\r\n").startswith("<") else "json")
     vocabulary = vocabulary_of("", overrides, config_dir, name=name)
     if form == "json":
-        found = Imported(from_json(text, vocabulary, name=name), ())
+        read = from_json(text, vocabulary, name=name)
+        found = Imported(read, (), to_text(read))
     else:
         found = read_tree(text, vocabulary, name=name, tree=identity)
     told = [
@@ -48,6 +49,6 @@ def command(
     if strict and told:
         raise TreeError("\n".join([*told, "Nothing is written; leave out --strict to take it."]))
     named = vocabulary.domain != default_domain()
-    write_text(output, (f"domain {vocabulary.domain}\n\n" if named else "") + to_text(found.tree))
+    write_text(output, (f"domain {vocabulary.domain}\n\n" if named else "") + found.text)
     for line in told:
         click.echo(line, err=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from itertools import count
 from random import Random
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 
 from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS, Asked, Condition, denied, joined
 from islandgp.bt.export import behaviortree_cpp, py_trees
+from islandgp.bt.export.import_cpp import read_tree
 from islandgp.bt.language import parse
 from islandgp.bt.node import (
     ABORTS,
@@ -21,6 +23,7 @@ from islandgp.bt.node import (
     SUCCESS,
     Argument,
     Node,
+    Used,
 )
 from islandgp.bt.vocabulary import Action, Vocabulary, flag
 from islandgp.domains.island.vocabulary import VOCABULARY
@@ -140,6 +143,91 @@ def test_many_interruptions_in_behaviortree_cpp(cpp: BehaviorTreeCpp) -> None:
     """And there."""
     for tree, boards, results in random_cases(1000):
         assert cpp.trace(tree, boards, results) == ours(tree, boards, results, PLACES)
+
+
+def in_subtrees(tree: Node, rng: Random) -> Node:
+    """The tree with some of its nodes as named subtrees, a few of them used again."""
+    made: list[Node] = []
+
+    def visit(node: Node) -> Node:
+        if made and rng.random() < 0.1:
+            return rng.choice(made)
+        found = node._replace(children=tuple(map(visit, node.children)))
+        for _ in range(rng.choice([0, 0, 0, 1, 1, 2])):
+            found = Used.of(found, rng.choice(["a", "recharge(20, -1.5)", "Sequence", "check"]))
+            made.append(found)
+        return found
+
+    return visit(tree)
+
+
+def test_subtrees_in_py_trees() -> None:
+    """Subtrees are functions of their names there, and change nothing of what the tree does."""
+    for tree, boards, results in random_cases(150):
+        parted = in_subtrees(tree, Random(len(boards) + len(leaves(tree))))
+        for plain in (False, True):
+            alone = in_py_trees(unnamed(parted), boards, results, PLACES, plain=plain)
+            assert in_py_trees(parted, boards, results, PLACES, plain=plain) == alone
+        assert in_py_trees(parted, boards, results, PLACES) == ours(parted, boards, results, PLACES)
+
+
+def test_subtrees_in_behaviortree_cpp(cpp: BehaviorTreeCpp) -> None:
+    """And SubTrees there."""
+    for tree, boards, results in random_cases(300):
+        parted = in_subtrees(tree, Random(len(boards) + len(leaves(tree))))
+        expected = ours(parted, boards, results, PLACES)
+        for how in ("exactly", "once"):
+            assert cpp.trace(parted, boards, results, how=how) == expected
+        alone = cpp.trace(unnamed(parted), boards, results, plain=True)
+        assert cpp.trace(parted, boards, results, plain=True) == alone
+
+
+def unnamed(tree: Node) -> Node:
+    """The tree without the names of subtrees."""
+    return Node(tree.kind, tree.args, tuple(map(unnamed, tree.children)))
+
+
+PARTED = """subtree charge(below) = when batteryLevel < below { sequence { SeekCharger ExecuteCharge } }
+subtree twice = sequence { use charge(20) use charge(30) }
+subtree alias = use twice
+selector { use alias inverter { use charge(20) } use twice }
+"""
+
+
+def test_subtrees_and_back() -> None:
+    """A file has a tree for each subtree and its numbers; reading it gives them back."""
+    tree = parse(PARTED, VOCABULARY, marked=True)
+    xml = behaviortree_cpp.to_xml(tree, VOCABULARY)
+    ids = re.findall(r'<BehaviorTree ID="(\w+)"', xml)
+    assert ids == ["Robot", "charge_20", "charge_30", "twice", "alias"]
+    assert xml.count('_autoremap="true"') == 6
+    assert read_tree(xml, VOCABULARY).text == """subtree charge_20 = when batteryLevel < 20 {
+  sequence { SeekCharger ExecuteCharge }
+}
+
+subtree charge_30 = when batteryLevel < 30 {
+  sequence { SeekCharger ExecuteCharge }
+}
+
+subtree twice = sequence { use charge_20 use charge_30 }
+
+subtree alias = use twice
+
+selector {
+  use alias
+  inverter { use charge_20 }
+  use twice
+}
+"""
+    again = parse(read_tree(xml, VOCABULARY).text, VOCABULARY, marked=True)
+    assert behaviortree_cpp.to_xml(again, VOCABULARY) == xml
+
+
+def test_private_keys() -> None:
+    """Over there a SubTree does not see `_x` of the tree above, so it stands in its place."""
+    words = Vocabulary("odd", {"A": Action("")}, {"_x": flag("")})
+    tree = parse("subtree s = when _x { A } use s", words, marked=True)
+    assert "SubTree" not in behaviortree_cpp.to_xml(tree, words)
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)

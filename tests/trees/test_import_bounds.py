@@ -47,7 +47,7 @@ def short_xml(text: str) -> str:
 @given(tree=nodes())
 def test_every_export_comes_back(tree: Node) -> None:
     """Reading what was written gives the tree again, and nothing is lost on the way."""
-    assert read_tree(to_xml(tree), VOCABULARY) == (tree, ())
+    assert read_tree(to_xml(tree), VOCABULARY)[:2] == (tree, ())
     assert from_json(to_json(tree), VOCABULARY) == tree
 
 

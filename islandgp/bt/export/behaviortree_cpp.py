@@ -1,7 +1,7 @@
 """Trees as XML for BehaviorTree.CPP, version 4.
 
-The file holds one tree, `Robot`, and the model of its actions for Groot. The
-blackboard keys keep their names; numbers and flags must be on the blackboard
+The file holds the tree `Robot`, one for each named subtree, and the model of the
+actions for Groot. The blackboard keys keep their names; numbers and flags must be on the blackboard
 before the first tick. Where the library's own nodes do something else, the file
 names nodes of ours, which `nodes/islandgp_nodes.hpp` brings; a plain file does
 without them, and what is not the same then is told by `losses`.
@@ -17,7 +17,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 from islandgp.bt.condition import Compound, Condition, terms
 from islandgp.bt.export.exact import OWN, exact_plan, own_nodes, parts
-from islandgp.bt.export.plan import Loss, TargetNode, guard_losses, plan
+from islandgp.bt.export.plan import Loss, TargetNode, guard_losses, plan, separated
 from islandgp.bt.node import Argument, Node, condition_of, walk
 from islandgp.bt.printer import condition_text, number_text
 from islandgp.bt.vocabulary import NOTHING, Vocabulary
@@ -116,7 +116,7 @@ def to_xml(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = False)
     """The text of an XML file; the vocabulary gives the actions' meanings.
 
     Args:
-        tree: what to write.
+        tree: what to write; each `Used` in it becomes a tree of its own in the file.
         vocabulary: its actions and keys.
         plain: only nodes of the library; what is not the same then is told by `losses`.
 
@@ -132,22 +132,27 @@ def to_xml(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = False)
     whole = plan(tree) if plain else exact_plan(tree, differs)
     own = {part.kind for part in parts(whole)} & OWN
     identity = TREE_ID if TREE_ID not in used else f"{TREE_ID}Tree"
+    # A SubTree does not see entries of the blackboard above whose names begin with _.
+    shared = not any(key.startswith("_") for key in _asked_keys(tree))
+    taken = {*BUILT_IN, *used, *vocabulary.actions, identity}
+    root, subtrees = separated(whole, taken, keep=shared)
     lines = [f'<root BTCPP_format="4" main_tree_to_execute="{identity}">']
     if own:
         lines.append(f"  <!-- Needs {HEADER}: islandgp::register_nodes(factory). -->")
-    lines += [
-        f'  <BehaviorTree ID="{identity}">',
-        *_lines(whole, "    "),
-        "  </BehaviorTree>",
-        "",
-        "  <TreeNodesModel>",
-    ]
+    for name, part in {identity: root, **subtrees}.items():
+        lines += [f'  <BehaviorTree ID="{name}">', *_lines(part, "    "), "  </BehaviorTree>", ""]
+    lines.append("  <TreeNodesModel>")
     for name in used:
         words = vocabulary.action(name).meaning.replace("--", "-")
         meaning = f"<!-- {escape(words)} -->" if words else ""
         lines.append(f"    <Action ID={quoteattr(name)}/> {meaning}".rstrip())
     lines += (line for kind in sorted(own) for line in _model(kind))
     return "\n".join([*lines, "  </TreeNodesModel>", "</root>", ""])
+
+
+def _asked_keys(tree: Node) -> set[str]:
+    guards = (node for node in walk(tree) if node.kind == "when")
+    return {term.key for guard in guards for term in terms(condition_of(guard))}
 
 
 def needs_header(tree: Node) -> bool:
@@ -163,6 +168,9 @@ def header() -> str:
 def _lines(part: TargetNode, indent: str) -> Iterator[str]:
     if part.kind == "action":
         yield f"{indent}<{part.args[0]}/>"
+        return
+    if part.kind == "subtree":
+        yield f'{indent}<SubTree ID="{part.args[0]}" _autoremap="true"/>'
         return
     if part.kind == "check":
         yield f"{indent}<ScriptCondition code={quoteattr(_script(part.args[0]))}/>"

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final, TypeAlias
 
-from islandgp.bt.export.plan import TargetNode
+from islandgp.bt.export.plan import TargetNode, in_subtrees
 from islandgp.bt.node import Node
 from islandgp.bt.truth import checks_itself, exposes
 
@@ -45,6 +45,11 @@ def own_nodes(name: str) -> str:
 
 def _part(node: Node, differs: Differs, *, observed: bool) -> TargetNode:
     """A node; observed: a composite above looks for guards here, through decorators."""
+    return in_subtrees(node, _bare(node, differs, observed=observed))
+
+
+def _bare(node: Node, differs: Differs, *, observed: bool) -> TargetNode:
+    """The same without the names of subtrees."""
     kind = node.kind
     if kind == "action":
         return TargetNode("action", node.args)

@@ -20,14 +20,15 @@ from islandgp.bt.export.behaviortree_cpp import (
     REST,
     TAGS,
 )
-from islandgp.bt.export.plan import LEVEL, ORDER, RESUMED, Loss, hands_over
+from islandgp.bt.export.plan import LEVEL, ORDER, RESUMED, Loss, fresh_name, hands_over
 from islandgp.bt.export.scripts import read_condition
 from islandgp.bt.export.xml_reader import Element, read_xml
-from islandgp.bt.language import MAX_LEVELS, MAX_NODES, parse, parse_condition, to_text
-from islandgp.bt.node import ABORTS, POLICIES, REPEATS, Node
+from islandgp.bt.language import MAX_LEVELS, MAX_NODES, parse, parse_condition
+from islandgp.bt.node import ABORTS, POLICIES, REPEATS, Node, Used
+from islandgp.bt.printer import with_subtrees
 from islandgp.bt.source import closest, shown
 from islandgp.bt.truth import with_aborts
-from islandgp.bt.vocabulary import Vocabulary
+from islandgp.bt.vocabulary import RESERVED, Vocabulary
 from islandgp.errors import LimitError, TreeError
 
 _EXPLICIT: Final = ("Action", "Condition", "Control", "Decorator")  # <Action ID="X"/> is <X/>
@@ -70,6 +71,7 @@ class Imported(NamedTuple):
 
     tree: Node
     differences: tuple[Difference, ...]  # in the order of the file
+    text: str  # the tree with its SubTrees as named subtrees
 
 
 def from_xml(text: str, vocabulary: Vocabulary, *, name: str = "<xml>", tree: str = "") -> Node:
@@ -80,7 +82,7 @@ def from_xml(text: str, vocabulary: Vocabulary, *, name: str = "<xml>", tree: st
 def read_tree(
     text: str, vocabulary: Vocabulary, *, name: str = "<xml>", tree: str = ""
 ) -> Imported:
-    """A tree of a file, with its SubTrees expanded.
+    """A tree of a file.
 
     Args:
         text: the file.
@@ -96,8 +98,9 @@ def read_tree(
     importer = _Importer(name, read_xml(text, name=name), vocabulary)
     found = importer.tree(tree)
     # The text of the tree is read again, as only the language knows what a right tree is.
-    checked = parse(to_text(found), vocabulary, name=f"{name}, as text")
-    return Imported(checked, tuple(sorted(importer.differences.values())))
+    written = with_subtrees(found)
+    checked = parse(written, vocabulary, name=f"{name}, as text")
+    return Imported(checked, tuple(sorted(importer.differences.values())), written)
 
 
 class _Subtree(NamedTuple):
@@ -120,6 +123,7 @@ class _Importer:
         self._root = root
         self._trees = self._all_trees()
         self._read: dict[str, _Subtree] = {}
+        self._names = {*RESERVED, *vocabulary.actions}  # that no other subtree can have
         self._open: list[str] = []  # trees that are being read
         self._nodes = 0  # of the tree that is being read, so far
         self._level = 0  # in it
@@ -189,9 +193,13 @@ class _Importer:
         self._nodes = self._level = self._levels = 0
         self._asks = False
         node = self._node(tree.children[0])
+        self._open.pop()
+        if self._open:  # it is used, not the tree that is asked for
+            name = fresh_name(identity, self._names)
+            self._names.add(name)
+            node = Used.of(node, name)
         self._read[identity] = _Subtree(node, self._nodes, self._levels, self._asks)
         self._nodes, self._level, self._levels, self._asks = outside
-        self._open.pop()
         return self._read[identity]
 
     def _count(self, element: Element, nodes: int, levels: int) -> None:

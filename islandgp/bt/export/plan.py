@@ -12,9 +12,11 @@ memory:
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
 from typing import NamedTuple
 
-from islandgp.bt.node import Argument, Node
+from islandgp.bt.node import Argument, Node, names_of
 from islandgp.bt.truth import chain, checks_itself, exposes, interrupts
 
 
@@ -22,7 +24,7 @@ class TargetNode(NamedTuple):
     """A node of the other libraries, under our names.
 
     Kinds: fallback, sequence (with memory), reactive_fallback, reactive_sequence, parallel,
-    inverter, repeat, check (a condition), action.
+    inverter, repeat, check (a condition), action, and subtree: around the root of a named one.
     """
 
     kind: str
@@ -67,6 +69,62 @@ INNER = Loss(
 
 def plan(node: Node) -> TargetNode:
     """A tree in those terms."""
+    return in_subtrees(node, _part(node))
+
+
+def in_subtrees(node: Node, part: TargetNode) -> TargetNode:
+    """A part with the names of the subtrees whose root its node is."""
+    for name in reversed(names_of(node)):
+        part = TargetNode("subtree", (name,), (part,))
+    return part
+
+
+def separated(
+    whole: TargetNode, taken: Iterable[str], *, keep: bool = True
+) -> tuple[TargetNode, dict[str, TargetNode]]:
+    """A plan in which subtrees are named only, and what they are, each before its users.
+
+    A subtree that means different things in different places, as it is used with other numbers or
+    stands where its guards are observed, becomes several: `recharge_20`, `recharge_30`.
+
+    Args:
+        whole: the plan with its subtrees in place.
+        taken: names that no subtree can have.
+        keep: False: put the subtrees in their places, without names.
+    """
+    unfit = set(taken)
+    found: dict[tuple[str, TargetNode], str] = {}
+
+    def visit(part: TargetNode) -> TargetNode:
+        if not part.children:
+            return part
+        children = tuple(map(visit, part.children))
+        if part.kind != "subtree":
+            return part._replace(children=children)
+        if not keep:
+            return children[0]
+        name = str(part.args[0])
+        if (name, children[0]) not in found:
+            found[name, children[0]] = fresh_name(name, unfit)
+            unfit.add(found[name, children[0]])
+        return TargetNode("subtree", (found[name, children[0]],))
+
+    root = visit(whole)
+    return root, {name: body for (_, body), name in found.items()}
+
+
+def fresh_name(name: str, unfit: set[str]) -> str:
+    """A word like `name` that is not among the unfit ones: `recharge(20, 3)` is recharge_20_3."""
+    word = re.sub(r"[^A-Za-z0-9_]+", "_", name.replace("-", "minus_").removesuffix(")"))
+    word = word if word[:1].isalpha() or word[:1] == "_" else f"tree_{word}"
+    found, number = word, 1
+    while found in unfit:
+        number += 1
+        found = f"{word}_{number}"
+    return found
+
+
+def _part(node: Node) -> TargetNode:
     kind, children = node.kind, node.children
     if kind == "action":
         return TargetNode("action", node.args)

@@ -10,12 +10,15 @@ same then is told by `losses`.
 
 from __future__ import annotations
 
+import builtins
+import keyword
+import re
 from collections.abc import Iterator
 from typing import Final
 
 from islandgp.bt.condition import Asked, Compound, Condition, terms
 from islandgp.bt.export.exact import OWN, exact_plan, own_nodes, parts
-from islandgp.bt.export.plan import Loss, TargetNode, guard_losses, plan
+from islandgp.bt.export.plan import Loss, TargetNode, guard_losses, plan, separated
 from islandgp.bt.language import to_text
 from islandgp.bt.node import Node, condition_of, walk
 from islandgp.bt.printer import condition_text, head, number_text
@@ -46,9 +49,15 @@ def check(key, compare, value):
     return CheckBlackboardVariableValue(key, ComparisonExpression(key, value, compare))
 
 
-{own}def create_tree(action):
+{own}{subtrees}def create_tree(action):
     """The root; `action(name)` gives the behaviour of a leaf, a new one at each call."""
     return {tree}
+'''
+_SUBTREE: Final = '''def {name}(action):
+    """A subtree of the tree."""
+    return {tree}
+
+
 '''
 _COMPARE: Final = {"<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "!=": "ne"}
 
@@ -69,6 +78,8 @@ def differs(node: Node) -> bool:
 def to_python(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = False) -> str:
     """The text of a Python module; the vocabulary gives the keys' meanings.
 
+    Each `Used` of the tree becomes a function of its own.
+
     Plain: only behaviours of the library; what is not the same then is told by `losses`.
     """
     whole = plan(tree) if plain else exact_plan(tree, differs)
@@ -79,8 +90,16 @@ def to_python(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = Fal
     known = {name: key.meaning for name, key in vocabulary.keys.items()} or dict.fromkeys(asked, "")
     keys = "\n".join(f"    {name}: {meaning}".rstrip(": ") for name, meaning in known.items())
     keys = keys.replace("\\", "\\\\").replace('"""', "'''")  # it stands in a docstring
-    body = "\n".join(_lines(whole, "    ")).strip().removesuffix(",")
-    return _HEAD.format(text=text, keys=keys, own=own, tree=body)
+    taken = {*re.findall(r"\w+", _HEAD + _own()), *keyword.kwlist, *dir(builtins)}
+    root, subtrees = separated(whole, taken)
+    functions = [_SUBTREE.format(name=n, tree=_body(part)) for n, part in subtrees.items()]
+    return _HEAD.format(
+        text=text, keys=keys, own=own, subtrees="".join(functions), tree=_body(root)
+    )
+
+
+def _body(part: TargetNode) -> str:
+    return "\n".join(_lines(part, "    ")).strip().removesuffix(",")
 
 
 def _own() -> str:
@@ -114,6 +133,8 @@ def _is_guard(part: TargetNode) -> bool:
 def _around(part: TargetNode) -> tuple[str, str]:
     """The Python text before and behind a node's children."""
     kind = part.kind
+    if kind == "subtree":
+        return f"{part.args[0]}(action", ")"
     if kind == "action":
         return f"action({str(part.args[0])!r}", ")"
     if _is_guard(part):
