@@ -20,6 +20,8 @@ TEST_COLUMNS = (
     "second",
     "measure",
     "unit",
+    "family",  # what the adjusted p-values belong to, and its comparisons
+    "family_size",
     "n_first",
     "n_second",
     "mean_first",
@@ -83,6 +85,8 @@ def _row(f: Finding) -> list[object]:
         *f.arms,
         f.measure.key,
         f.measure.unit,
+        f.family,
+        f.size,
         *t.n,
         *(m1, s1, m2, s2, d1, d2, c1, c2),
         *(t.u, t.z, t.p, t.kind, f.rank_q, t.r),

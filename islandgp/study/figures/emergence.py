@@ -9,7 +9,7 @@ from islandgp.study.arms import Arm, Comparison
 from islandgp.study.emergence import Summary, first, quantile, ranks, still_without, summary
 from islandgp.study.figures.drawing import bar, groups, legend, named, sideways
 from islandgp.study.figures.style import INK, Look, Picture, looks, picture
-from islandgp.study.statistics import bootstrap
+from islandgp.study.statistics import mean_interval
 from islandgp.supervision.state_json import title
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def figure_6(study: Comparison) -> Picture:
         " there, and what falls among them of a box is drawn there too, so the median is that of"
         " Table 11. (b) Mean number of generations lived through without one;"
         " a run without one counts with the generations it lived (restricted mean); whiskers:"
-        " 95 % bootstrap interval; 'never': no run of the arm had one.",
+        " 95 % interval by Student's t; 'never': no run of the arm had one.",
         draw,
         height=3.9,
     )
@@ -110,14 +110,13 @@ def _box(axes: Axes, at: float, numbers: dict[str, float], width: float, how: Lo
 
 
 def _bars(axes: Axes, study: Comparison) -> None:
-    import numpy as np
-
     tiers = study.milestones
     for arm, how, k, at, width in groups(study, len(tiers)):
         firsts = [first(run, tiers[k]) for run in arm.runs]
         times = ranks(firsts, study.generations)
-        mean = bootstrap([times], lambda x: np.mean(x, axis=-1))
-        error = [[mean.estimate - mean.low], [mean.high - mean.estimate]]
+        mean = mean_interval(times)
+        down, up = max(mean.low, 0.0), min(mean.high, float(study.generations))
+        error = [[mean.estimate - down], [up - mean.estimate]]
         bar(axes, at, mean.estimate, width, error, how)
         axes.text(
             at,
