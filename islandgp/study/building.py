@@ -143,6 +143,7 @@ def build(
         doubts=study.doubts,
         sections=tuple(section for section in sections if section.items),
         findings=findings,
+        unseen=tuple(unseen),
     )
 
 

@@ -76,7 +76,7 @@ def _arms() -> list[Arm]:
     return [made_arm(n, [_maze_run(n, s) for s in (0, 1)]) for n in ("expert", "baseline")]
 
 
-UNSEEN = (Generalisation("expert", 0, 50.0, 9, 40.0, 3.0, dict.fromkeys(TIERS, 0.5)),)
+UNSEEN = (Generalisation("expert", 0, 50.0, (40.0,) * 9, dict.fromkeys(TIERS, 0.5)),)
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
-from islandgp.study.emergence import first, quantile, ranks, reduction, still_without, summary
+import pytest
+
+from islandgp.study.emergence import (
+    band,
+    first,
+    quantile,
+    ranks,
+    reduction,
+    still_without,
+    summary,
+)
 from islandgp.study.figures.emergence import box
 from islandgp.study.findings import examine
 from islandgp.study.measures import emergence
@@ -97,6 +107,12 @@ def test_one_censored_run_changes_no_kind_of_test() -> None:
 def test_curve_of_runs_without_one() -> None:
     """The share falls in the generation of the first one, and stays where it never came."""
     assert still_without([1, None], 3) == [1.0, 0.5, 0.5]
+
+
+def test_band_of_a_share_by_hand() -> None:
+    """Wilson's interval of 5 of 10 is 0.237 to 0.763; of none it has a width all the same."""
+    assert band(0.5, 10) == (pytest.approx(0.2366, abs=1e-4), pytest.approx(0.7634, abs=1e-4))
+    assert band(0.0, 10) == (pytest.approx(0.0), pytest.approx(0.2775, abs=1e-4))
 
 
 def test_a_cell_says_how_many_runs_got_there() -> None:

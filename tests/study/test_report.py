@@ -15,7 +15,7 @@ from islandgp.study import data
 from islandgp.study.arms import Comparison
 from islandgp.study.building import build
 from islandgp.study.comparable import compare_arms
-from islandgp.study.figures.style import DPI, WIDTH
+from islandgp.study.figures.style import COLUMN, DPI, WIDTH
 from islandgp.study.figures.trees import (
     Specimen,
     drawn,
@@ -74,11 +74,11 @@ def _study(*names: str, force: bool = False) -> Comparison:
 HALF = {"complete": 0.5, "excellent": 0.1}
 UNSEEN = (
     *(
-        Generalisation(arm, seed, 20_000.0 + seed, 30, 15_000.0 + 10 * seed, 9_000.0, HALF)
+        Generalisation(arm, seed, 20_000.0 + seed, (9_000.0, 21_000.0 + 20 * seed), HALF)
         for arm in ("expert", "baseline")
         for seed in range(4)
     ),
-    Generalisation("library: all_rounder", None, None, 100, 20_000.0, 9_000.0, HALF),
+    Generalisation("library: all_rounder", None, None, (9_000.0, 30_000.0, 21_000.0), HALF),
 )
 
 
@@ -151,7 +151,9 @@ def test_exact_numbers_of_the_tests(written: tuple[Report, Path]) -> None:
     assert first["median_second"] == "16.5"  # of 15 16 17 and never
     assert (first["without_first"], first["without_second"]) == ("6.5", "22.25")  # never: 41
     assert first["difference"] == "-15.75"
-    assert float(first["difference_low"]) < -15.75 < float(first["difference_high"]) < 0
+    half = 3.182446 * 11.5 / 2  # pairs -10 -10 -10 -33: SD 11.5, t of three degrees of freedom
+    assert float(first["difference_low"]) == pytest.approx(-15.75 - half)
+    assert float(first["difference_high"]) == pytest.approx(-15.75 + half)
     assert rows["max_ever"]["without_first"] == ""
     assert rows["first_excellent"]["median_second"] == ""
     assert rows["max_ever"]["paired_kind"] == "exact"
@@ -188,6 +190,29 @@ def test_the_same_runs_give_the_same_bytes(written: tuple[Report, Path], tmp_pat
     for path in paths:
         again = written[1] / path.relative_to(tmp_path)
         assert again.read_bytes() == path.read_bytes(), path.name
+
+
+def test_champions_stand_beside_the_yardsticks(written: tuple[Report, Path]) -> None:
+    """Run by run in champions.csv, over runs in the table: 9,000 and 21,000 + 20 x seed points
+    against 9,000 and 30,000 of the yardstick, whose third world no champion met."""
+    report, folder = written
+    with (folder / "champions.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 8
+    first = {k.removeprefix("minus library: "): v for k, v in rows[0].items()}
+    assert (first["arm"], first["seed"], first["unseen"], first["worst"]) == (
+        *("expert", "0", "15000.0", "9000.0"),
+    )
+    assert first["all_rounder"] == "-4500.0"
+    half = 12.706205 * 4_500  # t of one degree of freedom, standard error of 0 and -9,000
+    assert float(first["all_rounder, low"]) == pytest.approx(-4_500 - half)
+    assert float(first["all_rounder, high"]) == pytest.approx(-4_500 + half)
+    table = next(t for t in report.tables if t.key == "generalisation")
+    row = dict(zip(table.columns, table.rows[0], strict=True))
+    # means -4,500 -4,490 -4,480 -4,470: t of three is 3.182, the standard error 6.455
+    assert row["minus library: all_rounder (points) [95 %]"] == (
+        "\N{MINUS SIGN}4,485 [\N{MINUS SIGN}4,506, \N{MINUS SIGN}4,464]"
+    )
 
 
 def test_families_are_by_question() -> None:
@@ -378,7 +403,7 @@ def test_two_arms_without_any_have_no_difference_in_it() -> None:
 
 
 def test_a_long_tree_is_an_outline_in_two_columns() -> None:
-    """Each node has its line, children below their parent, and the picture a page's width."""
+    """Each node has its line, children below their parent; a short tree has a column's width."""
     leaf = "  sequence {\n    MoveToGarbage\n    PickupGarbage\n  }\n"
     text = f"selector {{\n{leaf * 20}}}\n"
     rows = outline(parse(text))
@@ -387,7 +412,7 @@ def test_a_long_tree_is_an_outline_in_two_columns() -> None:
     assert (rows[0].last, rows[1].last, rows[2].last) == (58, 3, 2)
     short, long = (drawn("k", "t", Specimen(tree, "")) for tree in (TREE, text))
     width = [int.from_bytes(p.png[16:20], "big") for p in (short, long)]
-    assert width[0] == width[1] == int(WIDTH * DPI)
+    assert width == [int(COLUMN * DPI), int(WIDTH * DPI)]
 
 
 def test_interventions_are_defined(written: tuple[Report, Path]) -> None:
