@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from islandgp.study.controls import Control
     from islandgp.study.generalise import Generalisation
     from islandgp.study.report import Report
+    from islandgp.study.table import Table
     from islandgp.tracking.store import Place
 
 EPILOG = """\b
@@ -48,6 +49,26 @@ A bare word is a sweep's name; mlflow: takes an MLflow filter string instead.
     default=None,
     help="Folder for the report.  [default: study/<arms>]",
 )
+@click.option(
+    "--primary",
+    default=None,
+    metavar="MEASURE",
+    help="Primary endpoint: one test of the first two arms, not adjusted.",
+)
+@click.option(
+    "--family",
+    "families",
+    multiple=True,
+    metavar="NAME=ARM,ARM,...",
+    help="Arms of one question, adjusted together.  [default: the arms that inject trees]",
+)
+@click.option(
+    "--margin",
+    "margins",
+    multiple=True,
+    metavar="MEASURE=VALUE",
+    help="Difference up to which arms count as alike.",
+)
 @click.option("--force", is_flag=True, help="Compare arms that are not comparable, and say so.")
 @click.option(
     "--worlds",
@@ -75,6 +96,9 @@ def command(
     runs: Path,
     name: str | None,
     out: Path | None,
+    primary: str | None,
+    families: tuple[str, ...],
+    margins: tuple[str, ...],
     force: bool,
     worlds: int,
     controls: bool,
@@ -90,9 +114,11 @@ def command(
     """
     from islandgp.study.building import build
     from islandgp.study.comparable import compare_arms
+    from islandgp.study.plan import check_plan, parse_plan
     from islandgp.study.select import parse_arm
     from islandgp.study.writing import write
 
+    plan = parse_plan(families, primary, margins)
     place = _place(uri, experiment)
     if out is not None:
         _check_folder(out)
@@ -102,8 +128,9 @@ def command(
     looked_in = [str(runs)] if any(not s.startswith("mlflow:") for _, s in wanted) else []
     looked_in += [place.uri] if any(s.startswith("mlflow:") for _, s in wanted) else []
     study = compare_arms(chosen, force=force, notes=notes, sources=looked_in)
+    check_plan(plan, study)
     unseen = _unseen(study, worlds, workers) if worlds else ()
-    report = build(study, unseen, worlds, _controls(study, workers) if controls else ())
+    report = build(study, unseen, worlds, _controls(study, workers) if controls else (), plan)
     folder = out or Path("study") / "-".join(arm.name for arm in study.arms)
     _check_folder(folder)
     try:
@@ -193,30 +220,39 @@ def _controls(study: Comparison, workers: int) -> tuple[Control, ...]:
 
 
 def _results(report: Report) -> list[str]:
-    """The claims in lines for a terminal; where no paper makes any, the tests of the family."""
-    lines = []
+    """The primary endpoint, the claims and further questions in lines for a terminal.
+
+    Where no paper makes claims, the first pair's comparisons stand there.
+    """
+    lines: list[str] = []
     for table in report.tables:
-        if table.key.startswith("claims"):
-            lines += ["", table.title]
-            lines += [
-                f"  {claim:<47} {here:>34}  p BH {p:<8} {verdict}"
-                for claim, here, _, p, *_, verdict in table.rows
-            ]
-    return lines or list(_tests(report))
+        if table.key in ("primary", "claims") or table.key.startswith("questions"):
+            lines += ["", table.title, *_lines(table)]
+    if not any(table.key == "claims" for table in report.tables):
+        lines += _tests(report)
+    return lines
+
+
+def _lines(table: Table) -> Iterator[str]:
+    for cells in table.rows:
+        row = dict(zip(table.columns, cells, strict=True))
+        if table.key == "primary":
+            what, p = row["unit"], f"p {row['p, not adjusted']}"
+        else:
+            what = row.get("Claim") or f"{row['Arms']}: {row['measure']}"
+            p = f"p BH {row['p BH']}"
+        difference = f"{row['difference [95 %]']}"
+        yield f"  {what:<47} {difference:>28}  {p:<13} {row['verdict']}"
 
 
 def _tests(report: Report) -> Iterator[str]:
-    from islandgp.study.measures import FURTHER
-    from islandgp.study.tables.claims import difference
+    from islandgp.study.tables.claims import estimate_cells, found
 
-    arms = None
-    for f in report.findings:
-        if f.measure in FURTHER:
-            continue
-        if f.arms != arms:
-            arms = f.arms
-            yield from ("", f"{arms[0]} against {arms[1]}")
-        yield f"  {f.measure.label:<47} {difference(f):>34}  p BH {f.rank_q:.3f}"
+    mine = [f for f in report.findings if f.family == report.findings[0].family]
+    yield from ("", f"{mine[0].arms[0]} minus {mine[0].arms[1]}")
+    for f in mine:
+        _, difference, _ = estimate_cells(f)
+        yield f"  {f.measure.label:<47} {difference:>28}  p BH {f.p_bh:.3f}  {found(f, None)}"
 
 
 def _publish(

@@ -15,9 +15,10 @@ from islandgp.study.figures import fitness as fitness_figures
 from islandgp.study.figures import population as population_figures
 from islandgp.study.figures import supervision as supervision_figures
 from islandgp.study.figures import trees as tree_figures
-from islandgp.study.findings import Finding, family
+from islandgp.study.findings import Finding, examine_all, finding
 from islandgp.study.generalise import Generalisation
-from islandgp.study.measures import FURTHER, TABLE_9, TABLE_10, Measure, main_family
+from islandgp.study.measures import FURTHER, TABLE_9, TABLE_10, Measure
+from islandgp.study.plan import NOTHING, Family, Plan, all_measures, families, said
 from islandgp.study.report import Item, Report, Section
 from islandgp.study.select import in_short
 from islandgp.study.table import Table
@@ -26,7 +27,7 @@ from islandgp.study.tables.champions import (
     generalisation_table,
     specialists_table,
 )
-from islandgp.study.tables.claims import claims_table
+from islandgp.study.tables.claims import claims_table, primary_table, questions_table
 from islandgp.study.tables.comparisons import (
     diversity_table,
     fitness_table,
@@ -45,17 +46,14 @@ SPLIT: Final = (
 )
 
 
-def methods(family: int) -> str:
-    """How arms are compared; `family` comparisons of a pair of arms belong together."""
-    return (
-        "Two arms are compared by the Mann-Whitney U test, two-sided: exact, with ties by counting"
-        " every split of the ranks; only beyond 100 values with ties it is the normal approximation"
-        " corrected for ties and continuity, which the paper takes for all of them (section 3.1)."
-        f" The {family} comparisons of Tables 9, 10 and 11, times the pairs of arms, are one family"
-        " for Benjamini and Hochberg; what the paper does not test (diversity, mutation rate) is a"
-        " second one. Tests of another kind of the same comparisons (paired, log-rank) are adjusted"
-        " among themselves."
-    )
+METHODS: Final = (
+    "Two arms are compared by the Mann-Whitney U test, two-sided: exact, with ties by counting"
+    " every split of the ranks; only beyond 100 values with ties it is the normal approximation"
+    " corrected for ties and continuity, which the paper takes for all of them (section 3.1)."
+    " Where arms share seeds, Wilcoxon's signed-rank test of the pairs stands beside it and"
+    " decides the verdicts. p-values of each kind of test are adjusted over their family by"
+    " Benjamini and Hochberg; measures that a family does not ask for are adjusted apart."
+)
 
 
 def build(
@@ -63,23 +61,26 @@ def build(
     unseen: Sequence[Generalisation],
     worlds: int,
     controls: Sequence[Control] = (),
+    plan: Plan = NOTHING,
 ) -> Report:
     """The report; `unseen` and `controls` are empty where they were left out."""
-    measures = main_family(study.milestones)
-    main, more = family(study, measures), family(study, FURTHER)
-    tables = PairTables(study, (*main, *more))
-    by_fitness, by_emergence = (
-        partial(table, paper=study.paper, family=len(main))
-        for table in (fitness_table, emergence_table)
+    measures, groups = all_measures(study), families(study, plan)
+    findings = examine_all(study, groups, measures)
+    tables = PairTables(study, findings)
+    by_fitness, by_emergence, by_diversity = (
+        partial(table, paper=study.paper)
+        for table in (fitness_table, emergence_table, diversity_table)
     )
-    first_seen = [f.measure for f in main if f.measure.emergence]
+    first_seen = [m for m in measures if m.emergence]
     sections = (
+        Section("Primary endpoint", tuple(_primary(study, plan, findings))),
         Section("What was compared", tuple(_compared(study))),
         Section(
             "Controls without evolution",
             (controls_table(study, controls),) if any(c.given for c in controls) else (),
         ),
-        Section("The paper's claims", tables.claims()),
+        Section("The paper's claims", tuple(_claims(study, plan, findings))),
+        Section("Further questions", tuple(_questions(plan, groups, findings))),
         Section(
             "Fitness (section 3.2)",
             (
@@ -107,7 +108,7 @@ def build(
             "Diversity (section 3.5)",
             (
                 *tables(
-                    partial(diversity_table, paper=study.paper, family=len(more)),
+                    by_diversity,
                     "table-12",
                     "Table 12. Behavioural diversity and mutation rate",
                     FURTHER,
@@ -124,15 +125,16 @@ def build(
         Section(
             "How the statistics are done",
             (
-                methods(len(measures)),
+                METHODS,
+                *said(plan, study),
                 SPLIT,
                 *tables(
                     median_table,
                     "medians",
                     "Medians, intervals and paired tests",
-                    (*measures, *FURTHER),
+                    measures,
                 ),
-                power_table(study, len(main)),
+                power_table(study, findings[0].size),
             ),
         ),
     )
@@ -140,7 +142,8 @@ def build(
         title=" against ".join(arm.name for arm in study.arms),
         doubts=study.doubts,
         sections=tuple(section for section in sections if section.items),
-        findings=(*main, *more),
+        findings=findings,
+        unseen=tuple(unseen),
     )
 
 
@@ -165,15 +168,6 @@ class PairTables:
             for pair, end, of in self.pairs()
         )
 
-    def claims(self) -> tuple[Table, ...]:
-        """The claims of a paper; none where there is no paper of the kind."""
-        if (paper := self.study.paper) is None:
-            return ()
-        return tuple(
-            claims_table(f"claims{end}", f"The paper's claims{of}", self.findings, pair, paper)
-            for pair, end, of in self.pairs()
-        )
-
     def pairs(self) -> Iterator[tuple[tuple[str, str], str, str]]:
         """Each pair, and what names it at the end of keys and of titles where there are several."""
         pairs = [(a.name, b.name) for a, b in self.study.pairs]
@@ -181,6 +175,25 @@ class PairTables:
             yield (
                 ((a, b), f"-{a}-{b}", f": {a} against {b}") if len(pairs) > 1 else ((a, b), "", "")
             )
+
+
+def _primary(study: Comparison, plan: Plan, findings: Sequence[Finding]) -> Iterator[Item]:
+    if plan.primary is not None:
+        a, b = study.pairs[0]
+        f = finding(findings, plan.primary, (a.name, b.name))
+        yield primary_table(f, plan.margins.get(plan.primary))
+
+
+def _claims(study: Comparison, plan: Plan, findings: Sequence[Finding]) -> Iterator[Item]:
+    if study.paper is not None and study.paper.claims:
+        a, b = study.pairs[0]
+        yield claims_table(findings, (a.name, b.name), study.paper, plan.margins)
+
+
+def _questions(plan: Plan, groups: Sequence[Family], findings: Sequence[Finding]) -> Iterator[Item]:
+    for k, group in enumerate(groups[1:], 1):
+        mine = [f for f in findings if f.family == group.name]
+        yield questions_table(f"questions-{k}", group.name, mine, plan.margins)
 
 
 def _compared(study: Comparison) -> Iterator[Item]:

@@ -10,6 +10,7 @@ from statistics import fmean
 from islandgp.study.arms import Comparison
 from islandgp.study.emergence import quantile
 from islandgp.study.findings import Finding
+from islandgp.study.generalise import Generalisation
 from islandgp.study.measures import FURTHER, main_family
 from islandgp.study.overhead import bill
 from islandgp.study.statistics import mean_sd
@@ -20,6 +21,8 @@ TEST_COLUMNS = (
     "second",
     "measure",
     "unit",
+    "family",  # what the adjusted p-values belong to, and its comparisons
+    "family_size",
     "n_first",
     "n_second",
     "mean_first",
@@ -61,6 +64,23 @@ def runs_csv(study: Comparison) -> str:
     return to_csv(("arm", "seed", "supervisor", "name", *(m.key for m in measures), *costs), rows)
 
 
+def champions_csv(found: Sequence[Generalisation]) -> str:
+    """Each champion in unseen worlds, and its paired difference to each yardstick, in points."""
+    yardsticks = [g for g in found if g.seed is None]
+    columns = ["arm", "seed", "trained", "worlds", "unseen", "worst", *found[0].reached]
+    for y in yardsticks:
+        columns += [f"minus {y.arm}{end}" for end in ("", ", low", ", high")]
+    rows = []
+    for g in found:
+        if g.seed is not None:
+            row = [g.arm, g.seed, g.trained, g.worlds, g.unseen, g.worst, *g.reached.values()]
+            for y in yardsticks:
+                d = g.minus(y)
+                row += map(_known, (d.estimate, d.low, d.high))
+            rows.append(row)
+    return to_csv(columns, rows)
+
+
 def tests_csv(findings: Sequence[Finding]) -> str:
     """Every comparison; the mean of a sample with censored runs is left empty.
 
@@ -83,6 +103,8 @@ def _row(f: Finding) -> list[object]:
         *f.arms,
         f.measure.key,
         f.measure.unit,
+        f.family,
+        f.size,
         *t.n,
         *(m1, s1, m2, s2, d1, d2, c1, c2),
         *(t.u, t.z, t.p, t.kind, f.rank_q, t.r),

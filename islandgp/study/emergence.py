@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil, floor
+from math import ceil, floor, sqrt
 
 from islandgp.study.arms import Run
 from islandgp.study.statistics import mean_sd
@@ -76,6 +76,13 @@ def still_without(firsts: Sequence[int | None], generations: int) -> list[float]
     """Share of the runs without one up to and including each generation (Kaplan-Meier)."""
     n = len(firsts)
     return [sum(f is None or f > g for f in firsts) / n for g in range(generations)]
+
+
+def band(share: float, n: int) -> tuple[float, float]:
+    """95 % interval of a share of n runs (Wilson): all are watched to the last generation."""
+    z = 1.959964
+    middle, wide = share + z * z / (2 * n), z * sqrt(share * (1 - share) / n + z * z / (4 * n * n))
+    return (middle - wide) / (1 + z * z / n), (middle + wide) / (1 + z * z / n)
 
 
 def reduction(first_arm: Summary, second_arm: Summary) -> tuple[float, str] | None:

@@ -6,19 +6,21 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import inf, nan
 
-from islandgp.study.arms import Comparison
+from islandgp.study.arms import Arm, Comparison
 from islandgp.study.comparable import paired
 from islandgp.study.emergence import ranks
 from islandgp.study.measures import Measure, values
+from islandgp.study.plan import Family
 from islandgp.study.statistics import (
     ENUMERATED,
+    UNTESTED,
     Interval,
     PairedTest,
     RankTest,
     benjamini_hochberg,
-    bootstrap,
     log_rank,
     mean_difference,
+    paired_difference,
     paired_test,
     rank_test,
 )
@@ -38,6 +40,23 @@ class Finding:
     paired_q: float | None
     log_rank: float | None  # p, for emergence
     log_rank_q: float | None
+    family: str = ""  # what its p-values are adjusted with
+    size: int = 1  # comparisons of that family
+
+    @property
+    def test(self) -> PairedTest | RankTest:
+        """The one that belongs to `shift`: paired where the arms share seeds."""
+        return self.rank if self.paired is None else self.paired
+
+    @property
+    def p_bh(self) -> float:
+        """That test's p, adjusted over the family."""
+        return self.rank_q if self.paired_q is None else self.paired_q
+
+    @property
+    def equal(self) -> bool:
+        """Whether both runs of every pair have the same value."""
+        return self.paired is not None and self.paired.kind == UNTESTED
 
     @property
     def censored(self) -> bool:
@@ -63,30 +82,43 @@ class Finding:
 
     @property
     def shift(self) -> Interval:
-        """Mean of the first arm minus mean of the second, with its bootstrap interval.
+        """Mean of the first arm minus mean of the second, with its 95 % interval.
 
-        For emergence it is that of the restricted means: of the generations without one. Nothing
+        Student's t of the paired differences where the arms share seeds, else Welch's. For
+        emergence it is that of the restricted means: of the generations without one. Nothing
         is known (nan) where it happened in no run.
         """
         if self.never:
             return Interval(nan, nan, nan)
-        return bootstrap(self.numbers, mean_difference)
+        return (mean_difference if self.paired is None else paired_difference)(*self.numbers)
 
 
-def family(study: Comparison, measures: Sequence[Measure]) -> tuple[Finding, ...]:
-    """All pairs of arms by all measures; each kind of test is adjusted over all of its p-values."""
-    found = [
-        examine(
-            m,
-            (a.name, b.name),
-            (values(m, a.runs), values(m, b.runs)),
-            study.generations,
-            in_pairs=paired(a, b),
-        )
-        for a, b in study.pairs
-        for m in measures
-    ]
-    return adjust(found)
+def examine_all(
+    study: Comparison, families: Sequence[Family], measures: Sequence[Measure]
+) -> tuple[Finding, ...]:
+    """All pairs of the families by all measures.
+
+    Each kind of test is adjusted over its p-values in the family; the measures that a family
+    does not ask for are adjusted among themselves.
+    """
+    arms = {arm.name: arm for arm in study.arms}
+    found: list[Finding] = []
+    for family in families:
+        asked = [m for m in measures if m.key in family.measures]
+        further = [m for m in measures if m.key not in family.measures]
+        for name, group in ((family.name, asked), (f"{family.name}, further", further)):
+            examined = [
+                _between(arms[a], arms[b], m, study.generations)
+                for a, b in family.pairs
+                for m in group
+            ]
+            found += adjust(examined, name)
+    return tuple(found)
+
+
+def _between(a: Arm, b: Arm, measure: Measure, generations: int) -> Finding:
+    samples = values(measure, a.runs), values(measure, b.runs)
+    return examine(measure, (a.name, b.name), samples, generations, in_pairs=paired(a, b))
 
 
 def examine(
@@ -103,8 +135,9 @@ def examine(
     `in_pairs` when their values belong together one by one; `enumerated` as in `rank_test`.
     """
     a, b = (ranks(sample, generations) for sample in samples)
-    censored = any(v is None for sample in samples for v in sample)
     rank = rank_test(a, b, enumerated=enumerated)
+    pairs = paired_test(a, b) if in_pairs else None
+    logs = log_rank(*samples, horizon=generations) if measure.emergence else None
     return Finding(
         measure=measure,
         arms=arms,
@@ -112,20 +145,27 @@ def examine(
         generations=generations,
         rank=rank,
         rank_q=rank.p,
-        paired=paired_test(a, b, ordinal=censored) if in_pairs else None,
-        paired_q=None,
-        log_rank=log_rank(*samples, horizon=generations) if measure.emergence else None,
-        log_rank_q=None,
+        paired=pairs,
+        paired_q=None if pairs is None else pairs.p,
+        log_rank=logs,
+        log_rank_q=logs,
     )
 
 
-def adjust(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+def adjust(findings: Sequence[Finding], family: str = "") -> tuple[Finding, ...]:
     """The findings with Benjamini and Hochberg's p over the whole family, kind by kind."""
     rank = benjamini_hochberg([f.rank.p for f in findings])
     pairs = _adjusted(findings, lambda f: None if f.paired is None else f.paired.p)
     logs = _adjusted(findings, lambda f: f.log_rank)
     return tuple(
-        replace(f, rank_q=rank[i], paired_q=pairs[i], log_rank_q=logs[i])
+        replace(
+            f,
+            rank_q=rank[i],
+            paired_q=pairs[i],
+            log_rank_q=logs[i],
+            family=family,
+            size=len(findings),
+        )
         for i, f in enumerate(findings)
     )
 

@@ -23,6 +23,7 @@ from islandgp.seeding import Stream, stream
 from islandgp.study import library
 from islandgp.study.arms import Comparison, Run
 from islandgp.study.lineage import most_injected
+from islandgp.study.statistics import Interval, paired_difference
 
 YARDSTICK_WORLDS: Final = 100
 """How many worlds a yardstick meets at least: it is one tree, so more of them cost little."""
@@ -35,10 +36,30 @@ class Generalisation:
     arm: str  # or what a yardstick is called
     seed: int | None  # of the run whose champion it is; None: a yardstick, a tree from elsewhere
     trained: float | None  # points, its fitness in the generation in which it lived
-    worlds: int  # unseen ones that it met, >= 1
-    unseen: float  # points, mean over the worlds
-    worst: float  # points, the least of the worlds
+    points: tuple[
+        float, ...
+    ]  # in each unseen world, in the order that all trees share; one or more
     reached: Mapping[str, float]  # by milestone: share of the worlds in which it is such a robot
+
+    @property
+    def worlds(self) -> int:
+        """How many unseen worlds it met."""
+        return len(self.points)
+
+    @property
+    def unseen(self) -> float:
+        """Points, mean over the worlds."""
+        return fmean(self.points)
+
+    @property
+    def worst(self) -> float:
+        """Points, the least of the worlds."""
+        return min(self.points)
+
+    def minus(self, other: Generalisation) -> Interval:
+        """Mean difference to another tree in the worlds that both met, with its 95 % interval."""
+        n = min(self.worlds, other.worlds)
+        return paired_difference(self.points[:n], other.points[:n])
 
 
 def unseen_worlds(study: Comparison, n: int) -> tuple[int, ...]:
@@ -137,9 +158,7 @@ def _summary(
     return Generalisation(
         arm=arm,
         seed=seed,
-        worlds=len(outcomes),
         trained=trained,
-        unseen=fmean(o.fitness for o in outcomes),
-        worst=min(o.fitness for o in outcomes),
+        points=tuple(o.fitness for o in outcomes),
         reached={name: fmean(name in t for t in found) for name in classes.milestones},
     )

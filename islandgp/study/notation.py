@@ -8,7 +8,6 @@ from typing import Final
 from islandgp.study.statistics import (
     EXACT,
     EXACT_TIES,
-    SIGN,
     UNTESTED,
     Interval,
     PairedTest,
@@ -83,7 +82,7 @@ def p_is(test: RankTest | PairedTest) -> str:
     return f"p {text}" if text.startswith("<") else f"p = {text}"
 
 
-_SHORT: Final = {EXACT: "exact", EXACT_TIES: EXACT_TIES, UNTESTED: "all equal", SIGN: "sign, exact"}
+_SHORT: Final = {EXACT: "exact", EXACT_TIES: EXACT_TIES, UNTESTED: "all equal"}
 
 
 def kind(test: RankTest | PairedTest) -> str:

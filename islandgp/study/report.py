@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from islandgp.study.figures.style import Picture
 from islandgp.study.findings import Finding
+from islandgp.study.generalise import Generalisation
 from islandgp.study.table import Table
 
 Item = Table | Picture | str  # a string is a paragraph
@@ -26,7 +27,8 @@ class Report:
     title: str
     doubts: tuple[str, ...]
     sections: tuple[Section, ...]
-    findings: tuple[Finding, ...]  # the paper's family, then the further one
+    findings: tuple[Finding, ...]  # family by family
+    unseen: tuple[Generalisation, ...] = ()  # champions and yardsticks in unseen worlds
 
     @property
     def tables(self) -> list[Table]:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from islandgp.study.arms import Comparison
-from islandgp.study.data import runs_csv, tests_csv
+from islandgp.study.data import champions_csv, runs_csv, tests_csv
 from islandgp.study.figures.style import Picture
 from islandgp.study.page import to_page
 from islandgp.study.report import Report
@@ -21,6 +21,8 @@ def write(report: Report, study: Comparison, folder: Path) -> list[Path]:
         "runs.csv": runs_csv(study).encode(),
         "tests.csv": tests_csv(report.findings).encode(),
     }
+    if report.unseen:
+        files["champions.csv"] = champions_csv(report.unseen).encode()
     for table in report.tables:
         files[f"tables/{table.key}.csv"] = to_csv(table.columns, table.rows).encode()
     for picture in report.pictures:

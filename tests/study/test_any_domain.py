@@ -76,7 +76,7 @@ def _arms() -> list[Arm]:
     return [made_arm(n, [_maze_run(n, s) for s in (0, 1)]) for n in ("expert", "baseline")]
 
 
-UNSEEN = (Generalisation("expert", 0, 50.0, 9, 40.0, 3.0, dict.fromkeys(TIERS, 0.5)),)
+UNSEEN = (Generalisation("expert", 0, 50.0, (40.0,) * 9, dict.fromkeys(TIERS, 0.5)),)
 
 
 @pytest.fixture(scope="module")
@@ -104,8 +104,11 @@ def test_no_paper_is_quoted_where_there_is_none(report: Report) -> None:
     assert not any(c.startswith("paper*") for t in report.tables for c in t.columns)
     assert not any(t.key.startswith("claims") for t in report.tables)
     assert not any("another simulator" in note for t in report.tables for note in t.notes)
-    assert "family of 22 comparisons" not in to_page(report)
-    assert "The 11 comparisons of Tables 9, 10 and 11" in to_page(report)
+    assert "the paper's claims" not in to_page(report)
+    assert (
+        "Family 'the first two arms': expert and baseline, each by 16 measures"
+        in (report.sections[-1].items[1])
+    )
 
 
 def test_unseen_worlds_need_the_domain() -> None:

@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
-from islandgp.study.emergence import first, quantile, ranks, reduction, still_without, summary
+import pytest
+
+from islandgp.study.emergence import (
+    band,
+    first,
+    quantile,
+    ranks,
+    reduction,
+    still_without,
+    summary,
+)
 from islandgp.study.figures.emergence import box
 from islandgp.study.findings import examine
 from islandgp.study.measures import emergence
-from islandgp.study.statistics import SIGN
+from islandgp.study.statistics import EXACT, EXACT_TIES
 from islandgp.study.tables.emergence import when
 from tests.study.made_runs import made_run
 
@@ -69,20 +79,40 @@ def test_never_ranks_after_the_last_generation() -> None:
 
 
 def test_censored_runs_are_tested_and_not_dropped() -> None:
-    """All runs enter the rank test, the log-rank test and the sign test."""
+    """All runs enter the rank test, the log-rank test and the paired test."""
     f = examine(emergence("complete"), ("a", "b"), ((1, 2, 3), (4, None, None)), 41, in_pairs=True)
     assert f.censored
     assert f.rank.n == (3, 3)
     assert f.rank.u == 0
     assert f.paired is not None
-    assert (f.paired.kind, f.paired.lower) == (SIGN, 3)
+    assert (f.paired.kind, f.paired.lower) == (EXACT, 3)
     assert f.log_rank is not None
     assert f.log_rank < 0.1
+
+
+def test_one_censored_run_changes_no_kind_of_test() -> None:
+    """The paired test is the signed-rank test of generations without one, censored or not."""
+    first = tuple(range(8))
+    for last in (30, None):
+        second = (*(10 + 2 * g for g in range(7)), last)
+        f = examine(emergence("complete"), ("a", "b"), (first, second), 41, in_pairs=True)
+        assert f.paired is not None
+        assert (f.paired.kind, f.paired.p) == (EXACT, 2 / 2**8)
+    never = (None,) * 8
+    tied = examine(emergence("complete"), ("a", "b"), (never, (1, *never[1:])), 41, in_pairs=True)
+    assert tied.paired is not None
+    assert (tied.paired.kind, tied.paired.higher) == (EXACT_TIES, 1)
 
 
 def test_curve_of_runs_without_one() -> None:
     """The share falls in the generation of the first one, and stays where it never came."""
     assert still_without([1, None], 3) == [1.0, 0.5, 0.5]
+
+
+def test_band_of_a_share_by_hand() -> None:
+    """Wilson's interval of 5 of 10 is 0.237 to 0.763; of none it has a width all the same."""
+    assert band(0.5, 10) == (pytest.approx(0.2366, abs=1e-4), pytest.approx(0.7634, abs=1e-4))
+    assert band(0.0, 10) == (pytest.approx(0.0), pytest.approx(0.2775, abs=1e-4))
 
 
 def test_a_cell_says_how_many_runs_got_there() -> None:

@@ -128,9 +128,9 @@ def test_yardsticks_are_library_trees_by_name() -> None:
 def test_an_arm_may_have_a_yardstick_s_name() -> None:
     """An arm called hand-written keeps its row, and the yardstick has its own."""
     found = (
-        Generalisation("hand-written", 0, 9_000.0, 30, 5_000.0, 1.0, HALF),
-        Generalisation("hand-written", 1, 9_000.0, 30, 7_000.0, 1.0, HALF),
-        Generalisation("hand-written", None, None, 100, 1_000.0, 1.0, HALF),
+        Generalisation("hand-written", 0, 9_000.0, (5_000.0,) * 30, HALF),
+        Generalisation("hand-written", 1, 9_000.0, (7_000.0,) * 30, HALF),
+        Generalisation("hand-written", None, None, (1_000.0,) * 100, HALF),
     )
     rows = [row[:5] for row in generalisation_table(found, 30).rows]
     assert [(row[0], row[1], row[2]) for row in rows] == [

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from islandgp.bt.language import parse
+from islandgp.errors import StudyError
 from islandgp.study import data
 from islandgp.study.arms import Comparison
 from islandgp.study.building import build
 from islandgp.study.comparable import compare_arms
-from islandgp.study.figures.style import DPI, WIDTH
+from islandgp.study.figures.style import COLUMN, DPI, WIDTH
 from islandgp.study.figures.trees import (
     Specimen,
     drawn,
@@ -24,9 +25,10 @@ from islandgp.study.figures.trees import (
 )
 from islandgp.study.generalise import Generalisation
 from islandgp.study.library import library_names
-from islandgp.study.notation import NEVER
 from islandgp.study.page import to_page
+from islandgp.study.plan import NOTHING, check_plan, families, parse_plan
 from islandgp.study.report import Report
+from islandgp.study.table import Table
 from islandgp.study.writing import write
 from tests.study.made_runs import TREE, config, guidance, individual, made_arm, made_run
 
@@ -72,11 +74,11 @@ def _study(*names: str, force: bool = False) -> Comparison:
 HALF = {"complete": 0.5, "excellent": 0.1}
 UNSEEN = (
     *(
-        Generalisation(arm, seed, 20_000.0 + seed, 30, 15_000.0 + 10 * seed, 9_000.0, HALF)
+        Generalisation(arm, seed, 20_000.0 + seed, (9_000.0, 21_000.0 + 20 * seed), HALF)
         for arm in ("expert", "baseline")
         for seed in range(4)
     ),
-    Generalisation("library: all_rounder", None, None, 100, 20_000.0, 9_000.0, HALF),
+    Generalisation("library: all_rounder", None, None, (9_000.0, 30_000.0, 21_000.0), HALF),
 )
 
 
@@ -139,7 +141,7 @@ def test_never_is_never_a_number(written: tuple[Report, Path]) -> None:
 
 
 def test_exact_numbers_of_the_tests(written: tuple[Report, Path]) -> None:
-    """tests.csv has the nine of the family and the six further ones, with kinds."""
+    """tests.csv has the fourteen of the family and the further one, with kinds."""
     with (written[1] / "tests.csv").open() as file:
         rows = {r["measure"]: r for r in csv.DictReader(file)}
     assert len(rows) == 15
@@ -149,7 +151,9 @@ def test_exact_numbers_of_the_tests(written: tuple[Report, Path]) -> None:
     assert first["median_second"] == "16.5"  # of 15 16 17 and never
     assert (first["without_first"], first["without_second"]) == ("6.5", "22.25")  # never: 41
     assert first["difference"] == "-15.75"
-    assert float(first["difference_low"]) < -15.75 < float(first["difference_high"]) < 0
+    half = 3.182446 * 11.5 / 2  # pairs -10 -10 -10 -33: SD 11.5, t of three degrees of freedom
+    assert float(first["difference_low"]) == pytest.approx(-15.75 - half)
+    assert float(first["difference_high"]) == pytest.approx(-15.75 + half)
     assert rows["max_ever"]["without_first"] == ""
     assert rows["first_excellent"]["median_second"] == ""
     assert rows["max_ever"]["paired_kind"] == "exact"
@@ -160,9 +164,8 @@ def test_medians_with_censored_runs(written: tuple[Report, Path]) -> None:
     table = next(t for t in written[0].tables if t.key == "medians")
     rows = {row[0]: row[1:4] for row in table.rows}
     first, second, apart = rows["First Complete Robot"]
-    assert first == "6.5 [5.0, 8.0]"
-    assert second == f"16.5 [15.0, {NEVER}]"
-    assert apart.startswith("\N{MINUS SIGN}10.0 [\N{MINUS SIGN}\N{INFINITY}, ")
+    assert (first, second) == ("6.5 [\N{EN DASH}]", "16.5 [\N{EN DASH}]")  # four runs
+    assert apart == "\N{MINUS SIGN}10.0 [\N{EN DASH}]"
     never, gap = rows["First Excellent Robot"][1:]
     assert never == "never"
     assert gap.startswith("\N{MINUS SIGN}\N{INFINITY}")
@@ -177,7 +180,7 @@ def test_table_11_and_the_claims_give_the_restricted_difference(
     cell = row["difference without one [95 %]"]
     assert cell.startswith("\N{MINUS SIGN}15.8 [")
     claim = dict(zip(tables["claims"].columns, tables["claims"].rows[0], strict=True))
-    assert claim["difference [95 %]"] == f"{cell} generations"
+    assert claim["difference [95 %]"] == cell
 
 
 def test_the_same_runs_give_the_same_bytes(written: tuple[Report, Path], tmp_path: Path) -> None:
@@ -189,8 +192,31 @@ def test_the_same_runs_give_the_same_bytes(written: tuple[Report, Path], tmp_pat
         assert again.read_bytes() == path.read_bytes(), path.name
 
 
-def test_three_arms_are_one_family_of_all_pairs() -> None:
-    """Nine comparisons for each of three pairs are adjusted together."""
+def test_champions_stand_beside_the_yardsticks(written: tuple[Report, Path]) -> None:
+    """Run by run in champions.csv, over runs in the table: 9,000 and 21,000 + 20 x seed points
+    against 9,000 and 30,000 of the yardstick, whose third world no champion met."""
+    report, folder = written
+    with (folder / "champions.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 8
+    first = {k.removeprefix("minus library: "): v for k, v in rows[0].items()}
+    assert (first["arm"], first["seed"], first["unseen"], first["worst"]) == (
+        *("expert", "0", "15000.0", "9000.0"),
+    )
+    assert first["all_rounder"] == "-4500.0"
+    half = 12.706205 * 4_500  # t of one degree of freedom, standard error of 0 and -9,000
+    assert float(first["all_rounder, low"]) == pytest.approx(-4_500 - half)
+    assert float(first["all_rounder, high"]) == pytest.approx(-4_500 + half)
+    table = next(t for t in report.tables if t.key == "generalisation")
+    row = dict(zip(table.columns, table.rows[0], strict=True))
+    # means -4,500 -4,490 -4,480 -4,470: t of three is 3.182, the standard error 6.455
+    assert row["minus library: all_rounder (points) [95 %]"] == (
+        "\N{MINUS SIGN}4,485 [\N{MINUS SIGN}4,506, \N{MINUS SIGN}4,464]"
+    )
+
+
+def test_families_are_by_question() -> None:
+    """The first pair answers the paper's claims; the other pairs are a family of their own."""
     report = build(_study("expert", "baseline", "fixed"), (), 0)
     assert len({f.arms for f in report.findings}) == 3
     keys = [t.key for t in report.tables]
@@ -199,7 +225,84 @@ def test_three_arms_are_one_family_of_all_pairs() -> None:
     )
     assert len(keys) == len(set(keys))
     table = next(t for t in report.tables if t.key == "table-9-expert-fixed")
-    assert "family of 27 comparisons" in table.notes[0]
+    assert "the family 'other pairs', 28 comparisons" in table.notes[1]
+    (claims,) = [t for t in report.tables if t.key == "claims"]
+    assert "the family 'the paper's claims', 14 comparisons" in claims.notes[1]
+    (questions,) = [t for t in report.tables if t.key.startswith("questions")]
+    assert len(questions.rows) == 28
+    assert {row[0] for row in questions.rows} == {"expert minus fixed", "baseline minus fixed"}
+    assert {f.size for f in report.findings} == {14, 28, 1, 2}
+
+
+def test_arms_that_inject_are_a_family_by_themselves() -> None:
+    """Found from the runs; each measure's p-values are adjusted in their own family."""
+    guided = guidance(tree=TREE, injected=True)
+    arms = [
+        made_arm(
+            name, [made_run(name, s, best=k + s, guided=guided if given else None) for s in (0, 1)]
+        )
+        for k, (name, given) in enumerate((("expert", True), ("baseline", False), ("fixed", True)))
+    ]
+    names = [(f.name, f.pairs) for f in families(compare_arms(arms), NOTHING)]
+    assert names == [
+        ("the paper's claims", (("expert", "baseline"),)),
+        ("arms that inject trees", (("expert", "fixed"),)),
+        ("other pairs", (("baseline", "fixed"),)),
+    ]
+
+
+def test_a_plan_is_reported_as_it_was_laid_down() -> None:
+    """Primary endpoint first and not adjusted; a family by name; margins decide what is alike."""
+    plan = parse_plan(
+        ["judgement=expert, fixed"], "first_complete", ["first_complete=3", "mean_max=2500.5"]
+    )
+    study = _study("expert", "baseline", "fixed")
+    check_plan(plan, study)
+    report = build(study, (), 0, plan=plan)
+    primary = report.sections[0].items[0]
+    assert isinstance(primary, Table)
+    row = dict(zip(primary.columns, primary.rows[0], strict=True))
+    assert row["unit"] == "generations without one"
+    assert row["pairs: expert lower : equal : higher"] == "4 : 0 : 0"
+    assert row["p, not adjusted"] == "0.125 (exact, ties enumerated)"
+    assert row["verdict"] == "not shown"
+    tables = {t.title: t for t in report.tables if t.key.startswith("questions")}
+    judged = tables["Differences: judgement"]
+    assert [r[1] for r in judged.rows] == ["Mean Max Fitness", "First Complete Robot"]
+    assert [r[judged.columns.index("margin")] for r in judged.rows] == ["±2,500.5", "±3"]
+    assert [(f.family, f.size) for f in report.findings if f.arms == ("expert", "fixed")][:3] == [
+        ("judgement", 2),
+        ("judgement", 2),
+        ("judgement, further", 13),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ((["a"], None, []), "Expected --family NAME=ARM,ARM"),
+        ((["=expert,baseline"], None, []), "Expected --family NAME=ARM,ARM"),
+        ((["a=expert,expert"], None, []), "with two arms or more"),
+        ((["a=expert,fixed", "a=expert,fixed"], None, []), "Expected each family once"),
+        ((["the paper's claims=expert,fixed"], None, []), "Expected other names"),
+        ((["a=expert,nobody"], None, []), "found 'nobody'; there are expert, baseline, fixed"),
+        ((["a=expert,baseline"], None, []), "no family before it"),
+        (([], "nothing", []), "Expected a measure in --primary, found 'nothing'; there are max"),
+        (([], None, ["mean_max"]), "Expected --margin MEASURE=VALUE"),
+        (([], None, ["mean_max=-1"]), "above 0"),
+        (([], None, ["mean_max=nan"]), "above 0"),
+        (([], None, ["mean_max=1", "mean_max=2"]), "Expected each margin once"),
+        (([], None, ["nothing=1"]), "Expected a measure in --margin, found 'nothing'"),
+    ],
+)
+def test_a_plan_that_cannot_be_meant(
+    words: tuple[list[str], str | None, list[str]], expected: str
+) -> None:
+    """One message says what was expected and what was found."""
+    arms = [made_arm(n, [made_run(n, 0, generations=4)]) for n in ("expert", "baseline", "fixed")]
+    study = compare_arms(arms)
+    with pytest.raises(StudyError, match=expected):
+        check_plan(parse_plan(*words), study)
 
 
 def test_one_run_an_arm_is_reported_and_shows_nothing() -> None:
@@ -278,13 +381,12 @@ def test_captions_name_a_library_tree() -> None:
 
 
 def test_claims_say_their_family(written: tuple[Report, Path]) -> None:
-    """Emergence and fitness are of the paper's nine; diversity and rates are of the other."""
+    """All claims are of one family, by Tables 9 to 12, each row one difference of means."""
     table = next(t for t in written[0].tables if t.key == "claims")
-    at = table.columns.index("family")
-    found = {row[0]: row[at] for row in table.rows}
-    assert list(found.values()).count("the paper's nine") == 7
-    assert found["Behavioural diversity is higher"] == "further"
-    assert found["with lower mutation rates"] == "further"
+    assert "the family 'the paper's claims', 14 comparisons." in table.notes[1]
+    units = {row[0]: row[1] for row in table.rows}
+    assert units["Complete Robots come earlier"] == "generations without one"
+    assert units["Behavioural diversity is higher"] == "Eq. (3)"
 
 
 def test_two_arms_without_any_have_no_difference_in_it() -> None:
@@ -296,12 +398,12 @@ def test_two_arms_without_any_have_no_difference_in_it() -> None:
     assert row["expert"] == "never in 2 runs"
     assert row["without one, expert"] == "all 41"
     assert row["difference without one [95 %]"] == "\N{EN DASH}"
-    assert tables["claims"].rows[0][2] == "\N{EN DASH}"
+    assert tables["claims"].rows[0][2] == "never in either arm"
     assert not any("0.0 [0.0, 0.0]" in cell for row in tables["claims"].rows for cell in row)
 
 
 def test_a_long_tree_is_an_outline_in_two_columns() -> None:
-    """Each node has its line, children below their parent, and the picture a page's width."""
+    """Each node has its line, children below their parent; a short tree has a column's width."""
     leaf = "  sequence {\n    MoveToGarbage\n    PickupGarbage\n  }\n"
     text = f"selector {{\n{leaf * 20}}}\n"
     rows = outline(parse(text))
@@ -310,7 +412,7 @@ def test_a_long_tree_is_an_outline_in_two_columns() -> None:
     assert (rows[0].last, rows[1].last, rows[2].last) == (58, 3, 2)
     short, long = (drawn("k", "t", Specimen(tree, "")) for tree in (TREE, text))
     width = [int.from_bytes(p.png[16:20], "big") for p in (short, long)]
-    assert width[0] == width[1] == int(WIDTH * DPI)
+    assert width == [int(COLUMN * DPI), int(WIDTH * DPI)]
 
 
 def test_interventions_are_defined(written: tuple[Report, Path]) -> None:

@@ -14,14 +14,16 @@ from islandgp.study.statistics import (
     ASYMPTOTIC,
     EXACT,
     EXACT_TIES,
-    SIGN,
     UNTESTED,
     benjamini_hochberg,
     bootstrap,
     log_rank,
+    mean_difference,
+    mean_interval,
     mean_sd,
-    median,
     median_difference,
+    median_interval,
+    paired_difference,
     paired_test,
     rank_test,
 )
@@ -173,14 +175,6 @@ def test_wilcoxon_with_ties_is_counted_out() -> None:
     assert paired_test([0, 0, 0], [1, 1, 1], enumerated=2).kind == ASYMPTOTIC
 
 
-def test_ordinal_pairs_get_a_sign_test() -> None:
-    """Where only 'later' is known, its size plays no part: 5 of 6 lower is p = 14/64."""
-    test = paired_test([1, 2, 3, 4, 5, 41], [2, 3, 4, 5, 6, 7], ordinal=True)
-    assert (test.kind, test.p) == (SIGN, 14 / 64)
-    other = paired_test([1, 2, 3, 4, 5, 8], [2, 3, 4, 5, 6, 7], ordinal=True)
-    assert other.p == test.p
-
-
 def test_log_rank_by_hand() -> None:
     """Events at 1 and 2: one of 1/2 expected, variance 1/4, so chi squared is 1."""
     assert log_rank([1], [2], horizon=41) == pytest.approx(0.31731, abs=1e-5)
@@ -199,22 +193,20 @@ def test_log_rank_uses_censored_runs() -> None:
 
 def test_bootstrap_is_seeded_and_holds_its_estimate() -> None:
     """The same samples give the same interval, around the estimate; constants give a point."""
-    x, y = [1.0, 2.0, 3.0, 9.0], [2.0, 4.0, 4.0, 5.0]
+    x, y = [1.0, 2.0, 3.0, 9.0] * 3, [2.0, 4.0, 4.0, 5.0] * 3
     found = bootstrap([x, y], median_difference)
     assert found == bootstrap([x, y], median_difference)
     assert found.low <= found.estimate == -1.5 <= found.high
-    same = bootstrap([[7.0, 7.0]], median)
-    assert (same.low, same.estimate, same.high) == (7, 7, 7)
+    same = bootstrap([[7.0] * 10, [4.0] * 10], median_difference)
+    assert (same.low, same.estimate, same.high) == (3, 3, 3)
 
 
 def test_bootstrap_with_runs_that_never_got_there() -> None:
     """An infinite value makes an end infinite; where both medians are, anything is possible."""
     inf = math.inf
-    found = bootstrap([[1.0, 2.0, 3.0, inf, inf]], median)
-    assert (found.low, found.estimate, found.high) == (1.0, 3.0, inf)
-    apart = bootstrap([[1.0, 2.0, 3.0], [inf, inf, inf]], median_difference)
+    apart = bootstrap([[1.0, 2.0] * 5, [inf] * 10], median_difference)
     assert (apart.low, apart.estimate, apart.high) == (-inf, -inf, -inf)
-    unknown = bootstrap([[inf, inf], [inf, inf]], median_difference)
+    unknown = bootstrap([[inf] * 10, [inf] * 10], median_difference)
     assert (unknown.low, unknown.high) == (-inf, inf)
     assert math.isnan(unknown.estimate)
 
@@ -234,10 +226,50 @@ def test_standard_deviation_is_the_sample_s() -> None:
     assert math.isnan(sd)
 
 
-def test_one_value_has_no_interval() -> None:
-    """A sample of one is drawn again as itself: that is no interval."""
-    for samples, statistic in (([[7.0]], median), ([[7.0], [1.0, 2.0]], median_difference)):
-        found = bootstrap(samples, statistic)
-        assert found.estimate in (7.0, 5.5)
-        assert math.isnan(found.low)
-        assert math.isnan(found.high)
+def test_a_small_sample_is_not_bootstrapped() -> None:
+    """Of fewer than ten values there is an estimate and no interval."""
+    found = bootstrap([[7.0] * 9, [1.0, 2.0] * 5], median_difference)
+    assert found.estimate == 5.5
+    assert math.isnan(found.low)
+    assert math.isnan(found.high)
+
+
+def test_interval_of_a_mean_by_hand() -> None:
+    """1 2 3: standard error 1 / sqrt(3), and t of 2 degrees of freedom is 4.303."""
+    found = mean_interval([1.0, 2.0, 3.0])
+    assert found.estimate == 2.0
+    assert found.high - 2 == pytest.approx(4.302653 / math.sqrt(3))
+    assert 2 - found.low == pytest.approx(4.302653 / math.sqrt(3))
+    assert paired_difference([5.0, 7.0, 9.0], [4.0, 5.0, 6.0]) == found
+    assert math.isnan(mean_interval([1.0]).low)
+
+
+def test_welch_s_interval_is_scipy_s() -> None:
+    """Two samples of other sizes and deviations; constants give a point, one value none."""
+    from scipy import stats  # type: ignore[import-untyped] # scipy ships no types
+
+    x, y = [1.0, 2.0, 4.0, 9.0], [3.0, 3.5, 8.0]
+    ends = stats.ttest_ind(x, y, equal_var=False).confidence_interval()
+    found = mean_difference(x, y)
+    assert (found.low, found.high) == pytest.approx((ends.low, ends.high))
+    assert mean_difference([3.0, 3.0], [1.0, 1.0]).high == 2.0
+    assert math.isnan(mean_difference([3.0], [1.0, 2.0]).low)
+
+
+@pytest.mark.parametrize(("n", "low", "high"), [(6, 1, 6), (9, 2, 8), (20, 6, 15), (30, 10, 21)])
+def test_interval_of_a_median_is_of_order_statistics(n: int, low: int, high: int) -> None:
+    """The ranks of the sign test's tables; five values have none."""
+    found = median_interval([float(k) for k in range(1, n + 1)])
+    assert (found.low, found.high) == (low, high)
+    assert math.isnan(median_interval([1.0, 2.0, 3.0, 4.0, 5.0]).low)
+    assert median_interval([1.0, 2.0, 3.0, *[math.inf] * 3]).estimate == math.inf
+
+
+@given(st.integers(3, 9), st.integers(0, 2**32 - 1))
+def test_small_samples_get_wide_intervals(n: int, seed: int) -> None:
+    """An interval of a mean holds it, and is no narrower than 2 standard errors each way."""
+    x = np.random.default_rng(seed).normal(size=n).tolist()
+    mean, sd = mean_sd(x)
+    found = mean_interval(x)
+    assert found.high - mean == pytest.approx(mean - found.low)
+    assert found.high - mean >= 2 * sd / math.sqrt(n)

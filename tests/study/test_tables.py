@@ -15,7 +15,7 @@ from islandgp.study.paper import MARK
 from islandgp.study.statistics import Interval, mean_sd, rank_test
 from islandgp.study.table import Table, to_csv, to_html, to_markdown
 from islandgp.study.tables import claims
-from islandgp.study.tables.claims import verdict
+from islandgp.study.tables.claims import found, verdict
 from islandgp.study.tables.comparisons import difference
 
 TABLE = Table(
@@ -116,20 +116,47 @@ def test_verdicts(direction: int, low_first: bool, n: int, expected: str) -> Non
 
 
 @pytest.mark.parametrize(
-    ("first", "second", "expected"),
+    ("differences", "margin", "expected"),
     [
-        ((0, 0), (0, 0), "\N{EN DASH} (0.0 generations)"),
-        ((3, 4), (0, 0), "\N{EN DASH} (+3.5 generations)"),
-        ((3, 4), (7, 7), "\N{MINUS SIGN}50.0 %"),
-        ((None, None), (None, None), "never in either arm"),
+        ((-2.0, 1.0, 2.0, -1.0), 3.0, "alike within ±3"),  # 0 [-2.9, 2.9]
+        ((-2.0, 1.0, 2.0, -1.0), 2.5, "not shown"),
+        ((-2.0, 1.0, 2.0, -1.0), None, "not shown"),
+        (tuple(1 + k / 100 for k in range(8)), 3.0, "higher, shown, but alike within ±3"),
+        (tuple(1 + k / 100 for k in range(8)), 1.0, "higher, shown"),
+        ((0.0, 0.0, 0.0), 1.0, "equal in every pair"),
     ],
 )
-def test_what_happens_in_generation_0_has_happened(
-    first: tuple[int | None, ...], second: tuple[int | None, ...], expected: str
+def test_alike_is_said_within_a_margin_only(
+    differences: tuple[float, ...], margin: float | None, expected: str
 ) -> None:
-    """There is no share of the generation 0, but it is not "never"."""
-    f = examine(emergence("complete"), ("a", "b"), (first, second), 41, in_pairs=False)
-    assert claims.difference(f) == expected
+    """The 95 % interval of the paired difference decides, and no test's silence."""
+    second = tuple(100.0 + 10 * k for k in range(len(differences)))
+    first = tuple(a + b for a, b in zip(second, differences, strict=True))
+    f = examine(TABLE_9[0], ("a", "b"), (first, second), 41, in_pairs=True)
+    assert found(f, margin) == expected
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "expected"),
+    [
+        ((0, 0), (0, 0), ("0, equal in every pair", "\N{EN DASH}")),
+        ((3, 4), (0, 0), ("+3.5 [\N{MINUS SIGN}2.9, 9.9]", "\N{EN DASH}")),
+        ((3, 4), (7, 7), ("\N{MINUS SIGN}3.5 [\N{MINUS SIGN}9.9, 2.9]", "\N{MINUS SIGN}50.0 %")),
+        ((None, None), (None, None), ("never in either arm", "\N{EN DASH}")),
+        ((-500, -400), (-900, -1100), None),
+    ],
+)
+def test_an_estimate_is_one_thing(
+    first: tuple[int | None, ...], second: tuple[int | None, ...], expected: tuple[str, str] | None
+) -> None:
+    """Difference, interval and share are of the same means; none in percent of 0 or less."""
+    measure = TABLE_9[0] if expected is None else emergence("complete")
+    f = examine(measure, ("a", "b"), (first, second), 41, in_pairs=True)
+    unit, *cells = claims.estimate_cells(f)
+    if expected is None:
+        assert (unit, cells[1]) == ("points", "\N{EN DASH}")
+    else:
+        assert (unit, tuple(cells)) == ("generations without one", expected)
 
 
 def test_verdict_where_nothing_happened() -> None:

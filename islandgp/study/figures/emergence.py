@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from islandgp.study.arms import Arm, Comparison
-from islandgp.study.emergence import Summary, first, quantile, ranks, still_without, summary
+from islandgp.study.emergence import Summary, band, first, quantile, ranks, still_without, summary
 from islandgp.study.figures.drawing import bar, groups, legend, named, sideways
 from islandgp.study.figures.style import INK, Look, Picture, looks, picture
-from islandgp.study.statistics import bootstrap
+from islandgp.study.statistics import mean_interval
 from islandgp.supervision.state_json import title
 
 if TYPE_CHECKING:
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 
 PANELS = 3  # beside each other
+TOP, ROW = -0.27, 0.065  # below the axes, in their heights: numbers at risk, a row for each arm
 
 
 def figure_6(study: Comparison) -> Picture:
@@ -37,7 +38,7 @@ def figure_6(study: Comparison) -> Picture:
         " there, and what falls among them of a box is drawn there too, so the median is that of"
         " Table 11. (b) Mean number of generations lived through without one;"
         " a run without one counts with the generations it lived (restricted mean); whiskers:"
-        " 95 % bootstrap interval; 'never': no run of the arm had one.",
+        " 95 % interval by Student's t; 'never': no run of the arm had one.",
         draw,
         height=3.9,
     )
@@ -110,14 +111,13 @@ def _box(axes: Axes, at: float, numbers: dict[str, float], width: float, how: Lo
 
 
 def _bars(axes: Axes, study: Comparison) -> None:
-    import numpy as np
-
     tiers = study.milestones
     for arm, how, k, at, width in groups(study, len(tiers)):
         firsts = [first(run, tiers[k]) for run in arm.runs]
         times = ranks(firsts, study.generations)
-        mean = bootstrap([times], lambda x: np.mean(x, axis=-1))
-        error = [[mean.estimate - mean.low], [mean.high - mean.estimate]]
+        mean = mean_interval(times)
+        down, up = max(mean.low, 0.0), min(mean.high, float(study.generations))
+        error = [[mean.estimate - down], [up - mean.estimate]]
         bar(axes, at, mean.estimate, width, error, how)
         axes.text(
             at,
@@ -145,12 +145,23 @@ def emergence_curves(study: Comparison) -> Picture:
         for axes in panels.flat[len(study.milestones) :]:
             axes.axis("off")
         for axes, tier in zip(panels.flat, study.milestones, strict=False):
-            for arm, how in looks(study):
+            for row, (arm, how) in enumerate(looks(study)):
                 _curve(axes, study, arm, tier, how)
-            axes.set(title=f"{title(tier)} Robot", xlabel="Generation")
+                _at_risk(axes, study, arm, tier, how, row)
+            axes.set_title(f"{title(tier)} Robot")
+            axes.set_xlabel("Generation", loc="right")
             axes.set_ylim(-0.03, 1.03)
             axes.set_xlim(0, study.generations - 1)
             axes.legend(loc="best")
+            axes.text(
+                0,
+                TOP,
+                "Runs still without one",
+                transform=axes.transAxes,
+                fontsize=7.5,
+                va="center",
+                color=INK,
+            )
         for axes in panels[:, 0]:
             axes.set_ylabel("Share of runs that have had one")
 
@@ -158,10 +169,11 @@ def emergence_curves(study: Comparison) -> Picture:
         "emergence-curves",
         f"Share of runs that have had {_robots(study)}",
         "One minus the Kaplan-Meier estimate: every run is watched to the last generation, so a"
-        " curve that ends below 1 shows the runs that never had one. This is what the log-rank"
-        " test compares.",
+        " curve that ends below 1 shows the runs that never had one. Bands: 95 % in each generation"
+        " by itself (Wilson). Below: runs still without one before a generation, in the order of"
+        " the legend. This is what the log-rank test compares.",
         draw,
-        height=3.2 * -(-len(study.milestones) // PANELS),
+        height=(3.3 + 0.17 * len(study.arms)) * -(-len(study.milestones) // PANELS),
     )
 
 
@@ -169,11 +181,35 @@ def _curve(axes: Axes, study: Comparison, arm: Arm, tier: str, how: Look) -> Non
     firsts = [first(run, tier) for run in arm.runs]
     share = [1 - s for s in still_without(firsts, study.generations)]
     s: Summary = summary(firsts, study.generations)
+    x = range(study.generations)
+    low, high = zip(*(band(p, s.runs) for p in share), strict=True)
+    axes.fill_between(x, low, high, step="post", color=how.colour, alpha=0.14, linewidth=0)
+    for edge in (low, high):
+        axes.step(x, edge, where="post", color=how.colour, alpha=0.45, linewidth=0.5)
     axes.step(
-        range(study.generations),
+        x,
         share,
         where="post",
         color=how.colour,
         linestyle=how.line,
         label=f"{arm.name}: {s.emerged} of {s.runs}",
     )
+
+
+def _at_risk(axes: Axes, study: Comparison, arm: Arm, tier: str, how: Look, row: int) -> None:
+    """Below the axes: how many runs had none before a tick's generation."""
+    firsts = [first(run, tier) for run in arm.runs]
+    beside = axes.get_xaxis_transform()
+    last = study.generations - 1
+    for tick in sorted({round(last * k / 4) for k in range(5)}):
+        left = sum(g is None or g >= tick for g in firsts)
+        axes.text(
+            tick,
+            TOP - ROW * (row + 1),
+            str(left),
+            transform=beside,
+            color=how.colour,
+            fontsize=7.5,
+            ha="center",
+            va="center",
+        )

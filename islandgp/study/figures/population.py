@@ -8,7 +8,14 @@ import numpy as np
 
 from islandgp.evolution.population import Origin
 from islandgp.study.arms import Arm, Comparison
-from islandgp.study.figures.drawing import curves, epoch_lines, legend, named
+from islandgp.study.figures.drawing import (
+    curves,
+    epoch_lines,
+    legend,
+    named,
+    sideways,
+    thousands,
+)
 from islandgp.study.figures.style import (
     FAINT,
     INK,
@@ -24,6 +31,7 @@ from islandgp.study.generalise import Generalisation
 from islandgp.study.lineage import alive, newcomers
 from islandgp.study.measures import shown
 from islandgp.study.notation import number
+from islandgp.study.statistics import mean_interval
 from islandgp.supervision.state_json import title
 
 if TYPE_CHECKING:
@@ -158,41 +166,60 @@ def lineage(study: Comparison) -> Picture | None:
 
 
 def generalisation(found: tuple[Generalisation, ...], study: Comparison) -> Picture:
-    """Champions' fitness in training against their mean on unseen worlds."""
+    """Champions in unseen worlds, by arm and against their fitness in training."""
+    yardsticks = [g for g in found if g.seed is None]
 
     def draw(figure: Figure) -> None:
-        axes = figure.subplots()
-        for arm, how in looks(study):
+        left, right = figure.subplots(1, 2, sharey=True, width_ratios=(2, 3))
+        for place, (arm, how) in enumerate(looks(study)):
             mine = [g for g in found if g.arm == arm.name and g.seed is not None]
-            axes.scatter(
-                [g.trained or 0.0 for g in mine],
-                [g.unseen for g in mine],
-                color=how.colour,
-                marker=how.marker,
-                s=26,
-                edgecolor="white",
-                linewidth=0.4,
-                label=named(arm),
+            if not mine:
+                continue
+            unseen = [g.unseen for g in mine]
+            points = {"color": how.colour, "marker": how.marker, "edgecolor": "white"}
+            left.scatter(
+                sideways(place, len(mine), 0.8), unseen, s=16, linewidth=0.4, alpha=0.8, **points
             )
-        for k, g in enumerate(g for g in found if g.seed is None):
-            colour, line = (INK, FAINT)[k % 2], LINES[3 - k % 2]
-            axes.axhline(g.unseen, color=colour, linestyle=line, linewidth=1.2, label=g.arm)
-        low, high = axes.get_xlim()
-        axes.plot([low, high], [low, high], color="#bbbbbb", linewidth=0.9, zorder=0.5)
-        axes.set_xlim(low, high)
-        axes.set(
-            xlabel="Fitness in training (points)",
-            ylabel="Mean fitness in unseen worlds (points)",
-        )
-        for axis in (axes.xaxis, axes.yaxis):
-            axis.set_major_formatter(lambda v, _: number(v))
-        legend(figure, axes, 2)
+            mean = mean_interval(unseen)
+            left.errorbar(
+                place,
+                mean.estimate,
+                yerr=mean.high - mean.estimate,
+                color=INK,
+                marker="_",
+                markersize=14,
+                capsize=4,
+                linewidth=1.4,
+                zorder=4,
+            )
+            trained = [g.trained or 0.0 for g in mine]
+            right.scatter(trained, unseen, s=22, linewidth=0.4, label=named(arm), **points)
+        for axes in (left, right):
+            for k, g in enumerate(yardsticks):
+                shade, line = (INK, FAINT)[k % 2], LINES[3 - k % 2]
+                name = g.arm if axes is right else None
+                axes.axhline(g.unseen, color=shade, linestyle=line, linewidth=1.2, label=name)
+            thousands(axes)
+        left.set_xticks(range(len(study.arms)), [arm.name for arm in study.arms], rotation=20)
+        left.set_xlim(-0.6, len(study.arms) - 0.4)
+        left.grid(visible=False, axis="x")
+        left.set(title="(a) By arm", ylabel="Mean fitness in unseen worlds (points)")
+        low, high = right.get_xlim()
+        bottom, top = right.get_ylim()
+        right.plot([low, high], [low, high], color="#bbbbbb", linewidth=0.9, zorder=0.5)
+        right.set_xlim(low, high)
+        right.set_ylim(bottom, top)
+        right.xaxis.set_major_formatter(lambda v, _: number(v))
+        right.set(title="(b) Against training", xlabel="Fitness in training, one episode (points)")
+        legend(figure, right, 2)
 
     return picture(
         "generalisation",
         "Champions on unseen worlds",
-        "Each point is a run's champion; on the grey line it would do as well in unseen worlds as"
-        " it did in training. Lines across: trees of the library.",
+        "Each point is a run's champion, its mean over unseen worlds. (a) Points are set apart"
+        " sideways by seed; bars: mean over runs with Student's t 95 % interval. (b) On the grey"
+        " line it would do as well in unseen worlds as it did in training. Lines across: trees"
+        " of the library.",
         draw,
-        height=4.0,
+        height=4.2,
     )

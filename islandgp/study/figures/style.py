@@ -47,6 +47,7 @@ HATCHES: Final = ("", "////", "\\\\\\\\", "xxxx", "----", "||||", "++++", "//")
 INK: Final = "#222222"
 FAINT: Final = "#8a8a8a"
 WIDTH: Final = 7.2  # inches: the text width of a page
+COLUMN: Final = 3.5  # inches: a column of a page with two
 DPI: Final = 150
 
 RC: Final[dict[str, Any]] = {

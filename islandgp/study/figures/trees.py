@@ -10,7 +10,7 @@ from islandgp.bt.node import Node, depth, size
 from islandgp.bt.render.label import label
 from islandgp.bt.render.svg import COLOURS
 from islandgp.study.arms import Comparison, Run
-from islandgp.study.figures.style import WIDTH, Picture, picture
+from islandgp.study.figures.style import COLUMN, FAINT, WIDTH, Picture, picture
 from islandgp.study.library import library_names
 from islandgp.supervision.state_json import title
 
@@ -25,7 +25,7 @@ LETTER: Final = 0.067  # inches a letter of 8 points, monospaced
 LINE: Final = 0.185  # inches from a node to the next one below
 PADDING: Final = 0.1  # inches left and right of a label together
 GAP: Final = 0.15  # inches between columns
-LONG: Final = 36  # nodes of a column, beyond which a second one is begun
+LONG: Final = 48  # nodes of a column of 9 inches, beyond which a second one is begun
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,25 +141,30 @@ def outline(tree: Node) -> list[Row]:
 
 
 def drawn(key: str, heading: str, specimen: Specimen) -> Picture:
-    """The tree as an outline of a page's width, in two columns where it is long."""
+    """The tree as an outline of a column's width, of a page's in two columns where it is long.
+
+    So its letters have their size where it is printed in a text of two columns.
+    """
     rows = outline(parse(specimen.tree))
     columns = 2 if len(rows) > LONG else 1
     each = -(-len(rows) // columns)
-    room = (WIDTH - GAP * (columns - 1)) / columns
+    wide = COLUMN if columns == 1 else WIDTH
+    room = (wide - GAP * (columns - 1)) / columns
     need = max(row.level * INDENT + LETTER * len(label(row.node)) + PADDING for row in rows)
     scale = min(1.0, room / need)
 
     def draw(figure: Figure) -> None:
         for k in range(columns):
-            left = k * (room + GAP) / WIDTH
-            axes = figure.add_axes((left, 0, room / WIDTH, 1))
+            left = k * (room + GAP) / wide
+            axes = figure.add_axes((left, 0, room / wide, 1))
             axes.set_xlim(0, room / scale)
             axes.set_ylim((k + 1) * each - 0.5, k * each - 0.5)
             axes.axis("off")
             _column(axes, rows, range(k * each, min((k + 1) * each, len(rows))), scale)
 
     caption = specimen.caption + " It goes on in the second column." * (columns - 1)
-    return picture(key, heading, caption, draw, height=each * LINE * scale, layout=None)
+    height = each * LINE * scale
+    return picture(key, heading, caption, draw, height=height, width=wide, layout=None)
 
 
 def _column(axes: Axes, rows: list[Row], shown: range, scale: float) -> None:
@@ -179,7 +184,7 @@ def _column(axes: Axes, rows: list[Row], shown: range, scale: float) -> None:
 def _node(axes: Axes, row: Row, place: int, scale: float) -> None:
     from matplotlib.patches import FancyBboxPatch
 
-    fill, stroke = COLOURS[row.node.kind]
+    fill, _ = COLOURS[row.node.kind]  # its line has an arm's colour
     text, left = label(row.node), INDENT * row.level
     width = LETTER * len(text) + PADDING
     axes.add_patch(
@@ -190,7 +195,7 @@ def _node(axes: Axes, row: Row, place: int, scale: float) -> None:
             boxstyle="round,pad=0,rounding_size=0.04",
             mutation_aspect=0.8 / LINE,
             facecolor=fill,
-            edgecolor=stroke,
+            edgecolor=FAINT,
             linewidth=0.7,
             zorder=2,
         )

@@ -8,9 +8,9 @@ from statistics import fmean
 from islandgp.study.arms import Comparison
 from islandgp.study.generalise import Generalisation
 from islandgp.study.measures import shown
-from islandgp.study.notation import NONE, number, p_is, spread
+from islandgp.study.notation import NONE, interval, number, p_is, signed, spread
 from islandgp.study.paper import Paper
-from islandgp.study.statistics import mean_sd, rank_test
+from islandgp.study.statistics import mean_interval, mean_sd, rank_test
 from islandgp.study.table import Table
 from islandgp.study.tables.comparisons import footnotes, published
 from islandgp.supervision.state_json import title
@@ -76,8 +76,12 @@ def generalisation_table(found: Sequence[Generalisation], worlds: int) -> Table:
     """Champions on unseen worlds, with trees from elsewhere as yardsticks."""
     arms = list(dict.fromkeys(g.arm for g in found if g.seed is not None))
     champions = {a: [g for g in found if g.arm == a and g.seed is not None] for a in arms}
-    rows = [_generalisation_row(arm, mine) for arm, mine in champions.items()]
-    rows += [_generalisation_row(g.arm, [g]) for g in found if g.seed is None]
+    yardsticks = [g for g in found if g.seed is None]
+    rows = [
+        (*_generalisation_row(arm, mine), *(_over_runs(mine, y) for y in yardsticks))
+        for arm, mine in champions.items()
+    ]
+    rows += [(*_generalisation_row(g.arm, [g]), *(NONE for _ in yardsticks)) for g in yardsticks]
     notes = [
         f"Each run's champion in the same {worlds} worlds that no run used, in the last stage of"
         " the curriculum. 'Trained' is its fitness in the generation in which it lived. A run"
@@ -87,7 +91,10 @@ def generalisation_table(found: Sequence[Generalisation], worlds: int) -> Table:
         notes.append(
             "The yardsticks are trees of the library, by file name: those that library.yardsticks"
             " names, and the one that the supervisors injected most often. They meet the"
-            " champions' worlds, and more of them where those are few."
+            " champions' worlds, and more of them where those are few. 'Minus' such a tree: mean"
+            " over runs of the champions' mean paired differences in the worlds that both met,"
+            " with Student's t interval over runs; champions.csv has them run by run, each with"
+            " its interval over worlds."
         )
     samples = [(arm, [g.unseen for g in mine]) for arm, mine in champions.items()]
     real = [(arm, values) for arm, values in samples if len(values) > 1]
@@ -109,10 +116,17 @@ def generalisation_table(found: Sequence[Generalisation], worlds: int) -> Table:
             "unseen (points)",
             "worst world (points)",
             *(f"{title(tier)} in" for tier in found[0].reached),
+            *(f"minus {y.arm} (points) [95 %]" for y in yardsticks),
         ),
         tuple(rows),
         tuple(notes),
     )
+
+
+def _over_runs(mine: Sequence[Generalisation], yardstick: Generalisation) -> str:
+    """Mean difference of the champions to a yardstick, with its interval over runs."""
+    over = mean_interval([g.minus(yardstick).estimate for g in mine])
+    return interval(over).replace(number(over.estimate), signed(over.estimate), 1)
 
 
 def _generalisation_row(arm: str, mine: Sequence[Generalisation]) -> tuple[str, ...]:

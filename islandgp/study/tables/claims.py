@@ -1,30 +1,50 @@
-"""A paper's claims, one by one, beside what these runs show."""
+"""The primary endpoint, a paper's claims and further questions: one estimand a row."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from math import isnan
 from typing import Final
 
-from islandgp.study.emergence import reduction, summary
 from islandgp.study.findings import Finding, finding
-from islandgp.study.measures import FURTHER
-from islandgp.study.notation import DIGITS, NONE, interval, percent, probability, signed
+from islandgp.study.notation import (
+    DIGITS,
+    NONE,
+    change,
+    interval,
+    number,
+    percent,
+    probability,
+    signed,
+    tested,
+)
 from islandgp.study.paper import Paper
 from islandgp.study.power import LEVEL
+from islandgp.study.statistics import PairedTest, mean_sd
 from islandgp.study.table import Table
-from islandgp.study.tables import comparisons
-from islandgp.study.tables.comparisons import published
-
-MAIN: Final = "the paper's nine"
-OTHERS: Final = "further"
-"""The families of Benjamini and Hochberg's procedure."""
+from islandgp.study.tables.comparisons import families_note, published
 
 UNDECIDED: Final = "no difference shown (no evidence either way)"
 """The verdict where a claim of no difference meets a test that finds none."""
 
+READING: Final = (
+    "Difference: mean of the first arm minus mean of the second. Where the arms share seeds it is"
+    " that of the pairs, with Student's t interval, tested by Wilcoxon's signed-rank test; else"
+    " with Welch's interval, tested by Mann-Whitney's U. A generation is one lived through"
+    " without such a robot; a run that never had one counts with all of its generations. In"
+    " percent of the second mean where both are positive and it is further from zero than its SD."
+)
+ALIKE: Final = (
+    "'Alike': the 95 % interval lies within the margin. 'Not shown' is no evidence that there is"
+    " no difference."
+)
+
 
 def claims_table(
-    key: str, title: str, findings: Sequence[Finding], arms: tuple[str, str], paper: Paper
+    findings: Sequence[Finding],
+    arms: tuple[str, str],
+    paper: Paper,
+    margins: Mapping[str, float],
 ) -> Table:
     """One row a claim, the first arm standing for the paper's proposed system."""
     rows = []
@@ -33,74 +53,166 @@ def claims_table(
         rows.append(
             (
                 claim.text,
-                difference(f),
-                size(f),
-                probability(f.rank_q),
-                OTHERS if f.measure in FURTHER else MAIN,
+                *estimate_cells(f),
+                *test_cells(f),
                 percent(claim.difference),
                 probability(claim.p_bh),
-                verdict(claim.direction, f),
+                verdict(claim.direction, f, margins.get(claim.measure)),
             )
         )
+    own = [finding(findings, claim.measure, arms) for claim in paper.claims]
     return Table(
-        key,
-        title,
+        "claims",
+        f"The paper's claims: {arms[0]} minus {arms[1]}",
         (
             "Claim",
-            "here",
-            "difference [95 %]",
-            "p BH",
-            "family",
+            *ESTIMATE,
+            *TEST,
             *published(paper, ("difference", "p BH")),
             "verdict",
         ),
         tuple(rows),
         (
-            "Difference: of the means, with its bootstrap interval; for emergence, of the mean"
-            " generations lived through without one.",
-            f"Family: what p BH is adjusted over. '{MAIN}': the comparisons of Tables 9, 10 and 11;"
-            f" '{OTHERS}': those of Table 12, which the paper does not test; each times the pairs"
-            " of arms.",
-            f"{arms[0]} stands for the paper's proposed system, {arms[1]} for its baseline."
-            f" 'Shown': p BH < {LEVEL:g}. 'Not shown' is no evidence that there is no difference;"
-            " the power note says what could have been found.",
+            READING,
+            families_note(own),
+            f"{arms[0]} stands for the paper's proposed system, {arms[1]} for its baseline; the"
+            f" paper's own test stands in Tables 9 to 12. 'Shown': p BH < {LEVEL:g}. {ALIKE}",
             paper.footnote,
         ),
     )
 
 
-def difference(f: Finding) -> str:
-    """By which share the first arm differs, and how that is measured when not by means."""
-    if not f.measure.emergence:
-        return comparisons.difference(f)
+def questions_table(
+    key: str, name: str, findings: Sequence[Finding], margins: Mapping[str, float]
+) -> Table:
+    """A family beyond the paper's claims, by pair of arms and measure."""
+    return Table(
+        key,
+        f"Differences: {name}",
+        ("Arms", "measure", *ESTIMATE, *TEST, "margin", "verdict"),
+        tuple(
+            (
+                f"{f.arms[0]} minus {f.arms[1]}",
+                f.measure.label,
+                *estimate_cells(f),
+                *test_cells(f),
+                NONE if f.measure.key not in margins else f"±{margins[f.measure.key]:,g}",
+                found(f, margins.get(f.measure.key)),
+            )
+            for f in findings
+        ),
+        (READING, families_note(findings), f"'Shown': p BH < {LEVEL:g}. {ALIKE}"),
+    )
+
+
+def primary_table(f: Finding, margin: float | None) -> Table:
+    """The primary endpoint: one test, not adjusted."""
+    a, b = f.arms
+    (mean_a, sd_a), (mean_b, sd_b) = map(mean_sd, f.numbers)
+    digits, shift = DIGITS[f.measure.unit], f.shift
+    wide = (shift.high - shift.low) / abs(shift.estimate) if shift.estimate else float("nan")
+    if isinstance(f.test, PairedTest):
+        equal = f.test.pairs - f.test.lower - f.test.higher
+        pairs = f"{f.test.lower} : {equal} : {f.test.higher}"
+    else:
+        pairs = NONE
+    return Table(
+        "primary",
+        f"Primary endpoint: {f.measure.label}, {a} minus {b}",
+        (
+            f"{a}, mean ± SD",
+            f"{b}, mean ± SD",
+            *ESTIMATE,
+            "width of the interval / |difference|",
+            f"pairs: {a} lower : equal : higher",
+            "test",
+            "p, not adjusted",
+            "verdict",
+        ),
+        (
+            (
+                f"{number(mean_a, digits)} ± {number(sd_a, digits)}",
+                f"{number(mean_b, digits)} ± {number(sd_b, digits)}",
+                *estimate_cells(f),
+                number(wide, 2),
+                pairs,
+                test_name(f),
+                tested(f.test),
+                _words(f, f.test.p, margin),
+            ),
+        ),
+        (READING, f"'Shown': p < {LEVEL:g}, two-sided. {ALIKE}"),
+    )
+
+
+ESTIMATE: Final = ("unit", "difference [95 %]", "in percent")
+TEST: Final = ("test", "p", "p BH")
+
+
+def estimate_cells(f: Finding) -> tuple[str, ...]:
+    """Unit, difference with its interval, and share: all of the same difference of means."""
+    unit = "generations without one" if f.measure.emergence else f.measure.unit
+    if f.never:
+        return unit, "never in either arm", NONE
+    if f.equal:
+        return unit, "0, equal in every pair", NONE
+    (a, _), (b, sd) = map(mean_sd, f.numbers)
+    shift, digits = f.shift, DIGITS[f.measure.unit]
+    ends = interval(shift, digits).removeprefix(number(shift.estimate, digits))
+    return unit, f"{signed(shift.estimate, digits)}{ends}", percent(change(a, b, sd))
+
+
+def test_cells(f: Finding) -> tuple[str, ...]:
+    """The test, its p and its adjusted p."""
+    if f.never or f.equal:
+        return "none: all values are equal", NONE, NONE
+    return test_name(f), tested(f.test), probability(f.p_bh)
+
+
+def test_name(f: Finding) -> str:
+    """Which test belongs to the difference."""
+    if f.paired is None:
+        return "Mann-Whitney U"
+    return f"signed-rank, {f.paired.pairs} pairs"
+
+
+def verdict(direction: int, f: Finding, margin: float | None = None) -> str:
+    """What a test says of a claim; `direction` as in `paper.Claim`."""
     if f.never:
         return "never in either arm"
-    earlier = reduction(*(summary(sample, f.generations) for sample in f.samples))
-    if earlier is None:  # no share of the generation 0
-        return f"{NONE} ({signed(f.shift.estimate, 1)} generations)"
-    by = "" if earlier[1] == "means" else f" ({earlier[1]})"
-    return f"{percent(-earlier[0])}{by}"
-
-
-def size(f: Finding) -> str:
-    """By how much the means differ, in the measure's unit."""
-    if f.never:
-        return NONE
-    unit = {"points": " points", "generation": " generations"}.get(f.measure.unit, "")
-    return f"{interval(f.shift, DIGITS[f.measure.unit])}{unit}"
-
-
-def verdict(direction: int, f: Finding) -> str:
-    """What the tests say of a claim; `direction` as in `paper.Claim`."""
-    shown = f.rank_q < LEVEL
+    shown = f.p_bh < LEVEL
     if direction == 0:
+        if alike(f, margin):
+            return f"agrees: alike within ±{margin:,g}"
         return f"differs: {_side(f)}, shown" if shown else UNDECIDED
+    if not shown:
+        return found(f, margin)
+    return "agrees, shown" if (f.shift.estimate > 0) == (direction > 0) else "opposite, shown"
+
+
+def found(f: Finding, margin: float | None) -> str:
+    """What a test says of two arms."""
+    return _words(f, f.p_bh, margin)
+
+
+def _words(f: Finding, p: float, margin: float | None) -> str:
     if f.never:
         return "never in either arm"
-    if not shown:  # ranks and means may point to different sides
-        return "not shown"
-    return "agrees, shown" if (f.rank.r < 0) == (direction > 0) else "opposite, shown"
+    if f.equal:
+        return "equal in every pair"
+    within = f"alike within ±{margin:,g}" if alike(f, margin) else ""
+    if p < LEVEL:
+        return f"{_side(f)}, shown" + (f", but {within}" if within else "")
+    return within or "not shown"
+
+
+def alike(f: Finding, margin: float | None) -> bool:
+    """Whether the interval of the difference lies within a margin."""
+    shift = f.shift
+    return (
+        margin is not None and not isnan(shift.low) and -margin < shift.low <= shift.high < margin
+    )
 
 
 def _side(f: Finding) -> str:
-    return "lower" if f.rank.r > 0 else "higher"
+    return "lower" if f.shift.estimate < 0 else "higher"

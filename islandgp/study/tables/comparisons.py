@@ -22,17 +22,34 @@ from islandgp.study.notation import (
 )
 from islandgp.study.paper import MARK, Paper
 from islandgp.study.power import LEVEL, smallest_difference
-from islandgp.study.statistics import bootstrap, mean_sd, median, median_difference
+from islandgp.study.statistics import (
+    FEWEST,
+    bootstrap,
+    mean_sd,
+    median_difference,
+    median_interval,
+)
 from islandgp.study.table import Table
 
 TESTS: Final = ("difference", "U", "z", "p", "p BH", "r")
 
 SIGNS: Final = (
-    "Mann-Whitney U of the first arm, two-sided; p BH: Benjamini-Hochberg over the whole family"
-    " of {n} comparisons; r = 1 - 2U/(n1 n2): above 0, the first arm has the lower values."
+    "Mann-Whitney U of the first arm, two-sided, as in the paper;"
+    " r = 1 - 2U/(n1 n2): above 0, the first arm has the lower values."
     " A difference in percent is left out unless both means are positive, and where the second is"
     " nearer to zero than its SD. ± is the sample standard deviation over runs."
 )
+
+
+def families_note(findings: Sequence[Finding]) -> str:
+    """What each measure's p-values are adjusted with."""
+    families = {(f.family, f.size): [g for g in findings if g.family == f.family] for f in findings}
+    each = [
+        f"'{name}', {size} comparisons"
+        + (f" ({', '.join(g.measure.label for g in mine)})" if len(families) > 1 else "")
+        for (name, size), mine in families.items()
+    ]
+    return f"p BH: Benjamini-Hochberg over the family {'; '.join(each)}."
 
 
 def arm_cells(f: Finding) -> tuple[str, ...]:
@@ -57,10 +74,8 @@ def rank_cells(f: Finding) -> tuple[str, ...]:
     return number(t.u, 1), number(t.z, 2), tested(t), probability(f.rank_q), effect(t.r)
 
 
-def fitness_table(
-    key: str, title: str, findings: Sequence[Finding], paper: Paper | None, *, family: int
-) -> Table:
-    """Table 9 or 10 for one pair of arms; `family` comparisons were adjusted together."""
+def fitness_table(key: str, title: str, findings: Sequence[Finding], paper: Paper | None) -> Table:
+    """Table 9 or 10 for one pair of arms."""
     heads = ("proposed", "baseline", "p", "p BH", "r")
     return Table(
         key,
@@ -70,12 +85,12 @@ def fitness_table(
             (f.measure.label, *_ours(f), *_fitness(paper, f.measure.key, len(heads)))
             for f in findings
         ),
-        (SIGNS.format(n=family), *footnotes(paper)),
+        (SIGNS, families_note(findings), *footnotes(paper)),
     )
 
 
 def diversity_table(
-    key: str, title: str, findings: Sequence[Finding], paper: Paper | None, *, family: int
+    key: str, title: str, findings: Sequence[Finding], paper: Paper | None
 ) -> Table:
     """Table 12 for one pair of arms, with the tests that the paper does not make."""
     heads = ("proposed", "baseline", "difference")
@@ -87,7 +102,7 @@ def diversity_table(
             (f.measure.label, *_ours(f), *_diversity(paper, f.measure.key, len(heads)))
             for f in findings
         ),
-        (SIGNS.format(n=family), "The paper tests none of these.", *footnotes(paper)),
+        (SIGNS, families_note(findings), "The paper tests none of these.", *footnotes(paper)),
     )
 
 
@@ -145,12 +160,14 @@ def median_table(key: str, title: str, findings: Sequence[Finding]) -> Table:
         ),
         tuple((f.measure.label, *_medians(f), *_pairs(f)) for f in findings),
         (
-            "Intervals: percentiles of 10,000 bootstrap samples of the runs of each arm, seeded."
-            " A run in which a tier never emerged counts as infinite in a median: \N{INFINITY} says"
+            "Intervals of medians: order statistics, exact; fewer than six runs have none. Those of"
+            " differences: percentiles of 10,000 bootstrap samples of the runs of each arm, seeded;"
+            f" fewer than {FEWEST} runs have none. A run in which"
+            " a tier never emerged counts as infinite in a median: \N{INFINITY} says"
             " that it was not reached by the last generation, and a dash that neither arm's was."
             " 'never' is an arm in which it emerged in no run.",
-            "Paired tests compare runs of the same seed: Wilcoxon's signed-rank test, or the sign"
-            " test where runs are censored; p BH over the same comparisons.",
+            "Paired tests compare runs of the same seed: Wilcoxon's signed-rank test; of emergence,"
+            " on the generations lived through without one. p BH over the same families.",
         ),
     )
 
@@ -158,7 +175,7 @@ def median_table(key: str, title: str, findings: Sequence[Finding]) -> Table:
 def _medians(f: Finding) -> tuple[str, ...]:
     digits = DIGITS[f.measure.unit]
     first, second = (
-        "never" if all(v is None for v in sample) else interval(bootstrap([ends], median), digits)
+        "never" if all(v is None for v in sample) else interval(median_interval(ends), digits)
         for sample, ends in zip(f.samples, f.endless, strict=True)
     )
     apart = bootstrap(f.endless, median_difference)

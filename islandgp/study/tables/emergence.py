@@ -11,21 +11,30 @@ from islandgp.study.findings import Finding
 from islandgp.study.notation import NONE, interval, number, percent, probability, spread
 from islandgp.study.paper import Paper
 from islandgp.study.table import Table
-from islandgp.study.tables.comparisons import SIGNS, TESTS, footnotes, published, rank_cells
+from islandgp.study.tables.comparisons import (
+    SIGNS,
+    TESTS,
+    families_note,
+    footnotes,
+    published,
+    rank_cells,
+)
 from islandgp.supervision.state_json import title
 
 PAPER_GENERATIONS = 41  # of the runs of Table 11
 
 
 def emergence_table(
-    key: str, heading: str, findings: Sequence[Finding], paper: Paper | None, *, family: int
+    key: str, heading: str, findings: Sequence[Finding], paper: Paper | None
 ) -> Table:
     """Section 3.4 for one pair of arms: when the first robot of each milestone came."""
     a, b = findings[0].arms
     notes = [
-        SIGNS.format(n=family),
+        SIGNS,
+        families_note(findings),
         "'Without one' is the mean number of generations lived through without one, over all runs"
-        " (restricted mean); its difference has a bootstrap interval. 'all' and a number: no run"
+        " (restricted mean); the interval of its difference is Student's t of the pairs, Welch's"
+        " where arms share no seeds. 'all' and a number: no run"
         " of the arm had one in all its generations.",
     ]
     if any(f.censored for f in findings):

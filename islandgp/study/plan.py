@@ -1,0 +1,168 @@
+"""What a comparison is to answer, laid down before: primary endpoint, families, margins."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import isfinite
+from typing import Final
+
+from islandgp.errors import StudyError
+from islandgp.study.arms import Arm, Comparison
+from islandgp.study.measures import FURTHER, MUTATION, TABLE_12, Measure, main_family
+
+Pair = tuple[str, str]
+
+CLAIMS: Final = "the paper's claims"
+FIRST: Final = "the first two arms"  # what CLAIMS are called where no paper makes any
+LIBRARY: Final = "arms that inject trees"
+REST: Final = "other pairs"
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What the user wants to know."""
+
+    families: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # arms by question
+    primary: str | None = None  # key of the measure that is the primary endpoint
+    margins: Mapping[str, float] = field(default_factory=dict)  # by measure, in its unit, > 0
+
+
+NOTHING: Final = Plan()
+"""No question beyond the default families."""
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """Comparisons whose p-values are adjusted together."""
+
+    name: str
+    pairs: tuple[Pair, ...]  # of arms, by name
+    measures: frozenset[str]  # keys
+
+
+def parse_family(text: str) -> tuple[str, tuple[str, ...]]:
+    """NAME=arm,arm,... Raises StudyError for anything else."""
+    name, _, rest = text.partition("=")
+    arms = tuple(dict.fromkeys(arm.strip() for arm in rest.split(",") if arm.strip()))
+    if not name.strip() or len(arms) < 2:
+        raise StudyError(
+            f"Expected --family NAME=ARM,ARM,... with two arms or more, found {text!r};"
+            " for instance --family judgement=expert,blind,trees."
+        )
+    return name.strip(), arms
+
+
+def parse_margin(text: str) -> tuple[str, float]:
+    """MEASURE=VALUE. Raises StudyError for anything else."""
+    name, _, rest = text.partition("=")
+    try:
+        value = float(rest)
+    except ValueError:
+        value = 0.0
+    if not name.strip() or not isfinite(value) or value <= 0:
+        raise StudyError(
+            f"Expected --margin MEASURE=VALUE with a value above 0, found {text!r};"
+            " for instance --margin first_complete=3."
+        )
+    return name.strip(), value
+
+
+def parse_plan(families: Sequence[str], primary: str | None, margins: Sequence[str]) -> Plan:
+    """A plan as the command line words it. Raises StudyError where it cannot be read."""
+    named = list(map(parse_family, families))
+    bounds = list(map(parse_margin, margins))
+    for what, keys in (("family", [n for n, _ in named]), ("margin", [m for m, _ in bounds])):
+        if twice := [key for key in dict.fromkeys(keys) if keys.count(key) > 1]:
+            raise StudyError(f"Expected each {what} once, found {twice[0]} twice; leave one out.")
+    if {CLAIMS, FIRST, REST} & set(dict(named)):
+        raise StudyError(
+            f"Expected other names for families than {CLAIMS!r}, {FIRST!r} and {REST!r}, which are"
+            " there already."
+        )
+    return Plan(dict(named), primary, dict(bounds))
+
+
+def all_measures(study: Comparison) -> tuple[Measure, ...]:
+    """Every measure of a report, in its order."""
+    return (*main_family(study.milestones), *FURTHER)
+
+
+def check_plan(plan: Plan, study: Comparison) -> None:
+    """Raises StudyError where a plan names arms or measures that there are not."""
+    arms = [arm.name for arm in study.arms]
+    for name, wanted in plan.families.items():
+        for arm in wanted:
+            if arm not in arms:
+                raise StudyError(
+                    f"Expected arms of this comparison in --family {name}, found {arm!r};"
+                    f" there are {', '.join(arms)}."
+                )
+    keys = [m.key for m in all_measures(study)]
+    for option, key in (("--primary", plan.primary), *(("--margin", m) for m in plan.margins)):
+        if key is not None and key not in keys:
+            raise StudyError(
+                f"Expected a measure in {option}, found {key!r}; there are {', '.join(keys)}."
+            )
+    families(study, plan)
+
+
+def families(study: Comparison, plan: Plan) -> tuple[Family, ...]:
+    """The families of a comparison; every pair of arms is in one of them.
+
+    The first pair answers the paper's claims, by Tables 9 to 12. The plan's families follow; where
+    it has none, the arms that inject trees are one. Other pairs come last. A pair belongs to the
+    first family that has both of its arms. Beyond the claims a family's measures are those
+    with a margin, where the plan has any.
+
+    Raises:
+        StudyError: a family of the plan has no pair that is not in one before it.
+    """
+    paper = frozenset(m.key for m in (*main_family(study.milestones), *TABLE_12, MUTATION))
+    asked = frozenset(plan.margins) or paper
+    left = [(a.name, b.name) for a, b in study.pairs]
+    found = [Family(CLAIMS if study.paper else FIRST, (left.pop(0),), paper)]
+    for name, arms in (plan.families or _by_library(study)).items():
+        mine = tuple(pair for pair in left if set(pair) <= set(arms))
+        if mine:
+            found.append(Family(name, mine, asked))
+        elif plan.families:
+            raise StudyError(
+                f"Expected pairs of arms in --family {name} that are in no family before it, found"
+                " none; the first pair of arms belongs to the paper's claims."
+            )
+        left = [pair for pair in left if pair not in mine]
+    if left:
+        found.append(Family(REST, tuple(left), asked))
+    return tuple(found)
+
+
+def _by_library(study: Comparison) -> dict[str, tuple[str, ...]]:
+    return {LIBRARY: tuple(arm.name for arm in study.arms if _injects(arm))}
+
+
+def _injects(arm: Arm) -> bool:
+    return any(g.injected for run in arm.runs for g in run.guidance)
+
+
+def said(plan: Plan, study: Comparison) -> Iterator[str]:
+    """The plan in sentences."""
+    labels = {m.key: m for m in all_measures(study)}
+    if plan.primary is not None:
+        label = labels[plan.primary].label
+        yield f"The primary endpoint, {label}, is one test and is not adjusted for others."
+    for f in families(study, plan):
+        pairs = ", ".join(f"{a} and {b}" for a, b in f.pairs)
+        yield (
+            f"Family '{f.name}': {pairs}, each by {len(f.measures)} measures"
+            f" ({len(f.pairs) * len(f.measures)} comparisons)."
+        )
+    if plan.margins:
+        each = ", ".join(
+            f"{labels[key].label} {value:,g} ({labels[key].unit})"
+            for key, value in plan.margins.items()
+        )
+        yield (
+            "Two arms count as alike only where the 95 % interval of their difference lies"
+            f" within the margin: {each}."
+        )
