@@ -45,7 +45,8 @@ demo-llm: $(STAMP) ## supervision by a language model, with a mock in its place:
 
 study: $(STAMP)  ## baseline against expert, 30 paired seeds, into docs/study; resumable
 	$(BIN)/python -m islandgp experiment=study 'seed=range(6000,6030)' supervisor=baseline,expert progress=plain -m
-	$(BIN)/islandgp compare --arm expert="supervisor=expert" --arm baseline="supervisor=baseline" --name study -o docs/study
+	$(BIN)/islandgp compare --arm expert="supervisor=expert" --arm baseline="supervisor=baseline" --name study \
+	  --primary first_complete -o docs/study
 
 ablations: $(STAMP) ## what of the expert helps: its rate, its trees, their choice; takes the study's runs
 	$(BIN)/python -m islandgp experiment=ablation_another_record 'seed=range(6000,6030)' progress=plain -m \
@@ -53,13 +54,17 @@ ablations: $(STAMP) ## what of the expert helps: its rate, its trees, their choi
 	for part in rate_only injection_only random_injection combined founders; do \
 	  $(BIN)/python -m islandgp experiment=ablation_$$part 'seed=range(6000,6030)' progress=plain -m || exit; done
 	$(BIN)/islandgp compare --arm expert="name=study supervisor=expert seed=range(6000,6030)" \
+	  --arm baseline="name=study supervisor=baseline seed=range(6000,6030)" \
 	  --arm blind="name=ablation_random_injection seed=range(6000,6030)" \
 	  --arm yoked="name=ablation_another_record seed=range(6000,6030)" \
 	  --arm trees="name=ablation_injection_only seed=range(6000,6030)" \
 	  --arm rate="name=ablation_rate_only seed=range(6000,6030)" \
 	  --arm combined="name=ablation_combined seed=range(6000,6030)" \
 	  --arm founders="name=ablation_founders seed=range(6000,6030)" \
-	  --arm baseline="name=study supervisor=baseline seed=range(6000,6030)" -o docs/study/ablations
+	  --primary first_complete --family judgement=expert,blind,yoked,trees --family rate=rate,baseline \
+	  --family library=expert,combined --family founders=founders,baseline \
+	  --margin first_complete=3 --margin diversity_overall=0.03 --margin mean_max=2500 \
+	  --worlds 30 -o docs/study/ablations
 
 study-worlds: $(STAMP) ## MiniGrid, LunarLander and CartPole: expert, baseline, random search; resumable
 	$(BIN)/python docs/study_worlds.py
