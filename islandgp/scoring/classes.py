@@ -39,12 +39,8 @@ class Specialists(BaseModel, frozen=True, extra="forbid"):
 class Tier(BaseModel, frozen=True, extra="forbid"):
     """A row of Table 4. Values are those of counters, or of `fitness`."""
 
-    at_least: dict[str, FiniteFloat] = Field(
-        default_factory=dict
-    )  # counters, and the least of each
-    above: dict[str, FiniteFloat] = Field(
-        default_factory=dict
-    )  # counters or fitness, and what each must exceed
+    at_least: dict[str, FiniteFloat] = Field(default_factory=dict)  # the least of each
+    above: dict[str, FiniteFloat] = Field(default_factory=dict)  # what each must exceed
     also: Name | None = None  # a tier that must be reached as well
 
     def values_hold(self, o: Outcome) -> bool:

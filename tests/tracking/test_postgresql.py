@@ -56,7 +56,7 @@ def database() -> Iterator[str]:
         control = [folder / "pg_ctl", "-D", data, "-w", "-t", "120", "-l", str(home / "log")]
         subprocess.run([*control, "-o", options, "start"], **quiet)
         try:
-            yield f"postgresql://me@127.0.0.1:{port}/postgres"
+            yield f"postgresql+psycopg2://me@127.0.0.1:{port}/postgres"
         finally:
             subprocess.run([*control, "-m", "immediate", "stop"], **quiet)
     finally:
