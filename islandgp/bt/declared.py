@@ -30,13 +30,16 @@ _WORD: Final = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)\s*([<>=!]=|[<>])?")
 _STATUSES: Final = {name: status for status, name in enumerate(STATUS_NAMES[:3])}
 
 
-def declared(text: str, tree: str, *, name: str, folder: Path | None = None) -> Vocabulary:
+def declared(
+    text: str, tree: str, *, name: str, tree_name: str = "<tree>", folder: Path | None = None
+) -> Vocabulary:
     """The vocabulary that a file declares.
 
     Args:
         text: the declaration.
         tree: the text of the tree that is read with it, of which a model takes its keys.
         name: what messages call the declaration.
+        tree_name: what they call the tree.
         folder: of the tree's file, as in `parse`.
 
     Raises:
@@ -47,7 +50,7 @@ def declared(text: str, tree: str, *, name: str, folder: Path | None = None) -> 
         actions = dict(_model(read_xml(text, name=name), name))
         if not actions:
             raise DomainError(f"{name}: expected a <TreeNodesModel> with actions, found none.")
-        return Vocabulary(domain_of(tree) or UNNAMED, actions, _asked(tree, folder))
+        return Vocabulary(domain_of(tree) or UNNAMED, actions, _asked(tree, tree_name, folder))
     return _schema(text, name)
 
 
@@ -69,16 +72,17 @@ def _model(root: Element, name: str) -> Iterator[tuple[str, Action]]:
             yield identity, known
 
 
-def _asked(tree: str, folder: Path | None) -> dict[str, Key]:
+def _asked(tree: str, name: str, folder: Path | None) -> dict[str, Key]:
     """The keys that a tree asks, in our language or in XML."""
     numbers: dict[str, bool] = {}
     if tree.lstrip("\ufeff \t\r\n").startswith("<"):
-        for script in _scripts(read_xml(tree, name="<xml>")):
+        for script in _scripts(read_xml(tree, name=name)):
             for word, compared in _WORD.findall(script):
                 if word not in ("and", "or", "not", "true", "false"):
                     numbers[word] = numbers.get(word, False) or bool(compared)
     else:
-        guards = (node for node in walk(parse(tree, folder=folder)) if node.kind == "when")
+        whole_tree = parse(tree, name=name, folder=folder)
+        guards = (node for node in walk(whole_tree) if node.kind == "when")
         for term in (term for guard in guards for term in terms(condition_of(guard))):
             compares = term.operator in OPERATORS
             numbers[term.key] = numbers.get(term.key, False) or compares

@@ -131,7 +131,9 @@ def vocabulary_of(
     if declaration is not None:
         from islandgp.bt.declared import declared
 
-        return declared(read_text(declaration), text, name=declaration, folder=folder)
+        return declared(
+            read_text(declaration), text, name=declaration, tree_name=name, folder=folder
+        )
     return _vocabulary(for_tree(text, overrides, config_dir, name=name), config_dir)
 
 
