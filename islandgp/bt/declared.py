@@ -144,7 +144,7 @@ def _known(status: object) -> bool:
 
 def _conditions(given: Mapping[str, Any], which: str, name: str, at: str) -> tuple[Condition, ...]:
     found = given.get(which, [])
-    for each in found if isinstance(found, list) else [None]:
+    for each in found if isinstance(found, list) else [""]:
         right = isinstance(each, list) and len(each) == 3 and isinstance(each[0], str)
         if not right or each[1] not in (*OPERATORS, *FLAG_OPERATORS) or not _number(each[2]):
             _wrong(name, f"{at}.{which}", 'a list of conditions such as ["charge", "<", 25]')
