@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 from islandgp.bt.condition import Asked, terms
 from islandgp.bt.language import plain
@@ -36,6 +36,18 @@ Above: TypeAlias = tuple[tuple[Node, int], ...]
 """The nodes above a node, each with the index of the child that leads down."""
 
 
+CODES: Final = {
+    "unreachable": "a branch that can never run",
+    "needless-guard": "a guard that says nothing new",
+    "long-condition": "a condition that is the same as a shorter one",
+    "double-inverter": "an inverter of an inverter",
+    "never-succeeds": "an action that can never succeed where it stands",
+    "needless-abort": "`abort lower` where no later branch is there to be stopped",
+    "unused-subtree": "a named subtree that is never used",
+}
+"""What a finding is about, by a name that stays."""
+
+
 @dataclass(frozen=True, slots=True, order=True)
 class Finding:
     """A doubtful place in a file."""
@@ -43,6 +55,7 @@ class Finding:
     line: int  # from 1
     column: int
     message: str  # with the reason
+    code: str = ""  # of CODES
 
     def text(self, source: str, *, name: str) -> str:
         """The warning with the offending line and a caret, in the form of errors."""
@@ -82,9 +95,9 @@ def warnings(
     for index, place in enumerate(places):
         if index in cold:
             continue
-        for at, message, whole in _about(place, index, course):
-            found.add(Finding(written[at].line, written[at].column, message))
-            if whole:
+        for at, code, message in _about(place, index, course):
+            found.add(Finding(written[at].line, written[at].column, message, code))
+            if code == "unreachable":
                 cold.update(range(at, at + size(places[at].node)))
     return sorted(found)
 
@@ -111,7 +124,7 @@ def _unused(file: File) -> Iterator[Finding]:
     for definition in file.definitions:
         if isinstance(definition, Definition) and definition.name not in used:
             message = f"subtree {definition.name!r} is never used"
-            yield Finding(definition.line, definition.column, message)
+            yield Finding(definition.line, definition.column, message, "unused-subtree")
 
 
 def _all(file: File) -> Iterator[Written]:
@@ -123,21 +136,21 @@ def _all(file: File) -> Iterator[Written]:
         waiting += written.children
 
 
-def _about(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, bool]]:
-    """Warnings about one node: where, what, and whether all below that place never runs."""
+def _about(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, str]]:
+    """Warnings about one node: where, which of CODES, and in words."""
     node, standing, above = place
     kind = node.kind
     if kind in HANDS_OVER:
         yield from _never_goes_on(node, standing, at)
     elif kind == "inverter" and node.children[0].kind == "inverter":
-        yield at, "double inverter: the two undo each other", False
+        yield at, "double-inverter", "double inverter: the two undo each other"
     elif kind == "when":
         yield from _guard(node, standing, above, at)
     elif kind == "action":
         yield from _action(place, at, course)
 
 
-def _never_goes_on(node: Node, standing: Standing, at: int) -> Iterator[tuple[int, str, bool]]:
+def _never_goes_on(node: Node, standing: Standing, at: int) -> Iterator[tuple[int, str, str]]:
     go_on = HANDS_OVER[node.kind]
     child_at = at + 1
     for index, child in enumerate(node.children):
@@ -149,35 +162,35 @@ def _never_goes_on(node: Node, standing: Standing, at: int) -> Iterator[tuple[in
                 f"this branch can never run: {head(child)} before it never {word},"
                 f" so the {node.kind} never comes here"
             )
-            yield child_at, message, True
+            yield child_at, "unreachable", message
             return
 
 
-def _guard(
-    node: Node, standing: Standing, above: Above, at: int
-) -> Iterator[tuple[int, str, bool]]:
+def _guard(node: Node, standing: Standing, above: Above, at: int) -> Iterator[tuple[int, str, str]]:
     asked = condition_of(node)
     if never(node, standing):
-        yield at + 1, f"this branch can never run: {_why_never(asked, standing, above)}", True
+        why = _why_never(asked, standing, above)
+        yield at + 1, "unreachable", f"this branch can never run: {why}"
         return
     if implies(standing.at_start, asked):
         needless = not checks_itself(node) or implies(standing.always, asked)
         if needless and not may_interrupt(node, standing):
             message = f"this guard says nothing new: {_why(asked, above)}"
-            yield at, message, False
+            yield at, "needless-guard", message
             return
     elif node.args[1] == "lower" and standing.observer is None:
         message = "abort lower is abort none here: no composite has a later branch to stop"
-        yield at, message, False
+        yield at, "needless-abort", message
     if (same := shorter(asked, whenever_asked(node, standing))) != asked:
-        yield at, f"this condition is the same as a shorter one: {condition_text(same)}", False
+        message = f"this condition is the same as a shorter one: {condition_text(same)}"
+        yield at, "long-condition", message
 
 
 def _why_never(asked: Asked, standing: Standing, above: Above) -> str:
     return _why_not(asked, standing.at_start, above, standing.vocabulary)
 
 
-def _action(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, bool]]:
+def _action(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, str]]:
     node, standing, above = place
     name = str(node.args[0])
     known = standing.vocabulary.action(name)
@@ -189,7 +202,7 @@ def _action(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str,
         if course.changed_before(needed.key, known.changes.get(needed.key, 0), at):
             continue
         reason = _why_not(needed, holding, above, standing.vocabulary, for_action=True)
-        yield at, f"{name} can never succeed here: {reason}", False
+        yield at, "never-succeeds", f"{name} can never succeed here: {reason}"
         return
 
 

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import json
+import re
 import sys
+from typing import Any
 
 import click
 
-from islandgp.bt.language import parse
+from islandgp.bt.language import parse, plain
 from islandgp.bt.limits import Limits, check_limits
-from islandgp.bt.lint import warnings
+from islandgp.bt.lint import Finding, warnings
 from islandgp.bt.node import depth, size
 from islandgp.commands.files import FILE, called, folder_of, read_text
-from islandgp.commands.setting import vocabulary_of, with_domain_options
-from islandgp.errors import TreeError
+from islandgp.commands.setting import vocabulary_of, with_domain_options, with_vocabulary_option
+from islandgp.errors import LimitError, TreeError, UnknownNameError
 
 
 @click.command()
@@ -21,15 +24,19 @@ from islandgp.errors import TreeError
 @click.option("--max-depth", type=click.IntRange(1), help="Most levels; default: any.")
 @click.option("--max-nodes", type=click.IntRange(1), help="Most nodes; default: any.")
 @click.option("-q", "--quiet", is_flag=True, help="Say nothing about files that are right.")
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON list of what is found.")
 @with_domain_options
+@with_vocabulary_option
 def command(
     files: tuple[str, ...],
     strict: bool,
     max_depth: int | None,
     max_nodes: int | None,
     quiet: bool,
+    as_json: bool,
     overrides: tuple[str, ...],
     config_dir: str | None,
+    declaration: str | None,
 ) -> None:
     """Look for errors and doubtful places in FILES.
 
@@ -37,22 +44,70 @@ def command(
     """
     limits = Limits(max_depth or 10**9, max_nodes or 10**9)
     wrong = doubtful = 0
+    told: list[dict[str, Any]] = []
     for file in files:
         text, name = read_text(file), called(file)
-        vocabulary = vocabulary_of(text, overrides, config_dir, name=name)
         try:
+            vocabulary = vocabulary_of(
+                text,
+                overrides,
+                config_dir,
+                name=name,
+                declaration=declaration,
+                folder=folder_of(file),
+            )
             tree = parse(text, vocabulary, name=name, folder=folder_of(file))
             check_limits(tree, limits)
         except TreeError as error:
+            wrong += 1
+            if as_json:
+                told.append(_plain_error(error, name))
+                continue
             message = str(error)
             click.echo(message if message.startswith(name) else f"{name}: {message}")
-            wrong += 1
             continue
         found = warnings(text, vocabulary, name=name, folder=folder_of(file))
+        doubtful += bool(found)
+        if as_json:
+            told += [_plain_finding(finding, text, name) for finding in found]
+            continue
         for finding in found:
             click.echo(finding.text(text, name=name))
-        doubtful += bool(found)
         if not quiet:
             how = f"{len(found)} warning{'s' * (len(found) != 1)}" if found else "no warnings"
             click.echo(f"{name}: {size(tree)} nodes, depth {depth(tree)}, {how}")
+    if as_json:
+        click.echo(json.dumps(told, indent=1))
     sys.exit(1 if wrong or (strict and doubtful) else 0)
+
+
+def _plain_error(error: TreeError, name: str) -> dict[str, Any]:
+    """An error as JSON values; of an included file it tells that file."""
+    first, *rest = str(error).splitlines()
+    placed = re.fullmatch(r"(.*?):\d+:\d+: (.*)", first)
+    file, message = placed.groups() if placed else (name, first)
+    hints = rest[2:] if error.source or placed else rest  # without the line and its caret
+    code = "syntax"
+    for kind, own in ((UnknownNameError, "unknown-name"), (LimitError, "limit")):
+        code = own if isinstance(error, kind) else code
+    place = _plain_place(error.line, error.column, error.source)
+    return {
+        "file": file,
+        **place,
+        "severity": "error",
+        "code": code,
+        "message": " ".join([f"{message}.", *hints] if hints else [message]),
+    }
+
+
+def _plain_finding(finding: Finding, text: str, name: str) -> dict[str, Any]:
+    line = plain(text).split("\n")[finding.line - 1]
+    place = _plain_place(finding.line, finding.column, line)
+    about = {"severity": "warning", "code": finding.code, "message": finding.message}
+    return {"file": name, **place, **about}
+
+
+def _plain_place(line: int, column: int, source: str) -> dict[str, int]:
+    """A place in a line; `end` is the column behind the last letter of the word there."""
+    word = re.match(r"\w+|.?", source[column - 1 :])
+    return {"line": line, "column": column, "end": column + (word.end() if word else 0)}

@@ -13,7 +13,7 @@ from islandgp.bt.language import parse
 from islandgp.bt.node import Node
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.commands.files import FILE, OUTPUT, STDIN, called, folder_of, read_text, write_text
-from islandgp.commands.setting import vocabulary_of, with_domain_options
+from islandgp.commands.setting import vocabulary_of, with_domain_options, with_vocabulary_option
 
 FORMATS: Final = ("json", "btcpp", "pytrees")
 _BY_ENDING: Final = {"json": "json", "xml": "btcpp", "py": "pytrees"}
@@ -26,6 +26,7 @@ _BY_ENDING: Final = {"json": "json", "xml": "btcpp", "py": "pytrees"}
 @click.option("--plain", is_flag=True, help="Only nodes of the library itself, with losses.")
 @click.option("--header", is_flag=True, help="Write the C++ header with our nodes; no FILE.")
 @with_domain_options
+@with_vocabulary_option
 def command(
     file: str | None,
     form: str | None,
@@ -34,6 +35,7 @@ def command(
     header: bool,
     overrides: tuple[str, ...],
     config_dir: str | None,
+    declaration: str | None,
 ) -> None:
     """Write the tree in FILE for another tool.
 
@@ -51,7 +53,9 @@ def command(
     if not form:
         raise click.UsageError(f"Missing option '--to', one of {', '.join(FORMATS)}.")
     text, name = read_text(file), called(file)
-    vocabulary = vocabulary_of(text, overrides, config_dir, name=name)
+    vocabulary = vocabulary_of(
+        text, overrides, config_dir, name=name, declaration=declaration, folder=folder_of(file)
+    )
     tree = parse(text, vocabulary, name=name, folder=folder_of(file), marked=True)
     exported, losses = _export(tree, form, vocabulary, plain)
     write_text(output, exported)

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import click
 
+from islandgp.bt.declared import UNNAMED
 from islandgp.bt.export.import_cpp import Imported, read_tree
 from islandgp.bt.export.json import from_json
+from islandgp.bt.format import format_text
 from islandgp.bt.language import to_text
 from islandgp.commands.files import FILE, OUTPUT, STDIN, called, read_text, write_text
-from islandgp.commands.setting import default_domain, vocabulary_of, with_domain_options
+from islandgp.commands.setting import (
+    default_domain,
+    vocabulary_of,
+    with_domain_options,
+    with_vocabulary_option,
+)
 from islandgp.errors import TreeError
 
 
@@ -19,6 +26,7 @@ from islandgp.errors import TreeError
 @click.option("--strict", is_flag=True, help="Refuse what would not mean the same.")
 @click.option("-o", "--output", type=OUTPUT, default=STDIN, help="File to write.")
 @with_domain_options
+@with_vocabulary_option
 def command(
     file: str,
     form: str | None,
@@ -27,6 +35,7 @@ def command(
     output: str,
     overrides: tuple[str, ...],
     config_dir: str | None,
+    declaration: str | None,
 ) -> None:
     """Turn JSON or BehaviorTree.CPP XML in FILE into a tree of the language.
 
@@ -36,7 +45,9 @@ def command(
     """
     text, name = read_text(file), called(file)
     form = form or ("btcpp" if text.lstrip("\ufeff \t\r\n").startswith("<") else "json")
-    vocabulary = vocabulary_of("", overrides, config_dir, name=name)
+    vocabulary = vocabulary_of(
+        text if declaration else "", overrides, config_dir, name=name, declaration=declaration
+    )
     if form == "json":
         read = from_json(text, vocabulary, name=name)
         found = Imported(read, (), to_text(read))
@@ -48,7 +59,9 @@ def command(
     ]
     if strict and told:
         raise TreeError("\n".join([*told, "Nothing is written; leave out --strict to take it."]))
-    named = vocabulary.domain != default_domain()
-    write_text(output, (f"domain {vocabulary.domain}\n\n" if named else "") + found.text)
+    named = vocabulary.domain not in (default_domain(), UNNAMED)
+    write_text(
+        output, (f"domain {vocabulary.domain}\n\n" if named else "") + format_text(found.text)
+    )
     for line in told:
         click.echo(line, err=True)

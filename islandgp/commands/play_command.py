@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from islandgp.bt.language import to_text
+from islandgp.bt.language import parse, to_text
 from islandgp.bt.node import Node
-from islandgp.commands.files import FILE
+from islandgp.commands.files import FILE, called, folder_of, read_text
 from islandgp.commands.setting import (
     stage_index,
     tree_in_domain,
@@ -34,7 +34,7 @@ ENDLESS: Final = 100_000  # letters of a line where the output is a file or a pi
 
 
 @click.command()
-@click.argument("file", type=FILE)
+@click.argument("files", type=FILE, nargs=-1, required=True)
 @click.option(
     "--seeds", type=click.IntRange(1, 100_000), default=30, show_default=True, help="Worlds."
 )
@@ -47,7 +47,7 @@ ENDLESS: Final = 100_000  # letters of a line where the output is a file or a pi
 @with_domain_options
 @with_stage_option
 def command(
-    file: str,
+    files: tuple[str, ...],
     seeds: int,
     watch: bool,
     seed: int,
@@ -57,12 +57,15 @@ def command(
     config_dir: str | None,
     stage: int | None,
 ) -> None:
-    """Run the tree in FILE in the worlds 0, 1, 2, ...
+    """Run the tree in each of FILES in the worlds 0, 1, 2, ...
 
-    Tells what it achieved in each, where its fitness came from, and its quality
-    tiers (Table 4). Worlds of evolution have other seeds.
+    Of one tree it tells what it achieved in each world, where its fitness came from,
+    and its quality tiers (Table 4). Several are compared in the same worlds, by the
+    paired differences to the first. Worlds of evolution have other seeds.
     """
-    tree, settings, setting = tree_in_domain(file, overrides, config_dir)
+    if watch and len(files) > 1:
+        raise click.UsageError(f"expected one FILE for --watch, found {len(files)}")
+    tree, settings, setting = tree_in_domain(files[0], overrides, config_dir)
     index = stage_index(settings, stage)
     if watch:
         from islandgp.viewer.recording import record
@@ -71,11 +74,78 @@ def command(
         recording = record(tree, setting, seed=seed, stage=index)
         show(recording, speed=speed or 10.0, pause=time.sleep if speed else lambda _: None)
         return
+    words = setting.domain.schema.vocabulary
+    others = [
+        parse(read_text(file), words, name=called(file), folder=folder_of(file))
+        for file in files[1:]
+    ]
+    if others:
+        found = [_outcomes(each, settings, seeds, index) for each in (tree, *others)]
+        points = [[outcome.fitness for outcome in each] for each in found]
+        names = [called(file) for file in files]
+        if as_json:
+            rows = [_compared(own, points[0]) for own in points]
+            told = [{"file": name, **row} for name, row in zip(names, rows, strict=True)]
+            click.echo(json.dumps(told, indent=2))
+        else:
+            _print_comparison(names, points)
+        return
     outcomes = _outcomes(tree, settings, seeds, index)
     if as_json:
         click.echo(json.dumps([_plain(outcome) for outcome in outcomes], indent=2))
         return
     _print(outcomes, setting.domain.schema, settings, index)
+
+
+def _compared(own: Sequence[float], first: Sequence[float]) -> dict[str, float]:
+    """Mean fitness and mean paired difference to the first tree, each with its 95 % interval."""
+    from islandgp.evolution.validation import interval
+
+    pairs = [a - b for a, b in zip(own, first, strict=True)]
+    names = ("fitness", "fitness_low", "fitness_high")
+    others = ("difference", "difference_low", "difference_high")
+    return dict(zip((*names, *others), (*interval(own), *interval(pairs)), strict=True))
+
+
+def _print_comparison(names: Sequence[str], points: Sequence[Sequence[float]]) -> None:
+    """A row for each tree."""
+    from rich.console import Console
+
+    rows = [_compared(own, points[0]) for own in points]
+    worlds = len(points[0])
+    cells = []
+    for what in ("fitness", "difference"):
+        flat = numbers([row[what + end] for row in rows for end in ("", "_low", "_high")])
+        means, lows, highs = flat[::3], flat[1::3], flat[2::3]
+        cells.append(means)
+        cells.append(
+            [
+                f"{low} to {high}" if worlds > 1 else ""
+                for low, high in zip(lows, highs, strict=True)
+            ]
+        )
+    better = [f"{_won(own, points[0])} of {worlds}" for own in points]
+    console = Console(highlight=False, width=ENDLESS, markup=False)
+    console.print(
+        _table(
+            [
+                Column("tree", tuple(names), right=False),
+                Column("fitness", tuple(cells[0])),
+                Column("95 %", tuple(cells[1])),
+                Column("difference", ("", *cells[2][1:])),
+                Column("95 %", ("", *cells[3][1:])),
+                Column("better in", ("", *better[1:])),
+            ]
+        )
+    )
+    console.print(
+        f"\nMeans over the worlds 0 to {worlds - 1}; differences are to the first tree in the same"
+        " worlds, with Student's t."
+    )
+
+
+def _won(own: Sequence[float], first: Sequence[float]) -> int:
+    return sum(a > b for a, b in zip(own, first, strict=True))
 
 
 def _plain(outcome: Outcome) -> dict[str, Any]:

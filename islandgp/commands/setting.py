@@ -50,6 +50,17 @@ def with_domain_options(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
+def with_vocabulary_option(command: Callable[..., None]) -> Callable[..., None]:
+    """Adds --vocabulary: `vocabulary_of` reads it."""
+    return click.option(
+        "--vocabulary",
+        "declaration",
+        type=click.Path(exists=True, dir_okay=False),
+        help="The words of a robot that is not configured here: JSON of `islandgp domain --json`,"
+        " or BehaviorTree.CPP XML with a TreeNodesModel.",
+    )(command)
+
+
 def with_stage_option(command: Callable[..., None]) -> Callable[..., None]:
     """Adds --stage: `stage_index` reads it."""
     return click.option(
@@ -99,13 +110,28 @@ def tree_in_domain(
 
 
 def vocabulary_of(
-    text: str, overrides: Sequence[str], config_dir: str | None, *, name: str
+    text: str,
+    overrides: Sequence[str],
+    config_dir: str | None,
+    *,
+    name: str,
+    declaration: str | None = None,
+    folder: Path | None = None,
 ) -> Vocabulary:
     """The words of the domain that the overrides choose, or the text of a tree.
 
+    `declaration` is a file that declares them instead; `folder`: of the tree's file.
+
     Raises:
-        ConfigError, DomainError: the domain is not configured so.
+        ConfigError, DomainError: the domain is not configured so, or the file declares none.
+        TreeError: the file is not XML, or the text is no tree.
     """
+    if declaration is not None:
+        from islandgp.bt.declared import declared
+
+        return declared(
+            read_text(declaration), text, name=declaration, tree_name=name, folder=folder
+        )
     return _vocabulary(for_tree(text, overrides, config_dir, name=name), config_dir)
 
 

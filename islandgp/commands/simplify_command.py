@@ -10,7 +10,7 @@ from islandgp.bt.language import domain_of, parse, to_text
 from islandgp.bt.node import size
 from islandgp.bt.simplify import simplify
 from islandgp.commands.files import FILE, OUTPUT, STDIN, called, folder_of, read_text, write_text
-from islandgp.commands.setting import vocabulary_of, with_domain_options
+from islandgp.commands.setting import vocabulary_of, with_domain_options, with_vocabulary_option
 
 
 @click.command()
@@ -18,15 +18,23 @@ from islandgp.commands.setting import vocabulary_of, with_domain_options
 @click.option("-o", "--output", type=OUTPUT, default=STDIN, help="File to write.")
 @click.option("--explain", is_flag=True, help="Tell on the standard error what was done and why.")
 @with_domain_options
+@with_vocabulary_option
 def command(
-    file: str, output: str, explain: bool, overrides: tuple[str, ...], config_dir: str | None
+    file: str,
+    output: str,
+    explain: bool,
+    overrides: tuple[str, ...],
+    config_dir: str | None,
+    declaration: str | None,
 ) -> None:
     """Shorten the tree in FILE without changing what it does.
 
     The result is printed with every `use` expanded and without comments.
     """
     text, name = read_text(file), called(file)
-    vocabulary = vocabulary_of(text, overrides, config_dir, name=name)
+    vocabulary = vocabulary_of(
+        text, overrides, config_dir, name=name, declaration=declaration, folder=folder_of(file)
+    )
     tree = parse(text, vocabulary, name=name, folder=folder_of(file))
     shorter, reasons = simplify(tree, vocabulary)
     domain = domain_of(text)

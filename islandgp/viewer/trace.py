@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite
@@ -10,12 +12,21 @@ from typing import TYPE_CHECKING, Final
 from islandgp.bt.node import Node, walk
 from islandgp.bt.render.label import label
 from islandgp.bt.render.terminal import to_rich
-from islandgp.viewer.recording import FAILED, IDLE, RUNS, STOPPED, SUCCEEDED, Recording
+from islandgp.viewer.recording import (
+    FAILED,
+    IDLE,
+    RUNS,
+    STOPPED,
+    SUCCEEDED,
+    Credit,
+    Recording,
+)
 
 if TYPE_CHECKING:
     from rich.text import Text
 
 BLOCKS: Final = " \N{LOWER ONE EIGHTH BLOCK}\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
+_NOT_IDLE: Final = re.compile(b"[^%c]+" % IDLE)
 _WORDS: Final = {RUNS: "runs", SUCCEEDED: "succeeded", FAILED: "failed", STOPPED: "was aborted"}
 _STYLES: Final = {SUCCEEDED: "green", FAILED: "red", STOPPED: "magenta", RUNS: "cyan"}
 
@@ -35,11 +46,19 @@ class Stint:
 
 def stints(recording: Recording) -> list[Stint]:
     """What the actions did, in order of their start."""
+    earned: dict[str, list[Credit]] = {}
+    for credit in sorted(recording.credits, key=lambda credit: credit.tick):
+        earned.setdefault(credit.action, []).append(credit)
     found = [
         stint
         for place, node in enumerate(walk(recording.tree))
         if node.kind == "action"
-        for stint in _of_action(recording, place, str(node.args[0]))
+        for stint in _of_action(
+            recording.statuses[place],
+            place,
+            str(node.args[0]),
+            earned.get(str(node.args[0]), []),
+        )
     ]
     return sorted(found, key=lambda stint: (stint.start, stint.place))
 
@@ -58,24 +77,30 @@ def merged(found: list[Stint]) -> list[Stint]:
     return told
 
 
-def _of_action(recording: Recording, place: int, action: str) -> Iterator[Stint]:
-    codes = recording.statuses[place]
+def _of_action(codes: bytes, place: int, action: str, credits: Sequence[Credit]) -> Iterator[Stint]:
+    """The stints of one node; `credits` are those of its action, by tick."""
     start = -1
-    for tick, code in enumerate(codes):
-        if code == IDLE:
-            continue
+    for tick, code in _ticked(codes):
         start = tick if start < 0 else start
         if code != RUNS:
-            yield _stint(recording, start, tick, place, action, code)
+            yield _stint(credits, start, tick, place, action, code)
             start = -1
     if start >= 0:
-        yield _stint(recording, start, len(codes) - 1, place, action, RUNS)
+        yield _stint(credits, start, len(codes) - 1, place, action, RUNS)
+
+
+def _ticked(codes: bytes) -> Iterator[tuple[int, int]]:
+    """Each tick in which a node was not IDLE, and its code; the others cost next to nothing."""
+    for found in _NOT_IDLE.finditer(codes):
+        yield from enumerate(found[0], found.start())
 
 
 def _stint(
-    recording: Recording, start: int, end: int, place: int, action: str, result: int
+    credits: Sequence[Credit], start: int, end: int, place: int, action: str, result: int
 ) -> Stint:
-    won = sum(c.points for c in recording.credits if start <= c.tick <= end and c.action == action)
+    first = bisect_left(credits, start, key=lambda credit: credit.tick)
+    behind = bisect_right(credits, end, key=lambda credit: credit.tick)
+    won = sum(credit.points for credit in credits[first:behind])
     return Stint(start, end, place, action, result, won)
 
 

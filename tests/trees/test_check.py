@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -10,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from islandgp.bt.condition import condition
-from islandgp.bt.lint import warnings
+from islandgp.bt.lint import CODES, warnings
 from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, walk
 from islandgp.domain import Scene
 from islandgp.domains.island.vocabulary import VOCABULARY
@@ -300,3 +301,47 @@ def test_no_words_are_needed(islandgp: Cli, tmp_path: Path, words: tuple[str, ..
     file = tmp_path / "t.bt"
     file.write_text("domain maze\n\nselector { Forward Turn }\n")
     assert islandgp(*words, file).code == 0
+
+
+DOUBTFUL = {
+    "unreachable": "selector { PatrolWaypoint MoveToGarbage }",
+    "needless-guard": "when foundGarbage { when foundGarbage { PatrolWaypoint } }",
+    "long-condition": "when lap > 1 and lap > 0 { PatrolWaypoint }",
+    "double-inverter": "inverter { inverter { PatrolWaypoint } }",
+    "never-succeeds": "when batteryLevel < 15 { ExecuteCharge }",
+    "needless-abort": "when foundGarbage abort lower { PatrolWaypoint }",
+    "unused-subtree": "subtree x = PatrolWaypoint\nPatrolWaypoint",
+}
+
+
+def test_codes() -> None:
+    """Each kind of warning has a code, which the documentation tells."""
+    assert DOUBTFUL.keys() == CODES.keys()
+    page = (WRONG.parents[2] / "docs" / "language.md").read_text(encoding="utf-8")
+    for code, text in DOUBTFUL.items():
+        assert code in {finding.code for finding in warnings(text, VOCABULARY)}
+        assert f"`{code}`" in page
+
+
+def test_json(islandgp: Cli, tmp_path: Path) -> None:
+    """Findings as JSON have their file, place, severity and code; one of an included file its."""
+    right, wrong, part = (tmp_path / name for name in ("a.bt", "b c.bt", "part.bt"))
+    right.write_text("selector { PatrolWaypoint MoveToGarbage }")
+    wrong.write_text('include "part.bt"\nuse x')
+    part.write_text("subtree x = MoveToGarbag")
+    said = islandgp("check", "--json", right, wrong)
+    doubtful, error = json.loads(said.out)
+    assert said.code == 1
+    assert doubtful.pop("message").startswith("this branch can never run")
+    assert doubtful == {
+        "file": str(right), "line": 1, "column": 27, "end": 40,
+        "severity": "warning", "code": "unreachable",
+    }  # fmt: skip
+    assert error.pop("message").endswith("Did you mean MoveToGarbage?")
+    assert error == {
+        "file": str(part), "line": 1, "column": 13, "end": 25,
+        "severity": "error", "code": "unknown-name",
+    }  # fmt: skip
+    assert islandgp("check", "--json", "-", stdin="PatrolWaypoint").out == "[]\n"
+    [deep] = json.loads(islandgp("check", "--json", "--max-depth", 1, right).out)
+    assert (deep["code"], deep["line"], deep["severity"]) == ("limit", 1, "error")

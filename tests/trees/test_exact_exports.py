@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS, Asked, Condition, denied, joined
 from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.export.import_cpp import read_tree
+from islandgp.bt.format import format_text
 from islandgp.bt.language import parse
 from islandgp.bt.node import (
     ABORTS,
@@ -187,7 +188,9 @@ def unnamed(tree: Node) -> Node:
     return Node(tree.kind, tree.args, tuple(map(unnamed, tree.children)))
 
 
-PARTED = """subtree charge(below) = when batteryLevel < below { sequence { SeekCharger ExecuteCharge } }
+PARTED = """subtree charge(below) = when batteryLevel < below {
+  sequence { SeekCharger ExecuteCharge }
+}
 subtree twice = sequence { use charge(20) use charge(30) }
 subtree alias = use twice
 selector { use alias inverter { use charge(20) } use twice }
@@ -201,7 +204,9 @@ def test_subtrees_and_back() -> None:
     ids = re.findall(r'<BehaviorTree ID="(\w+)"', xml)
     assert ids == ["Robot", "charge_20", "charge_30", "twice", "alias"]
     assert xml.count('_autoremap="true"') == 6
-    assert read_tree(xml, VOCABULARY).text == """subtree charge_20 = when batteryLevel < 20 {
+    assert (
+        format_text(read_tree(xml, VOCABULARY).text)
+        == """subtree charge_20 = when batteryLevel < 20 {
   sequence { SeekCharger ExecuteCharge }
 }
 
@@ -219,6 +224,7 @@ selector {
   use twice
 }
 """
+    )
     again = parse(read_tree(xml, VOCABULARY).text, VOCABULARY, marked=True)
     assert behaviortree_cpp.to_xml(again, VOCABULARY) == xml
 

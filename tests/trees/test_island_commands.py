@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+from math import sqrt
 from pathlib import Path
+from statistics import fmean, stdev
 
 import pytest
 from rich.console import Console
@@ -246,3 +248,19 @@ def test_simplify(islandgp: Cli, tmp_path: Path) -> None:
     assert "6 nodes before, 3 after" in said.err
     islandgp("simplify", "-", "-o", tmp_path / "t.bt", stdin=text)
     assert (tmp_path / "t.bt").read_text() == said.out
+
+
+def test_play_several(islandgp: Cli) -> None:
+    """Trees are compared in the same worlds by their paired differences to the first."""
+    both = islandgp("play", GOOD, "-", "--seeds", 3, "--json", *SHORT, stdin="PatrolWaypoint")
+    good, patrol = json.loads(both.out)
+    one = json.loads(islandgp("play", GOOD, "--seeds", 3, "--json", *SHORT).out)
+    other = islandgp("play", "-", "--seeds", 3, "--json", *SHORT, stdin="PatrolWaypoint")
+    pairs = [b["fitness"] - a["fitness"] for a, b in zip(one, json.loads(other.out), strict=True)]
+    half = 4.302653 * stdev(pairs) / sqrt(3)  # Student's t with 2 degrees of freedom
+    assert patrol["difference"] == pytest.approx(fmean(pairs))
+    assert patrol["difference_high"] == pytest.approx(fmean(pairs) + half)
+    assert (good["difference"], good["difference_low"]) == (0, 0)
+    said = islandgp("play", GOOD, "-", "--seeds", 3, *SHORT, stdin="PatrolWaypoint")
+    assert [line.split()[0] for line in said.out.splitlines()[:3]] == ["tree", str(GOOD), "<stdin>"]
+    assert islandgp("play", GOOD, GOOD, "--watch", *SHORT).code == 2

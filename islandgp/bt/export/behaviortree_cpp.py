@@ -134,8 +134,8 @@ def to_xml(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = False)
     identity = TREE_ID if TREE_ID not in used else f"{TREE_ID}Tree"
     # A SubTree does not see entries of the blackboard above whose names begin with _.
     shared = not any(key.startswith("_") for key in _asked_keys(tree))
-    taken = {*BUILT_IN, *used, *vocabulary.actions, identity}
-    root, subtrees = separated(whole, taken, keep=shared)
+    unfit = {*BUILT_IN, *used, *vocabulary.actions, identity}
+    root, subtrees = separated(whole, unfit, keep=shared)
     lines = [f'<root BTCPP_format="4" main_tree_to_execute="{identity}">']
     if own:
         lines.append(f"  <!-- Needs {HEADER}: islandgp::register_nodes(factory). -->")

@@ -1,0 +1,117 @@
+"""Trees for robots whose domain is not installed: vocabularies from files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from islandgp.bt.condition import Condition
+from islandgp.bt.declared import declared
+from islandgp.bt.vocabulary import Action, Vocabulary, flag, number
+from islandgp.domains.island.vocabulary import VOCABULARY
+from tests.trees.shell import Cli
+
+MODEL = """<root BTCPP_format="4" main_tree_to_execute="Go Home">
+  <BehaviorTree ID="Go Home">
+    <Fallback>
+      <ReactiveSequence>
+        <ScriptCondition code="charge &lt; 25.5 &amp;&amp; !docked"/>
+        <SubTree ID="dock it" _autoremap="true"/>
+      </ReactiveSequence>
+      <Sequence><IsTired/><Drive/></Sequence>
+    </Fallback>
+  </BehaviorTree>
+  <BehaviorTree ID="dock it"><Drive/></BehaviorTree>
+  <TreeNodesModel>
+    <Action ID="Drive"/><Condition ID="IsTired"/><Control ID="Odd"/>
+  </TreeNodesModel>
+</root>
+"""
+WORDS = Vocabulary(
+    "lift",
+    {"Up": Action("rises", changes={"floor": 1}), "Open": Action("", frozenset({1}))},
+    {"floor": number("where it is", -1.5, 9, 0.5, most=8.0), "busy": flag("someone waits")},
+)
+LIFT = {
+    "domain": "lift",
+    "actions": {
+        "Up": {"meaning": "rises", "changes": {"floor": 1}},
+        "Open": {"statuses": ["SUCCESS"], "to_start": []},
+    },
+    "keys": {
+        "floor": {"meaning": "where it is", "flag": False, "low": -1.5, "high": 9, "step": 0.5,
+                  "most": 8},
+        "busy": {"meaning": "someone waits"},
+    },
+}  # fmt: skip
+
+
+def test_domain_as_json(islandgp: Cli) -> None:
+    """What `domain --json` prints is the domain's vocabulary."""
+    assert declared(islandgp("domain", "--json").out, "", name="d.json") == VOCABULARY
+
+
+def test_json_by_hand() -> None:
+    """A vocabulary alone does, and what it leaves out has the defaults of a declaration."""
+    assert declared(json.dumps(LIFT), "", name="lift.json") == WORDS
+
+
+def test_model(islandgp: Cli, tmp_path: Path) -> None:
+    """Foreign XML with its model is imported; the keys are those that it asks."""
+    xml, tree = tmp_path / "my model.xml", tmp_path / "home.bt"
+    xml.write_text(MODEL)
+    assert islandgp("import", xml, "--vocabulary", xml, "-o", tree).code == 0
+    assert (
+        tree.read_text()
+        == """subtree dock_it = Drive
+
+selector {
+  when charge < 25.5 and not docked abort self { use dock_it }
+  sequence { IsTired Drive }
+}
+"""
+    )
+    assert islandgp("check", tree, "--vocabulary", xml).out.endswith("no warnings\n")
+    assert "<ScriptCondition" in islandgp("export", tree, "--to", "btcpp", "--vocabulary", xml).out
+    said = islandgp("check", "-", "--vocabulary", xml, stdin="selector { Driv }")
+    assert (said.code, "Did you mean Drive?" in said.out) == (1, True)
+    said = islandgp("check", "-", "--vocabulary", xml, stdin="when a { when a < 3 { Drive } }")
+    assert (said.code, "a is a number" in said.out) == (1, True)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "expected JSON of"),
+        ("[]", "the file: expected a JSON object"),
+        ("{}", "actions: expected a JSON object"),
+        ('{"actions": {}}', "domain: expected a name"),
+        ('{"domain": "a b", "actions": {}}', "found 'a b'"),
+        ('{"actions": {"A": {"statuses": ["DONE"]}}}', "actions.A.statuses: expected some of"),
+        (
+            '{"actions": {"A": {"to_start": [["x", "~", 1]]}}}',
+            "actions.A.to_start: expected a list",
+        ),
+        ('{"actions": {}, "keys": {"k": {"low": "1"}}}', "keys.k.low: expected a number"),
+        ("<root/>", "expected a <TreeNodesModel> with actions"),
+        ('<TreeNodesModel><Action ID="a b"/></TreeNodesModel>', "1:17: expected an ID of letters"),
+        ("<root>", "not XML"),
+    ],
+)
+def test_wrong_declarations(islandgp: Cli, tmp_path: Path, text: str, words: str) -> None:
+    """What is wrong in a declaration is told in a line."""
+    file = tmp_path / "d"
+    file.write_text(text)
+    said = islandgp("simplify", "-", "--vocabulary", file, stdin="A")
+    assert (said.code, said.out) == (2, "")
+    assert words in said.err
+    assert said.err.count("\n") == 1
+
+
+def test_conditions_of_actions() -> None:
+    """What an action needs is read from its conditions."""
+    given = {**LIFT, "actions": {"Up": {"to_start": [["floor", "<", 8]]}}}
+    words = declared(json.dumps(given), "", name="lift.json")
+    assert words.action("Up").to_start == (Condition("floor", "<", 8.0),)
