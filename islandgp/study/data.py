@@ -73,7 +73,15 @@ def champions_csv(found: Sequence[Generalisation]) -> str:
     rows = []
     for g in found:
         if g.seed is not None:
-            row: list[object] = [g.arm, g.seed, g.trained, g.worlds, g.unseen, g.worst, *g.reached.values()]
+            row: list[object] = [
+                g.arm,
+                g.seed,
+                g.trained,
+                g.worlds,
+                g.unseen,
+                g.worst,
+                *g.reached.values(),
+            ]
             for y in yardsticks:
                 d = g.minus(y)
                 row += map(_known, (d.estimate, d.low, d.high))

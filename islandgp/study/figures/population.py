@@ -176,7 +176,11 @@ def generalisation(found: tuple[Generalisation, ...], study: Comparison) -> Pict
             if not mine:
                 continue
             unseen = [g.unseen for g in mine]
-            points: dict[str, Any] = {"color": how.colour, "marker": how.marker, "edgecolor": "white"}
+            points: dict[str, Any] = {
+                "color": how.colour,
+                "marker": how.marker,
+                "edgecolor": "white",
+            }
             left.scatter(
                 sideways(place, len(mine), 0.8), unseen, s=16, linewidth=0.4, alpha=0.8, **points
             )
