@@ -48,19 +48,22 @@ study: $(STAMP)  ## baseline against expert, 30 paired seeds, into docs/study; r
 	$(BIN)/islandgp compare --arm expert="supervisor=expert" --arm baseline="supervisor=baseline" --name study \
 	  --primary first_complete -o docs/study
 
+# Arms differ in their library as a whole, so each selection names a key of it.
+LIBRARY := library.folder=grammar/examples
+
 ablations: $(STAMP) ## what of the expert helps: its rate, its trees, their choice; takes the study's runs
 	$(BIN)/python -m islandgp experiment=ablation_another_record 'seed=range(6000,6030)' progress=plain -m \
 	  supervisor.policy.first=6000 supervisor.policy.seeds=30 'supervisor.policy.record="runs/study/expert-seed{seed}"'
 	for part in rate_only injection_only random_injection combined founders; do \
 	  $(BIN)/python -m islandgp experiment=ablation_$$part 'seed=range(6000,6030)' progress=plain -m || exit; done
-	$(BIN)/islandgp compare --arm expert="name=study supervisor=expert seed=range(6000,6030)" \
-	  --arm baseline="name=study supervisor=baseline seed=range(6000,6030)" \
-	  --arm blind="name=ablation_random_injection seed=range(6000,6030)" \
-	  --arm yoked="name=ablation_another_record seed=range(6000,6030)" \
-	  --arm trees="name=ablation_injection_only seed=range(6000,6030)" \
-	  --arm rate="name=ablation_rate_only seed=range(6000,6030)" \
-	  --arm combined="name=ablation_combined seed=range(6000,6030)" \
-	  --arm founders="name=ablation_founders seed=range(6000,6030)" \
+	$(BIN)/islandgp compare --arm expert="name=study supervisor=expert seed=range(6000,6030) $(LIBRARY)" \
+	  --arm baseline="name=study supervisor=baseline seed=range(6000,6030) $(LIBRARY)" \
+	  --arm blind="name=ablation_random_injection seed=range(6000,6030) $(LIBRARY)" \
+	  --arm yoked="name=ablation_another_record seed=range(6000,6030) $(LIBRARY)" \
+	  --arm trees="name=ablation_injection_only seed=range(6000,6030) $(LIBRARY)" \
+	  --arm rate="name=ablation_rate_only seed=range(6000,6030) $(LIBRARY)" \
+	  --arm combined="name=ablation_combined seed=range(6000,6030) $(LIBRARY)" \
+	  --arm founders="name=ablation_founders seed=range(6000,6030) $(LIBRARY)" \
 	  --primary first_complete --family judgement=expert,blind,yoked,trees --family rate=rate,baseline \
 	  --family library=expert,combined --family founders=founders,baseline \
 	  --margin first_complete=3 --margin diversity_overall=0.03 --margin mean_max=2500 \
