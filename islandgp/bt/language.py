@@ -131,8 +131,20 @@ def _parsed(source: Source, rule: str, vocabulary: Vocabulary | None) -> Any:
 
 def parse_condition(text: str, vocabulary: Vocabulary) -> Asked:
     """The condition that a text says, as it stands behind `when`. Raises TreeError as `parse`."""
+    from lark.exceptions import UnexpectedInput
+
     source = Source(plain(text[:MAX_CHARACTERS]), "<condition>")
-    return Builder(source, vocabulary).condition(_parsed(source, "disjunction", vocabulary))
+    try:
+        parsed = _parser().parse(source.text, start="disjunction")
+    except UnexpectedInput as error:
+        ends = not isinstance(error.column, int) or error.column < 1  # the text ends too early
+        raise source.error(
+            "unexpected end of the condition" if ends else "unexpected text in the condition",
+            line=1 if ends else error.line,
+            column=len(source.text) + 1 if ends else error.column,
+            expected="comparisons and flags, joined by and, or, not",
+        ) from None
+    return Builder(source, vocabulary).condition(parsed)
 
 
 def _check_length(source: Source, tree: Node, *, expanded: bool, indents: int) -> None:

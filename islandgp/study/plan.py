@@ -63,7 +63,7 @@ def parse_margin(text: str) -> tuple[str, float]:
     if not name.strip() or not isfinite(value) or value <= 0:
         raise StudyError(
             f"Expected --margin MEASURE=VALUE with a value above 0, found {text!r};"
-            " for instance --margin first_complete=3."
+            " for instance --margin mean_max=2500."
         )
     return name.strip(), value
 

@@ -53,7 +53,7 @@ def test_the_users_own_configuration_is_completed(tmp_path: Path) -> None:
     """With --config-dir."""
     (tmp_path / "experiment").mkdir()
     (tmp_path / "experiment/mine.yaml").write_text("# @package _global_\nname: mine\n")
-    assert words(("--config-dir", str(tmp_path)), "experiment=mi") == ["experiment=mine"]
+    assert words(("--config-dir", str(tmp_path)), "experiment=mine") == ["experiment=mine"]
 
 
 def test_the_line_is_told() -> None:

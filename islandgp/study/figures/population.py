@@ -200,7 +200,7 @@ def generalisation(found: tuple[Generalisation, ...], study: Comparison) -> Pict
             right.scatter(trained, unseen, s=22, linewidth=0.4, label=named(arm), **points)
         for axes in (left, right):
             for k, g in enumerate(yardsticks):
-                shade, line = (INK, FAINT)[k % 2], LINES[3 - k % 2]
+                shade, line = (INK, FAINT)[k % 2], LINES[3 - k % 3]
                 name = g.arm if axes is right else None
                 axes.axhline(g.unseen, color=shade, linestyle=line, linewidth=1.2, label=name)
             thousands(axes)
