@@ -189,6 +189,7 @@ def test_a_run_stops_in_seconds_although_a_worker_does_not_answer(
     assert_all_end(process.pid)
 
 
+@pytest.mark.slow
 def test_ctrl_c_stops_a_joblib_sweep_and_the_same_command_finishes_it(tmp_path: Path) -> None:
     """No process left, nothing RUNNING, exit code 130; then all jobs and the parent FINISHED."""
     words = (*SLOW, "hydra/launcher=local", "hydra.launcher.n_jobs=2", "seed=range(3)", "-m")
@@ -210,6 +211,7 @@ def test_ctrl_c_stops_a_joblib_sweep_and_the_same_command_finishes_it(tmp_path: 
     assert {run.parent for run in found if run is not parent} == {parent.id}
 
 
+@pytest.mark.slow
 def test_a_joblib_sweep_that_is_killed_leaves_no_worker(tmp_path: Path) -> None:
     """`kill -9` of its process alone: jobs, their workers and idle workers end with it."""
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")

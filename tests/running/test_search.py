@@ -92,6 +92,7 @@ def test_the_same_command_goes_on_with_a_search(here: Path) -> None:
     assert after.items() >= before.items()
 
 
+@pytest.mark.slow
 def test_more_than_one_objective(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """`objectives` names them, and the solutions are those that no other one is better than."""
     words = [*INSTANT, "seed=range(4)", "objectives=[best,first.excellent]", *OPTUNA]
@@ -114,6 +115,7 @@ def test_a_robot_that_never_came_came_after_the_end() -> None:
     assert values(summary)["first.a"] is None
 
 
+@pytest.mark.slow
 def test_pruned_trials_are_marked(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In the sweep's file, on the terminal and in MLflow; they are no failures."""
     monkeypatch.chdir(home)

@@ -106,6 +106,7 @@ def learnt(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return home
 
 
+@pytest.mark.slow
 def test_the_policy_plays(learnt: Path) -> None:
     """A run of it follows its rules; the same command again makes the same policy."""
     folder = learnt / "the policy"

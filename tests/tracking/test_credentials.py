@@ -16,7 +16,14 @@ PASSWORD = "s3cret-w%40rd"
 PIECE = "s3cret"
 
 
-@pytest.mark.parametrize("how", ["command", "sweep", "file"])
+@pytest.mark.parametrize(
+    "how",
+    [
+        pytest.param("command", marks=pytest.mark.slow),
+        pytest.param("sweep", marks=pytest.mark.slow),
+        "file",
+    ],
+)
 def test_only_the_server_gets_the_password(how: str, tmp_path: Path) -> None:
     """No file below the folder holds a piece of it, no line on the screen shows it."""
     asked: list[str] = []
