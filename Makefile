@@ -73,6 +73,7 @@ study-worlds: $(STAMP) ## MiniGrid, LunarLander and CartPole: expert, baseline, 
 	$(BIN)/python docs/study_worlds.py
 
 docs: $(STAMP)   ## the documentation's site, in build/site
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]' -c constraints.txt
 	$(BIN)/python docs/pages.py
 	$(BIN)/zensical build --clean --strict
 
