@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 
 PANELS = 3  # beside each other
+BANDS = 3  # arms whose bands can be told apart
 TOP, ROW = -0.27, 0.065  # below the axes, in their heights: numbers at risk, a row for each arm
 
 
@@ -139,6 +140,9 @@ def emergence_curves(study: Comparison) -> Picture:
     """Share of runs that have had one, by generation: the log-rank test's view."""
 
     def draw(figure: Figure) -> None:
+        if engine := figure.get_layout_engine():  # it does not see the rows below the axes
+            room = 0.03 * max(0, len(study.arms) - 2)
+            engine.set(rect=(0, room, 1, 1 - room))
         rows = -(-len(study.milestones) // PANELS)
         columns = min(PANELS, len(study.milestones))
         panels = figure.subplots(rows, columns, sharey=True, squeeze=False)
@@ -169,11 +173,11 @@ def emergence_curves(study: Comparison) -> Picture:
         "emergence-curves",
         f"Share of runs that have had {_robots(study)}",
         "One minus the Kaplan-Meier estimate: every run is watched to the last generation, so a"
-        " curve that ends below 1 shows the runs that never had one. Bands: 95 % in each generation"
-        " by itself (Wilson). Below: runs still without one before a generation, in the order of"
-        " the legend. This is what the log-rank test compares.",
+        " curve that ends below 1 shows the runs that never had one. Bands, for up to three"
+        " arms: 95 % in each generation by itself (Wilson). Below: runs still without one before a"
+        " generation, in the order of the legend. This is what the log-rank test compares.",
         draw,
-        height=(3.3 + 0.17 * len(study.arms)) * -(-len(study.milestones) // PANELS),
+        height=(3.1 + 0.3 * len(study.arms)) * -(-len(study.milestones) // PANELS),
     )
 
 
@@ -182,10 +186,11 @@ def _curve(axes: Axes, study: Comparison, arm: Arm, tier: str, how: Look) -> Non
     share = [1 - s for s in still_without(firsts, study.generations)]
     s: Summary = summary(firsts, study.generations)
     x = range(study.generations)
-    low, high = zip(*(band(p, s.runs) for p in share), strict=True)
-    axes.fill_between(x, low, high, step="post", color=how.colour, alpha=0.14, linewidth=0)
-    for edge in (low, high):
-        axes.step(x, edge, where="post", color=how.colour, alpha=0.45, linewidth=0.5)
+    if len(study.arms) <= BANDS:
+        low, high = zip(*(band(p, s.runs) for p in share), strict=True)
+        axes.fill_between(x, low, high, step="post", color=how.colour, alpha=0.14, linewidth=0)
+        for edge in (low, high):
+            axes.step(x, edge, where="post", color=how.colour, alpha=0.45, linewidth=0.5)
     axes.step(
         x,
         share,
