@@ -24,3 +24,6 @@ def pytest_configure(config: pytest.Config) -> None:
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     # A shell starts background jobs so; tests of Ctrl-C, and what they start, must take it.
     signal.signal(signal.SIGINT, signal.default_int_handler)
+if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+    # `nohup` starts its command so; the tests of a terminal that goes away send it.
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)

@@ -54,6 +54,7 @@ def small(words: list[str]) -> list[str]:
     return [*kept, *TINY, "progress=off"]
 
 
+@pytest.mark.slow
 def test_the_commands_run_as_they_stand(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One after the other in one folder, on a small run; those of launchers are tested below."""
     monkeypatch.chdir(home)

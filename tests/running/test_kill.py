@@ -43,6 +43,7 @@ def same_run(one: Path, other: Path, name: str) -> None:
     assert a.status == "FINISHED"
 
 
+@pytest.mark.slow
 def test_a_run_killed_three_times_ends_like_one_that_was_not(tmp_path: Path) -> None:
     """`kill -9` of the group after generations 2, 5 and 9; records, tree, history are equal."""
     whole, killed = tmp_path / "whole", tmp_path / "killed"
