@@ -8,7 +8,7 @@ COPY prompts prompts
 COPY hydra_plugins hydra_plugins
 COPY islandgp islandgp
 RUN pip install --no-cache-dir '.[postgresql]' -c constraints.txt \
-    && useradd --create-home worker && mkdir -p /work/runs /artifacts && chown -R worker /work /artifacts
+    && useradd --create-home worker && mkdir -p /srv/islandgp/runs /artifacts && chown -R worker /srv/islandgp /artifacts
 USER worker
-WORKDIR /work
+WORKDIR /srv/islandgp
 CMD ["python", "-m", "islandgp"]

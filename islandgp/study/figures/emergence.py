@@ -139,8 +139,11 @@ def _bars(axes: Axes, study: Comparison) -> None:
 def emergence_curves(study: Comparison) -> Picture:
     """Share of runs that have had one, by generation: the log-rank test's view."""
 
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
     def draw(figure: Figure) -> None:
-        if engine := figure.get_layout_engine():  # it does not see the rows below the axes
+        engine = figure.get_layout_engine()
+        if isinstance(engine, ConstrainedLayoutEngine):  # it does not see the rows below the axes
             room = 0.03 * max(0, len(study.arms) - 2)
             engine.set(rect=(0, room, 1, 1 - room))
         rows = -(-len(study.milestones) // PANELS)
