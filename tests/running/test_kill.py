@@ -184,7 +184,7 @@ def test_a_run_stops_in_seconds_although_a_worker_does_not_answer(
         os.kill(other, signal.SIGKILL)
         time.sleep(0.5)
     process.terminate()
-    code, said = finish(process, 20)
+    code, said = finish(process, 60)
     assert code == 130, said
     assert "the same command goes on from here" in said
     assert_all_end(process.pid)
