@@ -39,6 +39,15 @@ from islandgp.supervision.library import LibrarySettings
 TAG: Final = r"^[A-Za-z0-9_. :/-]{1,250}$"
 """Names of tags that MLflow takes."""
 
+NAME: Final = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"
+"""Names of runs and sweeps, which are names of folders."""
+
+IN_WORDS: Final = {
+    TAG: "1 to 250 letters, digits, spaces and . _ : / -",
+    NAME: "letters, digits and . _ -, beginning with a letter or a digit",
+}
+"""What a pattern asks for, as people say it."""
+
 OWN_TAGS: Final = frozenset(
     {"domain", "supervisor", "arm", "seed", "sweep", "code", "config", "kind", "pruned"}
 )
@@ -81,7 +90,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     """One run."""
 
     seed: int = Field(ge=0, lt=2**63)
-    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=60)
+    name: str = Field(pattern=NAME, max_length=60)
     runs: str = Field(min_length=1)
     resume: Literal["auto", "never", "force"]
     progress: Literal["auto", "plain", "off"]
@@ -239,6 +248,8 @@ def _lines(error: ValidationError, config: Mapping[str, Any]) -> Iterator[str]:
         message = e["msg"].removeprefix("Value error, ")
         if e["type"] == "extra_forbidden":
             yield unknown_key(path, keys_at(config, e["loc"][:-1]))
+        elif (words := IN_WORDS.get(e.get("ctx", {}).get("pattern", ""))) is not None:
+            yield f"{path.removesuffix('.[key]')}: expected {words}, found {e['input']!r}"
         elif e["type"] == "missing":
             yield f"{path}: expected a value, found none"
         elif e["type"] == "value_error":
