@@ -37,6 +37,7 @@ MISTAKES: Final = (
 """What composing raises for a user's error."""
 
 LEVELS: Final = 50  # of brackets in a value
+LONGEST: Final = 200  # characters of a key, which Hydra takes for the name of a file
 DIGITS: Final = 1000  # of a number
 
 EXTRAS: Final = {"joblib": "joblib", "ray": "ray", "submitit": "submitit"}
@@ -61,6 +62,11 @@ def parsed(overrides: Sequence[str], loader: ConfigLoader) -> list[Override]:
 def _must_be_readable(override: str) -> None:
     """Raises ConfigError for a value that Hydra's parser, or Python, gives up on."""
     key, _, value = override.partition("=")
+    if len(key) > LONGEST:
+        raise ConfigError(
+            f"{key[:20]}...: expected a key of at most {LONGEST} characters, found {len(key):,};"
+            " write a shorter one"
+        )
     level = deepest = 0
     for character in value:
         level += (character in "[{(") - (character in "]})")
