@@ -23,6 +23,7 @@ COMMANDS: Final[dict[str, str]] = {
     "diff": "compare two trees",
     "domain": "show what a domain declares, or check its contract",
     "play": "run a tree in worlds of its domain",
+    "tune": "find better numbers for a tree",
     "trace": "see which nodes of a tree did what in one episode",
     "replay": "write an episode as a page to watch in a browser",
     "export": "turn a tree into JSON, BehaviorTree.CPP XML or py_trees",

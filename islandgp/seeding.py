@@ -28,6 +28,7 @@ class Stream(IntEnum):
     VALIDATION = 11  # worlds in which a run chooses its best robot, by slot
     TRIAL = 12  # the world in which a model's candidates are tried, by generation
     TEST = 13  # worlds that tell what a run's best trees are worth, by slot; they choose nothing
+    TUNING = 14  # worlds in which the numbers of a tree are tuned, by slot; generation 1: proposals
 
 
 def stream(

@@ -61,7 +61,7 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "anthropic": ("supervision.llm.client",),
     "httpx2": ("supervision.llm.client",),
     "ray": ("evaluation.ray",),
-    "optuna": ("running.optuna_search",),
+    "optuna": ("running.optuna_search", "running.tuning"),
     "scipy": ("study", "evolution.validation"),
     "matplotlib": ("study",),
     "lark": ("bt",),
