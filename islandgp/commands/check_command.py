@@ -14,6 +14,7 @@ from islandgp.bt.limits import Limits, check_limits
 from islandgp.bt.lint import Finding, warnings
 from islandgp.bt.node import depth, size
 from islandgp.commands.files import FILE, called, folder_of, read_text
+from islandgp.commands.rerun import with_rerun_option
 from islandgp.commands.setting import vocabulary_of, with_domain_options, with_vocabulary_option
 from islandgp.errors import LimitError, TreeError, UnknownNameError
 
@@ -25,6 +26,7 @@ from islandgp.errors import LimitError, TreeError, UnknownNameError
 @click.option("--max-nodes", type=click.IntRange(1), help="Most nodes; default: any.")
 @click.option("-q", "--quiet", is_flag=True, help="Say nothing about files that are right.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list of what is found.")
+@with_rerun_option
 @with_domain_options
 @with_vocabulary_option
 def command(

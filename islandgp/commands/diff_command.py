@@ -17,7 +17,7 @@ from islandgp.bt.render.label import label
 from islandgp.bt.simplify import simplify
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.commands.files import FILE, called, folder_of, read_text, read_tree
-from islandgp.commands.setting import vocabulary_of, with_domain_options
+from islandgp.commands.setting import vocabulary_of, with_domain_options, with_vocabulary_option
 from islandgp.errors import DomainError
 
 COLOURS: Final = {Mark.DELETED: "red", Mark.INSERTED: "green", Mark.CHANGED: "yellow"}
@@ -28,8 +28,14 @@ COLOURS: Final = {Mark.DELETED: "red", Mark.INSERTED: "green", Mark.CHANGED: "ye
 @click.argument("new", type=FILE)
 @click.option("--all", "whole", is_flag=True, help="Show the unchanged nodes as well.")
 @with_domain_options
+@with_vocabulary_option
 def command(
-    old: str, new: str, whole: bool, overrides: tuple[str, ...], config_dir: str | None
+    old: str,
+    new: str,
+    whole: bool,
+    overrides: tuple[str, ...],
+    config_dir: str | None,
+    declaration: str | None,
 ) -> None:
     """Compare the trees in OLD and NEW, node by node.
 
@@ -37,12 +43,26 @@ def command(
     """
     text = read_text(new)
     a, b = read_tree(old), parse(text, name=called(new), folder=folder_of(new))
+
+    def words() -> Vocabulary:
+        return vocabulary_of(
+            text,
+            overrides,
+            config_dir,
+            name=called(new),
+            declaration=declaration,
+            folder=folder_of(new),
+        )
+
+    if declaration is not None:
+        words()  # a wrong declaration is told before anything else
     if a == b:
         click.echo("The same tree.")
         return
     for line in _by_nodes(a, b, whole) if max(size(a), size(b)) <= MOST_NODES else _by_text(a, b):
         click.echo(line)
-    if _do_the_same(a, b, lambda: vocabulary_of(text, overrides, config_dir, name=new)):
+
+    if _do_the_same(a, b, words):
         click.echo("Written differently, but they do the same.")
     sys.exit(1)
 

@@ -16,6 +16,7 @@ import click
 from islandgp.bt.language import parse, to_text
 from islandgp.bt.node import Node
 from islandgp.commands.files import FILE, called, folder_of, read_text
+from islandgp.commands.rerun import with_rerun_option
 from islandgp.commands.setting import (
     stage_index,
     tree_in_domain,
@@ -44,6 +45,7 @@ ENDLESS: Final = 100_000  # letters of a line where the output is a file or a pi
     "--speed", type=click.FloatRange(0), default=10.0, help="Of --watch; 0: without waiting."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the outcomes as JSON.")
+@with_rerun_option
 @with_domain_options
 @with_stage_option
 def command(

@@ -204,7 +204,7 @@ def _tell_race(
             f"  line {number.line}: {number.label} {number_text(number.value)} {became}", err=True
         )
     if all(value == number.value for number, value in zip(numbers, best, strict=True)):
-        click.echo(f"No other numbers were better in {worlds} other worlds.", err=True)
+        click.echo("Nothing better was found.", err=True)
 
 
 def _tell_worth(

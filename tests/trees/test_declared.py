@@ -115,3 +115,20 @@ def test_conditions_of_actions() -> None:
     given = {**LIFT, "actions": {"Up": {"to_start": [["floor", "<", 8]]}}}
     words = declared(json.dumps(given), "", name="lift.json")
     assert words.action("Up").to_start == (Condition("floor", "<", 8.0),)
+
+
+def test_diff_with_words(islandgp: Cli, tmp_path: Path) -> None:
+    """What a declaration says of actions tells whether two trees do the same."""
+    old, new, words = (tmp_path / name for name in ("old.bt", "new tree.bt", "words.json"))
+    old.write_text("selector { A B }")
+    new.write_text("domain far A")
+    actions = {"A": {"statuses": ["SUCCESS"]}, "B": {}}
+    words.write_text(json.dumps({"domain": "far", "actions": actions}))
+    told = "Written differently, but they do the same.\n"
+    assert not islandgp("diff", old, new).out.endswith(told)
+    said = islandgp("diff", old, new, "--vocabulary", words)
+    assert said.code == 1
+    assert said.out.endswith(told)
+    words.write_text("[]")
+    said = islandgp("diff", old, new, "--vocabulary", words)
+    assert (said.code, said.out) == (2, "")

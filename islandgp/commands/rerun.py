@@ -1,0 +1,82 @@
+"""`--rerun`: a command runs again whenever one of its files changes."""
+
+from __future__ import annotations
+
+import re
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from functools import wraps
+from pathlib import Path
+from typing import Any, Final
+
+import click
+
+from islandgp.bt.includes import MAX_FILES
+from islandgp.commands.files import STDIN
+from islandgp.errors import IslandError
+
+LOOK: Final = 0.3  # s between two looks at the files
+
+_INCLUDE: Final = re.compile(r'^\s*include\s*"([^"\n]+)"', re.MULTILINE)
+
+
+def with_rerun_option(command: Callable[..., None]) -> Callable[..., None]:
+    """Adds --rerun to a command with an argument `files`; what goes wrong does not end it."""
+
+    @wraps(command)
+    def runs(*, rerun: bool, **arguments: Any) -> None:
+        files = arguments["files"]
+        if not rerun:
+            command(**arguments)
+            return
+        if STDIN in files:
+            raise click.UsageError("expected files for --rerun, found the standard input")
+        for first in changes([Path(file) for file in files], lambda: time.sleep(LOOK)):
+            if not first:
+                click.echo(f"\n{time.strftime('%H:%M:%S')}")
+            try:
+                command(**arguments)
+            except IslandError as error:
+                click.echo(f"islandgp: {error}", err=True)
+            except SystemExit:  # its exit code is that of one run
+                pass
+            sys.stdout.flush()
+
+    return click.option(
+        "--rerun", is_flag=True, help="Run again whenever a file changes, until Ctrl-C."
+    )(runs)
+
+
+def changes(files: Sequence[Path], pause: Callable[[], None]) -> Iterator[bool]:
+    """Yields at once, True, and then False whenever one of the files has changed.
+
+    Files that they include are among them. `pause` is called between two looks.
+    """
+    seen = _state(files)
+    yield True
+    while True:
+        pause()
+        now = _state(files)
+        if now != seen and all(file.is_file() for file in files):  # a saved file may be away
+            seen = now
+            yield False
+
+
+def _state(files: Sequence[Path]) -> dict[Path, tuple[int, int]]:
+    """Time and size of the files and of those that they include."""
+    found: dict[Path, tuple[int, int]] = {}
+    waiting = list(files)
+    while waiting and len(found) < MAX_FILES * len(files):
+        file = waiting.pop()
+        if file in found:
+            continue
+        try:
+            status = file.stat()
+            text = file.read_text(encoding="utf-8", errors="replace")
+        except (OSError, ValueError):
+            found[file] = (0, 0)
+            continue
+        found[file] = (status.st_mtime_ns, status.st_size)
+        waiting += [file.parent / name for name in _INCLUDE.findall(text)]
+    return found
