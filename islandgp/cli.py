@@ -35,10 +35,11 @@ COMMANDS: Final[dict[str, str]] = {
     "verify": "compare runs with the checksums of their records",
     "sync": "send records to the tracking server that it has not got yet",
     "examples": "list the example trees, or print one",
+    "language-server": "serve editors: errors, completion, meanings, format, rename",
     "completion": "print the line that makes a shell complete commands and overrides",
     "ui": "start the MLflow UI and print the address of the right page",
 }
-"""Name and one line of help; the code is `islandgp.commands.<name>_command:command`."""
+"""Name and one line of help; the code of `a-b` is `islandgp.commands.a_b_command:command`."""
 
 
 class Lazy(click.Group):
@@ -52,7 +53,9 @@ class Lazy(click.Group):
         """The code of one subcommand."""
         if name not in COMMANDS:
             return None
-        command: click.Command = import_module(f"islandgp.commands.{name}_command").command
+        command: click.Command = import_module(
+            f"islandgp.commands.{name.replace('-', '_')}_command"
+        ).command
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002

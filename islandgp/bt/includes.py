@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from islandgp.bt.source import Source, shown
 from islandgp.errors import LimitError
+
+_INCLUDE: Final = re.compile(r'^\s*include\s*"([^"\n]+)"', re.MULTILINE)
 
 MAX_FILES: Final = 50  # that a file includes, however indirectly
 
@@ -73,6 +77,28 @@ def gathered(
 
     visit(main, start, folder, ())
     return parts
+
+
+def mentioned(text: str, folder: Path) -> dict[Path, str]:
+    """The files that a text includes, however indirectly, with what stands in them.
+
+    Nothing is wrong here: what cannot be read is "", and what the language would not include is
+    left out. For programs that look at files while they are written.
+    """
+    top = folder.resolve()
+    found: dict[Path, str] = {}
+    waiting = [(text, top)]
+    while waiting:
+        source, beside = waiting.pop()
+        for name in _INCLUDE.findall(source):
+            with suppress(OSError, RuntimeError, ValueError):
+                path = (beside / name).resolve()
+                if path in found or not path.is_relative_to(top) or len(found) == MAX_FILES:
+                    continue
+                found[path] = ""
+                found[path] = path.read_text(encoding="utf-8")
+                waiting.append((found[path], path.parent))
+    return found
 
 
 def _includes(tree: Any) -> list[Any]:

@@ -34,6 +34,7 @@ __all__ = [
     "built",
     "domain_of",
     "files_of",
+    "following",
     "parse",
     "parse_condition",
     "plain",
@@ -127,6 +128,18 @@ def _parsed(source: Source, rule: str, vocabulary: Vocabulary | None) -> Any:
         return parser.parse(source.text, start=rule)
     except UnexpectedInput as error:
         raise syntax_error(source, error, parser.lex(source.text), vocabulary) from None
+
+
+def following(text: str) -> frozenset[str]:
+    """The terminals of the grammar that may stand behind a text; none where it is wrong itself."""
+    from lark.exceptions import UnexpectedInput
+
+    interactive = _parser().parse_interactive(plain(text), start="library")
+    try:
+        interactive.exhaust_lexer()
+    except UnexpectedInput:
+        return frozenset()
+    return frozenset(interactive.accepts())  # type: ignore[no-untyped-call] # lark types it not
 
 
 def parse_condition(text: str, vocabulary: Vocabulary) -> Asked:

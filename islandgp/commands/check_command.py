@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import sys
+from pathlib import Path
 from typing import Any
 
 import click
@@ -12,7 +13,8 @@ import click
 from islandgp.bt.language import parse, plain
 from islandgp.bt.limits import Limits, check_limits
 from islandgp.bt.lint import Finding, warnings
-from islandgp.bt.node import depth, size
+from islandgp.bt.node import Node, depth, size
+from islandgp.bt.vocabulary import Vocabulary
 from islandgp.commands.files import FILE, called, folder_of, read_text
 from islandgp.commands.rerun import with_rerun_option
 from islandgp.commands.setting import vocabulary_of, with_domain_options, with_vocabulary_option
@@ -58,20 +60,18 @@ def command(
                 declaration=declaration,
                 folder=folder_of(file),
             )
-            tree = parse(text, vocabulary, name=name, folder=folder_of(file))
-            check_limits(tree, limits)
+            tree, found = checked(text, vocabulary, name, folder_of(file), limits)
         except TreeError as error:
             wrong += 1
             if as_json:
-                told.append(_plain_error(error, name))
+                told.append(plain_error(error, name))
                 continue
             message = str(error)
             click.echo(message if message.startswith(name) else f"{name}: {message}")
             continue
-        found = warnings(text, vocabulary, name=name, folder=folder_of(file))
         doubtful += bool(found)
         if as_json:
-            told += [_plain_finding(finding, text, name) for finding in found]
+            told += [plain_finding(finding, text, name) for finding in found]
             continue
         for finding in found:
             click.echo(finding.text(text, name=name))
@@ -83,7 +83,16 @@ def command(
     sys.exit(1 if wrong or (strict and doubtful) else 0)
 
 
-def _plain_error(error: TreeError, name: str) -> dict[str, Any]:
+def checked(
+    text: str, vocabulary: Vocabulary, name: str, folder: Path, limits: Limits
+) -> tuple[Node, list[Finding]]:
+    """The tree of a text and its doubtful places. Raises TreeError."""
+    tree = parse(text, vocabulary, name=name, folder=folder)
+    check_limits(tree, limits)
+    return tree, warnings(text, vocabulary, name=name, folder=folder)
+
+
+def plain_error(error: TreeError, name: str) -> dict[str, Any]:
     """An error as JSON values; of an included file it tells that file."""
     first, *rest = str(error).splitlines()
     placed = re.fullmatch(r"(.*?):\d+:\d+: (.*)", first)
@@ -102,7 +111,8 @@ def _plain_error(error: TreeError, name: str) -> dict[str, Any]:
     }
 
 
-def _plain_finding(finding: Finding, text: str, name: str) -> dict[str, Any]:
+def plain_finding(finding: Finding, text: str, name: str) -> dict[str, Any]:
+    """A warning as JSON values."""
     line = plain(text).split("\n")[finding.line - 1]
     place = _plain_place(finding.line, finding.column, line)
     about = {"severity": "warning", "code": finding.code, "message": finding.message}

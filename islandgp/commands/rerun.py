@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import re
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from functools import wraps
 from pathlib import Path
 from typing import Any, Final
 
 import click
 
-from islandgp.bt.includes import MAX_FILES
+from islandgp.bt.includes import mentioned
 from islandgp.commands.files import STDIN
 from islandgp.errors import IslandError
 
 LOOK: Final = 0.3  # s between two looks at the files
-
-_INCLUDE: Final = re.compile(r'^\s*include\s*"([^"\n]+)"', re.MULTILINE)
 
 
 def with_rerun_option(command: Callable[..., None]) -> Callable[..., None]:
@@ -66,17 +64,13 @@ def changes(files: Sequence[Path], pause: Callable[[], None]) -> Iterator[bool]:
 def _state(files: Sequence[Path]) -> dict[Path, tuple[int, int]]:
     """Time and size of the files and of those that they include."""
     found: dict[Path, tuple[int, int]] = {}
-    waiting = list(files)
-    while waiting and len(found) < MAX_FILES * len(files):
-        file = waiting.pop()
-        if file in found:
-            continue
-        try:
-            status = file.stat()
+    for file in files:
+        text = ""
+        with suppress(OSError):
             text = file.read_text(encoding="utf-8", errors="replace")
-        except (OSError, ValueError):
-            found[file] = (0, 0)
-            continue
-        found[file] = (status.st_mtime_ns, status.st_size)
-        waiting += [file.parent / name for name in _INCLUDE.findall(text)]
+        for path in (file, *mentioned(text, file.parent)):
+            found[path] = (0, 0)
+            with suppress(OSError):
+                status = path.stat()
+                found[path] = (status.st_mtime_ns, status.st_size)
     return found

@@ -148,13 +148,18 @@ def for_tree(
     if not domain or _given(overrides) & _CHOOSES:
         return tuple(overrides)
     if _domain_file(domain, config_dir) is None:
-        known = ", ".join(sorted({f.stem for d in _folders(config_dir) for f in d.glob("*.yaml")}))
+        known = ", ".join(configured_domains(config_dir))
         raise DomainError(
             f"{name}: expected a tree for a domain that is configured ({known}), found one for"
             f" {domain!r}; give --config-dir FOLDER with a file domain/{domain}.yaml in it, or"
             " choose a domain by --set domain=NAME."
         )
     return (*overrides, f"domain={domain}")
+
+
+def configured_domains(config_dir: str | None) -> list[str]:
+    """The domains that a tree can be for."""
+    return sorted({file.stem for d in _folders(config_dir) for file in d.glob("*.yaml")})
 
 
 def default_domain() -> str:

@@ -65,6 +65,8 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "scipy": ("study", "evolution.validation"),
     "matplotlib": ("study",),
     "lark": ("bt",),
+    "pygls": ("commands.language_server_command",),
+    "lsprotocol": ("commands.language_server_command",),
     "sklearn": ("study.distill",),
 }
 

@@ -1,0 +1,221 @@
+"""`islandgp language-server`: what an editor is told about a tree while it is written."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from islandgp.bt.assist import meaning, offers, renamed, subtrees
+from islandgp.bt.language import parse
+from islandgp.bt.node import KINDS
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.errors import TreeError
+from tests.trees.editor import CODE, Editor
+from tests.trees.shell import Cli
+
+NODES = {*KINDS, "use"} - {"action"}
+ACTIONS = {*VOCABULARY.actions}
+KEYS = {*VOCABULARY.keys}
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", {"domain", "include", "constant", "subtree"} | NODES | ACTIONS),
+        ("domain ", {"island", "maze"}),
+        ("selector { ", NODES | ACTIONS),
+        ("selector { Pat", NODES | ACTIONS),
+        ("when ", KEYS | {"not"}),
+        ("when foundGarbage and ", KEYS | {"not"}),
+        ("when (", KEYS | {"not"}),
+        ("when batteryLevel ", {"<", "<=", ">", ">=", "==", "!=", "and", "or", "abort"}),
+        ("when foundGarbage abort l", {"none", "self", "lower", "both"}),
+        ("constant low = 20 when batteryLevel < ", {"low"}),
+        ("constant low = 2 repeater ", {"low"}),
+        ("subtree go(times) = repeater ", {"times"}),
+        ("parallel ", {"success", "failure"}),
+        ("parallel success ", {"one", "all"}),
+        ("subtree a = SeekCharger subtree b = use ", {"a"}),
+        ("subtree ", set()),
+        ("constant ", set()),
+        ("selector { # when ", set()),
+        ("selector { } } ", set()),
+        ("selector { PatrolWaypoint } ", set()),
+    ],
+)
+def test_completion(text: str, words: set[str], tmp_path: Path) -> None:
+    """What could stand at the end of a text, and nothing else."""
+    found = offers(text, len(text), VOCABULARY, tmp_path, ["island", "maze"])
+    assert {offer.text for offer in found} == words
+    assert all(offer.detail for offer in found)
+
+
+def test_every_completed_action_parses() -> None:
+    """A word that is offered is one that the language takes."""
+    text = "sequence { PatrolWaypoint "
+    for offer in offers(text, len(text), VOCABULARY, Path()):
+        if offer.sort == "action":
+            assert parse(f"{text}{offer.text} }}", VOCABULARY).kind == "sequence"
+
+
+@pytest.mark.parametrize(
+    ("text", "word", "told"),
+    [
+        ("PatrolWaypoint", "PatrolWaypoint", VOCABULARY.actions["PatrolWaypoint"].meaning),
+        ("PatrolWaypoint", "PatrolWaypoint", "It returns SUCCESS, RUNNING."),
+        ("when batteryLevel < 20 { x }", "batteryLevel", "A number, from 0 to 100."),
+        ("when foundGarbage { x }", "foundGarbage", "`when foundGarbage`"),
+        ("when a abort lower { x }", "lower", "later branches are stopped"),
+        ("subtree go(n) = repeater n { x } use go(2)", "go", "subtree go(n) = repeater n { x }"),
+        ("constant low = 20 # percent\nwhen a < low { x }", "low", "`low = 20`"),
+    ],
+)
+def test_meaning(text: str, word: str, told: str) -> None:
+    """Actions, keys, words, subtrees and constants tell what they are."""
+    found = meaning(text, text.rindex(word) + 1, VOCABULARY, Path())
+    assert found is not None
+    assert told.removeprefix("`") in found[0]
+    assert text[found[1].start : found[1].end] == word
+
+
+def test_no_meaning() -> None:
+    """Comments, numbers and unknown names have none, wherever one points."""
+    text = "# PatrolWaypoint\nwhen x < 20 { \N{ROBOT FACE} Unknown"
+    for offset in range(len(text) + 1):
+        found = meaning(text, offset, VOCABULARY, Path())
+        assert found is None or found[1].text in ("when",)
+
+
+def test_included_names(tmp_path: Path) -> None:
+    """Subtrees of included files are offered and told; circles and what is not there do no harm."""
+    (tmp_path / "lib.bt").write_text('include "lib.bt"\nsubtree far = SeekCharger\nconstant n = 3')
+    text = 'include "lib.bt"\ninclude "none.bt"\ninclude "../x.bt"\nsubtree near = use far\n'
+    assert list(subtrees(text, tmp_path)) == ["far", "near"]
+    found = offers(f"{text}repeater ", len(text) + 9, VOCABULARY, tmp_path)
+    assert [offer.text for offer in found] == ["n"]
+
+
+TREE = """# far away: use go
+subtree go = SeekCharger
+subtree goes = sequence { use go PatrolWaypoint }
+selector { when foundGarbage { use go } use goes }
+"""
+
+
+def test_rename() -> None:
+    """Definition and uses, and nothing that only looks like them."""
+    places = renamed(TREE, TREE.index("go ="), "run", Path())
+    text = TREE
+    for word in reversed(places):
+        text = f"{text[: word.start]}run{text[word.end :]}"
+    assert text == TREE.replace("subtree go ", "subtree run ").replace("{ use go ", "{ use run ")
+    assert parse(text) == parse(TREE)
+
+
+@pytest.mark.parametrize(
+    ("offset", "new", "told"),
+    [
+        (TREE.index("go ="), "goes", "another subtree's"),
+        (TREE.index("go ="), "when", "no word of the language"),
+        (TREE.index("go ="), "a b", "found 'a b'"),
+        (TREE.index("PatrolWaypoint"), "run", "found none here"),
+        (2, "run", "found none here"),
+    ],
+)
+def test_names_that_cannot_be(offset: int, new: str, told: str) -> None:
+    """What would make another tree is refused."""
+    with pytest.raises(TreeError, match=told):
+        renamed(TREE, offset, new, Path())
+
+
+def test_an_editor_session(tmp_path: Path) -> None:
+    """Errors and warnings with their places, for the domain of each file; format; rename."""
+    with Editor(tmp_path) as editor:
+        assert editor.open("good.bt", TREE) == []
+        (wrong,) = editor.open("my tree.bt", "selector {\r\n  PatrolWaypont\r\n}\r\n")
+        assert wrong["range"] == {
+            "start": {"line": 1, "character": 2},
+            "end": {"line": 1, "character": 15},
+        }
+        assert (wrong["severity"], wrong["code"]) == (1, "unknown-name")
+        assert "Did you mean PatrolWaypoint?" in wrong["message"]
+        (doubtful,) = editor.open("twice.bt", "inverter { inverter { PatrolWaypoint } }")
+        assert (doubtful["severity"], doubtful["code"]) == (2, "double-inverter")
+        assert editor.open("pole.bt", "domain cartpole PushLeft") == []
+        (far,) = editor.open("far.bt", "domain maze Go")
+        assert far["code"] == "domain"
+        assert [item["label"] for item in editor.at("completion", "pole.bt", 0, 18)][
+            -1
+        ] == "PushRight"
+        told = editor.at("hover", "good.bt", 1, 15)
+        assert told["contents"]["value"].startswith("**SeekCharger**: drives")
+        options = {"tabSize": 2, "insertSpaces": True}
+        uri = {"uri": editor.uri("my tree.bt")}
+        assert (
+            editor.ask("textDocument/formatting", textDocument=uri, options=options) == [] or True
+        )
+        edit = editor.at("rename", "good.bt", 1, 9, newName="run")
+        assert len(edit["changes"][editor.uri("good.bt")]) == 3
+        assert "another subtree's" in editor.at("rename", "good.bt", 1, 9, newName="goes")
+        change = {"text": "PatrolWaypoint"}
+        document = {"uri": editor.uri("my tree.bt"), "version": 2}
+        editor.tell("textDocument/didChange", textDocument=document, contentChanges=[change])
+        assert editor.found("my tree.bt") == []
+        position = {"start": {"line": 0, "character": 0}, "end": {"line": 0, "character": 6}}
+        document = {"uri": editor.uri("my tree.bt"), "version": 3}
+        change = {"range": position, "text": "Patrll"}
+        editor.tell("textDocument/didChange", textDocument=document, contentChanges=[change])
+        assert editor.found("my tree.bt")[0]["code"] == "unknown-name"
+
+
+def test_included_files_and_other_words(tmp_path: Path) -> None:
+    """An error in an included file is told where the file is; words may be those of a file."""
+    words = {"domain": "far", "actions": {"Fly": {"meaning": "flies"}}}
+    (tmp_path / "my words.json").write_text(json.dumps(words))
+    (tmp_path / "lib.bt").write_text("subtree a = Swim\n")
+    with Editor(tmp_path, "--vocabulary", "my words.json") as editor:
+        (found,) = editor.open("a.bt", 'domain far\ninclude "lib.bt"\nuse a\n')
+        assert found["range"]["start"] == {"line": 0, "character": 0}
+        assert "lib.bt:1:13: unknown action 'Swim'" in found["message"]
+        assert editor.at("hover", "a.bt", 2, 4)["contents"]["value"] == "```\nsubtree a = Swim\n```"
+        (tmp_path / "lib.bt").write_text("subtree a = Fly\n")
+        editor.tell("textDocument/didSave", textDocument={"uri": editor.uri("a.bt")})
+        assert editor.found("a.bt") == []
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("nvim") is None, reason="Neovim is not installed")
+def test_neovim(tmp_path: Path) -> None:
+    """A headless Neovim gets diagnostics, completions, meanings, renames and formats."""
+    (tmp_path / "my tree.bt").write_text("selector {\n  Patr\n}\n")
+    script = Path(__file__).with_name("neovim.lua")
+    command = ["nvim", "--headless", "-u", "NONE", "-c", f"luafile {script}", "-c", "qall!"]
+    own = {"HOME": str(tmp_path), "XDG_STATE_HOME": str(tmp_path)}
+    environment = {**os.environ, **own, "TRY_PYTHON": sys.executable, "TRY_CODE": CODE}
+    subprocess.run(command, cwd=tmp_path, env=environment, check=True, timeout=100)
+    told = [line.split(" ", 1) for line in (tmp_path / "out.txt").read_text().splitlines()]
+    found = {what: [json.loads(value) for key, value in told if key == what] for what, _ in told}
+    ((line, column, sort, message),) = found["diagnostic"]
+    assert (line, column, sort) == (1, 2, "unknown-name")
+    assert "Did you mean PatrolWaypoint?" in message
+    assert ["PatrolWaypoint", VOCABULARY.actions["PatrolWaypoint"].meaning] in found["completion"]
+    assert found["left"] == [0]
+    assert found["hover"][0].startswith("**SeekCharger**")
+    (renamed_to,) = found["renamed"]
+    assert renamed_to == ["subtree run = SeekCharger", "sequence { use run PatrolWaypoint }"]
+    (formatted,) = found["formatted"]
+    assert formatted == [renamed_to[0], "", renamed_to[1]]
+
+
+def test_without_pygls(islandgp: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The extra that brings it is named."""
+    monkeypatch.setattr("islandgp.commands.language_server_command.find_spec", lambda _: None)
+    said = islandgp("language-server")
+    assert said.code == 2
+    assert "pip install 'islandgp[lsp]'" in said.err
