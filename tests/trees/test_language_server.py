@@ -193,7 +193,7 @@ def test_included_files_and_other_words(tmp_path: Path) -> None:
 @pytest.mark.skipif(shutil.which("nvim") is None, reason="Neovim is not installed")
 def test_neovim(tmp_path: Path) -> None:
     """A headless Neovim gets diagnostics, completions, meanings, renames and formats."""
-    (tmp_path / "my tree.bt").write_text("selector {\n  Patr\n}\n")
+    (tmp_path / "my tree.bt").write_text("selector {\n  PatrolWaypo\n}\n")
     script = Path(__file__).with_name("neovim.lua")
     command = ["nvim", "--headless", "-u", "NONE", "-c", f"luafile {script}", "-c", "qall!"]
     own = {"HOME": str(tmp_path), "XDG_STATE_HOME": str(tmp_path)}
