@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import heapq
 import re
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import inf, isfinite
+from math import ceil, inf, isfinite
 from typing import TYPE_CHECKING, Final
 
 from islandgp.bt.node import Node, walk
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 BLOCKS: Final = " \N{LOWER ONE EIGHTH BLOCK}\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
+MOST_LINES: Final = 5_000  # of a timeline
 _NOT_IDLE: Final = re.compile(b"[^%c]+" % IDLE)
 _WORDS: Final = {RUNS: "runs", SUCCEEDED: "succeeded", FAILED: "failed", STOPPED: "was aborted"}
 _STYLES: Final = {SUCCEEDED: "green", FAILED: "red", STOPPED: "magenta", RUNS: "cyan"}
@@ -44,54 +46,63 @@ class Stint:
     times: int = 1  # how many such stints in a row are told as one
 
 
-def stints(recording: Recording) -> list[Stint]:
-    """What the actions did, in order of their start."""
+def stints(recording: Recording, begin: int = 0) -> Iterator[Stint]:
+    """What the actions started from a tick on, in order of their start.
+
+    Each is found when it is asked for: large trees can have millions of them.
+    """
     earned: dict[str, list[Credit]] = {}
     for credit in sorted(recording.credits, key=lambda credit: credit.tick):
         earned.setdefault(credit.action, []).append(credit)
-    found = [
-        stint
-        for place, node in enumerate(walk(recording.tree))
-        if node.kind == "action"
-        for stint in _of_action(
+    of_actions = [
+        _of_action(
             recording.statuses[place],
             place,
             str(node.args[0]),
             earned.get(str(node.args[0]), []),
+            begin,
         )
+        for place, node in enumerate(walk(recording.tree))
+        if node.kind == "action"
     ]
-    return sorted(found, key=lambda stint: (stint.start, stint.place))
+    return heapq.merge(*of_actions, key=lambda stint: (stint.start, stint.place))
 
 
-def merged(found: list[Stint]) -> list[Stint]:
+def merged(found: Iterable[Stint]) -> Iterator[Stint]:
     """The same with instant ends of one action told once where they repeat."""
-    told: list[Stint] = []
+    last: Stint | None = None
     for stint in found:
-        last = told[-1] if told else None
         same = last is not None and (last.place, last.result) == (stint.place, stint.result)
         if last is not None and same and stint.start == stint.end and last.end >= stint.start - 1:
             points = last.points + stint.points
-            told[-1] = replace(last, end=stint.end, points=points, times=last.times + 1)
-        else:
-            told.append(stint)
-    return told
+            last = replace(last, end=stint.end, points=points, times=last.times + 1)
+            continue
+        if last is not None:
+            yield last
+        last = stint
+    if last is not None:
+        yield last
 
 
-def _of_action(codes: bytes, place: int, action: str, credits: Sequence[Credit]) -> Iterator[Stint]:
-    """The stints of one node; `credits` are those of its action, by tick."""
+def _of_action(
+    codes: bytes, place: int, action: str, credits: Sequence[Credit], begin: int
+) -> Iterator[Stint]:
+    """The stints of one node that start at a tick or later; `credits` are its action's, by tick."""
+    under_way = 0 < begin <= len(codes) and codes[begin - 1] == RUNS
     start = -1
-    for tick, code in _ticked(codes):
+    for tick, code in _ticked(codes, begin):
         start = tick if start < 0 else start
         if code != RUNS:
-            yield _stint(credits, start, tick, place, action, code)
-            start = -1
-    if start >= 0:
+            if not under_way:
+                yield _stint(credits, start, tick, place, action, code)
+            start, under_way = -1, False
+    if start >= 0 and not under_way:
         yield _stint(credits, start, len(codes) - 1, place, action, RUNS)
 
 
-def _ticked(codes: bytes) -> Iterator[tuple[int, int]]:
+def _ticked(codes: bytes, begin: int) -> Iterator[tuple[int, int]]:
     """Each tick in which a node was not IDLE, and its code; the others cost next to nothing."""
-    for found in _NOT_IDLE.finditer(codes):
+    for found in _NOT_IDLE.finditer(codes, begin):
         yield from enumerate(found[0], found.start())
 
 
@@ -126,17 +137,28 @@ def drawn(recording: Recording) -> Text:
 
 
 def timeline(recording: Recording, begin: float = 0.0, end: float = inf) -> Iterator[Text]:
-    """A heading, and a line for each thing that an action began between two times, in s."""
+    """A heading, and a line for each thing that an action began between two times, in s.
+
+    After MOST_LINES a last line tells that there is more.
+    """
     from rich.text import Text
 
     step, digits = recording.step_s, recording.digits
     guards = _guards(recording.tree)
-    found = merged(stints(recording))
-    wide = max([6, *(len(stint.action) for stint in found)])
+    actions = [str(node.args[0]) for node in walk(recording.tree) if node.kind == "action"]
+    wide = max([6, *map(len, actions)])
     yield Text(f"{'start':>9}  {'lasted':>8}  {'action':<{wide}}  {'result':<20}{'points':>9}")
-    for stint in found:
-        if not begin <= stint.start * step <= end:
-            continue
+    first = min(ceil(begin / step - 1e-9), recording.ticks)
+    for number, stint in enumerate(merged(stints(recording, first))):
+        if stint.start * step > end:
+            return
+        if number == MOST_LINES:
+            yield Text(
+                f"More than {MOST_LINES:,} lines: the rest is left out; --from and --to choose a"
+                " part.",
+                "bold",
+            )
+            return
         lasted = (stint.end - stint.start + 1) * step
         line = Text(f"{stint.start * step:7.1f} s  {lasted:6.1f} s  {stint.action:<{wide}}  ")
         times = f" {stint.times} times" if stint.times > 1 else ""

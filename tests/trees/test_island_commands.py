@@ -16,7 +16,7 @@ from islandgp.bt.node import size
 from islandgp.commands.play_command import Column, fitting, numbers
 from islandgp.resources import resource
 from islandgp.viewer.recording import IDLE, record
-from islandgp.viewer.trace import courses, drawn, merged, stints
+from islandgp.viewer.trace import courses, drawn, merged, stints, timeline
 from islandgp.viewer.watch import frame, lines, watch
 from tests.trees.shell import Cli
 from tests.viewer.episodes import going, island, small
@@ -264,3 +264,17 @@ def test_play_several(islandgp: Cli) -> None:
     said = islandgp("play", GOOD, "-", "--seeds", 3, *SHORT, stdin="PatrolWaypoint")
     assert [line.split()[0] for line in said.out.splitlines()[:3]] == ["tree", str(GOOD), "<stdin>"]
     assert islandgp("play", GOOD, GOOD, "--watch", *SHORT).code == 2
+
+
+def test_a_timeline_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its last line tells that there is more; a later part begins where it is asked to."""
+    recording = record(parse(GOOD.read_text()), island(length=60), seed=1, stage=3)
+    whole = [line.plain for line in timeline(recording)]
+    assert len(whole) > 8
+    monkeypatch.setattr("islandgp.viewer.trace.MOST_LINES", 5)
+    cut = [line.plain for line in timeline(recording)]
+    assert cut[:-1] == whole[:6]
+    assert cut[-1].startswith("More than 5 lines")
+    every = list(stints(recording))
+    for begin in (0, 1, every[3].start, every[3].start + 1, recording.ticks):
+        assert list(stints(recording, begin)) == [s for s in every if s.start >= begin]
