@@ -15,7 +15,7 @@ def first(seed: int, purpose: Stream, generation: int, slot: int) -> int:
 def test_streams_are_distinct() -> None:
     """Another seed, purpose, generation or slot is another stream."""
     places = list(product((0, 1, 2**40), Stream, (0, 1, 2, 40), (0, 1, 29)))
-    assert len({first(*place) for place in places}) == len(places) == 3 * 13 * 4 * 3
+    assert len({first(*place) for place in places}) == len(places) == 3 * 14 * 4 * 3
 
 
 def test_streams_keep_no_state() -> None:
@@ -42,6 +42,7 @@ def test_numbers_of_purposes() -> None:
         "VALIDATION": 11,
         "TRIAL": 12,
         "TEST": 13,
+        "TUNING": 14,
     }
 
 

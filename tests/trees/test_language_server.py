@@ -174,6 +174,7 @@ def test_an_editor_session(tmp_path: Path) -> None:
         assert editor.found("my tree.bt")[0]["code"] == "unknown-name"
 
 
+@pytest.mark.slow
 def test_included_files_and_other_words(tmp_path: Path) -> None:
     """An error in an included file is told where the file is; words may be those of a file."""
     words = {"domain": "far", "actions": {"Fly": {"meaning": "flies"}}}
