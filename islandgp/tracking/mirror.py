@@ -3,7 +3,7 @@
 The background thread of a run, a resumed run and `islandgp sync` all do this
 same thing. Doing it twice changes nothing: a run is found again by its own id,
 points are sent from the last step that the store has, and a point's time is
-part of the folder.
+part of the folder, so that MLflow takes a repeated point for the one it has.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from islandgp.tracking.artifacts import TABLE, Artifact, artifacts, note
 from islandgp.tracking.metrics import final_metrics, metrics
 from islandgp.tracking.parent import parent_run
 from islandgp.tracking.sent import FILE, LOCK, Sent, read_sent, write_sent
-from islandgp.tracking.store import POINTS, Place, Store, metric
+from islandgp.tracking.store import KEY, POINTS, Place, Store, metric
 
 if TYPE_CHECKING:
     from mlflow.entities import Metric
@@ -49,6 +49,7 @@ class Mirror:
             raise TrackingError(f"Expected a run's folder, found no about.json in {folder.path}.")
         self.folder, self.store, self.about = folder, store, about
         self._lock = FileLock(folder.path / LOCK)
+        self._key = key_of(about)
         self._sure = False  # whether tracking.json was compared with the store
 
     def send(self, status: Status) -> str:
@@ -71,11 +72,19 @@ class Mirror:
         if self._sure and sent is not None:
             return sent
         place, identity = self.store.place, self.about.identity
-        if sent is None or not sent.is_in(place, identity) or not self.store.exists(sent.run):
-            sent = Sent(place.uri, place.experiment, identity, self._find_or_create())
+        if sent is None or not sent.is_in(place, identity):
+            sent = Sent(place.uri, place.experiment, identity, "")
+        run = self.store.find(self._key, sent.run)
+        if run is None or run.info.run_id != sent.run:
+            known = (
+                create_run(self.store, self.about, self._key) if run is None else run.info.run_id
+            )
+            sent = Sent(place.uri, place.experiment, identity, known)
         there = self.store.last_step(sent.run, MARK) + 1
         if there < sent.generations:  # an older copy of the store: what else it lacks is not known
             sent = replace(sent, begun=False, done="")
+        if run is None or run.info.status != status:
+            sent = replace(sent, done="")
         sent = replace(sent, generations=there)
         if not sent.begun:
             self._begin(sent.run)
@@ -90,12 +99,6 @@ class Mirror:
         write_sent(self.folder.path, sent)
         self._sure = True
         return sent
-
-    def _find_or_create(self) -> str:
-        key = f"{self.about.id}.{self.about.identity}"
-        if found := self.store.find("islandgp.id", key):
-            return found
-        return create_run(self.store, self.about, key)
 
     def _begin(self, run: str) -> None:
         from mlflow.entities import Param
@@ -144,17 +147,26 @@ class Mirror:
         for artifact in artifacts(self.folder):
             log_artifact(self.store, sent.run, artifact)
         client.set_tag(sent.run, "mlflow.loggedArtifacts", TABLES)
-        _, job = job_of(self.folder.path)
-        if job is not None and job.pruned is not None and status is not Status.FINISHED:
-            client.set_tag(sent.run, "pruned", f"generation {job.pruned}")
+        self._tag_pruned(sent.run, status)
         client.set_tag(sent.run, "mlflow.note.content", note(self.folder, self.about, status))
-        if sent.generations:
+        # A point cannot be taken back, and a stopped run may go on.
+        if status is Status.FINISHED and sent.generations:
             last = sent.generations - 1
             points = [metric(k, v, ended, last) for k, v in final_metrics(self.folder.records())]
             client.log_batch(sent.run, metrics=points)
         sent = replace(sent, done=done)
         write_sent(self.folder.path, sent)
         return sent
+
+    def _tag_pruned(self, run: str, status: Status) -> None:
+        """Says in which generation a search stopped the run, as long as it has not gone on."""
+        _, job = job_of(self.folder.path)
+        if job is not None and job.pruned is not None and status is not Status.FINISHED:
+            self.store.client.set_tag(run, "pruned", f"generation {job.pruned}")
+            return
+        found = self.store.find(self._key, run)
+        if found is not None and "pruned" in found.data.tags:
+            self.store.client.delete_tag(run, "pruned")
 
     def _ended(self) -> int:
         """When the last generation was written down, ms since 1970."""
@@ -171,8 +183,11 @@ def up_to_date(folder: RunFolder, place: Place) -> bool:
 
 def kept(folder: RunFolder, store: Store) -> bool:
     """Whether the store still has what the folder remembers to have sent. It may be another one."""
-    sent = read_sent(folder.path)
-    if sent is None or not store.exists(sent.run):
+    about, sent = folder.about(), read_sent(folder.path)
+    if about is None or sent is None:
+        return False
+    run = store.find(key_of(about), sent.run)
+    if run is None or run.info.run_id != sent.run or run.info.status != folder.status():
         return False
     return store.last_step(sent.run, MARK) + 1 >= sent.generations
 
@@ -182,11 +197,16 @@ def end_of(status: Status, generations: int) -> str:
     return f"{status} {generations}"
 
 
+def key_of(about: RunMetadata) -> str:
+    """What `Store.find` finds a run by: a folder may hold another run after `resume=force`."""
+    return f"{about.id}.{about.identity}"
+
+
 def create_run(store: Store, about: RunMetadata, key: str) -> str:
-    """A new MLflow run that `Store.find("islandgp.id", key)` finds again."""
+    """A new MLflow run that `Store.find(key)` finds again."""
     tags = {
         **about.tags,
-        "islandgp.id": key,
+        KEY: key,
         "mlflow.user": getuser(),
         "mlflow.source.type": "LOCAL",
         "mlflow.source.name": about.command,

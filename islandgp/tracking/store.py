@@ -20,15 +20,17 @@ from islandgp.errors import TrackingError
 from islandgp.records.parameters import CREDENTIALS, HIDDEN
 
 if TYPE_CHECKING:
-    from mlflow.entities import Metric
+    from mlflow.entities import Metric, Run
     from mlflow.tracking import MlflowClient
 
 SQLITE: Final = "sqlite:///"
 POINTS: Final = 1000  # MLflow's limit of metrics a call
+KEY: Final = "islandgp.id"  # the tag by which a run is found again
 
 ENVIRONMENT: Final = {
     "MLFLOW_HTTP_REQUEST_TIMEOUT": "10",  # s a request; the default is 120
-    "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "1",  # this package tries again by itself
+    # This package tries again by itself, and first asks what became of the lost request.
+    "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "0",
     "MLFLOW_DISABLE_TELEMETRY": "true",  # a run tells nobody that it runs
     "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
     "GIT_PYTHON_REFRESH": "quiet",
@@ -99,21 +101,26 @@ class Store:
             )
         return str(found.experiment_id)
 
-    def find(self, tag: str, value: str) -> str | None:
-        """The id of the run that carries the tag."""
-        found = self.client.search_runs([self.experiment], f"tags.`{tag}` = '{value}'")
-        return str(found[0].info.run_id) if found else None
+    def find(self, key: str, known: str = "") -> Run | None:
+        """The run whose tag `KEY` is `key`: the one with the id `known`, or else the fullest.
 
-    def exists(self, run: str) -> bool:
-        """Whether the run is there and not deleted."""
-        from mlflow.exceptions import MlflowException
+        A request to create a run may be carried out after its sender has given up and sent
+        another one. What such a request leaves behind has the same key and nothing in it: it
+        is deleted.
+        """
+        found = self.client.search_runs([self.experiment], f"tags.`{KEY}` = '{key}'")
+        if not found:
+            return None
 
-        try:
-            return bool(self.client.get_run(run).info.lifecycle_stage == "active")
-        except MlflowException as error:
-            if error.error_code == "RESOURCE_DOES_NOT_EXIST":
-                return False
-            raise
+        def fullness(run: Run) -> tuple[bool, int, int, str]:
+            data = run.data
+            return run.info.run_id == known, len(data.metrics), len(data.params), run.info.run_id
+
+        run, *others = sorted(found, key=fullness, reverse=True)
+        for other in others:
+            if not other.data.metrics and not other.data.params:
+                self.client.delete_run(other.info.run_id)
+        return run
 
     def last_step(self, run: str, metric: str) -> int:
         """The last step logged of a metric; -1 when there is none."""
