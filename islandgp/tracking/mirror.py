@@ -72,14 +72,14 @@ class Mirror:
         if self._sure and sent is not None:
             return sent
         place, identity = self.store.place, self.about.identity
+        nothing = Sent(place.uri, place.experiment, identity, "")
         if sent is None or not sent.is_in(place, identity):
-            sent = Sent(place.uri, place.experiment, identity, "")
+            sent = nothing
         run = self.store.find(self._key, sent.run)
-        if run is None or run.info.run_id != sent.run:
-            known = (
-                create_run(self.store, self.about, self._key) if run is None else run.info.run_id
-            )
-            sent = Sent(place.uri, place.experiment, identity, known)
+        if run is None:
+            sent = replace(nothing, run=create_run(self.store, self.about, self._key))
+        elif run.info.run_id != sent.run:
+            sent = replace(nothing, run=str(run.info.run_id))
         there = self.store.last_step(sent.run, MARK) + 1
         if there < sent.generations:  # an older copy of the store: what else it lacks is not known
             sent = replace(sent, begun=False, done="")
