@@ -9,6 +9,9 @@ part of the folder, so that MLflow takes a repeated point for the one it has.
 from __future__ import annotations
 
 import json
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from getpass import getuser
 from itertools import islice
@@ -20,7 +23,7 @@ from filelock import FileLock
 
 from islandgp.errors import TrackingError
 from islandgp.records.checkpoint import remove_leftovers
-from islandgp.records.files import RunMetadata
+from islandgp.records.files import RunMetadata, score
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import flat
 from islandgp.records.sweep_folder import arm_of, job_of
@@ -42,12 +45,17 @@ LONGEST: Final = 6000  # MLflow's limit of characters a parameter
 class Mirror:
     """One run's folder and its MLflow run."""
 
-    def __init__(self, folder: RunFolder, store: Store) -> None:
-        """Raises TrackingError where the folder has not been started."""
+    def __init__(
+        self, folder: RunFolder, store: Store, alive: Callable[[], None] = lambda: None
+    ) -> None:
+        """`alive` is called whenever some records more have arrived.
+
+        Raises TrackingError where the folder has not been started.
+        """
         about = folder.about()
         if about is None:
             raise TrackingError(f"Expected a run's folder, found no about.json in {folder.path}.")
-        self.folder, self.store, self.about = folder, store, about
+        self.folder, self.store, self.about, self._alive = folder, store, about, alive
         self._lock = FileLock(folder.path / LOCK)
         self._key = key_of(about)
         self._sure = False  # whether tracking.json was compared with the store
@@ -88,6 +96,7 @@ class Mirror:
         sent = replace(sent, generations=there)
         if not sent.begun:
             self._begin(sent.run)
+            self._alive()
             sent = replace(sent, begun=True)
         parent = parent_run(self.folder.path, self.store)
         if parent is not None:
@@ -116,6 +125,7 @@ class Mirror:
             self.store.client.log_batch(sent.run, metrics=batch)
             sent = replace(sent, generations=upto)
             write_sent(self.folder.path, sent)
+            self._alive()
         return sent
 
     def _batch(self, first: int, end: int) -> tuple[list[Metric], int]:
@@ -141,18 +151,20 @@ class Mirror:
         if sent.done == done:
             return sent
         client, ended = self.store.client, self._ended()
-        client.set_terminated(
-            sent.run, status, ended
-        )  # first: whatever fails below, it is not RUNNING
-        for artifact in artifacts(self.folder):
-            log_artifact(self.store, sent.run, artifact)
+        # First: whatever fails below, it is not RUNNING.
+        client.set_terminated(sent.run, status, ended)
+        log_files(self.store, sent.run, artifacts(self.folder))
+        self._alive()
         client.set_tag(sent.run, "mlflow.loggedArtifacts", TABLES)
         self._tag_pruned(sent.run, status)
         client.set_tag(sent.run, "mlflow.note.content", note(self.folder, self.about, status))
         # A point cannot be taken back, and a stopped run may go on.
         if status is Status.FINISHED and sent.generations:
             last = sent.generations - 1
-            points = [metric(k, v, ended, last) for k, v in final_metrics(self.folder.records())]
+            values = dict(final_metrics(self.folder.records()))
+            if self.folder.finished():
+                values["run/score"] = score(self.folder.summary())
+            points = [metric(key, value, ended, last) for key, value in values.items()]
             client.log_batch(sent.run, metrics=points)
         sent = replace(sent, done=done)
         write_sent(self.folder.path, sent)
@@ -217,9 +229,13 @@ def create_run(store: Store, about: RunMetadata, key: str) -> str:
     return str(run.info.run_id)
 
 
-def log_artifact(store: Store, run: str, artifact: Artifact) -> None:
-    """One file of an MLflow run."""
-    if isinstance(artifact.content, Path):
-        store.client.log_artifact(run, str(artifact.content))
-    else:
-        store.client.log_text(run, artifact.content(), artifact.name)
+def log_files(store: Store, run: str, files: Iterable[Artifact]) -> None:
+    """The files of an MLflow run, in one call."""
+    with tempfile.TemporaryDirectory(prefix="islandgp-") as folder:
+        for artifact in files:
+            file = Path(folder) / artifact.name
+            if isinstance(artifact.content, Path):
+                shutil.copyfile(artifact.content, file)
+            else:
+                file.write_text(artifact.content(), encoding="utf-8")
+        store.client.log_artifacts(run, folder)

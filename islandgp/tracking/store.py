@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -27,6 +28,8 @@ SQLITE: Final = "sqlite:///"
 POINTS: Final = 1000  # MLflow's limit of metrics a call
 KEY: Final = "islandgp.id"  # the tag by which a run is found again
 
+Preparing = Callable[[str], None]
+
 ENVIRONMENT: Final = {
     "MLFLOW_HTTP_REQUEST_TIMEOUT": "10",  # s a request; the default is 120
     # This package tries again by itself, and first asks what became of the lost request.
@@ -44,7 +47,7 @@ class MLflowSettings(BaseModel, frozen=True, extra="forbid"):
     uri: str = Field(pattern=r"^(sqlite:///.+|https?://.+)$")
     artifacts: str = Field(min_length=1)  # folder, for the SQLite store; a server knows its own
     experiment: str = Field(min_length=1)  # of MLflow, where runs are kept
-    patience: float = Field(ge=0, le=3600)  # s to wait for the store at the end of a run
+    patience: float = Field(ge=0, le=3600)  # s of silence that the end of a run waits for
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,10 +80,13 @@ class Place:
 class Store:
     """An open store. Each method may raise MLflow's errors: the store may be away."""
 
-    def __init__(self, place: Place) -> None:
-        """Raises TrackingError where the SQLite file cannot be used."""
+    def __init__(self, place: Place, preparing: Preparing = lambda _: None) -> None:
+        """`preparing` is told what takes its time here before anything is asked; "": no more.
+
+        Raises TrackingError where the SQLite file cannot be used.
+        """
         self.place = place
-        self.client = _client(place)
+        self.client = _client(place, preparing)
         self.experiment = self._experiment()
 
     def _experiment(self) -> str:
@@ -143,12 +149,17 @@ def quiet() -> None:
     logging.getLogger("mlflow.store.db.utils").setLevel(logging.CRITICAL)
 
 
-def _client(place: Place) -> MlflowClient:
+def _client(place: Place, preparing: Preparing) -> MlflowClient:
     quiet()
     _authenticate(place)
+    preparing("loading MLflow")
     from mlflow.tracking import MlflowClient
 
-    if place.file is not None and _make(place.file):
+    if place.file is not None and not there(place.file):
+        preparing(f"making {place.file}")
+    made = place.file is not None and _make(place.file)
+    preparing("")
+    if made:
         from mlflow.tracking._tracking_service.utils import _get_store
 
         # Its connections may be to a file that was deleted.

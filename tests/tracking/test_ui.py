@@ -35,14 +35,14 @@ from tests.viewer.browser import Browser, chromium
 
 def test_the_runs_page_is_the_one_with_the_charts() -> None:
     """MLflow itself opens on a page for language models, which is empty."""
-    assert runs_page("http://h:1", "7") == (
+    assert runs_page("http://h:1", "7", "CHART") == (
         "http://h:1/#/experiments/7/runs?workflowType=machine_learning&compareRunsMode=CHART"
+        "&viewStateShareKey=arms"
     )
-    assert runs_page("http://h:1", "7", "arms").endswith("&viewStateShareKey=arms")
 
 
 def test_the_view_of_the_arms_is_kept_in_the_store(store: Store) -> None:
-    """Grouped by supervisor, in the tag where MLflow's pages look for shared views."""
+    """Grouped by arm, in the tag where MLflow's pages look for shared views."""
     share_view(store)
     tags = store.client.get_experiment(store.experiment).tags
     state = json.loads(tags["mlflow.sharedViewState.arms"])
@@ -52,12 +52,15 @@ def test_the_view_of_the_arms_is_kept_in_the_store(store: Store) -> None:
 
 
 def test_the_view_has_a_chart_for_each_milestone_of_the_runs(home: Path, store: Store) -> None:
-    """Whatever the tiers of their domain are called."""
+    """And a column, whatever the tiers of their domain are called."""
     Mirror(written(home / "runs/a/one", home), store).send(Status.FINISHED)
     share_view(store)
     text = store.client.get_experiment(store.experiment).tags["mlflow.sharedViewState.arms"]
-    charts = [chart["metricKey"] for chart in json.loads(text)["compareRunCharts"]]
+    state = json.loads(text)
+    charts = [chart["metricKey"] for chart in state["compareRunCharts"]]
     assert charts[2:4] == ["tiers/complete", "tiers/excellent"]
+    firsts = ["metrics.`run/first_complete`", "metrics.`run/first_excellent`"]
+    assert state["selectedColumns"][-2:] == firsts
     assert len(text) < 5000
 
 
