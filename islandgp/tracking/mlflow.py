@@ -72,6 +72,7 @@ class Line:
         """
         try:
             if not self._waited(orders, patience, uri) and self.ended and patience:
+                self.close()
                 self._open()
                 for order in orders:
                     self.give(order)
