@@ -271,7 +271,7 @@ def test_the_server_shows_two_arms(home: Path, store: Store) -> None:
         assert "Group: baseline" in text
         assert "Group: expert" in text
         browser.open(pages.runs)
-        columns = ("seed", "run/score", "run/first_complete", "run/first_excellent")
+        columns = ("seed", "run/score")  # a tier that nobody reached has no column
         while not all(name in browser.run("document.body.innerText") for name in columns):
             sleep(0.5)
     with pytest.raises(OSError):  # noqa: PT011 -- whatever the socket says of a closed port
