@@ -13,6 +13,9 @@ from islandgp.records.folder import RunFolder
 
 ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 1, Effort.FULL: 3}
 SHORT: Final = ("gp.population=6", "gp.generations=2", "world.episode.length=5")
+EPISODES: Final = ("gp.validation=0",)
+"""All episodes are those of generations, whose time the run writes down."""
+
 SHORTER: Final = {Effort.TINY: SHORT, Effort.QUICK: ("gp.generations=11",), Effort.FULL: ()}
 
 
@@ -39,7 +42,7 @@ def measure(effort: Effort) -> list[Figure]:
         for i in range(ROUNDS[effort]):
             off.append(_run(home, "tracking=off", f"name=off{i}", *SHORTER[effort]))
             mlflow.append(_run(home, "tracking=mlflow", f"name=mlflow{i}", *SHORTER[effort]))
-    # MLflow's thread works while episodes run and takes a core from them, so a tracked
+    # MLflow's process works while episodes run and takes a core from them, so a tracked
     # run is held against the episodes of the untracked one.
     episodes = median(run.episodes for run in off)
     goal = at_most(5.0) if effort is Effort.FULL else None
@@ -73,7 +76,7 @@ def _seconds(name: str, values: list[float], what: str) -> Figure:
 def _run(home: Path, *words: str) -> Run:
     name = next(word.removeprefix("name=") for word in words if word.startswith("name="))
     began = time()
-    finish(start(RUN, [*words, "progress=off"], home))
+    finish(start(RUN, [*words, *EPISODES, "progress=off"], home))
     ended = time()
     (summary,) = home.glob(f"runs/{name}/*/summary.json")
     folder = RunFolder(summary.parent)

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from time import sleep
+from time import monotonic, sleep
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
@@ -46,13 +46,16 @@ def main() -> None:
             Browser(program, Path(scratch) / "profile", size=SIZE) as browser,
         ):
             server = pages.runs.partition("/#/")[0]
-            shots = {"arms": pages.arms, **_runs(Store(place), server)}
-            for name, address in shots.items():
-                _shoot(browser, address, ROOT / f"docs/img/ui-{name}.png")
+            shots = {
+                "arms": (pages.arms, "tiers/complete"),
+                **_runs(Store(place), server),
+            }
+            for name, (address, word) in shots.items():
+                _shoot(browser, address, word, ROOT / f"docs/img/ui-{name}.png")
 
 
-def _runs(store: Store, server: str) -> dict[str, str]:
-    """Addresses of a sweep's page, and of the pages of one of its runs."""
+def _runs(store: Store, server: str) -> dict[str, tuple[str, str]]:
+    """Addresses of a sweep's page, and of the pages of one of its runs, each with a word there."""
     ml = "workflowType=machine_learning"
     base = f"{server}/#/experiments/{store.experiment}/runs"
     runs = store.client.search_runs([store.experiment])
@@ -61,12 +64,13 @@ def _runs(store: Store, server: str) -> dict[str, str]:
         (r for r in runs if "run/best" in r.data.metrics), key=lambda r: r.data.metrics["run/best"]
     )
     return {
-        "sweep": f"{base}/{parent}?{ml}",
-        "replay": f"{base}/{best.info.run_id}/artifacts/replay.html?{ml}",
+        "sweep": (f"{base}/{parent}?{ml}", "Description"),
+        "replay": (f"{base}/{best.info.run_id}/artifacts/replay.html?{ml}", "replay.html"),
     }
 
 
-def _shoot(browser: Browser, address: str, file: Path) -> None:
+def _shoot(browser: Browser, address: str, word: str, file: Path) -> None:
+    """Takes the picture when the page has drawn the word."""
     width, height = SIZE
     browser.call(
         "Emulation.setDeviceMetricsOverride",
@@ -76,7 +80,12 @@ def _shoot(browser: Browser, address: str, file: Path) -> None:
         mobile=False,
     )
     browser.open(address)
-    sleep(6)  # the page fetches and draws by itself
+    end = monotonic() + 300
+    while word not in browser.run("document.body.innerText"):
+        if monotonic() > end:
+            raise SystemExit(f"Expected {word!r} on the page {address}, found none in 300 s.")
+        sleep(1)
+    sleep(3)  # it fetches and draws the rest by itself
     browser.run("document.querySelector('button[aria-label=Close]')?.click()")  # the assistant
     sleep(3)
     picture = browser.call("Page.captureScreenshot", format="png")["data"]

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Iterator
 
 import hypothesis
 import pytest
+
+from islandgp.tracking import mlflow
+from islandgp.tracking.sender import InThread
 
 # Every run tries the same examples, so that a red test stays red until it is mended.
 # `pytest --hypothesis-profile=search` looks for new ones.
@@ -19,6 +23,14 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "slow: exhaustive, takes longer than a second")
     if not config.option.markexpr:
         config.option.markexpr = "not slow"
+
+
+@pytest.fixture(autouse=True)
+def _sender_in_this_process(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Loading MLflow takes seconds: the tests of this process do so once, and not in another."""
+    monkeypatch.setattr(mlflow.MLflow, "sender", InThread)
+    yield
+    mlflow.close_line()
 
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

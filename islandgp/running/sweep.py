@@ -12,7 +12,6 @@ from collections.abc import Callable, Hashable, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from threading import Event, Thread
 from time import monotonic, sleep
 from typing import Any, Final
 
@@ -189,26 +188,14 @@ def end_ray(runs: Sequence[RunFolder]) -> None:
 def _send(entries: Entries, settings: Sequence[Settings]) -> None:
     """Lets the tracking store know how the jobs and the sweep as a whole ended."""
     patience = max(float(s.tracking.policy.get("patience", 20)) for s in settings)
-    trouble: list[str] = []
-    over, alive = Event(), Event()
+    from islandgp.tracking.mlflow import MLflow, send_sweeps
 
-    def work() -> None:
-        from islandgp.tracking.sync import sync
-
-        for sweep in entries:
-            found = sync(sweep.path, alive=alive.set)
-            trouble.extend(f"{path}: {brief(error)}" for path, error in found.failed.items())
-        over.set()
-        alive.set()
-
-    Thread(target=work, name="sweep mirror", daemon=True).start()
-    while not over.is_set() and alive.wait(patience):
-        alive.clear()
-    if trouble or not over.is_set():
-        why = trouble[0] if trouble else f"no answer in {patience:g} s"
+    if all(s.tracking.factory is not MLflow for s in settings):
+        return
+    if reason := send_sweeps([sweep.path for sweep in entries], patience):
         paths = " ".join(str(sweep.path) for sweep in entries)
         print(
-            f"MLflow has not got all records ({why}). They are safe; this sends them:\n"
+            f"MLflow has not got all records ({reason}). They are safe; this sends them:\n"
             f"  {program()} sync {paths}",
             file=sys.stderr,
         )

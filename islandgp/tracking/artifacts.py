@@ -26,9 +26,9 @@ FILES: Final = (
     "costs.jsonl",
     "summary.json",
     "transcript.jsonl",
-    "error.txt",
 )
-"""Files of the folder that are sent as they are."""
+"""Files of the folder that are sent as they are. Not error.txt, which the note tells: MLflow
+takes no file back, and a run that failed may go on."""
 
 TABLE: Final = "generations.json"  # in the form of MLflow's log_table
 
@@ -158,6 +158,6 @@ def note(folder: RunFolder, about: RunMetadata, status: Status) -> str:
             "```",
         ]
     elif error := folder.error():
-        lines += ["```", error.strip()[-2000:], "```"]
+        lines += ["```", error.strip()[-3000:], "```"]
     lines += ["", f"`{about.command}`", "", f"Records: `{folder.path}`"]
     return "\n".join(lines)

@@ -3,12 +3,15 @@
 The background thread of a run, a resumed run and `islandgp sync` all do this
 same thing. Doing it twice changes nothing: a run is found again by its own id,
 points are sent from the last step that the store has, and a point's time is
-part of the folder.
+part of the folder, so that MLflow takes a repeated point for the one it has.
 """
 
 from __future__ import annotations
 
 import json
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from getpass import getuser
 from itertools import islice
@@ -20,7 +23,7 @@ from filelock import FileLock
 
 from islandgp.errors import TrackingError
 from islandgp.records.checkpoint import remove_leftovers
-from islandgp.records.files import RunMetadata
+from islandgp.records.files import RunMetadata, score
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import flat
 from islandgp.records.sweep_folder import arm_of, job_of
@@ -28,7 +31,7 @@ from islandgp.tracking.artifacts import TABLE, Artifact, artifacts, note
 from islandgp.tracking.metrics import final_metrics, metrics
 from islandgp.tracking.parent import parent_run
 from islandgp.tracking.sent import FILE, LOCK, Sent, read_sent, write_sent
-from islandgp.tracking.store import POINTS, Place, Store, metric
+from islandgp.tracking.store import KEY, POINTS, Place, Store, metric
 
 if TYPE_CHECKING:
     from mlflow.entities import Metric
@@ -42,13 +45,19 @@ LONGEST: Final = 6000  # MLflow's limit of characters a parameter
 class Mirror:
     """One run's folder and its MLflow run."""
 
-    def __init__(self, folder: RunFolder, store: Store) -> None:
-        """Raises TrackingError where the folder has not been started."""
+    def __init__(
+        self, folder: RunFolder, store: Store, alive: Callable[[], None] = lambda: None
+    ) -> None:
+        """`alive` is called whenever some records more have arrived.
+
+        Raises TrackingError where the folder has not been started.
+        """
         about = folder.about()
         if about is None:
             raise TrackingError(f"Expected a run's folder, found no about.json in {folder.path}.")
-        self.folder, self.store, self.about = folder, store, about
+        self.folder, self.store, self.about, self._alive = folder, store, about, alive
         self._lock = FileLock(folder.path / LOCK)
+        self._key = key_of(about)
         self._sure = False  # whether tracking.json was compared with the store
 
     def send(self, status: Status) -> str:
@@ -71,14 +80,23 @@ class Mirror:
         if self._sure and sent is not None:
             return sent
         place, identity = self.store.place, self.about.identity
-        if sent is None or not sent.is_in(place, identity) or not self.store.exists(sent.run):
-            sent = Sent(place.uri, place.experiment, identity, self._find_or_create())
+        nothing = Sent(place.uri, place.experiment, identity, "")
+        if sent is None or not sent.is_in(place, identity):
+            sent = nothing
+        run = self.store.find(self._key, sent.run)
+        if run is None:
+            sent = replace(nothing, run=create_run(self.store, self.about, self._key))
+        elif run.info.run_id != sent.run:
+            sent = replace(nothing, run=str(run.info.run_id))
         there = self.store.last_step(sent.run, MARK) + 1
         if there < sent.generations:  # an older copy of the store: what else it lacks is not known
             sent = replace(sent, begun=False, done="")
+        if run is None or run.info.status != status:
+            sent = replace(sent, done="")
         sent = replace(sent, generations=there)
         if not sent.begun:
             self._begin(sent.run)
+            self._alive()
             sent = replace(sent, begun=True)
         parent = parent_run(self.folder.path, self.store)
         if parent is not None:
@@ -90,12 +108,6 @@ class Mirror:
         write_sent(self.folder.path, sent)
         self._sure = True
         return sent
-
-    def _find_or_create(self) -> str:
-        key = f"{self.about.id}.{self.about.identity}"
-        if found := self.store.find("islandgp.id", key):
-            return found
-        return create_run(self.store, self.about, key)
 
     def _begin(self, run: str) -> None:
         from mlflow.entities import Param
@@ -113,6 +125,7 @@ class Mirror:
             self.store.client.log_batch(sent.run, metrics=batch)
             sent = replace(sent, generations=upto)
             write_sent(self.folder.path, sent)
+            self._alive()
         return sent
 
     def _batch(self, first: int, end: int) -> tuple[list[Metric], int]:
@@ -138,23 +151,34 @@ class Mirror:
         if sent.done == done:
             return sent
         client, ended = self.store.client, self._ended()
-        client.set_terminated(
-            sent.run, status, ended
-        )  # first: whatever fails below, it is not RUNNING
-        for artifact in artifacts(self.folder):
-            log_artifact(self.store, sent.run, artifact)
+        # First: whatever fails below, it is not RUNNING.
+        client.set_terminated(sent.run, status, ended)
+        log_files(self.store, sent.run, artifacts(self.folder))
+        self._alive()
         client.set_tag(sent.run, "mlflow.loggedArtifacts", TABLES)
-        _, job = job_of(self.folder.path)
-        if job is not None and job.pruned is not None and status is not Status.FINISHED:
-            client.set_tag(sent.run, "pruned", f"generation {job.pruned}")
+        self._tag_pruned(sent.run, status)
         client.set_tag(sent.run, "mlflow.note.content", note(self.folder, self.about, status))
-        if sent.generations:
+        # A point cannot be taken back, and a stopped run may go on.
+        if status is Status.FINISHED and sent.generations:
             last = sent.generations - 1
-            points = [metric(k, v, ended, last) for k, v in final_metrics(self.folder.records())]
+            values = dict(final_metrics(self.folder.records()))
+            if self.folder.finished():
+                values["run/score"] = score(self.folder.summary())
+            points = [metric(key, value, ended, last) for key, value in values.items()]
             client.log_batch(sent.run, metrics=points)
         sent = replace(sent, done=done)
         write_sent(self.folder.path, sent)
         return sent
+
+    def _tag_pruned(self, run: str, status: Status) -> None:
+        """Says in which generation a search stopped the run, as long as it has not gone on."""
+        _, job = job_of(self.folder.path)
+        if job is not None and job.pruned is not None and status is not Status.FINISHED:
+            self.store.client.set_tag(run, "pruned", f"generation {job.pruned}")
+            return
+        found = self.store.find(self._key, run)
+        if found is not None and "pruned" in found.data.tags:
+            self.store.client.delete_tag(run, "pruned")
 
     def _ended(self) -> int:
         """When the last generation was written down, ms since 1970."""
@@ -171,8 +195,11 @@ def up_to_date(folder: RunFolder, place: Place) -> bool:
 
 def kept(folder: RunFolder, store: Store) -> bool:
     """Whether the store still has what the folder remembers to have sent. It may be another one."""
-    sent = read_sent(folder.path)
-    if sent is None or not store.exists(sent.run):
+    about, sent = folder.about(), read_sent(folder.path)
+    if about is None or sent is None:
+        return False
+    run = store.find(key_of(about), sent.run)
+    if run is None or run.info.run_id != sent.run or run.info.status != folder.status():
         return False
     return store.last_step(sent.run, MARK) + 1 >= sent.generations
 
@@ -182,11 +209,16 @@ def end_of(status: Status, generations: int) -> str:
     return f"{status} {generations}"
 
 
+def key_of(about: RunMetadata) -> str:
+    """What `Store.find` finds a run by: a folder may hold another run after `resume=force`."""
+    return f"{about.id}.{about.identity}"
+
+
 def create_run(store: Store, about: RunMetadata, key: str) -> str:
-    """A new MLflow run that `Store.find("islandgp.id", key)` finds again."""
+    """A new MLflow run that `Store.find(key)` finds again."""
     tags = {
         **about.tags,
-        "islandgp.id": key,
+        KEY: key,
         "mlflow.user": getuser(),
         "mlflow.source.type": "LOCAL",
         "mlflow.source.name": about.command,
@@ -197,9 +229,13 @@ def create_run(store: Store, about: RunMetadata, key: str) -> str:
     return str(run.info.run_id)
 
 
-def log_artifact(store: Store, run: str, artifact: Artifact) -> None:
-    """One file of an MLflow run."""
-    if isinstance(artifact.content, Path):
-        store.client.log_artifact(run, str(artifact.content))
-    else:
-        store.client.log_text(run, artifact.content(), artifact.name)
+def log_files(store: Store, run: str, files: Iterable[Artifact]) -> None:
+    """The files of an MLflow run, in one call."""
+    with tempfile.TemporaryDirectory(prefix="islandgp-") as folder:
+        for artifact in files:
+            file = Path(folder) / artifact.name
+            if isinstance(artifact.content, Path):
+                shutil.copyfile(artifact.content, file)
+            else:
+                file.write_text(artifact.content(), encoding="utf-8")
+        store.client.log_artifacts(run, folder)

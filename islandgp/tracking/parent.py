@@ -17,7 +17,7 @@ from islandgp.records.parameters import ending_in_digest
 from islandgp.records.sweep_folder import SweepFile, SweepFolder
 from islandgp.tracking.chart import svg
 from islandgp.tracking.sent import LOCK, Sent, read_sent, write_sent
-from islandgp.tracking.store import POINTS, Store, metric
+from islandgp.tracking.store import KEY, POINTS, Store, metric
 from islandgp.tracking.summary import ArmSummary, arm_table, arms, curves_csv, panels, sweep_note
 
 LONGEST: Final = 180  # characters of an arm's name in a metric's; MLflow takes 250 for the whole
@@ -73,10 +73,12 @@ def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> str | None:
 def _parent(sweep: SweepFolder, file: SweepFile, store: Store) -> Sent:
     sent, place = read_sent(sweep.path), store.place
     if sent is None or (sent.uri, sent.experiment) != (place.uri, place.experiment):
-        run = store.find("islandgp.id", file.id)
-        sent = Sent(place.uri, place.experiment, "", run) if run else _create(sweep, file, store)
-    elif not store.exists(sent.run):
+        sent = Sent(place.uri, place.experiment, "", "")
+    run = store.find(file.id, sent.run)
+    if run is None:
         sent = _create(sweep, file, store)
+    elif run.info.run_id != sent.run:
+        sent = Sent(place.uri, place.experiment, "", str(run.info.run_id))
     write_sent(sweep.path, sent)
     return sent
 
@@ -85,7 +87,7 @@ def _create(sweep: SweepFolder, file: SweepFile, store: Store) -> Sent:
     tags = {
         "kind": "sweep",
         "sweep": sweep.path.name,
-        "islandgp.id": file.id,
+        KEY: file.id,
         "mlflow.user": getuser(),
         "mlflow.source.type": "LOCAL",
         "mlflow.source.name": file.commands[-1],

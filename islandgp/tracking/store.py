@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -20,15 +21,19 @@ from islandgp.errors import TrackingError
 from islandgp.records.parameters import CREDENTIALS, HIDDEN
 
 if TYPE_CHECKING:
-    from mlflow.entities import Metric
+    from mlflow.entities import Metric, Run
     from mlflow.tracking import MlflowClient
 
 SQLITE: Final = "sqlite:///"
 POINTS: Final = 1000  # MLflow's limit of metrics a call
+KEY: Final = "islandgp.id"  # the tag by which a run is found again
+
+Preparing = Callable[[str], None]
 
 ENVIRONMENT: Final = {
     "MLFLOW_HTTP_REQUEST_TIMEOUT": "10",  # s a request; the default is 120
-    "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "1",  # this package tries again by itself
+    # This package tries again by itself, and first asks what became of the lost request.
+    "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "0",
     "MLFLOW_DISABLE_TELEMETRY": "true",  # a run tells nobody that it runs
     "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
     "GIT_PYTHON_REFRESH": "quiet",
@@ -42,7 +47,7 @@ class MLflowSettings(BaseModel, frozen=True, extra="forbid"):
     uri: str = Field(pattern=r"^(sqlite:///.+|https?://.+)$")
     artifacts: str = Field(min_length=1)  # folder, for the SQLite store; a server knows its own
     experiment: str = Field(min_length=1)  # of MLflow, where runs are kept
-    patience: float = Field(ge=0, le=3600)  # s to wait for the store at the end of a run
+    patience: float = Field(ge=0, le=3600)  # s of silence that the end of a run waits for
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,10 +80,13 @@ class Place:
 class Store:
     """An open store. Each method may raise MLflow's errors: the store may be away."""
 
-    def __init__(self, place: Place) -> None:
-        """Raises TrackingError where the SQLite file cannot be used."""
+    def __init__(self, place: Place, preparing: Preparing = lambda _: None) -> None:
+        """`preparing` is told what takes its time here before anything is asked; "": no more.
+
+        Raises TrackingError where the SQLite file cannot be used.
+        """
         self.place = place
-        self.client = _client(place)
+        self.client = _client(place, preparing)
         self.experiment = self._experiment()
 
     def _experiment(self) -> str:
@@ -99,21 +107,26 @@ class Store:
             )
         return str(found.experiment_id)
 
-    def find(self, tag: str, value: str) -> str | None:
-        """The id of the run that carries the tag."""
-        found = self.client.search_runs([self.experiment], f"tags.`{tag}` = '{value}'")
-        return str(found[0].info.run_id) if found else None
+    def find(self, key: str, known: str = "") -> Run | None:
+        """The run whose tag `KEY` is `key`: the one with the id `known`, or else the fullest.
 
-    def exists(self, run: str) -> bool:
-        """Whether the run is there and not deleted."""
-        from mlflow.exceptions import MlflowException
+        A request to create a run may be carried out after its sender has given up and sent
+        another one. What such a request leaves behind has the same key and nothing in it: it
+        is deleted.
+        """
+        found = self.client.search_runs([self.experiment], f"tags.`{KEY}` = '{key}'")
+        if not found:
+            return None
 
-        try:
-            return bool(self.client.get_run(run).info.lifecycle_stage == "active")
-        except MlflowException as error:
-            if error.error_code == "RESOURCE_DOES_NOT_EXIST":
-                return False
-            raise
+        def fullness(run: Run) -> tuple[bool, int, int, str]:
+            data = run.data
+            return run.info.run_id == known, len(data.metrics), len(data.params), run.info.run_id
+
+        run, *others = sorted(found, key=fullness, reverse=True)
+        for other in others:
+            if not other.data.metrics and not other.data.params:
+                self.client.delete_run(other.info.run_id)
+        return run
 
     def last_step(self, run: str, metric: str) -> int:
         """The last step logged of a metric; -1 when there is none."""
@@ -136,12 +149,17 @@ def quiet() -> None:
     logging.getLogger("mlflow.store.db.utils").setLevel(logging.CRITICAL)
 
 
-def _client(place: Place) -> MlflowClient:
+def _client(place: Place, preparing: Preparing) -> MlflowClient:
     quiet()
     _authenticate(place)
+    preparing("loading MLflow")
     from mlflow.tracking import MlflowClient
 
-    if place.file is not None and _make(place.file):
+    if place.file is not None and not there(place.file):
+        preparing(f"making {place.file}")
+    made = place.file is not None and _make(place.file)
+    preparing("")
+    if made:
         from mlflow.tracking._tracking_service.utils import _get_store
 
         # Its connections may be to a file that was deleted.

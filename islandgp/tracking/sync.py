@@ -14,7 +14,7 @@ from islandgp.records.sweep_folder import SweepFolder
 from islandgp.tracking.mirror import Mirror, kept, up_to_date
 from islandgp.tracking.parent import send_sweep
 from islandgp.tracking.place import place_of
-from islandgp.tracking.store import Place, Store
+from islandgp.tracking.store import Place, Preparing, Store
 
 
 @dataclass(slots=True)
@@ -34,12 +34,16 @@ def run_folders(root: Path) -> Iterator[RunFolder]:
 
 
 def sync(
-    root: Path, place: Place | None = None, *, alive: Callable[[], None] = lambda: None
+    root: Path,
+    place: Place | None = None,
+    *,
+    alive: Callable[[], None] = lambda: None,
+    preparing: Preparing = lambda _: None,
 ) -> Synced:
     """Sends what is missing of all runs and sweeps below `root`, to `place` if it is given.
 
     A store that is away, or a folder that cannot be sent, is in the result. `alive` is
-    called after each folder.
+    called whenever something has arrived, or was there; `preparing` as `Store` does.
     """
     done = Synced()
     stores: dict[Place, Store | IslandError | Exception] = {}
@@ -51,42 +55,42 @@ def sync(
                 done.untracked.append(folder.path)
                 continue
             sweeps[folder.path.parent] = where
-            if up_to_date(folder, where) and _kept(folder, stores, where):
+            if up_to_date(folder, where) and _kept(folder, stores, where, preparing):
                 alive()
                 done.known.append(folder.path)
                 continue
             check_version(folder.configuration())
-            Mirror(folder, _store(stores, where)).send(folder.status())
+            Mirror(folder, _store(stores, where, preparing), alive).send(folder.status())
             done.sent.append(folder.path)
+            alive()
         except Exception as error:  # a store may fail in any way, and a folder be damaged
             done.failed[folder.path] = error
-        alive()
     for path, where in sweeps.items():
         sweep = SweepFolder(path)
         try:
             if (file := sweep.read()) is None:
                 continue
             status = Status.RUNNING if sweep.at_work() else sweep.status(file)
-            send_sweep(sweep, _store(stores, where), status)
+            send_sweep(sweep, _store(stores, where, preparing), status)
+            alive()
         except Exception as error:  # as above
             done.failed[path] = error
-        alive()
     return done
 
 
-def _kept(folder: RunFolder, stores: dict[Place, Any], place: Place) -> bool:
+def _kept(folder: RunFolder, stores: dict[Place, Any], place: Place, preparing: Preparing) -> bool:
     """Whether the store still has the run; not so where it is away."""
     try:
-        return kept(folder, _store(stores, place))
+        return kept(folder, _store(stores, place, preparing))
     except Exception:  # a store may fail in any way; sending then tells which
         return False
 
 
-def _store(stores: dict[Place, Any], place: Place) -> Store:
+def _store(stores: dict[Place, Any], place: Place, preparing: Preparing) -> Store:
     """The place's store; a place that was away once is not asked again."""
     if place not in stores:
         try:
-            stores[place] = Store(place)
+            stores[place] = Store(place, preparing)
         except Exception as error:
             stores[place] = error
     found = stores[place]

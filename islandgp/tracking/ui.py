@@ -18,17 +18,17 @@ from urllib.request import urlopen
 
 from islandgp.errors import TrackingError, brief
 from islandgp.tracking.store import Place, Store
-from islandgp.tracking.view import KEY, runs_page, share_view
+from islandgp.tracking.view import runs_page, share_view
 
-STARTS: Final = 60.0  # s that the server may take
+STARTS: Final = 300.0  # s that the server may take to start; on a busy machine it takes a minute
 
 
 @dataclass(frozen=True, slots=True)
 class Pages:
     """Addresses to open in a browser."""
 
-    arms: str  # charts grouped by arm
-    runs: str  # all runs, all charts
+    arms: str  # charts, a curve for each arm
+    runs: str  # a table of all runs below their arms
 
 
 @contextmanager
@@ -66,7 +66,7 @@ def served(place: Place, port: int) -> Iterator[Pages]:
 
 
 def _pages(server: str, experiment: str) -> Pages:
-    return Pages(runs_page(server, experiment, KEY), runs_page(server, experiment))
+    return Pages(runs_page(server, experiment, "CHART"), runs_page(server, experiment, "TABLE"))
 
 
 def _opened(place: Place) -> Store:

@@ -1,4 +1,4 @@
-"""A view of MLflow's runs page that shows the arms: charts that matter, grouped by arm.
+"""A view of MLflow's runs page that shows the arms: charts and columns that matter, by arm.
 
 MLflow keeps a shared view as a tag of the experiment, and opens it by its key
 in the page's address. A page that does not know the key shows all runs.
@@ -21,31 +21,34 @@ CHARTS: Final = (
 """Metrics by generation; each chart has a curve and a band for each arm. After the first two
 comes a chart for each milestone of the runs."""
 
+COLUMNS: Final = ("attributes.`Created`", "tags.`arm`", "tags.`seed`", "metrics.`run/score`")
+"""Columns of the table, in MLflow's spelling. After them comes one for each milestone: the
+generation of the first such robot."""
+
 RECENT: Final = 100  # runs whose milestones are looked at
 MOST: Final = 5  # milestones with a chart: a tag's text has 5000 characters
 
 
-def runs_page(server: str, experiment: str, view: str = "") -> str:
-    """The address of the runs with their charts: MLflow itself opens on an empty page."""
-    query = "workflowType=machine_learning&compareRunsMode=CHART"
-    shared = f"&viewStateShareKey={view}" if view else ""
-    return f"{server}/#/experiments/{experiment}/runs?{query}{shared}"
+def runs_page(server: str, experiment: str, mode: str) -> str:
+    """The address of the view, as CHART or TABLE: MLflow itself opens on an empty page."""
+    query = f"workflowType=machine_learning&compareRunsMode={mode}&viewStateShareKey={KEY}"
+    return f"{server}/#/experiments/{experiment}/runs?{query}"
 
 
 def share_view(store: Store) -> None:
     """Makes the view known to the store."""
-    text = json.dumps(_state(_charts(store)), separators=(",", ":"))
+    text = json.dumps(_state(_milestones(store)), separators=(",", ":"))
     store.client.set_experiment_tag(store.experiment, f"mlflow.sharedViewState.{KEY}", text)
 
 
-def _charts(store: Store) -> list[str]:
+def _milestones(store: Store) -> list[str]:
     runs = store.client.search_runs([store.experiment], max_results=RECENT)
     named = [json.loads(run.data.params.get("classes.milestones", "[]")) for run in runs]
-    tiers = list(dict.fromkeys(tier for milestones in named for tier in milestones))
-    return [*CHARTS[:2], *(f"tiers/{tier}" for tier in tiers[:MOST]), *CHARTS[2:]]
+    return list(dict.fromkeys(tier for milestones in named for tier in milestones))[:MOST]
 
 
-def _state(charts: list[str]) -> dict[str, Any]:
+def _state(tiers: list[str]) -> dict[str, Any]:
+    charts = [*CHARTS[:2], *(f"tiers/{tier}" for tier in tiers), *CHARTS[2:]]
     section = {"uuid": KEY, "name": "Arms", "display": True, "isReordered": False}
     return {
         "groupBy": {
@@ -55,6 +58,7 @@ def _state(charts: list[str]) -> dict[str, Any]:
         "runsHiddenMode": "SHOW_ALL",
         "useGroupedValuesInCharts": True,
         "hideEmptyCharts": True,
+        "selectedColumns": [*COLUMNS, *(f"metrics.`run/first_{tier}`" for tier in tiers)],
         "compareRunSections": [{**section, "deleted": False, "isGenerated": False}],
         "compareRunCharts": [_chart(name) for name in charts],
     }

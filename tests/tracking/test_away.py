@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
-from time import monotonic, perf_counter, sleep
+from time import monotonic, sleep
 from urllib.request import urlopen
 
 import pytest
@@ -41,21 +41,15 @@ def tracker(home: Path, uri: str, patience: float) -> MLflow:
 def test_a_server_that_is_away_costs_patience_and_nothing_else(
     server: Callable[[], AbstractContextManager[str]], home: Path, store: Store
 ) -> None:
-    """No generation waits; the end waits as long as was said; the message names the remedy."""
+    """The end waits no longer than was said (`test_sender`); the message names the remedy."""
     folder = begun(home / "runs/a/one", home)
     with server() as uri:
         follows = tracker(home, uri, 1.5)
-        began = perf_counter()
         follows.start(folder)
         for step in steps():
             folder.append(step)
-            before = perf_counter()
             follows.generation()
-            assert perf_counter() - before < 0.2
-        before = monotonic()
         said = follows.finish(Status.FAILED)
-        assert 1.4 < monotonic() - before < 4
-        assert perf_counter() - began < 20
     folder.close()
     assert f"islandgp sync {folder.path}" in said
     assert uri in said
@@ -64,18 +58,6 @@ def test_a_server_that_is_away_costs_patience_and_nothing_else(
     (run,) = store.client.search_runs([store.experiment])
     assert len(history(store, run.info.run_id)) == 4
     assert sync(home / "runs", store.place).sent == []
-
-
-def test_without_patience_the_end_does_not_wait(home: Path) -> None:
-    """Patience 0 leaves everything to the background and to `sync`."""
-    folder = begun(home / "runs/a/one", home)
-    with servers.stalling() as uri:
-        follows = tracker(home, uri, 0)
-        follows.start(folder)
-        before = monotonic()
-        follows.finish(Status.KILLED)
-        assert monotonic() - before < 1
-    folder.close()
 
 
 def test_a_store_deleted_under_way_is_made_again(

@@ -11,7 +11,7 @@ import subprocess
 import sys
 from contextlib import nullcontext
 from pathlib import Path
-from time import monotonic, sleep
+from time import sleep
 from types import SimpleNamespace
 from urllib.request import urlopen
 
@@ -35,14 +35,14 @@ from tests.viewer.browser import Browser, chromium
 
 def test_the_runs_page_is_the_one_with_the_charts() -> None:
     """MLflow itself opens on a page for language models, which is empty."""
-    assert runs_page("http://h:1", "7") == (
+    assert runs_page("http://h:1", "7", "CHART") == (
         "http://h:1/#/experiments/7/runs?workflowType=machine_learning&compareRunsMode=CHART"
+        "&viewStateShareKey=arms"
     )
-    assert runs_page("http://h:1", "7", "arms").endswith("&viewStateShareKey=arms")
 
 
 def test_the_view_of_the_arms_is_kept_in_the_store(store: Store) -> None:
-    """Grouped by supervisor, in the tag where MLflow's pages look for shared views."""
+    """Grouped by arm, in the tag where MLflow's pages look for shared views."""
     share_view(store)
     tags = store.client.get_experiment(store.experiment).tags
     state = json.loads(tags["mlflow.sharedViewState.arms"])
@@ -52,12 +52,15 @@ def test_the_view_of_the_arms_is_kept_in_the_store(store: Store) -> None:
 
 
 def test_the_view_has_a_chart_for_each_milestone_of_the_runs(home: Path, store: Store) -> None:
-    """Whatever the tiers of their domain are called."""
+    """And a column, whatever the tiers of their domain are called."""
     Mirror(written(home / "runs/a/one", home), store).send(Status.FINISHED)
     share_view(store)
     text = store.client.get_experiment(store.experiment).tags["mlflow.sharedViewState.arms"]
-    charts = [chart["metricKey"] for chart in json.loads(text)["compareRunCharts"]]
+    state = json.loads(text)
+    charts = [chart["metricKey"] for chart in state["compareRunCharts"]]
     assert charts[2:4] == ["tiers/complete", "tiers/excellent"]
+    firsts = ["metrics.`run/first_complete`", "metrics.`run/first_excellent`"]
+    assert state["selectedColumns"][-2:] == firsts
     assert len(text) < 5000
 
 
@@ -262,12 +265,14 @@ def test_the_server_shows_two_arms(home: Path, store: Store) -> None:
     port = free_port()
     with served(store.place, port) as pages, Browser(program, home / "profile") as browser:
         browser.open(pages.arms)
-        end = monotonic() + 60
         while "tiers/complete" not in (text := browser.run("document.body.innerText")):
-            assert monotonic() < end, text
-            sleep(0.5)
-        assert "Group by: supervisor" in text
+            sleep(0.5)  # until the test's own time limit
+        assert "Group by: arm" in text
         assert "Group: baseline" in text
         assert "Group: expert" in text
+        browser.open(pages.runs)
+        columns = ("seed", "run/score")  # a tier that nobody reached has no column
+        while not all(name in browser.run("document.body.innerText") for name in columns):
+            sleep(0.5)
     with pytest.raises(OSError):  # noqa: PT011 -- whatever the socket says of a closed port
         urlopen(f"http://127.0.0.1:{port}/health", timeout=1)

@@ -1,0 +1,205 @@
+"""The sender beside a run: how long a command waits for it, and what becomes of its process."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+import pytest
+
+from islandgp.records.folder import Status
+from islandgp.tracking import mlflow
+from islandgp.tracking.mlflow import Line, MLflow
+from islandgp.tracking.sender import InProcess, Kind, Order, Report, Tell
+from islandgp.tracking.store import Store
+from tests.tracking.folders import begun, history, place, steps, written
+
+SENT, DONE = Report(Kind.SENT), Report(Kind.DONE, "", 0)
+LOADING, READY = Report(Kind.PREPARING, "loading MLflow"), Report(Kind.PREPARING)
+AWAY = Report(Kind.TROUBLE, "connection refused", 0)
+
+
+@dataclass
+class Told:
+    """A clock and a condition in which reports come at times of a script."""
+
+    script: list[tuple[float, Report]]  # s after the one before, and what comes then
+    line: Any = None
+    now: float = 0
+    waits: list[float] = field(default_factory=list)
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, *error: object) -> None: ...
+
+    def notify_all(self) -> None: ...
+
+    def wait(self, seconds: float) -> None:
+        """Time passes until the next report, or as long as is said."""
+        after, report = self.script[0] if self.script else (float("inf"), SENT)
+        self.now += min(after, seconds)
+        if after <= seconds:
+            del self.script[0]
+            self.line._hear(report)
+        elif self.script:
+            self.script[0] = (after - seconds, report)
+
+
+class Deaf:
+    """A sender that says nothing by itself."""
+
+    def __init__(self, _: Tell) -> None:
+        self.orders: list[Order] = []
+
+    def add(self, order: Order) -> None:
+        """See `Sender`."""
+        self.orders.append(order)
+
+    def close(self) -> None:
+        """See `Sender`."""
+
+
+def waited(monkeypatch: pytest.MonkeyPatch, script: Sequence[tuple[float, Report]]) -> Told:
+    """A clock that is set to 0, with a line whose orders are carried out by the script."""
+    told = Told(list(script))
+    monkeypatch.setattr(mlflow, "monotonic", lambda: told.now)
+    told.line = Line(Deaf)
+    told.line._changed = told
+    return told
+
+
+@pytest.mark.parametrize(
+    ("script", "reason", "seconds"),
+    [
+        pytest.param([(1, READY), (1, DONE)], "", 2, id="at-once"),
+        pytest.param([(1, LOADING), (90, READY), (15, DONE)], "", 106, id="slow-machine"),
+        pytest.param([(1, READY), *[(15, SENT)] * 9, (9, DONE)], "", 145, id="records-flow"),
+        pytest.param([(1, READY)], "no answer in 20 s", 21, id="silence"),
+        pytest.param([(1, READY), (15, SENT)], "no answer in 20 s", 36, id="silence-half-way"),
+        pytest.param([(1, READY), *[(2, AWAY)] * 50], "connection refused", 21, id="away"),
+        pytest.param([(1, LOADING)], "no answer in 20 s", 601, id="it-never-loads"),
+        pytest.param([(1, AWAY), (5, DONE)], "", 6, id="back-again"),
+    ],
+)
+def test_how_long_the_end_of_a_run_waits(
+    script: list[tuple[float, Report]],
+    reason: str,
+    seconds: float,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """As long as MLflow is loaded, a store made or records arrive; and else the patience."""
+    told = waited(monkeypatch, script)
+    assert told.line.wait([Order(0, "runs/a")], 20, "sqlite:///x") == reason
+    assert told.now == seconds
+    assert capsys.readouterr().err.count("Ctrl-C leaves") == (seconds > 2)
+
+
+def test_without_patience_nothing_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not even for a store that is being made: a sweep's end does that."""
+    told = waited(monkeypatch, [(1, LOADING)])
+    assert told.line.wait([Order(0, "runs/a")], 0, "sqlite:///x") == "no answer in 0 s"
+    assert told.now == 0
+
+
+def test_ctrl_c_ends_the_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The run is over: it is no error, and the records can be sent later."""
+    told = waited(monkeypatch, [])
+
+    def pressed(_: float) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(told, "wait", pressed)
+    assert "did not wait" in told.line.wait([Order(0, "runs/a")], 20, "sqlite:///x")
+
+
+def test_a_store_that_is_slow_to_be_made_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Five minutes, with a patience of one: it is made only when the user has been told of it."""
+    made = mlflow.Condition()
+    told: list[str] = []
+
+    def five_minutes_pass(*arguments: Any, **_: Any) -> None:
+        with made:
+            told.append(str(arguments[0]))
+            made.notify()
+
+    monkeypatch.setattr(mlflow, "monotonic", lambda: monotonic() + 300 * len(told))
+
+    def store(where: Any, preparing: Any) -> Store:
+        preparing("making the store")
+        with made:
+            assert made.wait_for(lambda: bool(told), 60)
+        return Store(where, preparing)
+
+    monkeypatch.setattr("islandgp.tracking.sender.Store", store)
+    monkeypatch.setattr("builtins.print", five_minutes_pass)
+    monkeypatch.setattr(mlflow, "SILENT", 0.2)
+    folder = written(tmp_path / "runs/a/one", tmp_path)
+    follows = MLflow(place(tmp_path), 60)
+    follows.start(folder)
+    assert follows.finish(Status.FINISHED).endswith("ui shows it")
+    (line,) = told
+    assert "making the store; Ctrl-C leaves" in line
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_the_process_sends_a_run_and_ends_with_its_input(
+    home: Path, store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All generations are there, whatever Ctrl-C in the terminal; no process stays."""
+    monkeypatch.setattr(MLflow, "sender", InProcess)
+    folder = begun(home / "runs/a/one", home)
+    follows = MLflow(place(home), 120)
+    follows.start(folder)
+    for step in steps()[:3]:
+        folder.append(step)
+        follows.generation()
+    assert follows.finish(Status.KILLED).endswith("ui shows it")
+    folder.close()
+    (run,) = store.client.search_runs([store.experiment])
+    assert run.info.status == "KILLED"
+    assert [step for step, _ in history(store, run.info.run_id)] == [0, 1, 2]
+    process = follows._line._sender._process
+    assert os.getsid(process.pid) != os.getsid(0)  # a terminal's signals do not reach it
+    process.stdin.close()
+    assert process.wait(60) == 0
+
+
+@pytest.mark.slow
+def test_a_process_that_is_killed_is_made_again(
+    home: Path, store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At the run's end, once: all records are there."""
+    monkeypatch.setattr(MLflow, "sender", InProcess)
+    folder = begun(home / "runs/a/one", home)
+    follows = MLflow(place(home), 120)
+    follows.start(folder)
+    for step in steps()[:3]:
+        folder.append(step)
+    os.kill(follows._line._sender._process.pid, signal.SIGKILL)
+    assert follows.finish(Status.KILLED).endswith("ui shows it")
+    folder.close()
+    (run,) = store.client.search_runs([store.experiment])
+    assert [step for step, _ in history(store, run.info.run_id)] == [0, 1, 2]
+
+
+def test_a_process_that_cannot_load_mlflow_says_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With the last line of its traceback."""
+    monkeypatch.setattr("islandgp.tracking.sender.START", "raise ImportError('no such library')")
+    monkeypatch.setattr(MLflow, "sender", InProcess)
+    folder = begun(tmp_path / "runs/a/one", tmp_path)
+    follows = MLflow(place(tmp_path), 120)
+    follows.start(folder)
+    said = follows.finish(Status.KILLED)
+    folder.close()
+    assert "the process that sends them ended: ImportError: no such library" in said
+    assert f"islandgp sync {folder.path}" in said
