@@ -29,6 +29,10 @@ test: lint       ## lint, types and the fast tests
 test-slow: $(STAMP) ## the long, exhaustive tests
 	$(BIN)/python -m pytest -n auto --timeout 3600 -m slow
 
+INPUTS := 50000
+fuzz: $(STAMP)   ## hostile input for all readers: INPUTS=50000 SEED=0
+	$(BIN)/python -m tests.fuzz --inputs $(INPUTS) --seed $(or $(SEED),0)
+
 btcpp: $(STAMP)  ## build BehaviorTree.CPP in build/, for the tests of exports
 	$(BIN)/python tests/trees/btcpp/build_btcpp.py
 
@@ -83,4 +87,4 @@ ui: $(STAMP)     ## start the MLflow UI on this folder's runs
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
 
-.PHONY: help setup run lint test test-slow gateways bench demo-llm study ablations study-worlds docs ui clean
+.PHONY: help setup run lint test test-slow fuzz gateways bench demo-llm study ablations study-worlds docs ui clean

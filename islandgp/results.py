@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from islandgp.errors import RunError
 from islandgp.evaluation.recorded import check_version
+from islandgp.records.checkpoint import reading
 from islandgp.records.files import values
 from islandgp.records.folder import RunFolder
 from islandgp.records.sweep_folder import arm_of
@@ -109,13 +110,14 @@ class Results:
 
     def _run(self, folder: RunFolder) -> dict[str, Any]:
         config = folder.configuration()
-        row = {
-            **self._labels(folder, config),
-            "name": config["name"],
-            "domain": config["domain"]["factory"],
-            "supervisor": config["supervisor"]["name"],
-            "status": folder.status().value,
-        }
+        with reading("a run's configuration", folder.path / "config.yaml"):
+            row = {
+                **self._labels(folder, config),
+                "name": str(config["name"]),
+                "domain": str(config["domain"]["factory"]),
+                "supervisor": str(config["supervisor"]["name"]),
+                "status": folder.status().value,
+            }
         if not folder.finished():
             return row
         summary = folder.summary()
@@ -123,7 +125,9 @@ class Results:
 
     def _rows(self, of: Any) -> Iterator[dict[str, Any]]:
         for folder in self.folders:
-            labels = self._labels(folder, folder.configuration())
+            config = folder.configuration()
+            with reading("a run's configuration", folder.path / "config.yaml"):
+                labels = self._labels(folder, config)
             for record in folder.records():
                 for row in of(record):
                     yield {**labels, **row}
@@ -131,7 +135,7 @@ class Results:
     def _labels(self, folder: RunFolder, config: Mapping[str, Any]) -> dict[str, Any]:
         name = str(folder.path.relative_to(self.path)) if folder.path != self.path else "."
         arm = arm_of(folder.path) or str(config["supervisor"]["name"])
-        return {"run": name, "arm": arm, "seed": config["seed"]}
+        return {"run": name, "arm": arm, "seed": int(config["seed"])}
 
 
 def load(path: str | Path) -> Results:

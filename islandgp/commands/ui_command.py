@@ -34,7 +34,7 @@ def command(uri: str | None, experiment: str, runs: Path, port: int, opened: boo
         with as_ctrl_c("SIGTERM", "SIGHUP"), served(place, port) as pages:
             click.echo(f"charts, a curve for each arm:  {pages.arms}")
             click.echo(f"all runs, in a table by arm:   {pages.runs}")
-            click.echo("Ctrl-C stops the server.", err=True)
+            click.echo("Only this machine reaches the server. Ctrl-C stops it.", err=True)
             if opened and not webbrowser.open(pages.arms):
                 click.echo("Found no browser to open: open the address yourself.", err=True)
             threading.Event().wait()

@@ -11,14 +11,16 @@ import json
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, fields
+from dataclasses import asdict, dataclass, fields
 from itertools import islice
 from pathlib import Path
 from shutil import copymode
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field
 
 from islandgp.bt.language import parse, to_text
-from islandgp.errors import RunError
+from islandgp.errors import RunError, TreeError, brief
 from islandgp.evolution.population import Ancestor, Individual, Origin
 from islandgp.evolution.record import (
     Champion,
@@ -27,6 +29,7 @@ from islandgp.evolution.record import (
     IndividualRecord,
     RunState,
 )
+from islandgp.plain import UNREADABLE, must_fit, read_json
 from islandgp.scoring.snapshot import Snapshot
 
 
@@ -98,25 +101,65 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     """A checkpoint as plain values, among them `generation`, and `records` as in `save_state`.
 
     Raises:
-        RunError: the file is damaged.
+        RunError: the file is damaged, or of a version that wrote other fields.
+    """
+    with reading("a checkpoint", path):
+        whole = read_json(path.read_bytes())
+        body = dump(whole["state"])
+        if hashlib.sha256(body.encode()).hexdigest() != whole["sha256"]:
+            raise ValueError("its checksum differs")
+        must_fit(_Plain, body)
+        return dict(whole["state"])
+
+
+@contextmanager
+def reading(what: str, file: Path) -> Iterator[None]:
+    """Around what makes something of a file that was expected to hold `what`.
+
+    Raises:
+        RunError: the file holds something else.
     """
     try:
-        whole = json.loads(path.read_text(encoding="utf-8"))
-        body, digest = whole["state"], whole["sha256"]
-        intact = hashlib.sha256(dump(body).encode()).hexdigest() == digest
-        plain = dict(body)
-    except (ValueError, KeyError, TypeError) as error:
-        raise _damaged(path, str(error)) from error
-    if not intact:
-        raise _damaged(path, "its checksum differs")
-    return plain
+        yield
+    except (*UNREADABLE, TreeError) as error:
+        raise damaged(what, file, brief(error)) from error
 
 
-def _damaged(path: Path, why: str) -> RunError:
+def damaged(what: str, file: Path, why: str) -> RunError:
+    """The error for a file that was expected to hold `what`."""
     return RunError(
-        f"Expected a checkpoint in {path}, found a damaged file ({why});"
+        f"Expected {what} in {file}, found a damaged file ({why});"
         " delete the run's folder or use resume=never."
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _PlainIndividual:
+    id: str
+    tree: str
+    origin: Origin
+    parents: list[str]
+    mutation: str
+
+
+@dataclass(frozen=True, slots=True)
+class _PlainAncestor:
+    id: str
+    tree: str
+    stage: int
+    fitness: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Plain:
+    """A run's state as it stands in its checkpoint."""
+
+    generation: Annotated[int, Field(ge=0)]
+    population: Annotated[list[_PlainIndividual], Field(min_length=1)]
+    rate: float
+    archive: dict[str, _PlainAncestor]
+    champion: Champion | None
+    records: str | None = None
 
 
 def _plain(state: RunState, records: str) -> dict[str, Any]:

@@ -6,15 +6,37 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import yaml
+from pydantic import Field
 
-from islandgp.errors import RunError, brief
-from islandgp.records.checkpoint import usable
+from islandgp.errors import brief
+from islandgp.evolution.record import IndividualRecord
+from islandgp.evolution.validation import Validation
+from islandgp.plain import must_fit, read_json
+from islandgp.records.checkpoint import reading, usable
 
-SUMMARY: Final = frozenset({"champion", "first", "mean_diversity", "generations", "seconds"})
-"""What summary.json holds for those who read it."""
+
+@dataclass(frozen=True, slots=True)
+class _Best:
+    generation: int
+    record: IndividualRecord
+    validation: Validation | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Summary:
+    """What summary.json holds for those who read it."""
+
+    champion: _Best
+    first: dict[str, int | None]  # by milestone
+    final_best: float
+    final_mean: float
+    mean_diversity: float
+    generations: Annotated[int, Field(ge=1)]
+    seconds: float
+    records: str | None = None  # the digest of the last record; older versions lack it
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,25 +59,25 @@ def read_about(file: Path) -> RunMetadata | None:
     Raises:
         RunError: the file is damaged, or of another version.
     """
-    try:
-        return (
-            RunMetadata(**json.loads(file.read_text(encoding="utf-8"))) if file.exists() else None
-        )
-    except (ValueError, TypeError) as error:
-        raise damaged("what a run says of itself", file, brief(error)) from error
+    if not file.exists():
+        return None
+    with reading("what a run says of itself", file):
+        text = file.read_bytes()
+        must_fit(RunMetadata, text)
+        return RunMetadata(**read_json(text))
 
 
 def read_configuration(file: Path) -> dict[str, Any]:
     """A configuration as plain values; {} if there is none. Raises RunError where it is damaged."""
-    what = "a run's configuration"
-    try:
-        with usable(file.parent):
-            found = yaml.safe_load(file.read_text(encoding="utf-8")) if file.exists() else {}
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise damaged(what, file, brief(error)) from error
-    if not isinstance(found, dict):
-        raise damaged(what, file, "there are no keys in it")
-    return found
+    with reading("a run's configuration", file):
+        try:
+            with usable(file.parent):
+                found = yaml.safe_load(file.read_text(encoding="utf-8")) if file.exists() else {}
+        except yaml.YAMLError as error:
+            raise ValueError(brief(error)) from error
+        if not isinstance(found, dict):
+            raise TypeError("there are no keys in it")
+        return found
 
 
 def score(summary: Mapping[str, Any]) -> float:
@@ -99,28 +121,11 @@ def objectives(summary: Mapping[str, Any], names: Sequence[str]) -> tuple[float,
 
 
 def read_summary(file: Path) -> dict[str, Any]:
-    """The end of a finished run."""
-    found: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-    return found
-
-
-def check_summary(file: Path) -> None:
-    """Raises RunError where the end of a finished run cannot be told."""
-    what = "a finished run's summary"
-    try:
-        missing = SUMMARY - set(read_summary(file))
-    except (ValueError, TypeError) as error:
-        raise damaged(what, file, brief(error)) from error
-    if missing:
-        raise damaged(what, file, f"it lacks {', '.join(sorted(missing))}")
-
-
-def damaged(what: str, file: Path, why: str) -> RunError:
-    """The error for a file that was expected to hold `what`."""
-    return RunError(
-        f"Expected {what} in {file}, found a damaged file ({why});"
-        " delete the run's folder or use resume=never."
-    )
+    """The end of a finished run. Raises RunError where it cannot be told."""
+    with reading("a finished run's summary", file):
+        text = file.read_bytes()
+        must_fit(_Summary, text)
+        return dict(read_json(text))
 
 
 def pretty(value: dict[str, Any]) -> bytes:

@@ -17,7 +17,6 @@ tracking.json       what a tracking server has got of all this (tracking.mirror)
 from __future__ import annotations
 
 import csv
-import json
 import re
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -30,11 +29,13 @@ from typing import Any, Final
 
 from filelock import FileLock, Timeout
 
-from islandgp.errors import BusyError, IslandError, RunError, brief
-from islandgp.evolution.record import GenerationRecord, RunState, Step
+from islandgp.errors import BusyError, IslandError, RunError
+from islandgp.evolution.record import Cost, GenerationRecord, RunState, Step
 from islandgp.records.checkpoint import (
+    damaged,
     generation_record,
     read_checkpoint,
+    reading,
     remove_leftovers,
     save_state,
     snapshot,
@@ -52,8 +53,6 @@ from islandgp.records.checksums import (
 )
 from islandgp.records.files import (
     RunMetadata,
-    check_summary,
-    damaged,
     pretty,
     read_about,
     read_configuration,
@@ -103,8 +102,8 @@ class RunFolder:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._lock = FileLock(path / ".lock")
-        self._generations = Lines(path / "generations.jsonl")
-        self._costs = Lines(path / "costs.jsonl")
+        self._generations = generation_lines(path)
+        self._costs = Lines(path / "costs.jsonl", "costs of generations", Cost)
         self._sums = path / "generations.sha256"
         self._checkpoint = path / "checkpoint.json"
         self._previous = path / "checkpoint.previous.json"
@@ -157,7 +156,7 @@ class RunFolder:
     def error(self) -> str:
         """Why the run failed, or ""."""
         file = self.path / "error.txt"
-        return file.read_text(encoding="utf-8") if file.exists() else ""
+        return file.read_text(encoding="utf-8", errors="replace") if file.exists() else ""
 
     def reason(self) -> str:
         """Why the run failed in a line: the message, or a traceback's last line; or ""."""
@@ -261,19 +260,15 @@ class RunFolder:
             RunError: the checkpoint is damaged, or a record before it is damaged or missing.
         """
         plain = read_checkpoint(file)
-        lines = self._generations.head(int(plain["generation"]))
-        costs = self._costs.head(len(lines))
+        lines = self._generations.head(plain["generation"])
         expected = plain.get("records")
         if expected is not None and (why := wrong_record(lines, expected, self._sums)):
-            raise damaged("generation records", self._generations.path, why)
-        try:
-            state = state_of(plain, (snapshot(json.loads(line)["snapshot"]) for line in lines))
-        except (ValueError, KeyError, TypeError) as error:
-            raise damaged("generation records", self._generations.path, brief(error)) from error
-        try:
-            _ = [json.loads(line)["evaluation"] for line in costs]
-        except (ValueError, KeyError, TypeError) as error:
-            raise damaged("costs of generations", self._costs.path, brief(error)) from error
+            raise damaged(self._generations.what, self._generations.path, why)
+        history = [self._generations.value(line, i) for i, line in enumerate(lines)]
+        for i, line in enumerate(self._costs.head(len(lines))):
+            self._costs.value(line, i)
+        with reading("a checkpoint", file):
+            state = state_of(plain, (snapshot(record["snapshot"]) for record in history))
         return state, expected is not None
 
     def restore(self) -> None:
@@ -335,7 +330,7 @@ class RunFolder:
             self._previous.unlink(missing_ok=True)
 
     def records(self, first: int = 0) -> Iterator[dict[str, Any]]:
-        """The generation records from the `first` on, as plain JSON values."""
+        """The generation records from the `first` on, as plain JSON values. Raises RunError."""
         return self._generations.read(first)
 
     def generations(self) -> Iterator[GenerationRecord]:
@@ -347,12 +342,8 @@ class RunFolder:
         return self._costs.read(first)
 
     def summary(self) -> dict[str, Any]:
-        """The end of a finished run."""
+        """The end of a finished run. Raises RunError where it cannot be told."""
         return read_summary(self.path / "summary.json")
-
-    def check_summary(self) -> None:
-        """Raises RunError where the end of a finished run cannot be told."""
-        check_summary(self.path / "summary.json")
 
 
 def _generation(checkpoint: Path) -> int:
@@ -363,6 +354,11 @@ def _generation(checkpoint: Path) -> int:
     except FileNotFoundError:
         return 0
     return int(head[1]) if head else 0
+
+
+def generation_lines(folder: Path) -> Lines:
+    """A run's generation records."""
+    return Lines(folder / "generations.jsonl", "generation records", GenerationRecord)
 
 
 def _write_lineage(path: Path, records: Iterable[Mapping[str, Any]]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from islandgp.errors import RunError
-from islandgp.records.checkpoint import dump, write_atomic
+from islandgp.plain import must_fit, read_json
+from islandgp.records.checkpoint import dump, reading, write_atomic
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +19,8 @@ class Lines:
     """The file; it may not be there yet."""
 
     path: Path
+    what: str  # a line is, in the plural
+    kind: type  # the dataclass of which a line holds the fields, perhaps with others
 
     def append(self, value: dict[str, Any]) -> bytes:
         """Adds a line, which is on the disk when this returns; returns it with its end."""
@@ -30,13 +32,19 @@ class Lines:
         return line
 
     def read(self, first: int = 0) -> Iterator[dict[str, Any]]:
-        """The values from the `first` line on; a line that is being written is left out."""
-        if not self.path.exists():
-            return
-        with self.path.open(encoding="utf-8") as lines:
-            for line in islice(lines, first, None):
-                if line.endswith("\n"):
-                    yield json.loads(line)
+        """The values from the `first` line on; a line that is being written is left out.
+
+        Raises:
+            RunError: a line holds other values.
+        """
+        for i, line in enumerate(islice(self.whole(), first, None), first):
+            yield self.value(line, i)
+
+    def value(self, line: bytes, i: int) -> dict[str, Any]:
+        """What line `i` holds. Raises RunError."""
+        with reading(f"{self.what} in line {i + 1}", self.path):
+            must_fit(self.kind, line)
+            return dict(read_json(line))
 
     def whole(self) -> Iterator[bytes]:
         """The lines that have an end, with it."""

@@ -17,6 +17,7 @@ from uuid import uuid4
 from filelock import FileLock, Timeout
 
 from islandgp.errors import RunError, brief
+from islandgp.plain import UNREADABLE, must_fit, read_json
 from islandgp.records.checkpoint import usable, write_atomic
 from islandgp.records.folder import RunFolder, Status, locked
 
@@ -115,17 +116,19 @@ class SweepFolder:
         if not path.exists():
             return None
         try:
-            plain = json.loads(path.read_text(encoding="utf-8"))
+            plain = read_json(path.read_bytes())
             jobs = tuple(
                 SweepJob(**{"slot": "", **job, "choices": tuple(job["choices"])})
                 for job in plain["jobs"]
             )
-            return SweepFile(**{**plain, "commands": tuple(plain["commands"]), "jobs": jobs})
-        except (ValueError, KeyError, TypeError) as error:
+            found = SweepFile(**{**plain, "commands": tuple(plain["commands"]), "jobs": jobs})
+            must_fit(SweepFile, json.dumps(asdict(found)))
+        except UNREADABLE as error:
             raise RunError(
                 f"Expected the jobs of a sweep in {path}, found a damaged file ({brief(error)});"
                 " delete it: the runs beside it stay as they are."
             ) from error
+        return found
 
     def run(self, job: SweepJob) -> RunFolder:
         """A job's own folder."""

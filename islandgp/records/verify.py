@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from islandgp.errors import RunError, brief
+from islandgp.errors import RunError
 from islandgp.records.checkpoint import read_checkpoint
 from islandgp.records.checksums import digests, read_digests, wrong_record
-from islandgp.records.folder import RunFolder
-from islandgp.records.lines import Lines
+from islandgp.records.folder import RunFolder, generation_lines
 
 
 class Verdict(StrEnum):
@@ -36,8 +34,7 @@ def verify(folder: RunFolder) -> Verified:
     try:
         folder.configuration()
         generations, expected = _end(folder)
-        lines = Lines(folder.path / "generations.jsonl").head(generations)
-        if wrong := _wrong(folder, lines, expected):
+        if wrong := _wrong(folder, generations, expected):
             return Verified(Verdict.DAMAGED, wrong)
     except RunError as error:
         return Verified(Verdict.DAMAGED, str(error))
@@ -54,34 +51,35 @@ def _end(folder: RunFolder) -> tuple[int, str | None]:
         RunError: the summary or the checkpoint is damaged, or there is neither.
     """
     if folder.finished():
-        folder.check_summary()
         summary = folder.summary()
-        return int(summary["generations"]), summary.get("records")
+        return summary["generations"], summary.get("records")
     checkpoint = folder.path / "checkpoint.json"
     if checkpoint.exists():
         plain = read_checkpoint(checkpoint)
-        return int(plain["generation"]), plain.get("records")
-    n = sum(1 for _ in Lines(folder.path / "generations.jsonl").whole())
+        return plain["generation"], plain.get("records")
+    n = sum(1 for _ in generation_lines(folder.path).whole())
     if n > 1:
         raise RunError(f"there is no {checkpoint.name} beside {n} generations")
     return 0, None
 
 
-def _wrong(folder: RunFolder, lines: Sequence[bytes], expected: str | None) -> str:
-    """What is wrong with the records and what follows from them; "" if nothing is."""
+def _wrong(folder: RunFolder, generations: int, expected: str | None) -> str:
+    """What is wrong with the records and what follows from them; "" if nothing is.
+
+    Raises:
+        RunError: there are too few records, or a line holds something else.
+    """
+    records = generation_lines(folder.path)
+    lines = records.head(generations)
     if expected is not None:
         sums = folder.path / "generations.sha256"
         if why := wrong_record(lines, expected, sums):
             return f"generations.jsonl: {why}"
         if read_digests(sums)[: len(lines)] != list(digests(lines)):
             return f"{sums.name}: it differs from the records, which are as they were written"
-    size = (folder.path / "generations.jsonl").stat().st_size
-    if folder.finished() and size != sum(map(len, lines)):
+    if folder.finished() and records.path.stat().st_size != sum(map(len, lines)):
         return "generations.jsonl: there is more in it than the run's generations"
-    try:
-        return _inconsistent(folder, [json.loads(line) for line in lines])
-    except (ValueError, KeyError, TypeError) as error:
-        return f"generations.jsonl: it holds other things than records ({brief(error)})"
+    return _inconsistent(folder, [records.value(line, i) for i, line in enumerate(lines)])
 
 
 def _inconsistent(folder: RunFolder, records: Sequence[dict[str, Any]]) -> str:
@@ -99,6 +97,6 @@ def _inconsistent(folder: RunFolder, records: Sequence[dict[str, Any]]) -> str:
     champion = folder.summary()["champion"]["record"]
     if not any(champion == one for record in records for one in record["individuals"]):
         return "summary.json: its champion is not one of the records' individuals"
-    if file.read_text(encoding="utf-8") != folder.best_text(champion["tree"]):
+    if file.read_bytes() != folder.best_text(champion["tree"]).encode():
         return "best.bt: it is not the tree of the summary's champion"
     return ""

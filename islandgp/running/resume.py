@@ -51,7 +51,7 @@ def choose(folder: RunFolder, settings: Settings, config: Mapping[str, Any]) -> 
             + "\nGive this run another name=..., or resume=never for a new folder beside it."
         )
     if folder.finished():
-        folder.check_summary()
+        folder.summary()
     return folder
 
 

@@ -26,8 +26,9 @@ from islandgp.evolution.record import Champion, Step
 from islandgp.evolution.single_behaviours import single_behaviours
 from islandgp.evolution.validation import Best, Validation, candidates, validate
 from islandgp.evolution.validation import worlds_of as validation_worlds
+from islandgp.plain import must_fit, read_json
 from islandgp.plugin import blaming, path_of
-from islandgp.records.checkpoint import write_atomic
+from islandgp.records.checkpoint import reading, write_atomic
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import redacted
 from islandgp.running.progress import Progress
@@ -126,7 +127,9 @@ def automatic_library(settings: Settings, domain: Domain) -> Library:
         file.parent.mkdir(parents=True, exist_ok=True)
         plain = {name: to_text(tree) for name, tree in found.items()}
         write_atomic(file, json.dumps(plain, indent=1).encode())
-    texts = json.loads(file.read_text(encoding="utf-8"))
+    with reading("a library that was searched for", file):
+        must_fit(dict[str, str], file.read_bytes())
+        texts = read_json(file.read_bytes())
     if not texts:
         raise ConfigError(
             "library: expected to find a tree that shows one of the behaviours"

@@ -15,7 +15,7 @@ from typing import Final
 from pydantic import ValidationError
 
 from islandgp.domain import Outcome
-from islandgp.errors import StudyError
+from islandgp.errors import RunError, StudyError
 from islandgp.evaluation.base import Evaluator, Job, Problem
 from islandgp.evaluation.recorded import setting_of
 from islandgp.scoring.classes import Classes, tiers
@@ -139,10 +139,12 @@ def problem_of(run: Run) -> Problem:
     """What the trees of a run were evaluated in. Raises StudyError where it cannot be imported."""
     try:
         return setting_of(run.config)
-    except ValidationError as error:
+    except RunError as error:
+        cause = error.__cause__
+        found = cause.errors()[0]["msg"] if isinstance(cause, ValidationError) else error
         raise StudyError(
             f"Expected to find the domain {run.flat['domain.factory']} here, found"
-            f" {error.errors()[0]['msg']}; install it, or leave the unseen worlds out with"
+            f" {found}; install it, or leave the unseen worlds out with"
             " --worlds 0."
         ) from error
 

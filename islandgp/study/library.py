@@ -8,11 +8,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from islandgp.bt.language import parse, to_text
 from islandgp.domain import Domain
-from islandgp.errors import ConfigError, TreeError
+from islandgp.errors import ConfigError, RunError, TreeError
 from islandgp.evaluation.recorded import setting_of
 from islandgp.supervision.library import LibrarySettings, library_folder
 
@@ -27,7 +25,7 @@ def domain_of(config: Mapping[str, Any]) -> Domain | None:
 def _domain(config: str) -> Domain | None:
     try:
         return setting_of(json.loads(config)).domain
-    except ValidationError:
+    except RunError:
         return None
 
 

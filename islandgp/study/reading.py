@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -10,9 +9,10 @@ from typing import Any
 
 import yaml
 
-from islandgp.errors import RunError, StudyError
+from islandgp.errors import RunError, StudyError, brief
 from islandgp.evaluation.recorded import check_version
 from islandgp.evolution.record import Champion, Cost, GenerationRecord, GuidanceRecord
+from islandgp.plain import UNREADABLE
 from islandgp.records.checkpoint import individual_record, snapshot
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import flatten
@@ -81,10 +81,10 @@ def read(found: Found) -> Run:
             champion=Champion(champion["generation"], individual_record(champion["record"])),
             validation=tuple((champion["validation"] or {"worlds": ()})["worlds"]),
         )
-    except (OSError, json.JSONDecodeError, KeyError, TypeError) as error:
+    except (OSError, RunError, *UNREADABLE) as error:
         raise StudyError(
             f"Expected a finished run's records in {found.path}, found {type(error).__name__}:"
-            f" {error}. They are damaged or from another version: run it again."
+            f" {brief(error)}. They are damaged or from another version: run it again."
         ) from error
     if not run.records or len(run.costs) != len(run.records):
         raise StudyError(

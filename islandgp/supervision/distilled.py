@@ -6,7 +6,6 @@ for the mutation rate, kept as plain JSON. Phase and pattern are named by the ex
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 from pydantic import BaseModel, Discriminator, FiniteFloat, Tag, ValidationError
 
 from islandgp.errors import SupervisionError
+from islandgp.plain import read_json
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.crisis import Crisis
 from islandgp.scoring.state import PopulationState
@@ -64,7 +64,7 @@ Question.model_rebuild()
 
 
 def _keys(value: Any) -> Any:
-    return value if isinstance(value, Mapping) else type(value).model_fields
+    return value if isinstance(value, Mapping) else getattr(type(value), "model_fields", ())
 
 
 class DistilledSettings(ExpertSettings, frozen=True, extra="forbid"):
@@ -90,13 +90,13 @@ def read_policy(folder: Path) -> Policy:
             raise SupervisionError(
                 f"Expected a policy of at most {LARGEST:,} bytes in {path}, found more."
             )
-        return Policy.model_validate(json.loads(path.read_text(encoding="utf-8")))
+        return Policy.model_validate(read_json(path.read_bytes()))
     except OSError as error:
         raise SupervisionError(
             f"Expected a policy in {path}, found none ({error.strerror}); islandgp distill makes"
             " one."
         ) from None
-    except (ValidationError, ValueError, RecursionError) as error:
+    except (ValidationError, ValueError) as error:
         line = str(error).splitlines()[0]
         raise SupervisionError(f"Expected a policy in {path}, found another file: {line}") from None
 

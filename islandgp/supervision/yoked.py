@@ -7,7 +7,6 @@ the supervisor beats this; if its schedule alone helps, the two are alike.
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,8 @@ from pydantic import BaseModel, Field
 
 from islandgp.bt.language import parse
 from islandgp.errors import SupervisionError
+from islandgp.evolution.record import GenerationRecord
+from islandgp.plain import must_fit, read_json
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Pattern, Phase, RunContext
 
@@ -60,10 +61,17 @@ class Yoked:
     @classmethod
     def make(cls, settings: YokedSettings, setup: RunContext) -> Yoked:
         """See `Supervisor`. Raises SupervisionError as `ready` does."""
-        return cls([json.loads(line)["guidance"] for line in cls._lines(settings, setup)])
+        try:
+            return cls([_guidance(line) for line in cls._lines(settings, setup)])
+        except ValueError as error:
+            folder = settings.folder(setup.seed)
+            raise SupervisionError(
+                f"Expected the record of another run in {folder}, found a damaged one ({error});"
+                " run it again under another name, or set supervisor.policy.record."
+            ) from None
 
     @classmethod
-    def _lines(cls, settings: YokedSettings, setup: RunContext) -> list[str]:
+    def _lines(cls, settings: YokedSettings, setup: RunContext) -> list[bytes]:
         folder = settings.folder(setup.seed)
         file = folder / "generations.jsonl"
         if not file.is_file():
@@ -71,7 +79,7 @@ class Yoked:
                 f"Expected the record of another run in {folder}, found none; run it first, with"
                 f" seed={settings.leader(setup.seed)}, or set supervisor.policy.record."
             )
-        lines = file.read_text(encoding="utf-8").splitlines()
+        lines = file.read_bytes().splitlines()
         if len(lines) < setup.generations:
             raise SupervisionError(
                 f"Expected a record of {setup.generations} generations in {folder},"
@@ -101,3 +109,10 @@ class Yoked:
             rationale=said["rationale"],
             notes={"led_by": said["source"]},
         )
+
+
+def _guidance(line: bytes) -> dict[str, Any] | None:
+    """What a record's line says of the guidance. Raises ValueError where it is no record."""
+    must_fit(GenerationRecord, line)
+    found: dict[str, Any] | None = read_json(line)["guidance"]
+    return found

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
+from islandgp.plain import UNREADABLE, must_fit, read_json
 from islandgp.records.checkpoint import write_atomic
 from islandgp.tracking.store import Place
 
@@ -35,8 +36,10 @@ class Sent:
 def read_sent(folder: Path) -> Sent | None:
     """What the folder remembers; None if nothing was ever sent, or the file is not ours."""
     try:
-        return Sent(**json.loads((folder / FILE).read_text(encoding="utf-8")))
-    except (FileNotFoundError, ValueError, TypeError):
+        text = (folder / FILE).read_bytes()
+        must_fit(Sent, text)
+        return Sent(**read_json(text))
+    except (FileNotFoundError, *UNREADABLE):
         return None  # the mirror then asks the store
 
 

@@ -60,7 +60,7 @@ def _arm(sweep: SweepFolder, name: str, jobs: list[SweepJob]) -> ArmSummary:
     runs = [_snapshots(sweep.run(job)) for job in finished]
     length = min((len(run) for run in runs), default=0)
     for job in finished:
-        sweep.run(job).check_summary()
+        sweep.run(job).summary()
     summaries = tuple(sweep.run(job).summary() for job in finished)
     curves = [
         _curve(measure, [[of(run[g]) for run in runs] for g in range(length)])

@@ -52,7 +52,8 @@ def page(recording: Recording, *, title: str) -> str:
         "script": "\n".join(_part(f"{name}.js") for name in _SCRIPTS),
     }
     # In one go, so that nothing in a title or in the data is taken for a place to fill.
-    return _PLACE.sub(lambda place: parts[place[1]], _part("page.html"))
+    whole = _PLACE.sub(lambda place: parts[place[1]], _part("page.html"))
+    return whole.encode("utf-8", "replace").decode()  # halves of characters, as in file names
 
 
 def _part(name: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from math import floor, log10
 from typing import Final, NamedTuple
 
@@ -20,6 +21,10 @@ _CODES: Final = {FAILURE: FAILED, SUCCESS: SUCCEEDED, RUNNING: RUNS, AGAIN: RUNS
 
 Bounds = tuple[float, float, float, float]
 """Least x, least y, greatest x, greatest y."""
+
+
+HUGE: Final = 1e300
+"""Above this, differences of numbers are infinite."""
 
 
 class Credit(NamedTuple):
@@ -106,7 +111,7 @@ def record(tree: Node, setting: Problem, *, seed: int, stage: int) -> Recording:
     """Runs a tree in the world of `seed`, scored as in the stage of that index, and records it.
 
     Raises:
-        DomainError: the domain shows what its schema does not declare.
+        DomainError: the domain shows what its schema does not declare, or what is no number.
     """
     domain = setting.at(stage)
     schema = domain.schema
@@ -114,6 +119,9 @@ def record(tree: Node, setting: Problem, *, seed: int, stage: int) -> Recording:
     weights = setting.curriculum.multipliers(stage)
     outcome = domain.run_episode(tree, seed, weights, recorder)
     ticks = recorder.finish()
+    points = [*outcome.components.values(), *(credit.points for credit in recorder.credits)]
+    _must_be_numbers("points", [*points, outcome.fitness])
+    _must_be_numbers("the seconds of an episode", [outcome.seconds, domain.step_s])
     return Recording(
         tree=tree,
         schema=schema,
@@ -237,6 +245,9 @@ class Camera:
             movers=tuple(map(_mover, self._columns(ticks))),
             frames=tuple(self._frames),
         )
+        _must_be_numbers("the bounds of a scene", film.bounds)
+        things = {*film.fixed, *(stay.thing for stay in film.items), *chain(*self._movers)}
+        _must_be_numbers("the places and sizes of things", chain(*(t[1:4] for t in things)))
         if unknown := film.forms() - schema.forms.keys():
             known = ", ".join(schema.forms) or "none"
             raise DomainError(
@@ -255,6 +266,13 @@ class Camera:
                 " goes belongs to the items of a scene."
             )
         return list(zip(*movers, strict=True))
+
+
+def _must_be_numbers(what: str, found: Iterable[float]) -> None:
+    """Raises DomainError for NaN, infinity and what comes near it."""
+    for number in found:
+        if not abs(number) < HUGE:
+            raise DomainError(f"Expected finite numbers as {what}, found {number!r:.40}.")
 
 
 def _mover(things: tuple[Thing, ...]) -> Mover:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -126,6 +127,26 @@ def test_a_run_in_this_process_leaves_the_key_nowhere(
     assert PIECE.decode() not in said.out + said.err
     assert holders(tmp_path) == []
     assert PIECE.decode() not in " ".join(map(str, tmp_path.rglob("*")))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
+def test_the_key_is_in_no_process_list(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """While a model is asked, no process that the run has started shows the key in its command."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
+    seen: list[bytes] = []
+
+    def look(n: int) -> Fault | None:  # noqa: ARG001 -- a script's form
+        for process in Path("/proc").glob("[0-9]*"):
+            with suppress(OSError):  # it ended meanwhile
+                seen.append((process / "cmdline").read_bytes())
+        return None
+
+    with MessagesServer(look) as server:
+        words = [*SMALL, "evaluator=processes", "evaluator.policy.workers=2", "tracking=off"]
+        assert main([*words, f"supervisor.policy.base_url={server.url}"]) == 0
+    assert any(b"forkserver" in line for line in seen)
+    assert [line for line in seen if PIECE in line] == []
 
 
 @pytest.mark.parametrize(

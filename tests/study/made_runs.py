@@ -18,6 +18,7 @@ from islandgp.evolution.record import (
     GuidanceRecord,
     IndividualRecord,
 )
+from islandgp.evolution.validation import Validation
 from islandgp.records.parameters import flatten
 from islandgp.study.arms import Arm, Run
 from tests.composed import plain
@@ -149,9 +150,14 @@ def write_run(run: Run, folder: Path, *, finished: bool = True) -> None:
     _lines(folder / "generations.jsonl", [asdict(r) for r in run.records])
     _lines(folder / "costs.jsonl", [{**asdict(c), "at": 1} for c in run.costs])
     if finished:
-        worlds = {"worlds": run.validation} if run.validation else None
-        champion = {**asdict(run.champion), "validation": worlds}
-        (folder / "summary.json").write_text(json.dumps({"champion": champion}))
+        found = Validation(run.validation, 0.0, 0.0, 0.0, {}) if run.validation else None
+        summary = {
+            "champion": {**asdict(run.champion), "validation": found and asdict(found)},
+            "first": {},
+            **dict.fromkeys(("final_best", "final_mean", "mean_diversity", "seconds"), 0.0),
+            "generations": len(run.records),
+        }
+        (folder / "summary.json").write_text(json.dumps(summary))
 
 
 def _lines(file: Path, values: Sequence[Mapping[str, Any]]) -> None:

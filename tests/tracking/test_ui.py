@@ -159,7 +159,7 @@ def test_the_server_ends_with_the_command(number: str, home: Path) -> None:
     try:
         assert process.stderr is not None
         told = next(line for line in process.stderr if "Starting" not in line)
-        assert told == "Ctrl-C stops the server.\n"
+        assert told == "Only this machine reaches the server. Ctrl-C stops it.\n"
         urlopen(f"http://127.0.0.1:{port}/health", timeout=10).close()
         process.send_signal(getattr(signal, number))
         _, said = process.communicate(timeout=30)
@@ -274,5 +274,7 @@ def test_the_server_shows_two_arms(home: Path, store: Store) -> None:
         columns = ("seed", "run/score")  # a tier that nobody reached has no column
         while not all(name in browser.run("document.body.innerText") for name in columns):
             sleep(0.5)
+        with socket.socket() as probe:  # the whole of 127.* is this machine, but not all is served
+            assert probe.connect_ex(("127.0.0.2", port)) != 0
     with pytest.raises(OSError):  # noqa: PT011 -- whatever the socket says of a closed port
         urlopen(f"http://127.0.0.1:{port}/health", timeout=1)

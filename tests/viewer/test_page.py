@@ -10,6 +10,7 @@ import struct
 import zlib
 from collections.abc import Callable, Iterator
 from functools import partial
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,10 @@ import pytest
 
 from islandgp.bt.node import Node, walk
 from islandgp.domain import Form, Scene, Thing
+from islandgp.study.figures.style import Picture
+from islandgp.study.page import to_page
+from islandgp.study.report import Report, Section
+from islandgp.study.table import Table
 from islandgp.viewer.encode import GRID
 from islandgp.viewer.page import page
 from islandgp.viewer.recording import IDLE, Recording, record
@@ -215,6 +220,54 @@ def test_in_a_frame_without_an_origin(browser: Browser, file: Path) -> None:
     assert browser.run("self.origin") == "null"
     seek(browser, 1000)
     assert browser.run(STATE) == expected(recorded(), 1000)
+    assert browser.console == []
+
+
+MARKUP = (
+    "<img src=x onerror='window.hit = 1'>",
+    "</script><script>window.hit = 1</script>",
+    '"\'><svg onload="window.hit = 1">',
+    "{{data}} <!-- ${window.hit = 1} &lt;b&gt;",
+)
+
+
+@pytest.mark.parametrize("bad", MARKUP)
+def test_hostile_words_do_nothing(browser: Browser, tmp_path: Path, bad: str) -> None:
+    """Whatever a domain calls its things, the page shows it as text and runs none of it."""
+    schema = small().schema
+    form = dataclasses.replace(schema.forms["robot"], meaning=bad)
+    keys = {n: dataclasses.replace(k, meaning=bad) for n, k in schema.vocabulary.keys.items()}
+    actions = {n: dataclasses.replace(a, meaning=bad) for n, a in schema.vocabulary.actions.items()}
+    words = dataclasses.replace(schema.vocabulary, keys=keys, actions=actions)
+    schema = dataclasses.replace(
+        schema, vocabulary=words, forms={"robot": form}, components={"going": bad, "unused": bad}
+    )
+    scenes = [Scene((0, 0, 9, 9), movers=(Thing("robot", 1, 1, 1, bad),))]
+    path = tmp_path / "hostile.html"
+    path.write_text(page(small(scenes=scenes, schema=schema), title=bad), encoding="utf-8")
+    browser.console.clear()
+    browser.open(f"file://{path}")
+    seek(browser, 5)
+    assert browser.run("window.hit === undefined")
+    assert browser.run("document.title") == bad
+    assert bad in browser.run("document.getElementById('legend').textContent")
+    assert browser.console == []
+
+
+@pytest.mark.parametrize("bad", MARKUP)
+def test_a_hostile_report_does_nothing(browser: Browser, tmp_path: Path, bad: str) -> None:
+    """Nor does the page of `islandgp compare`, whatever an arm or a run is called."""
+    table = Table("t", bad, ("a", bad), ((bad, "1"),), (bad,))
+    svg = f'<svg xmlns="http://www.w3.org/2000/svg"><text>{escape(bad)}</text></svg>'
+    picture = Picture("p", bad, bad, svg, b"")
+    report = Report(bad, (bad,), (Section(bad, (table, picture, bad)),), ())
+    path = tmp_path / "report.html"
+    path.write_text(to_page(report), encoding="utf-8")
+    browser.console.clear()
+    browser.open(f"file://{path}")
+    assert browser.run("window.hit === undefined")
+    assert browser.run("document.title") == bad
+    assert browser.run("document.body.innerText").count(bad.split()[0]) >= 5
     assert browser.console == []
 
 

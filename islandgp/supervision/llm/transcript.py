@@ -23,9 +23,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from threading import Lock
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from islandgp.errors import SupervisionError
+from islandgp.plain import UNREADABLE, must_fit, read_json
 from islandgp.supervision.llm.attempt import (
     Attempt,
     Call,
@@ -39,6 +40,8 @@ from islandgp.supervision.llm.message import Usage
 
 NAME: Final = "transcript.jsonl"
 FORMAT: Final = 1
+
+T = TypeVar("T", Sent, Attempt, Played, Conclusion)
 
 
 class Transcript:
@@ -161,16 +164,16 @@ class Transcript:
                 elif kind == "dialect":
                     self.learnt = (line["generation"], line["dialect"])
                 elif kind == "sent":
-                    self.sent.append(
-                        Sent(Call(**line["call"]), line["number"], Usage(**line["at_most"]))
-                    )
+                    call, at_most = Call(**line["call"]), Usage(**line["at_most"])
+                    self.sent.append(_checked(Sent(call, line["number"], at_most)))
                 elif kind == "attempt":
-                    self.attempts.append(from_line(line, self._systems))
+                    self.attempts.append(_checked(from_line(line, self._systems)))
                 elif kind == "played":
-                    self.played.append(Played(**line))
+                    self.played.append(_checked(Played(**line)))
                 elif kind == "part":
-                    self.parts.append(Conclusion(**{**line, "rejected": tuple(line["rejected"])}))
-        except (ValueError, KeyError, TypeError) as error:
+                    part = Conclusion(**{**line, "rejected": tuple(line["rejected"])})
+                    self.parts.append(_checked(part))
+        except UNREADABLE as error:
             raise SupervisionError(
                 f"Expected a transcript in {path}, found a damaged file"
                 f" ({type(error).__name__}: {error}); move it away to ask again."
@@ -194,7 +197,13 @@ def find_transcript(place: Path) -> Path:
 
 def _lines(data: bytes) -> Iterator[dict[str, Any]]:
     for line in data.splitlines():
-        yield json.loads(line)
+        yield read_json(line)
+
+
+def _checked(found: T) -> T:
+    """A noun that was made of a line's values. Raises ValueError where one has another type."""
+    must_fit(type(found), json.dumps(asdict(found)))
+    return found
 
 
 def _sha256(text: str) -> str:

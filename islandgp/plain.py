@@ -1,0 +1,56 @@
+"""JSON from files: read into plain values, and compared with the types of dataclasses."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from typing import Any, Final, NoReturn
+
+from pydantic import TypeAdapter, ValidationError
+
+UNREADABLE: Final = (
+    ValueError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    IndexError,
+    OverflowError,
+    RecursionError,
+)
+"""What it raises to make something of plain values that are not what was expected."""
+
+
+def read_json(text: str | bytes) -> Any:
+    """The value of a JSON text.
+
+    Raises:
+        ValueError: it is no JSON, it holds NaN, or it is nested too deeply.
+    """
+    try:
+        return json.loads(text, parse_constant=_no_number)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+
+
+def _no_number(name: str) -> NoReturn:
+    raise ValueError(f"{name} is no number")
+
+
+def must_fit(kind: Any, text: str | bytes) -> None:
+    """Compares a JSON text with a dataclass, or another type; fields too many are fine.
+
+    Raises:
+        ValueError: a field is missing or has another type; the message names it.
+    """
+    try:
+        _adapter(kind).validate_json(text, strict=True)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False)[0]
+        at = ".".join(map(str, first["loc"][:8])) or "the whole"
+        message = first["msg"]
+        raise ValueError(f"{at:.100}: {message[0].lower()}{message[1:]:.100}") from None
+
+
+@cache
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
