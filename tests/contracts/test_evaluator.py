@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -191,6 +192,26 @@ def test_a_stopped_worker_beside_a_dead_one_is_replaced() -> None:
         assert tuple(pool.evaluate(JOBS)) == expected()
     finally:
         pool.close()
+
+
+def test_workers_of_a_start_that_was_interrupted_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C after a pool's first worker has started: the interpreter would wait for it."""
+    started: list[Any] = []
+
+    def spawn(pool: Any) -> None:
+        whole(pool)
+        started.extend(pool._processes.values())
+        raise KeyboardInterrupt
+
+    whole = ProcessPoolExecutor._spawn_process  # type: ignore[attr-defined] -- not public
+    monkeypatch.setattr(ProcessPoolExecutor, "_spawn_process", spawn)
+    evaluator = Processes(setting(), 2)
+    with pytest.raises(KeyboardInterrupt):
+        evaluator.evaluate(JOBS)
+    evaluator.close()
+    (worker,) = started
+    worker.join(20)
+    assert worker.exitcode == -signal.SIGKILL
 
 
 def test_closing_does_not_wait_for_long_episodes() -> None:
