@@ -67,8 +67,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if options.only in name:
                 found.append(tried(part, name, attempt))
                 print(line(found[-1]), flush=True)
-    save(found)
-    write_page()
+                save(found[-1:])
+                write_page()
     return int(any(result.failure for result in found))
 
 
