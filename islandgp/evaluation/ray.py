@@ -140,11 +140,14 @@ def _connect(settings: RaySettings) -> tuple[Any, bool]:
         raise _no_cluster(settings.address, error) from error
     try:
         ray.init(**options)
-    except (ConnectionError, ValueError) as error:
+    except Exception as error:  # Ray raises bare ones, too, as where its start takes too long
+        if settings.address == "local":
+            raise EvaluationError(
+                f"Expected Ray to start on this machine, found that it cannot ({brief(error)});"
+                " make room, and give the command again."
+            ) from error
         if isinstance(error, ValueError) or "any running" in str(error):
             raise _no_cluster(settings.address, error) from error
-        raise _refused(settings.address, error) from error
-    except (OSError, RuntimeError, ray.exceptions.RayError) as error:
         raise _refused(settings.address, error) from error
     return ray, True
 

@@ -146,7 +146,7 @@ def assert_refused(done: Done, *parts: str) -> None:
     assert [part for part in parts if part not in done.said] == [], done.said
 
 
-def until(happened: Callable[[], bool], what: str, seconds: float = 60) -> None:
+def until(happened: Callable[[], bool], what: str, seconds: float = 180) -> None:
     """Waits until it has happened; raises AssertionError where it takes too long."""
     end = monotonic() + seconds
     while not happened():

@@ -49,12 +49,11 @@ def when(rows: Sequence[dict[str, Any]]) -> str:
     """When and where a table was made."""
     if not rows:
         return "Not tried yet."
-    dates = sorted({row["date"] for row in rows})
-    first = rows[0]
     cases, minutes = sum(row["cases"] for row in rows), sum(row["seconds"] for row in rows) / 60
+    first, days = rows[0], sorted({row["date"] for row in rows})
     return (
-        f"{cases} commands in {minutes:.0f} minutes, {' to '.join(dates[:: len(dates) or 1])},"
-        f" Python {first['python']}, {first['cores']} cores that others used as well."
+        f"{len(rows)} rows, {cases} commands, {minutes:.0f} minutes in all; {' and '.join(days)},"
+        f" Python {first['python']}, {first['cores']} cores."
     )
 
 
