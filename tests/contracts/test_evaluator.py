@@ -22,7 +22,7 @@ from islandgp.domain import Outcome
 from islandgp.errors import EvaluationError
 from islandgp.evaluation.base import Cached, Evaluator, Job, Problem
 from islandgp.evaluation.processes import Processes
-from islandgp.evaluation.ray import Ray
+from islandgp.evaluation.ray import Ray, own_token
 from islandgp.evaluation.serial import Serial
 from islandgp.scoring.curriculum import Curriculum
 from tests.composed import composed
@@ -308,3 +308,31 @@ def test_a_cluster_that_is_not_there_is_named() -> None:
     settings = Ray.Settings(address="127.0.0.1:9", cpus=1, retries=0, workers=0)
     with pytest.raises(EvaluationError, match=r"Expected a Ray cluster at '127\.0\.0\.1:9'"):
         Ray(settings, setting())
+
+
+def test_a_cluster_that_has_ended_is_told() -> None:
+    """Ray would end the process without a word; an address at which nobody listens is enough."""
+    evaluator = Ray.__new__(Ray)
+    evaluator._head = evaluator._node = "127.0.0.1:9"
+    with pytest.raises(
+        EvaluationError, match=r"Ray cluster at '127\.0\.0\.1:9', found that it has"
+    ):
+        evaluator._must_be_there()
+
+
+def test_a_cluster_of_a_runs_own_leaves_no_token(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its token is in the environment alone; one that the user has chosen stays."""
+    monkeypatch.setattr(Path, "home", lambda: tmp_path)
+    monkeypatch.setattr(os, "environ", {"RAY_AUTH_TOKEN_PATH": "/mine"})
+    own_token()
+    assert os.environ == {"RAY_AUTH_TOKEN_PATH": "/mine"}
+    monkeypatch.setattr(os, "environ", {})
+    own_token()
+    assert len(os.environ["RAY_AUTH_TOKEN"]) == 64
+    (tmp_path / ".ray").mkdir()
+    (tmp_path / ".ray/auth_token").write_text("mine")
+    monkeypatch.setattr(os, "environ", {})
+    own_token()
+    assert os.environ == {}

@@ -87,16 +87,21 @@ def resumed(lab: Lab) -> None:
 
 
 def launchers(lab: Lab) -> None:
-    """A run alone, in a sweep, and under joblib, Ray and submitit where they are installed."""
-    names = {"local": "joblib", "cluster": "ray", "slurm_try": "submitit"}
+    """A run alone, in a sweep, and under joblib and submitit where they are installed."""
     found = {digest_of(lab, *ISLAND), digest_of(lab, *ISLAND, "-m")}
-    for name, module in names.items():
+    for name, module in {"local": "joblib", "slurm_try": "submitit"}.items():
         if find_spec(f"hydra_plugins.hydra_{module}_launcher"):
             found.add(digest_of(lab, *ISLAND, f"hydra/launcher={name}", "-m"))
-    if find_spec("ray"):
-        ray = ("evaluator=ray", "evaluator.policy.address=local", "evaluator.policy.workers=2")
-        found.add(digest_of(lab, *ISLAND, *ray))
     assert len(found) == 1
+
+
+def ray(lab: Lab) -> None:
+    """A run alone, its job on Ray, its episodes on Ray."""
+    if not find_spec("ray") or not find_spec("hydra_plugins.hydra_ray_launcher"):
+        raise Missing("Ray is not installed")
+    episodes = ("evaluator=ray", "evaluator.policy.address=local", "evaluator.policy.workers=2")
+    ways = ((), ("hydra/launcher=cluster", "-m"), episodes)
+    assert len({digest_of(lab, *ISLAND, *words) for words in ways}) == 1
 
 
 def domains(lab: Lab) -> None:
@@ -181,7 +186,8 @@ MATRIX: Final[dict[str, tuple[Callable[[Lab], None], str]]] = {
     "cache": (cache, "with the memory for episodes and without"),
     "PYTHONHASHSEED": (hash_seeds, "0, 1, 12345, random"),
     "resumption": (resumed, "straight, and stopped four times"),
-    "launcher": (launchers, "alone, in a sweep, joblib, Ray, submitit; episodes on Ray"),
+    "launcher": (launchers, "alone, in a sweep, joblib, submitit"),
+    "Ray": (ray, "without, a job on it, episodes on it"),
     "domain": (domains, f"{', '.join(DOMAINS)}; each without workers and with 2"),
     "wheel": (installed, "the checkout, and the wheel in an environment of its own"),
     "Python": (pythons, f"this one's, {', '.join(PYTHONS)} where pyenv has them"),

@@ -6,7 +6,7 @@ import json
 import os
 import statistics
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -16,9 +16,7 @@ from typing import Final
 from tests.running.commands import fake
 from tests.torture.lab import Lab, start
 
-MEMORY_GROWTH: Final = (
-    1.15  # of the largest after half of the time to the second quarter's, at most
-)
+MEMORY_GROWTH: Final = 1.15  # of the last quarter's largest to the second quarter's, at most
 PEAK: Final = 2.0  # of the largest of all to the second quarter's, at most
 FILES_GROWTH: Final = 2  # open files more than at a quarter, at most
 TIME_GROWTH: Final = 2.0  # of the last quarter's median generation to the first's, at most
@@ -31,10 +29,13 @@ class Sample:
 
     mib: float  # resident
     files: int  # open
+    done: int  # generations, or runs, so far
 
 
-def watched(process: subprocess.Popen[str], every: float = 0.5) -> list[Sample]:
-    """Samples of a process until it ends. Raises AssertionError where it fails."""
+def watched(
+    process: subprocess.Popen[str], done: Callable[[], int], every: float = 0.5
+) -> list[Sample]:
+    """Samples of a process until it ends; `done` counts. Raises AssertionError where it fails."""
     found = []
     while process.poll() is None:
         try:
@@ -43,28 +44,35 @@ def watched(process: subprocess.Popen[str], every: float = 0.5) -> list[Sample]:
         except OSError:
             break  # it has ended between the two looks
         if line := next((li for li in status.splitlines() if li.startswith("VmRSS")), ""):
-            found.append(Sample(int(line.split()[1]) / 1024, files))
+            found.append(Sample(int(line.split()[1]) / 1024, files, done()))
         sleep(every)
     said = process.communicate()[0]
     assert process.returncode == 0, said
     return found
 
 
-def level(samples: Sequence[Sample]) -> str:
+def level(samples: Sequence[Sample], whole: int) -> str:
     """Memory and files as a figure. Raises AssertionError where they grow on and on.
 
-    At a run's end there is more: its best robot is chosen, and statistics are loaded.
+    Compared are the second quarter and the last one of the `whole`. At a run's end there is
+    more: its best robot is chosen, and statistics are loaded.
     """
-    n = len(samples)
-    assert n >= 8, f"{n} samples are too few"
-    early, late = samples[n // 4 : n // 2], samples[n // 2 : 17 * n // 20]
+    early = [s for s in samples if whole / 4 <= s.done < whole / 2]
+    late = [s for s in samples if 3 * whole / 4 <= s.done < whole]
+    assert early, "no sample of the second quarter"
+    assert late, "no sample of the last quarter"
     before, after, most = (max(s.mib for s in part) for part in (early, late, samples))
     files = [max(s.files for s in part) for part in (early, late)]
     assert after < MEMORY_GROWTH * before, f"{before:.0f} MiB became {after:.0f}"
     assert most < PEAK * before, f"{before:.0f} MiB became {most:.0f} at the end"
     assert files[1] <= files[0] + FILES_GROWTH, f"{files[0]} open files became {files[1]}"
-    memory = f"{before:.0f} MiB, then {after:.0f}, at most {most:.0f}"
+    memory = f"{before:.0f} MiB, then {after:.0f}, at the end {most:.0f}"
     return f"{memory}; {files[0]} open files, then {files[1]}"
+
+
+def generations(home: Path) -> int:
+    """How many are written of the run below a folder."""
+    return sum(f.read_bytes().count(b"\n") for f in (home / "runs").rglob("costs.jsonl"))
 
 
 def seconds(home: Path) -> list[list[float]]:
@@ -87,17 +95,19 @@ def steady(pace: Sequence[float]) -> str:
 def long_run(lab: Lab) -> str:
     """3,000 generations of 12 individuals."""
     home = lab.folder()
-    samples = watched(start(home, *FAST, "gp.population=12", "gp.generations=3000"))
+    words = (*FAST, "gp.population=12", "gp.generations=3000")
+    samples = watched(start(home, *words), lambda: generations(home))
     lab.cases += 1
-    return f"{steady(seconds(home)[0])}; {level(samples)}"
+    return f"{steady(seconds(home)[0])}; {level(samples, 3000)}"
 
 
 def large_population(lab: Lab) -> str:
     """A population of 1,000 for 40 generations."""
     home = lab.folder()
-    samples = watched(start(home, *FAST, "gp.population=1000", "gp.generations=40"))
+    words = (*FAST, "gp.population=1000", "gp.generations=40")
+    samples = watched(start(home, *words), lambda: generations(home))
     lab.cases += 1
-    return f"{steady(seconds(home)[0])}; {level(samples)}"
+    return f"{steady(seconds(home)[0])}; {level(samples, 40)}"
 
 
 def many_runs(lab: Lab) -> str:
@@ -105,14 +115,14 @@ def many_runs(lab: Lab) -> str:
     home = lab.folder()
     words = [word for word in FAST if word != "tracking=off"]
     small = ("gp.population=4", "gp.generations=3", "seed=range(200)", "-m")
-    samples = watched(start(home, *words, *small))
+    samples = watched(start(home, *words, *small), lambda: generations(home))
     ends = sorted(f.stat().st_mtime for f in (home / "runs").rglob("summary.json"))
     assert len(ends) == 200
     lab.cases += 200
     pace = [b - a for a, b in pairwise(ends)]
     before, after = (statistics.median(part) for part in (pace[:50], pace[-50:]))
     assert after < TIME_GROWTH * before, f"{before:.2f} s a run became {after:.2f}"
-    return f"{before:.2f} s a run, then {after:.2f}; {level(samples)}"
+    return f"{before:.2f} s a run, then {after:.2f}; {level(samples, 600)}"
 
 
 LOADS: Final = {
