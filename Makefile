@@ -44,6 +44,9 @@ bench: $(STAMP)  ## the benchmarks, with goals beside figures
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]' -c constraints.txt
 	$(BIN)/python -m benchmarks
 
+torture: $(STAMP) ## faults, determinism and long load, into docs/reliability.md; about an hour
+	$(BIN)/python -m tests.torture $(ARGS)
+
 demo-llm: $(STAMP) ## supervision by a language model, with a mock in its place: no key
 	$(BIN)/python -m islandgp.testing.demo
 
@@ -87,4 +90,4 @@ ui: $(STAMP)     ## start the MLflow UI on this folder's runs
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
 
-.PHONY: help setup run lint test test-slow fuzz gateways bench demo-llm study ablations study-worlds docs ui clean
+.PHONY: help setup run lint test test-slow btcpp fuzz torture gateways bench demo-llm study ablations study-worlds docs ui clean

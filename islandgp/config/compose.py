@@ -61,6 +61,7 @@ class Planned:
     folder: Path  # absolute, where the run keeps its records
     command: str  # that runs this job alone
     launcher: str  # the class name of Hydra's launcher
+    own_ray: bool = False  # the launcher starts a Ray cluster for this command
 
 
 def planned(args: argparse.Namespace, words: Sequence[str], home: Path) -> Iterator[Planned]:
@@ -146,6 +147,7 @@ def _plan(
 ) -> Planned:
     """The job of a composed configuration. Raises ConfigError where it is wrong."""
     launcher = _launcher(composed.hydra)
+    own_ray = launcher == "RayLauncher" and composed.hydra.launcher.ray.init.get("address") is None
     _must_have_no_callbacks(composed.hydra)
     _must_leave_folders(composed.hydra)
     with open_dict(composed):
@@ -159,6 +161,7 @@ def _plan(
         run_folder(settings, ours, home),
         command_line([*flags, *ours]),
         launcher,
+        own_ray,
     )
 
 

@@ -155,6 +155,11 @@ def _end(pool: ProcessPoolExecutor) -> None:
     """Shuts the pool down; kills its workers where they are at work, stopped or stuck."""
     # Python has a public `kill_workers` from 3.14 on.
     workers = list((pool._processes or {}).values())
+    if getattr(pool, "_executor_manager_thread", None) is None:
+        # Its start was interrupted. It would forget those that it has started already, and the
+        # interpreter would wait for them at its end.
+        for worker in workers:
+            worker.kill()
     closing = Thread(target=pool.shutdown, kwargs={"cancel_futures": True}, daemon=True)
     closing.start()
     try:

@@ -8,7 +8,8 @@ given up after each round, and those that stay meet more worlds.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
 from statistics import fmean, stdev
@@ -59,7 +60,7 @@ class Best:
 
 
 def candidates(
-    records: Sequence[Mapping[str, Any]],
+    records: Iterable[Mapping[str, Any]],
     classes: Classes,
     *,
     most: int = MOST,
@@ -71,25 +72,37 @@ def candidates(
     They are the fittest of each generation, and those of each tier, class and behaviour.
 
     Args:
-        records: generation records as plain values, oldest first.
+        records: generation records as plain values, oldest first; they are read once.
         classes: whose tiers, classes and behaviours are looked for.
         most: candidates.
         top: individuals of each generation that are candidates.
         tier: of the candidates in training; default: any.
     """
-    stage = records[-1]["snapshot"]["stage"]
+    stage: int | None = None
+    last: list[tuple[int, Mapping[str, Any]]] = []
+    for record in records:
+        if record["snapshot"]["stage"] != stage:  # the stages before it are of no interest
+            stage, last = record["snapshot"]["stage"], []
+        last += [
+            (record["snapshot"]["generation"], _slim(i, classes))
+            for i in record["individuals"]
+            if not tier or tier in i["tiers"]
+        ]
     found: dict[str, Candidate] = {}
-    last = [
-        (record["snapshot"]["generation"], i)
-        for record in records
-        if record["snapshot"]["stage"] == stage
-        for i in record["individuals"]
-        if not tier or tier in i["tiers"]
-    ]
     for generation, i in _ordered(last, classes, top):
         if i["tree"] not in found and len(found) < most:
             found[i["tree"]] = Candidate(generation, i["id"], i["tree"], i["fitness"])
     return list(found.values())
+
+
+def _slim(individual: Mapping[str, Any], classes: Classes) -> dict[str, Any]:
+    """What is needed of an individual here: a long run has tens of thousands of them."""
+    return {
+        "id": individual["id"],
+        "tree": sys.intern(individual["tree"]),  # elites are copies
+        "fitness": individual["fitness"],
+        "shown": frozenset(_shown(individual, classes)),
+    }
 
 
 def _ordered(
@@ -106,7 +119,7 @@ def _ordered(
             yield from ranked[rank : rank + 1]
         if rank == 0:
             for name in (*classes.tiers, *classes.specialist_names, *classes.behaviours):
-                yield from [pair for pair in by_fitness if name in _shown(pair[1], classes)][:1]
+                yield from [pair for pair in by_fitness if name in pair[1]["shown"]][:1]
 
 
 def _shown(individual: Mapping[str, Any], classes: Classes) -> set[str]:

@@ -35,6 +35,7 @@ from islandgp.running.report import MOSTLY_FALLBACK
 from islandgp.running.resume import choose
 from islandgp.running.run import End, check_ready, run
 from islandgp.running.search import run_search
+from islandgp.running.shortage import shortage
 from islandgp.running.stopping import as_ctrl_c
 from islandgp.running.sweep import run_sweep
 
@@ -43,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command line; returns the exit code.
 
     0: all is done; 1: a job failed; 2: the user's error; 3: all is done, but a language model's
-    fallback gave more of the answers than allowed; 130: stopped by Ctrl-C or SIGTERM.
+    fallback gave more of the answers than allowed; 130: stopped by Ctrl-C, SIGTERM or SIGHUP.
     """
     with shown():
         return _main(arguments)
@@ -55,7 +56,7 @@ def _main(arguments: Sequence[str] | None) -> int:
     try:
         words = without_key(sys.argv[1:] if arguments is None else arguments)
         args, words = _parsed(words)
-        with printed(), as_ctrl_c("SIGTERM"):  # by which clusters end a job
+        with printed(), as_ctrl_c("SIGTERM", "SIGHUP"):  # a cluster, a lost terminal
             _must_be_somewhere()
             if args.help or args.hydra_help or args.info or args.cfg or args.shell_completion:
                 _show(args, words)
@@ -93,7 +94,10 @@ def _main(arguments: Sequence[str] | None) -> int:
     except KeyboardInterrupt:
         print("islandgp: stopped; the same command goes on from here", file=sys.stderr)
         return 130
-    except Exception:
+    except Exception as error:
+        if why := shortage(error):
+            print(f"islandgp: {why}", file=sys.stderr)
+            return 2
         traceback.print_exc()
         print("islandgp: this is a fault of the program; what the run has is kept", file=sys.stderr)
         return 1

@@ -136,7 +136,15 @@ def _commit(checkout: Path) -> str:
         return ""
     try:
         found = subprocess.run(
-            ["git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"],
+            [
+                "git",
+                "--no-optional-locks",
+                "describe",
+                "--always",
+                "--dirty",
+                "--abbrev=12",
+                "--exclude=*",
+            ],
             cwd=checkout,
             capture_output=True,
             text=True,

@@ -308,25 +308,29 @@ def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> B
 
     With gp.validation=0 it is the fittest individual of the last stage.
     """
-    records = list(target.records())
-    found = candidates(records, settings.classes)
+    found = candidates(target.records(), settings.classes)
     episodes = round(settings.gp.validation * settings.gp.episodes_in_all)
     verdict: Validation | None = None
     if episodes < len(found):
         winner = max(found, key=lambda c: c.trained)
     else:
-        used = frozenset(world for record in records for world in record["worlds"])
+        used: set[int] = set()
+        stage = 0
+        for record in target.records():
+            used.update(record["worlds"])
+            stage = record["snapshot"]["stage"]
         winner, verdict = validate(
             found,
-            validation_worlds(settings.seed, used, episodes),
+            validation_worlds(settings.seed, frozenset(used), episodes),
             evaluator,
-            records[-1]["snapshot"]["stage"],
+            stage,
             settings.classes,
             episodes=episodes,
             yardstick=_yardstick(settings),
         )[0]
-    record = next(i for i in records[winner.generation]["individuals"] if i["id"] == winner.id)
-    return Best(winner.generation, record, verdict)
+    born = next(target.records(winner.generation))
+    own = next(i for i in born["individuals"] if i["id"] == winner.id)
+    return Best(winner.generation, own, verdict)
 
 
 def _yardstick(settings: Settings) -> tuple[str, str] | None:

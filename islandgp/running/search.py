@@ -33,7 +33,7 @@ from islandgp.records.sweep_folder import SweepFolder, SweepJob
 from islandgp.running.printing import say, shown
 from islandgp.running.pruning import AT_WORK, Trial, follow
 from islandgp.running.resume import choose
-from islandgp.running.sweep import Launch, end_ray, finish_sweep, tie_joblib_workers
+from islandgp.running.sweep import Launch, end_ray, finish_sweep, prepare
 from islandgp.running.sweep_job import attempt, fitted
 from islandgp.running.sweep_progress import Start, Watch
 
@@ -101,8 +101,7 @@ def run_search(searched: Searched, command: str, launch: Launch) -> int:
         int(searched.sweeper.get("n_trials", 0)),
     )
     how = "off" if first.launcher == "BasicLauncher" else first.settings.progress
-    if first.launcher == "JoblibLauncher":
-        tie_joblib_workers()
+    prepare(first)
     interrupted = False
     sweep.open(command, ())
     results = sweep.path / RESULTS

@@ -12,24 +12,35 @@ from types import FrameType
 
 @contextmanager
 def as_ctrl_c(*names: str) -> Iterator[None]:
-    """These signals, by name, raise KeyboardInterrupt while the context lasts.
+    """These signals, by name, raise KeyboardInterrupt while the context lasts, as SIGINT does.
 
     One that is ignored stays ignored, as under `nohup`; one that the system does not have
-    is left out.
+    is left out. After a signal an error counts as KeyboardInterrupt: libraries that are
+    interrupted may raise one of their own in its place.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
 
+    asked = False
+
     def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 -- a handler's
+        nonlocal asked
+        asked = True
         raise KeyboardInterrupt
 
     numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
     old = {n: signal.getsignal(n) for n in numbers if signal.getsignal(n) is not signal.SIG_IGN}
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        old[signal.SIGINT] = signal.default_int_handler
     for number in old:
         signal.signal(number, stop)
     try:
         yield
+    except Exception as error:
+        if asked:
+            raise KeyboardInterrupt from error
+        raise
     finally:
         for number, handler in old.items():
             signal.signal(number, handler)

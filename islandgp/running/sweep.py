@@ -22,6 +22,7 @@ from islandgp.config.compose import Planned, is_choice
 from islandgp.config.settings import Settings
 from islandgp.errors import ConfigError, RunError, brief
 from islandgp.evaluation.parent_death import end_with_parent
+from islandgp.evaluation.ray import own_token
 from islandgp.records.checkpoint import remove_leftovers
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import redacted, shape, without_credentials
@@ -147,8 +148,7 @@ def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> No
     start = Start.now({named: job for own in entries.values() for named, job in own.items()})
     begun = _begun(start)
     how = "off" if jobs[0].launcher == "BasicLauncher" else jobs[0].settings.progress
-    if jobs[0].launcher == "JoblibLauncher":
-        tie_joblib_workers()
+    prepare(jobs[0])
     for _ in range(LAUNCHES):
         try:
             with Watch(lambda: start, how):
@@ -235,6 +235,14 @@ def _report_fallbacks(entries: Entries) -> int:
     for run in bad:
         print(f"  {run.path.name}", file=sys.stderr)
     return 3
+
+
+def prepare(first: Planned) -> None:
+    """Does what the launcher of these jobs needs before its start."""
+    if first.launcher == "JoblibLauncher":
+        tie_joblib_workers()
+    if first.own_ray:
+        own_token()
 
 
 def tie_joblib_workers() -> None:

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -21,7 +22,7 @@ from islandgp.domain import Outcome
 from islandgp.errors import EvaluationError
 from islandgp.evaluation.base import Cached, Evaluator, Job, Problem
 from islandgp.evaluation.processes import Processes
-from islandgp.evaluation.ray import Ray
+from islandgp.evaluation.ray import Ray, own_token
 from islandgp.evaluation.serial import Serial
 from islandgp.scoring.curriculum import Curriculum
 from tests.composed import composed
@@ -193,6 +194,26 @@ def test_a_stopped_worker_beside_a_dead_one_is_replaced() -> None:
         pool.close()
 
 
+def test_workers_of_a_start_that_was_interrupted_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C after a pool's first worker has started: the interpreter would wait for it."""
+    started: list[Any] = []
+
+    def spawn(pool: Any) -> None:
+        whole(pool)
+        started.extend(pool._processes.values())
+        raise KeyboardInterrupt
+
+    whole = ProcessPoolExecutor._spawn_process  # type: ignore[attr-defined] -- not public
+    monkeypatch.setattr(ProcessPoolExecutor, "_spawn_process", spawn)
+    evaluator = Processes(setting(), 2)
+    with pytest.raises(KeyboardInterrupt):
+        evaluator.evaluate(JOBS)
+    evaluator.close()
+    (worker,) = started
+    worker.join(20)
+    assert worker.exitcode == -signal.SIGKILL
+
+
 def test_closing_does_not_wait_for_long_episodes() -> None:
     """After Ctrl-C their workers are killed within seconds."""
     pool = Processes(deadly_slow(), 2)
@@ -287,3 +308,31 @@ def test_a_cluster_that_is_not_there_is_named() -> None:
     settings = Ray.Settings(address="127.0.0.1:9", cpus=1, retries=0, workers=0)
     with pytest.raises(EvaluationError, match=r"Expected a Ray cluster at '127\.0\.0\.1:9'"):
         Ray(settings, setting())
+
+
+def test_a_cluster_that_has_ended_is_told() -> None:
+    """Ray would end the process without a word; an address at which nobody listens is enough."""
+    evaluator = Ray.__new__(Ray)
+    evaluator._head = evaluator._node = "127.0.0.1:9"
+    with pytest.raises(
+        EvaluationError, match=r"Ray cluster at '127\.0\.0\.1:9', found that it has"
+    ):
+        evaluator._must_be_there()
+
+
+def test_a_cluster_of_a_runs_own_leaves_no_token(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its token is in the environment alone; one that the user has chosen stays."""
+    monkeypatch.setattr(Path, "home", lambda: tmp_path)
+    monkeypatch.setattr(os, "environ", {"RAY_AUTH_TOKEN_PATH": "/mine"})
+    own_token()
+    assert os.environ == {"RAY_AUTH_TOKEN_PATH": "/mine"}
+    monkeypatch.setattr(os, "environ", {})
+    own_token()
+    assert len(os.environ["RAY_AUTH_TOKEN"]) == 64
+    (tmp_path / ".ray").mkdir()
+    (tmp_path / ".ray/auth_token").write_text("mine")
+    monkeypatch.setattr(os, "environ", {})
+    own_token()
+    assert os.environ == {}

@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from islandgp.domain import Outcome
 from islandgp.errors import EvaluationError
 from islandgp.evaluation.base import Job, Problem
-from tests.evolution.fake import Fake
+from tests.evolution.fake import Fake, outcome_of
 
 
 class NoSettings(BaseModel, frozen=True, extra="forbid"):
@@ -20,7 +20,7 @@ class NoSettings(BaseModel, frozen=True, extra="forbid"):
 
 
 class Instant(Fake):
-    """Made-up outcomes at once."""
+    """Made-up outcomes at once; keeps nothing, so that a long run's memory is its own."""
 
     Settings = NoSettings
 
@@ -28,6 +28,11 @@ class Instant(Fake):
     def make(cls, settings: NoSettings, setting: Problem) -> Instant:  # noqa: ARG003 -- the protocol's
         """See `Evaluator`."""
         return cls()
+
+    def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
+        """See `Evaluator`."""
+        self.simulated += len(jobs)
+        return [outcome_of(job) for job in jobs]
 
 
 class BreaksSettings(BaseModel, frozen=True, extra="forbid"):

@@ -1,0 +1,1 @@
+"""Runs under adverse conditions: `make torture`."""

@@ -1,0 +1,195 @@
+"""One run in many ways: its records are the same bytes, whoever does the work and how often."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import venv
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Final
+
+from tests.running.commands import ROOT
+from tests.torture.lab import Lab, Missing, communicate, records, start, under_way
+
+SMALL: Final = ("gp.population=8", "gp.generations=6", "tracking=off", "progress=off", "seed=3")
+ISLAND: Final = (*SMALL, "supervisor=expert", "world.episode.length=20")
+DOMAINS: Final = {
+    "island": ("world.episode.length=20",),
+    "minigrid": ("domain=minigrid",),
+    "cartpole": ("domain=cartpole",),
+    "lunarlander": ("domain=lunarlander",),
+    "pick_place": ("--config-dir", str(ROOT / "examples/pick_place/conf"), "domain=pick_place"),
+}
+PYTHONS: Final = ("3.12", "3.13")
+
+
+def digest(home: Path) -> str:
+    """Of the records of the run below a folder: generations.jsonl, best.bt, lineage.csv."""
+    found = records(home)
+    assert len(found) == 3, sorted(found)
+    whole = b"".join(found[name] for name in sorted(found, key=lambda n: n.rpartition("/")[2]))
+    return hashlib.sha256(whole).hexdigest()
+
+
+def digest_of(lab: Lab, *words: str, **how: object) -> str:
+    """The digest of a run in a new folder. Raises AssertionError where it fails."""
+    home = lab.folder()
+    code, said = communicate(start(home, *words, **how))  # type: ignore[arg-type] # as `start`
+    assert code == 0, said
+    lab.cases += 1
+    return digest(home)
+
+
+def worker_counts(lab: Lab) -> None:
+    """In the run's own process; in 1, 2 and 4 workers."""
+    found = {digest_of(lab, *ISLAND, "evaluator=serial")}
+    found |= {digest_of(lab, *ISLAND, f"evaluator.policy.workers={n}") for n in (1, 2, 4)}
+    assert len(found) == 1
+
+
+def cache(lab: Lab) -> None:
+    """With and without the memory for episodes that were seen."""
+    found = {digest_of(lab, *ISLAND, f"evaluator.cache={on}") for on in ("true", "false")}
+    assert len(found) == 1
+
+
+def hash_seeds(lab: Lab) -> None:
+    """PYTHONHASHSEED 0, 1, 12345 and none."""
+    seeds = ("0", "1", "12345", "random")
+    found = {
+        digest_of(lab, *ISLAND, "evaluator.policy.workers=2", env={"PYTHONHASHSEED": seed})
+        for seed in seeds
+    }
+    assert len(found) == 1
+
+
+def resumed(lab: Lab) -> None:
+    """Stopped after generation 1, 2, 3 and 4, beside a run that was not."""
+    words = (*ISLAND, "evaluator.policy.workers=2", "gp.generations=20")
+    straight = digest_of(lab, *words)
+    home = lab.folder()
+    for n in range(1, 5):
+        process = start(home, *words)
+        under_way(home, process, n)
+        process.terminate()
+        code, said = communicate(process)
+        assert code == 130, said
+        lab.cases += 1
+    code, said = communicate(start(home, *words))
+    assert code == 0, said
+    assert digest(home) == straight
+
+
+def launchers(lab: Lab) -> None:
+    """A run alone, in a sweep, and under joblib and submitit where they are installed."""
+    found = {digest_of(lab, *ISLAND), digest_of(lab, *ISLAND, "-m")}
+    for name, module in {"local": "joblib", "slurm_try": "submitit"}.items():
+        if find_spec(f"hydra_plugins.hydra_{module}_launcher"):
+            found.add(digest_of(lab, *ISLAND, f"hydra/launcher={name}", "-m"))
+    assert len(found) == 1
+
+
+def ray(lab: Lab) -> None:
+    """A run alone, its job on Ray, its episodes on Ray."""
+    if not find_spec("ray") or not find_spec("hydra_plugins.hydra_ray_launcher"):
+        raise Missing("Ray is not installed")
+    episodes = ("evaluator=ray", "evaluator.policy.address=local", "evaluator.policy.workers=2")
+    ways = ((), ("hydra/launcher=cluster", "-m"), episodes)
+    assert len({digest_of(lab, *ISLAND, *words) for words in ways}) == 1
+
+
+def domains(lab: Lab) -> None:
+    """Each domain in its own process, in 2 workers, and with another PYTHONHASHSEED."""
+    path = os.pathsep.join((str(ROOT), str(ROOT / "examples/pick_place")))
+    for name, words in DOMAINS.items():
+        if name in ("cartpole", "lunarlander") and not find_spec("gymnasium"):
+            continue
+        if name == "minigrid" and not find_spec("minigrid"):
+            continue
+        quick = (*words, *SMALL, "gp.generations=3", "supervisor=baseline", "library.folder=null")
+        found = {
+            digest_of(lab, *quick, "evaluator=serial", env={"PYTHONPATH": path}),
+            digest_of(
+                lab,
+                *quick,
+                "evaluator.policy.workers=2",
+                env={"PYTHONPATH": path, "PYTHONHASHSEED": "7"},
+            ),
+        }
+        assert len(found) == 1, name
+
+
+def pythons(lab: Lab) -> None:
+    """Other versions of Python, where pyenv has them, with the wheel and this one's packages."""
+    found = {digest_of(lab, *ISLAND, "evaluator.policy.workers=2")}
+    for version in PYTHONS:
+        if (python := other_python(lab, version)) is not None:
+            found.add(run_with(lab, python))
+    if lab.cases == 1:
+        raise Missing("there is no other Python here")
+    assert len(found) == 1
+
+
+def other_python(lab: Lab, version: str) -> Path | None:
+    """A new environment with the wheel, or None where pyenv lacks the version."""
+    places = sorted(Path.home().glob(f".pyenv/versions/{version}.*/bin/python"))
+    if not places:
+        return None
+    folder = lab.folder()
+    subprocess.run([places[-1], "-m", "venv", folder], check=True)
+    python = folder / "bin/python"
+    options = ["--quiet", "--disable-pip-version-check", "-c", str(ROOT / "constraints.txt")]
+    subprocess.run([python, "-m", "pip", "install", *options, wheel(lab)], check=True)
+    return python
+
+
+def run_with(lab: Lab, python: Path) -> str:
+    """The digest of the same run by another interpreter, which has a package of its own."""
+    home = lab.folder()
+    env = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    words = [str(python), "-m", "islandgp", *ISLAND, "evaluator.policy.workers=2"]
+    subprocess.run(words, cwd=home, env=env, check=True, capture_output=True)
+    lab.cases += 1
+    return digest(home)
+
+
+def wheel(lab: Lab) -> Path:
+    """This checkout's wheel."""
+    folder = lab.folder()
+    words = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
+    subprocess.run(words, cwd=ROOT, check=True, capture_output=True)
+    return next(folder.glob("*.whl"))
+
+
+def installed(lab: Lab) -> None:
+    """The wheel in an environment of its own, in a folder with a blank, beside the checkout."""
+    folder = lab.folder()
+    venv.create(folder, with_pip=False, symlinks=True)
+    (library,) = folder.glob("lib/python*/site-packages")
+    (library / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
+    python = folder / "bin/python"
+    words = [sys.executable, "-m", "pip", "--python", str(python), "install", "--quiet"]
+    options = ["--no-deps", "--no-index", "--disable-pip-version-check"]
+    subprocess.run([*words, *options, str(wheel(lab))], check=True)
+    assert run_with(lab, python) == digest_of(lab, *ISLAND, "evaluator.policy.workers=2")
+    shutil.rmtree(folder)
+
+
+MATRIX: Final[dict[str, tuple[Callable[[Lab], None], str]]] = {
+    "workers": (worker_counts, "in the run's process, 1, 2 and 4 workers"),
+    "cache": (cache, "with the memory for episodes and without"),
+    "PYTHONHASHSEED": (hash_seeds, "0, 1, 12345, random"),
+    "resumption": (resumed, "straight, and stopped four times"),
+    "launcher": (launchers, "alone, in a sweep, joblib, submitit"),
+    "Ray": (ray, "without, a job on it, episodes on it"),
+    "domain": (domains, f"{', '.join(DOMAINS)}; each without workers and with 2"),
+    "wheel": (installed, "the checkout, and the wheel in an environment of its own"),
+    "Python": (pythons, f"this one's, {', '.join(PYTHONS)} where pyenv has them"),
+}
+"""What varies: the function that tries it, and its values."""

@@ -1,0 +1,165 @@
+"""Faults of processes: signals, workers that die or do not answer, two commands at once."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+from pathlib import Path
+from time import sleep
+
+from tests.running.commands import processes
+from tests.torture.lab import REAL, SLOW, Lab, assert_refused, communicate, start, under_way
+
+STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # what a command makes a clean stop of
+ENDING = (signal.SIGKILL, signal.SIGQUIT, signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM)
+LONG = (*REAL, "gp.generations=60")
+
+
+def stopping_signals(lab: Lab) -> None:
+    """INT, TERM and HUP in a run of one process and in one with workers."""
+    for words in (SLOW, LONG):
+        for number in STOPPING:
+            home = lab.folder()
+            process = start(home, *words)
+            under_way(home, process)
+            process.send_signal(number)
+            done = lab.end(process)
+            assert done.code == 130, (number, done)
+            assert "stopped; the same command goes on from here" in done.said
+            assert "Traceback" not in done.said, done.said
+            lab.assert_finishes(home, words)
+
+
+def ending_signals(lab: Lab) -> None:
+    """Signals that end a process at once, without a word of its own."""
+    for words in (SLOW, LONG):
+        for number in ENDING:
+            home = lab.folder()
+            process = start(home, *words)
+            under_way(home, process)
+            process.send_signal(number)
+            assert lab.end(process).code == -number
+            lab.assert_finishes(home, words)
+
+
+def harmless_signals(lab: Lab) -> None:
+    """PIPE; TSTP and CONT, as Ctrl-Z and `fg`; WINCH, as a window that changes its size."""
+    for words in (SLOW, LONG):
+        home = lab.folder()
+        process = start(home, *words)
+        under_way(home, process)
+        for number in (signal.SIGPIPE, signal.SIGWINCH, signal.SIGTSTP):
+            os.killpg(process.pid, number)
+            sleep(0.3)
+        os.killpg(process.pid, signal.SIGSTOP)  # TSTP alone is ignored where no shell is there
+        sleep(1)
+        os.killpg(process.pid, signal.SIGCONT)
+        done = lab.end(process)
+        assert done.code == 0, done
+        lab.assert_same(home, words)
+
+
+def requeued(lab: Lab) -> None:
+    """TERM at any moment, from the first import on, and the same command again, as by Slurm."""
+    moments = random.Random(18)
+    home = lab.folder()
+    for _ in range(20):
+        process = start(home, *LONG)
+        sleep(moments.uniform(0.05, 2.5))
+        process.terminate()
+        done = lab.end(process)
+        # Before the interpreter has come to our code, the signal simply ends it.
+        assert done.code in (0, 130, -signal.SIGTERM), done
+        assert "Traceback" not in done.said, done.said
+    lab.assert_finishes(home, LONG)
+
+
+def workers_of(process: subprocess.Popen[str]) -> list[int]:
+    """The processes that evaluate, and the one that starts them."""
+    return [n for n, (_, line) in processes(process.pid).items() if "forkserver" in line]
+
+
+def killed_workers(lab: Lab) -> None:
+    """A worker killed now and then, or what starts workers; the run itself goes on."""
+    moments = random.Random(4)
+    home = lab.folder()
+    process = start(home, *LONG)
+    under_way(home, process)
+    kills = 0
+    while kills < 8:
+        if found := workers_of(process):
+            os.kill(moments.choice(found), signal.SIGKILL)
+            kills += 1
+            under_way(home, process, 3 + 5 * kills)
+    done = lab.end(process)
+    assert done.code == 0, done
+    lab.cases += kills - 1
+    assert "Traceback" not in done.said, done.said
+    lab.assert_same(home, LONG)
+
+
+def silent_worker(lab: Lab) -> None:
+    """A stopped worker, and a simulator that hangs: given up after the time limit, in words."""
+    home = lab.folder()
+    words = (*LONG, "evaluator.policy.episode_timeout=2")
+    process = start(home, *words)
+    under_way(home, process)
+    os.kill(max(workers_of(process)), signal.SIGSTOP)
+    assert_refused(lab.end(process), "no answer of its worker in 2 s", "episode_timeout")
+    lab.assert_finishes(home, words)
+
+    home = lab.folder()
+    flag = home / "hang"
+    hanging = (*words, "domain.factory=tests.torture.hanging:HangingIsland", "gp.generations=40")
+    os.environ["ISLAND_HANGS"] = str(flag)
+    process = start(home, *hanging)
+    under_way(home, process)
+    flag.touch()
+    assert_refused(lab.end(process), "no answer of its worker in 2 s", "world seed")
+    flag.unlink()
+    lab.assert_finishes(home, hanging)
+
+
+def two_commands(lab: Lab) -> None:
+    """The same command eight times at once, and two sweeps over the same runs."""
+    home = lab.folder()
+    all_of_them = [start(home, *SLOW) for _ in range(8)]
+    ends = [lab.end(process) for process in all_of_them]
+    assert {done.code for done in ends} == {0, 2}, ends
+    for done in ends:
+        assert "Traceback" not in done.said, done.said
+        if done.code:
+            assert_refused(done, "found another run at work")
+    lab.assert_same(home, SLOW)
+
+    home = lab.folder()
+    sweep = (*SLOW, "seed=0,1,2", "-m")
+    first = start(home, *sweep)
+    under_way(home, first)
+    assert_refused(lab.run(home, *sweep), "another")
+    code, said = communicate(first)
+    assert code == 0, said
+    lab.assert_same(home, sweep)
+
+
+def lost_machine(lab: Lab) -> None:
+    """`kill -9` of everything at once, ten times, as a machine that loses its power."""
+    moments = random.Random(9)
+    home = lab.folder()
+    for n in range(10):
+        process = start(home, *LONG)
+        if n % 2:
+            sleep(moments.uniform(0.1, 2))
+        else:
+            under_way(home, process, written(home) + 1)
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+        lab.cases += 1
+    lab.assert_finishes(home, LONG)
+
+
+def written(home: Path) -> int:
+    """How many generations the run below a folder has."""
+    return sum(f.read_bytes().count(b"\n") for f in (home / "runs").rglob("generations.jsonl"))

@@ -1,0 +1,209 @@
+"""Faults of what surrounds a run: clock, encoding, display, MLflow's server and database."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sqlite3
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from time import sleep
+from typing import Final
+
+from islandgp.tracking.sync import sync
+from tests.running.commands import ROOT
+from tests.running.histories import store, tracked
+from tests.torture.lab import (
+    QUICK,
+    SLOW,
+    Lab,
+    assert_refused,
+    communicate,
+    start,
+    under_way,
+)
+from tests.tracking import servers
+
+HERE: Final = Path(__file__).parent
+DAY: Final = 86400.0  # s
+TRACKED: Final = tuple(word for word in SLOW if word != "tracking=off")
+IMPATIENT: Final = "tracking.policy.patience=2"
+
+
+def clock(lab: Lab) -> None:
+    """A clock set back and forth, before a start and in the middle of a run."""
+    home = lab.folder()
+    shift = home / "shift"
+    env = {"CLOCK_SHIFT": str(shift), "PYTHONPATH": f"{HERE / 'clock'}{os.pathsep}{ROOT}"}
+
+    def turn(days: float) -> None:
+        new = shift.with_name("new")
+        new.write_text(str(days * DAY))
+        new.replace(shift)
+
+    for n, days in enumerate((400, -400, 3650, -3650, 0.1, -0.1)):
+        turn(days)
+        process = start(home, *TRACKED, env=env)
+        under_way(home, process, n + 1)
+        process.terminate()
+        done = lab.end(process)
+        assert done.code == 130, done
+        assert "Traceback" not in done.said, done.said
+    lab.assert_finishes(home, TRACKED)
+
+    home = lab.folder()
+    process = start(home, *TRACKED, env=env)
+    for n, days in enumerate((30, -30, 1000, -1000)):
+        under_way(home, process, 2 * n + 1)
+        turn(days)
+    done = lab.end(process)
+    assert done.code == 0, done
+    assert "Traceback" not in done.said, done.said
+    lab.assert_same(home, TRACKED)
+
+    home = lab.folder()
+    sweep = (*QUICK, "seed=0,1", "-m")
+    for days in (400, -400):
+        turn(days)
+        done = lab.run(home, *sweep, env=env)
+        assert done.code == 0, done
+        lab.assert_same(home, sweep)
+
+
+def encodings(lab: Lab) -> None:
+    """Terminals and locales without the characters of a name, and bytes that are no characters."""
+    plain = {"LANG": "C", "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    for env in (
+        plain,
+        {"PYTHONIOENCODING": "ascii"},
+        {"PYTHONIOENCODING": "ascii:strict"},
+        {"PYTHONIOENCODING": "latin-1"},
+        {"PYTHONIOENCODING": "utf-16"},
+        {**plain, "LC_ALL": "POSIX", "TERM": "dumb", "COLUMNS": "1"},
+        {"LC_ALL": "nowhere.UTF-8"},
+    ):
+        home = lab.folder() / "Räuber Ω"
+        home.mkdir()
+        done = lab.run(home, *QUICK, env=env)
+        assert done.code == 0, (env, done)
+        assert "Traceback" not in done.said, done.said
+        lab.assert_same(home, QUICK)
+    odd = os.fsdecode(b"name=\xff\xfe")
+    done = lab.run(lab.folder(), *QUICK, odd)
+    assert_refused(done, "name")
+
+
+def display(lab: Lab) -> None:
+    """Output that is closed, full or read by nobody any more."""
+    for streams in ("2>&-", ">&- 2>&-", "<&- >&- 2>&-", "2>/dev/full", "2>&1 | head -1"):
+        home = lab.folder()
+        ends = f'"$@" {streams}; exit "${{PIPESTATUS[0]}}"'
+        done = lab.run(home, *QUICK, prefix=("bash", "-c", ends, "bash"))
+        assert done.code == 0, (streams, done)
+        lab.assert_same(home, QUICK)
+    home = lab.folder()
+    done = lab.run(home, *QUICK, prefix=("bash", "-c", '"$@" >/dev/full', "bash"))
+    assert_refused(done, "standard output")
+    lab.assert_same(home, QUICK)
+
+
+@contextmanager
+def slow_server(seconds: float = 3.0) -> Iterator[str]:
+    """A server that takes its time and then refuses."""
+
+    class Slow(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            sleep(seconds)
+            self.send_response(503)
+            self.end_headers()
+
+        do_POST = do_PUT = do_PATCH = do_GET
+
+        def log_message(self, format: str, *args: object) -> None:
+            """Says nothing."""
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Slow)
+    server.daemon_threads = True
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    try:
+        yield f"http://127.0.0.1:{server.server_address[1]}"
+    finally:
+        server.shutdown()
+        server.server_close()
+
+
+def tracking_server(lab: Lab) -> None:
+    """An MLflow server that is away, silent, slow, or answers 500; then `sync` elsewhere."""
+    made: tuple[Callable[[], AbstractContextManager[str]], ...] = (
+        servers.refusing,
+        servers.stalling,
+        servers.broken,
+        slow_server,
+    )
+    for make in made:
+        home = lab.folder()
+        with make() as uri:
+            done = lab.run(home, *TRACKED, IMPATIENT, f"tracking.policy.uri={uri}")
+        assert done.code == 0, (make, done)
+        assert "islandgp sync" in done.said
+        assert "Traceback" not in done.said, done.said
+        lab.assert_same(home, SLOW)
+        assert_sent(home)
+
+
+def assert_sent(home: Path) -> None:
+    """Asserts that `sync` brings the run to a store, each generation once."""
+    where = store(home)
+    assert not sync(home / "runs", where.place).failed
+    (run,) = tracked(where)
+    assert run.status == "FINISHED", run
+    assert [step for step, _ in run.points["fitness/max"]] == list(range(12)), run
+
+
+def database(lab: Lab) -> None:
+    """A database that another program locks, that is no database, or that is a folder."""
+    home = lab.folder()
+    code, said = communicate(start(home, *TRACKED, "seed=5"))
+    assert code == 0, said
+    with sqlite3.connect(home / "mlflow.db", isolation_level=None) as held:
+        held.execute("begin exclusive")
+        done = lab.run(home, *TRACKED, IMPATIENT)
+        assert done.code == 0, done
+        assert "islandgp sync" in done.said
+        assert "Traceback" not in done.said, done.said
+        held.execute("rollback")
+    held.close()
+    assert not sync(home / "runs", store(home).place).failed
+    assert sorted(run.status for run in tracked(store(home))) == ["FINISHED"] * 2
+
+    spoils: tuple[Callable[[Path], object], ...] = (
+        lambda file: file.write_bytes(b"no database at all\n" * 500),
+        lambda file: file.write_bytes(b""),
+        Path.mkdir,
+    )
+    for spoil in spoils:
+        home = lab.folder()
+        spoil(home / "mlflow.db")
+        done = lab.run(home, *TRACKED, IMPATIENT)
+        assert done.code in (0, 2), done
+        assert "Traceback" not in done.said, done.said
+        if done.code:
+            assert_refused(done)
+        else:
+            lab.assert_same(home, SLOW)
+
+
+def killed_between_run_and_store(lab: Lab) -> None:
+    """`kill -9` while records go to MLflow; the same command gives it each point once."""
+    home = lab.folder()
+    for n in range(4):
+        process = start(home, *TRACKED)
+        under_way(home, process, 2 * n + 1)
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+        lab.cases += 1
+    lab.assert_finishes(home, TRACKED)
+    assert_sent(home)

@@ -1,0 +1,89 @@
+"""A small part of `make torture`, and the page that holds its results."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+
+from islandgp.running.shortage import shortage
+from islandgp.running.stopping import as_ctrl_c
+from tests.torture import page
+from tests.torture.__main__ import PARTS, main, rows
+from tests.torture.disks import limited
+from tests.torture.lab import QUICK, Lab, assert_refused
+
+
+def test_the_page_holds_the_results() -> None:
+    """docs/reliability.md is what tests/torture/results.json says; `make torture` writes both."""
+    text = page.PAGE.read_text(encoding="utf-8")
+    found = page.results()
+    assert page.with_tables(text, found) == text
+    assert {(row["part"], row["name"]) for row in found} <= set(rows())
+    assert [row["name"] for row in found if row["failure"]] == []
+    for part in PARTS:
+        assert f"<!-- begin {part} -->" in text
+
+
+def test_a_broken_promise_is_told_in_the_page() -> None:
+    """A row that failed, or that could not be tried, says so."""
+    row = {**page.results()[0], "failure": "AssertionError: lost"}
+    assert "**broken**" in page.faults([row])
+    assert "not tried: no disk" in page.faults([{**row, "failure": "", "missing": "no disk"}])
+
+
+def test_an_unknown_part(capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit code 2, and the parts there are."""
+    with pytest.raises(SystemExit) as stopped:
+        main(["fault"])
+    assert stopped.value.code == 2
+    assert "there is no part fault; there are faults, " in capsys.readouterr().err
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs a limit of bash's and /proc")
+def test_files_that_may_not_grow(tmp_path: Path) -> None:
+    """Exit code 2 in words; with room, the same command makes the same records."""
+    lab = Lab(tmp_path)
+    home = lab.folder()
+    done = lab.run(home, *QUICK, prefix=limited("ulimit -f 16"))
+    assert_refused(done, "File too large", "give the command again")
+    lab.assert_finishes(home, QUICK)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        MemoryError(),
+        RuntimeError("can't start new thread"),
+        OSError(errno.EMFILE, "Too many open files"),
+        ImportError("lib.so: failed to map segment from shared object"),
+    ],
+)
+def test_a_lack_of_the_systems_is_told_in_words(error: Exception) -> None:
+    """Also where another error came of it."""
+    later = ValueError("something else")
+    later.__cause__ = error
+    for found in (error, later):
+        assert shortage(found).startswith("Expected enough memory, processes and open files")
+    assert shortage(FileNotFoundError(errno.ENOENT, "gone")) == ""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs SIGTERM")
+def test_an_error_that_a_signal_led_to_counts_as_ctrl_c() -> None:
+    """Libraries that are interrupted raise errors of their own; one without a signal stays."""
+
+    def interrupted() -> None:
+        try:
+            os.kill(os.getpid(), signal.SIGTERM)
+            signal.pause()
+        except KeyboardInterrupt:
+            raise AttributeError("half of an object") from None
+
+    with pytest.raises(KeyboardInterrupt), as_ctrl_c("SIGTERM"):
+        interrupted()
+    with pytest.raises(AttributeError), as_ctrl_c("SIGTERM"):
+        raise AttributeError("no signal")
