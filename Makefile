@@ -50,8 +50,8 @@ torture: $(STAMP) ## faults, determinism and long load, into docs/reliability.md
 demo-llm: $(STAMP) ## supervision by a language model, with a mock in its place: no key
 	$(BIN)/python -m islandgp.testing.demo
 
-study: $(STAMP)  ## baseline against expert, 30 paired seeds, into docs/study; resumable
-	$(BIN)/python -m islandgp experiment=study 'seed=range(6000,6030)' supervisor=baseline,expert progress=plain -m
+study: $(STAMP)  ## baseline against expert, 60 paired seeds, into docs/study; resumable
+	$(BIN)/python -m islandgp experiment=study 'seed=range(6000,6060)' supervisor=baseline,expert progress=plain -m
 	$(BIN)/islandgp compare --arm expert="supervisor=expert" --arm baseline="supervisor=baseline" --name study \
 	  --primary first_complete -o docs/study
 
