@@ -25,7 +25,7 @@ from islandgp.commands.setting import (
 )
 
 if TYPE_CHECKING:
-    from rich.table import Table
+    from rich.console import Console, JustifyMethod
 
     from islandgp.config.settings import Settings
     from islandgp.domain import Outcome, Schema
@@ -110,39 +110,42 @@ def _compared(own: Sequence[float], first: Sequence[float]) -> dict[str, float]:
 
 
 def _print_comparison(names: Sequence[str], points: Sequence[Sequence[float]]) -> None:
-    """A row for each tree."""
-    from rich.console import Console
-
+    """A row for each tree; where names leave no room for numbers, they stand above the table."""
     rows = [_compared(own, points[0]) for own in points]
     worlds = len(points[0])
-    cells = []
-    for what in ("fitness", "difference"):
-        flat = numbers([row[what + end] for row in rows for end in ("", "_low", "_high")])
-        means, lows, highs = flat[::3], flat[1::3], flat[2::3]
-        cells.append(means)
-        cells.append(
-            [
-                f"{low} to {high}" if worlds > 1 else ""
-                for low, high in zip(lows, highs, strict=True)
-            ]
-        )
     better = [f"{_won(own, points[0])} of {worlds}" for own in points]
-    console = Console(highlight=False, width=ENDLESS, markup=False)
-    console.print(
-        _table(
-            [
-                Column("tree", tuple(names), right=False),
-                Column("fitness", tuple(cells[0])),
-                Column("95 %", tuple(cells[1])),
-                Column("difference", ("", *cells[2][1:])),
-                Column("95 %", ("", *cells[3][1:])),
-                Column("better in", ("", *better[1:])),
-            ]
+    columns = [
+        Column("tree", tuple(names), right=False),
+        Column("fitness (95 %)", _with_intervals(rows, "fitness", worlds), right=False),
+        Column(
+            "difference (95 %)",
+            ("", *_with_intervals(rows[1:], "difference", worlds)),
+            right=False,
+        ),
+        Column("better in", ("", *better[1:])),
+    ]
+    console = _console()
+    if width_of(columns) > console.width:
+        for number, name in enumerate(names, 1):
+            console.print(f"tree {number}: {name}")
+        console.print()
+        columns[0] = Column("tree", tuple(str(number) for number in range(1, len(names) + 1)))
+    _print_table(console, columns)
+    if worlds > 1:
+        console.print(
+            f"\nMeans over the worlds 0 to {worlds - 1}; differences are to the first tree in the"
+            " same worlds, with Student's t."
         )
-    )
-    console.print(
-        f"\nMeans over the worlds 0 to {worlds - 1}; differences are to the first tree in the same"
-        " worlds, with Student's t."
+
+
+def _with_intervals(rows: Sequence[dict[str, float]], what: str, worlds: int) -> tuple[str, ...]:
+    """Means of `fitness` or `difference`, each with its interval where there are two worlds."""
+    flat = numbers([row[what + end] for row in rows for end in ("", "_low", "_high")])
+    columns = flat[::3], flat[1::3], flat[2::3]
+    mean, low, high = (max(map(len, cells), default=0) for cells in columns)
+    return tuple(
+        f"{a:>{mean}} ({b:>{low}} to {c:>{high}})" if worlds > 1 else a
+        for a, b, c in zip(*columns, strict=True)
     )
 
 
@@ -188,22 +191,26 @@ def _outcomes(tree: Node, settings: Settings, seeds: int, stage: int) -> list[Ou
     return outcomes
 
 
-def _print(outcomes: Sequence[Outcome], schema: Schema, settings: Settings, stage: int) -> None:
+def _console() -> Console:
+    """The standard output: as wide as the terminal, or endless where it is none."""
     from rich.console import Console
 
+    return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else ENDLESS)
+
+
+def _print(outcomes: Sequence[Outcome], schema: Schema, settings: Settings, stage: int) -> None:
     from islandgp.scoring.classes import tiers
 
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else ENDLESS)
+    console = _console()
     columns, left_out = fitting(_columns(outcomes, schema, settings), console.width)
-    console.width = max(console.width, sum(column.width + GAP for column in columns))
-    console.print(_table(columns))
+    _print_table(console, columns)
     if left_out:
         console.print(f"Not shown, for want of room: {', '.join(left_out)}.", style="dim")
     console.print()
-    console.print(_table(_summary(f"points, stage {stage + 1}", _points(outcomes))))
+    _print_table(console, _summary(f"points, stage {stage + 1}", _points(outcomes)))
     if schema.counters:
         console.print()
-        console.print(_table(_summary("counters", _counts(outcomes, schema))))
+        _print_table(console, _summary("counters", _counts(outcomes, schema)))
     console.print()
     reached = [tiers(outcome, settings.classes) for outcome in outcomes]
     counts = [f"{tier} {sum(tier in r for r in reached)}" for tier in settings.classes.tiers]
@@ -245,9 +252,28 @@ def _columns(outcomes: Sequence[Outcome], schema: Schema, settings: Settings) ->
     ]
 
 
+def width_of(columns: Sequence[Column]) -> int:
+    """Letters of a line of a table."""
+    return sum(column.width + GAP for column in columns) - GAP
+
+
+def parts(columns: Sequence[Column], width: int) -> list[list[Column]]:
+    """The columns as tables of at most `width` letters, each with the first column again.
+
+    A table that holds but one other column may be wider: its cells are folded.
+    """
+    first, *others = columns
+    found = [[first]]
+    for column in others:
+        if len(found[-1]) > 1 and width_of([*found[-1], column]) > width:
+            found.append([first])
+        found[-1].append(column)
+    return found
+
+
 def fitting(columns: Sequence[Column], width: int) -> tuple[list[Column], list[str]]:
     """The columns that a line of `width` letters has room for, and the headings of the others."""
-    room = width - sum(column.width + GAP for column in columns if column.must)
+    room = width - width_of([column for column in columns if column.must])
     shown, left_out = [], []
     for column in columns:
         if not column.must:
@@ -303,12 +329,17 @@ def _summary(title: str, rows: dict[str, list[float]]) -> list[Column]:
     ]
 
 
-def _table(columns: Sequence[Column]) -> Table:
+def _print_table(console: Console, columns: Sequence[Column]) -> None:
+    """A table in as many parts as the console's width asks for, an empty line between two."""
     from rich.table import Table
 
-    table = Table(box=None, padding=(0, GAP, 0, 0), pad_edge=False, header_style="bold")
-    for column in columns:
-        table.add_column(column.heading, justify="right" if column.right else "left", no_wrap=True)
-    for row in zip(*(column.cells for column in columns), strict=True):
-        table.add_row(*row)
-    return table
+    for number, part in enumerate(parts(columns, console.width)):
+        if number:
+            console.print()
+        table = Table(box=None, padding=(0, GAP, 0, 0), pad_edge=False, header_style="bold")
+        for column in part:
+            side: JustifyMethod = "right" if column.right else "left"
+            table.add_column(column.heading, justify=side, overflow="fold")
+        for row in zip(*(column.cells for column in part), strict=True):
+            table.add_row(*row)
+        console.print(table)

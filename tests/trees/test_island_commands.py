@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 from math import sqrt
@@ -13,7 +14,7 @@ from rich.console import Console
 
 from islandgp.bt.language import parse, to_text
 from islandgp.bt.node import size
-from islandgp.commands.play_command import Column, fitting, numbers
+from islandgp.commands.play_command import Column, fitting, numbers, parts, width_of
 from islandgp.resources import resource
 from islandgp.viewer.recording import IDLE, record
 from islandgp.viewer.trace import courses, drawn, merged, stints, timeline
@@ -131,7 +132,7 @@ def test_watch_of_any_domain() -> None:
 COLUMNS = [Column("world", ("0",)), *(Column(f"c{i}", ("1",), must=False) for i in range(20))]
 
 
-@pytest.mark.parametrize(("width", "shown"), [(80, 16), (40, 8), (4, 0), (1000, 20)])
+@pytest.mark.parametrize(("width", "shown"), [(80, 17), (40, 8), (4, 0), (1000, 20)])
 def test_counters_that_there_is_room_for(width: int, shown: int) -> None:
     """A table never gets wider than the terminal for the sake of counters; what is left out is
     told."""
@@ -148,17 +149,51 @@ def test_numbers_of_any_size_can_be_read() -> None:
     assert numbers([0.0, 0.0]) == ["0", "0"]
 
 
-def test_play_fits_a_narrow_terminal(islandgp: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
-    """At 80 columns nothing is cut off, and what is left out is told."""
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.setattr("islandgp.commands.play_command.ENDLESS", 80)
+@pytest.mark.parametrize("width", [5, 24, 40, 80])
+def test_a_wide_table_comes_in_parts(width: int) -> None:
+    """Each part has the first column and is as wide as there is room for; no column is lost."""
+    told = [Column("world", ("0", "1"))] + [Column("x" * n, ("1", "22")) for n in range(1, 20)]
+    found = parts(told, width)
+    assert [column for part in found for column in part[1:]] == told[1:]
+    assert {part[0] for part in found} == {told[0]}
+    assert all(width_of(part) <= width or len(part) == 2 for part in found)
+    for part, following in itertools.pairwise(found):
+        assert width_of([*part, following[1]]) > width
+
+
+@pytest.mark.parametrize("width", [40, 80])
+def test_play_fits_a_narrow_terminal(
+    islandgp: Cli, monkeypatch: pytest.MonkeyPatch, width: int
+) -> None:
+    """Nothing is cut off, and what is left out is told."""
+    monkeypatch.setattr("islandgp.commands.play_command.ENDLESS", width)
     said = islandgp("play", GOOD, "--seeds", 2, *SHORT)
     assert said.code == 0
-    assert max(map(len, said.out.splitlines())) <= 80
+    assert max(map(len, said.out.splitlines())) <= width
     assert "\N{HORIZONTAL ELLIPSIS}" not in said.out
     assert "Not shown, for want of room:" in said.out
-    for counter in ("picked up", "inactive s", "battery %"):
-        assert counter in said.out
+    for heading in ("picked up", "inactive", "battery", "ended by", "class", "best tier", "most"):
+        assert heading in said.out
+
+
+@pytest.mark.parametrize("width", [40, 80, 1000])
+def test_play_of_several_fits_a_narrow_terminal(
+    islandgp: Cli, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, width: int
+) -> None:
+    """A long name stands above the table where it leaves no room; every letter of it is told."""
+    file = tmp_path / "a folder" / f"{'long' * 20}.bt"
+    file.parent.mkdir()
+    file.write_text("PatrolWaypoint", encoding="utf-8")
+    monkeypatch.setattr("islandgp.commands.play_command.ENDLESS", width)
+    said = islandgp("play", GOOD, file, "--seeds", 2, *SHORT)
+    assert said.code == 0
+    assert max(map(len, said.out.splitlines())) <= width
+    letters = "".join(said.out.split())
+    assert "".join(str(file).split()) in letters
+    assert ("tree1:" in letters) == (width < 1000)
+    for heading in ("fitness (95 %)", "difference (95 %)", "better in"):
+        assert heading in said.out
+    assert "0 of 2" in said.out
 
 
 def test_trace(islandgp: Cli) -> None:
