@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import dataclasses
 import math
-import re
 import struct
 import zlib
 from collections.abc import Callable, Iterator
@@ -25,7 +24,7 @@ from islandgp.study.table import Table
 from islandgp.viewer.encode import GRID
 from islandgp.viewer.page import page
 from islandgp.viewer.recording import IDLE, Recording, record
-from tests.viewer.browser import Browser, chromium
+from tests.viewer.browser import Browser
 from tests.viewer.episodes import island, random_of_size, recorded, small
 
 LETTERS = ".fsrx"
@@ -34,24 +33,6 @@ STATE = (
     ".map(n => ['f','s','r','x'].find(c => n.classList.contains(c)) ?? '.').join('')"
 )
 DRAWN = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))"
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    """One Chromium for all tests here."""
-    program = chromium()
-    if program is None:
-        pytest.skip("no Chromium is installed (apt-get install chromium)")
-    with Browser(program, tmp_path_factory.mktemp("profile")) as opened:
-        yield opened
-
-
-@pytest.fixture(scope="module")
-def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The page of the all-rounder's episode."""
-    path = tmp_path_factory.mktemp("page") / "replay.html"
-    path.write_text(page(recorded(), title="All-rounder"), encoding="utf-8")
-    return path
 
 
 @pytest.fixture
@@ -301,24 +282,14 @@ def test_no_limit_of_nodes(browser: Browser, tmp_path: Path) -> None:
     assert browser.console == []
 
 
-SIZES = [(400, 800), (800, 600), (1024, 600), (1500, 950)]
-
-
-@pytest.fixture
-def sized(browser: Browser) -> Iterator[Callable[[int, int], None]]:
-    """Sets the size of the window; afterwards it is as before."""
-
-    def resize(width: int, height: int) -> None:
-        browser.call(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=1,
-            mobile=False,
-        )
-
-    yield resize
-    browser.call("Emulation.clearDeviceMetricsOverride")
+# Pairs of elements of which one lies upon the other.
+OVERLAPPING = (
+    "(parts => parts.flatMap((one, i) => parts.slice(i + 1).filter(other => {"
+    " const [a, b] = [one, other].map(e => document.querySelector(e).getBoundingClientRect());"
+    " return a.left < b.right - 1 && b.left < a.right - 1 && a.top < b.bottom - 1"
+    " && b.top < a.bottom - 1; }).map(other => [one, other])))(PARTS)"
+)
+SIZES = [(400, 800), (800, 600), (1024, 600), (1500, 900)]
 
 
 @pytest.mark.parametrize(("width", "height"), SIZES)
@@ -346,51 +317,14 @@ def test_any_size_of_window(
         )
         assert min(box) >= 60, canvas
     assert browser.run("document.documentElement.scrollWidth <= innerWidth")
-
-
-def test_names_for_those_who_do_not_see(opened: Browser) -> None:
-    """Every canvas, picture of a tree, button and choice has a name, and the time is a slider."""
-    seek(opened, 1234)
-    for role, name in (("img", "The world"), ("img", "Fitness"), ("img", "Behaviour tree")):
-        names = opened.run(f"[...document.querySelectorAll('[role={role}]')].map(e => e.ariaLabel)")
-        assert any(found.startswith(name) for found in names), name
-    unnamed = opened.run(
-        "[...document.querySelectorAll('canvas, button, select')].filter(e =>"
-        " !e.getAttribute('aria-label') && !/[a-z]/.test(e.textContent)).length"
-    )
-    assert unnamed == 0
-    slider = "document.querySelector('[role=slider]')"
-    assert opened.run(f"{slider}.getAttribute('aria-valuetext')") == "123.4 s"
-    assert opened.run(f"{slider}.getAttribute('aria-valuenow')") == "1234"
-
-
-def luminance(colour: str) -> float:
-    """Relative luminance, as WCAG defines it."""
-    parts = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
-    red, green, blue = (c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts)
-    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
-
-
-def contrast(one: str, other: str) -> float:
-    """From 1 to 21."""
-    low, high = sorted(map(luminance, (one, other)))
-    return (high + 0.05) / (low + 0.05)
-
-
-@pytest.mark.parametrize("theme", [0, 1], ids=["light", "dark"])
-def test_contrast(theme: int) -> None:
-    """Text has a contrast of 4.5 to what it stands on, lines and bars one of 3 (WCAG AA)."""
-    style = page(small(), title="t").split("<style>")[1]
-    block = re.findall(r":root[^{]*\{(.*?)\n *\}", style, re.DOTALL)[theme]
-    paint = dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6})", block))
-    texts = [(ink, ground) for ink in ("ink", "soft") for ground in ("paper", "panel")]
-    texts += [("quiet-ink", "quiet"), ("good-edge", "panel")]
-    texts += [("ink", lit) for lit in ("run", "good", "bad", "cut")]
-    texts += [("panel", f"{lit}-edge") for lit in ("run", "good", "bad", "cut")]
-    for ink, ground in texts:
-        assert contrast(paint[ink], paint[ground]) >= 4.5, (ink, ground)
-    for line in ("plain", "run-edge", *(f"part-{i}" for i in range(8))):
-        assert contrast(paint[line], paint["panel"]) >= 3, line
+    for parts in (
+        ("h1", "#facts", "#score", "#map", "#mind", "#blackboard", "#fitness"),
+        (".tools", "#scene", "#legend"),
+        ("#why", "#tree-box", ".key"),
+        ("#chart", "#shares"),
+        ("#start", "#back", "#play", "#forth", "#clock", "#speed", "#help", ".lanes"),
+    ):
+        assert browser.run(OVERLAPPING.replace("PARTS", str(list(parts)))) == []
 
 
 def open_small(browser: Browser, folder: Path, **changes: Any) -> None:
