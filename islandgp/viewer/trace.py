@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from math import ceil, inf, isfinite
 from typing import TYPE_CHECKING, Final
 
-from islandgp.bt.node import Node, walk
-from islandgp.bt.render.label import label
+from islandgp.bt.node import Node, condition_of, walk
+from islandgp.bt.printer import condition_text
 from islandgp.bt.render.terminal import to_rich
 from islandgp.viewer.recording import (
     FAILED,
@@ -27,7 +27,9 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 BLOCKS: Final = " \N{LOWER ONE EIGHTH BLOCK}\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
+ELLIPSIS: Final = "\N{HORIZONTAL ELLIPSIS}"
 MOST_LINES: Final = 5_000  # of a timeline
+MOST_GUARDS: Final = 8  # on such a line
 _NOT_IDLE: Final = re.compile(b"[^%c]+" % IDLE)
 _WORDS: Final = {RUNS: "runs", SUCCEEDED: "succeeded", FAILED: "failed", STOPPED: "was aborted"}
 _STYLES: Final = {SUCCEEDED: "green", FAILED: "red", STOPPED: "magenta", RUNS: "cyan"}
@@ -169,17 +171,19 @@ def timeline(recording: Recording, begin: float = 0.0, end: float = inf) -> Iter
 
 
 def _guards(tree: Node) -> list[str]:
-    """For each node the conditions above it: why it may run."""
+    """For each node the conditions above it, the innermost MOST_GUARDS of them: why it may run."""
     found: list[str] = []
 
-    def visit(node: Node, above: tuple[str, ...]) -> None:
-        found.append(" & ".join(above))
+    def visit(node: Node, above: tuple[str, ...], text: str) -> None:
+        found.append(text)
         if node.kind == "when":
-            above = (*above, label(node).split(" abort ")[0].split(" ", 1)[1])
+            above = (*above, condition_text(condition_of(node)))
+            shown = above if len(above) <= MOST_GUARDS else (ELLIPSIS, *above[-MOST_GUARDS:])
+            text = " & ".join(shown)  # once for all that is below
         for child in node.children:
-            visit(child, above)
+            visit(child, above, text)
 
-    visit(tree, ())
+    visit(tree, (), "")
     return found
 
 

@@ -17,7 +17,7 @@ from islandgp.bt.node import size
 from islandgp.commands.play_command import Column, fitting, numbers, parts, width_of
 from islandgp.resources import resource
 from islandgp.viewer.recording import IDLE, record
-from islandgp.viewer.trace import courses, drawn, merged, stints, timeline
+from islandgp.viewer.trace import ELLIPSIS, courses, drawn, merged, stints, timeline
 from islandgp.viewer.watch import frame, lines, watch
 from tests.trees.shell import Cli
 from tests.viewer.episodes import going, island, small
@@ -313,3 +313,14 @@ def test_a_timeline_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     every = list(stints(recording))
     for begin in (0, 1, every[3].start, every[3].start + 1, recording.ticks):
         assert list(stints(recording, begin)) == [s for s in every if s.start >= begin]
+
+
+def test_a_line_has_few_guards() -> None:
+    """However many guards an action is under, the innermost ones are told, and that there are
+    others."""
+    for levels in (8, 9, 30):
+        guards = [f"way < {100 + level}" for level in range(levels)]
+        tree = "".join(f"when {guard} {{ " for guard in guards) + "Go" + " }" * levels
+        line = list(timeline(small(tree)))[1].plain
+        before = f"{ELLIPSIS} & " if levels > 8 else ""
+        assert line.endswith("  " + before + " & ".join(guards[-8:]))
