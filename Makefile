@@ -40,6 +40,9 @@ gateways:        ## LiteLLM's proxy and llmock in build/gateways, for slow tests
 	$(PYTHON) -m venv build/gateways
 	build/gateways/bin/python -m pip install --quiet --disable-pip-version-check -r tests/llm/gateways.txt
 
+axe:             ## axe-core in build/axe, for a slow test of the replay page
+	npm install --silent --no-audit --no-fund --prefix build/axe axe-core@4.14.1
+
 bench: $(STAMP)  ## the benchmarks, with goals beside figures
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]' -c constraints.txt
 	$(BIN)/python -m benchmarks
@@ -90,4 +93,4 @@ ui: $(STAMP)     ## start the MLflow UI on this folder's runs
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
 
-.PHONY: help setup run lint test test-slow btcpp fuzz torture gateways bench demo-llm study ablations study-worlds docs ui clean
+.PHONY: help setup run lint test test-slow btcpp fuzz torture gateways axe bench demo-llm study ablations study-worlds docs ui clean

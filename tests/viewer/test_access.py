@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,9 +10,11 @@ from typing import Any
 import pytest
 
 from islandgp.viewer.page import page
+from tests.running.commands import ROOT
 from tests.viewer.browser import Browser
 from tests.viewer.episodes import small
 
+AXE = ROOT / "build/axe/node_modules/axe-core/axe.min.js"
 THEMES = ("light", "dark")
 # Each text of the page that is shown, with its colour and what it is drawn upon: in a picture
 # the shape before it, elsewhere the first ground that is not transparent.
@@ -113,12 +114,10 @@ def test_every_text_can_be_read(browser: Browser, file: Path, theme: str) -> Non
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(not AXE.exists(), reason="run make axe first")
 def test_axe(browser: Browser, file: Path, theme: str, sized: Callable[[int, int], None]) -> None:
-    """axe-core (npm install axe-core; AXE_CORE is the path of its axe.min.js) finds no fault."""
-    path = Path(os.environ.get("AXE_CORE", "node_modules/axe-core/axe.min.js"))
-    if not path.exists():
-        pytest.skip("no axe-core is installed; AXE_CORE names its axe.min.js")
-    script = path.read_text(encoding="utf-8")
+    """axe-core finds no fault on large and small screens."""
+    script = AXE.read_text(encoding="utf-8")
     for width, height in ((1500, 900), (800, 600), (400, 800)):
         sized(width, height)
         browser.open(f"file://{file}#t=96.6")
