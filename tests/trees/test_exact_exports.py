@@ -409,4 +409,5 @@ def test_meanings_in_a_docstring() -> None:
     """No meaning of a key ends the docstring of the exported module."""
     words = Vocabulary("odd", {"A": Action("")}, {"p": flag('a """ quote, a \\N backslash')})
     tree = parse("when p { A }", words)
-    compile(py_trees.to_python(tree, words), "exported", "exec")
+    code = compile(py_trees.to_python(tree, words), "exported", "exec")
+    assert "p: a ''' quote, a \\N backslash" in str(code.co_consts[0])
