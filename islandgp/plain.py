@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from functools import cache
 from typing import Any, Final, NoReturn
 
@@ -43,12 +44,23 @@ def must_fit(kind: Any, text: str | bytes) -> None:
         ValueError: a field is missing or has another type; the message names it.
     """
     try:
-        _adapter(kind).validate_json(text, strict=True)
+        _adapter(kind).validate_json(_without_halves(text), strict=True)
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False)[0]
         at = ".".join(map(str, first["loc"][:8])) or "the whole"
         message = first["msg"]
         raise ValueError(f"{at:.100}: {message[0].lower()}{message[1:]:.100}") from None
+
+
+def _without_halves(text: str | bytes) -> bytes:
+    """The text with another character for each half of a surrogate pair.
+
+    pydantic refuses half a pair. In a path it is a byte that is no character.
+    """
+    raw = text.encode() if isinstance(text, str) else text
+    if b"\\ud" not in raw.lower():
+        return raw
+    return re.sub(rb"\\u[dD][89a-fA-F]..|\\.", lambda m: b"?" if len(m[0]) > 2 else m[0], raw)
 
 
 @cache

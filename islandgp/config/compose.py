@@ -326,13 +326,17 @@ def _launcher(hydra: DictConfig) -> str:
 
 def _must_have_no_callbacks(hydra: DictConfig) -> None:
     """Raises ConfigError for callbacks: Hydra would run whatever code a command names there."""
-    if hydra.callbacks:
-        first = f"hydra.callbacks.{next(iter(hydra.callbacks))}"
+    others = {k: v for k, v in (hydra.callbacks or {}).items() if (k, v) not in CALLBACKS.items()}
+    if others:
+        first = f"hydra.callbacks.{next(iter(others))}"
         raise ConfigError(
             f"{first}: expected no callbacks, found one; leave it out, or write a supervisor or"
             " an evaluator of your own"
         )
 
+
+CALLBACKS: Final = {"forget": {"_target_": "islandgp.running.sweep_job.Forget"}}
+"""Hydra's callbacks, as conf/config.yaml has them."""
 
 OURS: Final = {
     "run.dir": ".",

@@ -88,8 +88,8 @@ class Processes:
     def _new_pool(self) -> ProcessPoolExecutor:
         context = multiprocessing.get_context("forkserver" if os.name == "posix" else "spawn")
         if os.name == "posix":
-            modules = ["islandgp.evaluation.processes", type(self.setting.domain).__module__]
-            context.set_forkserver_preload(modules)
+            own = ["islandgp.evaluation.forked", "islandgp.evaluation.processes"]
+            context.set_forkserver_preload([*own, type(self.setting.domain).__module__])
         return ProcessPoolExecutor(self.workers, context, _start, (self.setting,))
 
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:

@@ -61,6 +61,7 @@ class Ray:
             EvaluationError: Ray is not installed, or there is no cluster at the address.
         """
         self.simulated = 0
+        self._looked = monotonic()
         self._ray, self._ours = _connect(settings)
         remote = settings.address.startswith("ray://")  # whose own address is another network's
         self._head = settings.address if remote else self._ray.get_runtime_context().gcs_address
@@ -72,6 +73,9 @@ class Ray:
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
         """See `Evaluator`."""
         self.simulated += len(jobs)
+        if monotonic() > self._looked + LOOK:
+            self._must_be_there()  # tasks go on for a minute without the head; then Ray ends us
+            self._looked = monotonic()
         futures = [self._task.remote(self._setting, job) for job in jobs]
         try:
             return [self._result(job, f) for job, f in zip(jobs, futures, strict=True)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from islandgp.bt.node import size
-from islandgp.domain import Outcome
+from islandgp.domain import Outcome, total
 from islandgp.evaluation.base import Evaluator, Job
 from islandgp.evolution.plan import Plan
 from islandgp.evolution.population import Evaluated, Individual
@@ -52,9 +52,9 @@ def combine(outcomes: Sequence[Outcome]) -> Outcome:
         return outcomes[0]
     first, n = outcomes[0], len(outcomes)
     return Outcome(
-        components={c: sum(o.components[c] for o in outcomes) / n for c in first.components},
-        counters={c: sum(o.counters[c] for o in outcomes) / n for c in first.counters},
-        seconds=sum(o.seconds for o in outcomes) / n,
+        components={c: total(o.components[c] for o in outcomes) / n for c in first.components},
+        counters={c: total(o.counters[c] for o in outcomes) / n for c in first.counters},
+        seconds=total(o.seconds for o in outcomes) / n,
         endings=tuple(ending for o in outcomes for ending in o.endings),
     )
 

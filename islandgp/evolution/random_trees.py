@@ -15,6 +15,7 @@ from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS, Asked, Condition, j
 from islandgp.bt.limits import Limits, within
 from islandgp.bt.node import ABORTS, KINDS, POLICIES, Argument, Node
 from islandgp.bt.vocabulary import Key, Vocabulary
+from islandgp.domain import total
 
 MOST_NODES: Final = 2000.0  # expected of a random tree; a run takes at most 1,000
 
@@ -88,7 +89,7 @@ def check_weights(key: str, weights: Mapping[str, float], names: Iterable[str]) 
 
 def weighted(rng: np.random.Generator, weights: Mapping[str, float]) -> str:
     """A key drawn by its weight."""
-    left, last = rng.random() * sum(weights.values()), ""
+    left, last = rng.random() * total(weights.values()), ""
     for name, weight in weights.items():
         if weight > 0:
             left, last = left - weight, name

@@ -151,7 +151,8 @@ class RunFolder:
         text = f"{error}\n\n{trace}" if isinstance(error, IslandError) else trace
         with suppress(OSError):
             self.path.mkdir(parents=True, exist_ok=True)
-            write_atomic(self.path / "error.txt", without_credentials(text).encode())
+            raw = without_credentials(text).encode(errors="replace")
+            write_atomic(self.path / "error.txt", raw)
 
     def error(self) -> str:
         """Why the run failed, or ""."""

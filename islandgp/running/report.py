@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any, Final
 
+from islandgp.domain import total
 from islandgp.evolution.record import Champion
 from islandgp.evolution.validation import Best
 from islandgp.records.fallbacks import answers, fallback_share
@@ -46,7 +47,7 @@ def summary(
         "first": first,
         "final_best": snapshots[-1]["best"],
         "final_mean": snapshots[-1]["mean"],
-        "mean_diversity": sum(s["diversity"] for s in snapshots) / len(snapshots),
+        "mean_diversity": total(s["diversity"] for s in snapshots) / len(snapshots),
         "generations": len(snapshots),
         "answers": given,
         "mostly_fallback": most_fallback is not None and fallback_share(given) > most_fallback,

@@ -12,6 +12,7 @@ from statistics import fmean
 
 from pydantic import BaseModel, Field
 
+from islandgp.domain import total
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.crisis import Crisis
 from islandgp.scoring.snapshot import Snapshot
@@ -74,8 +75,8 @@ def trend(values: Sequence[float]) -> float:
     if n < 2:
         return 0.0
     centre, mean = (n - 1) / 2, fmean(values)
-    top = sum((i - centre) * (v - mean) for i, v in enumerate(values))
-    return top / sum((i - centre) ** 2 for i in range(n))
+    top = total((i - centre) * (v - mean) for i, v in enumerate(values))
+    return top / total((i - centre) ** 2 for i in range(n))
 
 
 def stagnant(history: Sequence[Snapshot], improvement: float) -> int:

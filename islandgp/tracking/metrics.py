@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
+from islandgp.domain import total
 from islandgp.evolution.record import GuidanceRecord
 from islandgp.supervision.decisions import Decisions, decisions
 
@@ -79,7 +80,7 @@ def final_metrics(records: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, f
         if record["guidance"] is not None:
             given.append(GuidanceRecord(**record["guidance"]))
     yield "run/best", best
-    yield "run/mean_diversity", sum(diversities) / len(diversities)
+    yield "run/mean_diversity", total(diversities) / len(diversities)
     yield from ((f"run/first_{tier}", generation) for tier, generation in first.items())
     yield from _decisions(decisions([given]))
 

@@ -26,7 +26,7 @@ from typing import Final, Protocol
 from islandgp.errors import brief
 from islandgp.records.folder import RunFolder, Status
 from islandgp.tracking.mirror import Mirror
-from islandgp.tracking.store import Place, Store
+from islandgp.tracking.store import Place, Store, load_alone
 from islandgp.tracking.sync import sync
 
 PERIOD: Final = 2.0  # s between two sendings while a run goes on: a call costs ten milliseconds
@@ -220,7 +220,9 @@ class InProcess:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._errors,
-            start_new_session=True,  # Ctrl-C is the parent's to handle
+            # Ctrl-C is the parent's to handle. The session stays the same: Linux weighs niceness
+            # within a session only.
+            process_group=0,
             text=True,
             encoding="utf-8",
         )
@@ -267,7 +269,13 @@ def main() -> None:
             print(json.dumps(asdict(report)), file=reports, flush=True)
 
     worker = Worker(tell)
-    Thread(target=worker.work, daemon=True).start()
+
+    def work() -> None:
+        tell(Report(Kind.PREPARING, "loading MLflow"))
+        _behind(load_alone)
+        worker.work()
+
+    Thread(target=work, daemon=True).start()
     for line in sys.stdin:
         plain = json.loads(line)
         place = None if plain["place"] is None else Place(**plain["place"])

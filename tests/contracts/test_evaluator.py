@@ -214,6 +214,31 @@ def test_workers_of_a_start_that_was_interrupted_end(monkeypatch: pytest.MonkeyP
     assert worker.exitcode == -signal.SIGKILL
 
 
+@pytest.mark.parametrize(
+    ("failure", "said"),
+    [
+        pytest.param(
+            "synchronize.Lock.__new__(synchronize.Lock).__setstate__((0, 1, 1, '/gone'))",
+            "",
+            id="queues gone",
+        ),
+        pytest.param("spawn._main(0, 0)", "", id="parent gone"),
+        pytest.param("open('/gone')", "FileNotFoundError", id="the domain's own"),
+    ],
+)
+@pytest.mark.skipif(os.name != "posix", reason="the server of forks")
+def test_a_worker_without_its_run_says_nothing(failure: str, said: str) -> None:
+    """A run that is stopped while a worker starts takes its queues away from it."""
+    imports = "import islandgp.evaluation.forked\nfrom multiprocessing import spawn, synchronize"
+    program = f"{imports}\n{failure}"
+    done = subprocess.run(
+        [sys.executable, "-c", program], stdin=subprocess.DEVNULL, capture_output=True, text=True
+    )
+    assert done.returncode == 1
+    assert bool(done.stderr) == bool(said)
+    assert said in done.stderr
+
+
 def test_closing_does_not_wait_for_long_episodes() -> None:
     """After Ctrl-C their workers are killed within seconds."""
     pool = Processes(deadly_slow(), 2)
@@ -229,9 +254,10 @@ def test_closing_does_not_wait_for_long_episodes() -> None:
 
 def test_an_episode_that_never_ends_is_named() -> None:
     """After the time limit, with tree and seed; the pool is of use afterwards."""
-    pool = Processes(deadly_slow(), 2, episode_timeout=3)
+    pool = Processes(deadly_slow(), 2, episode_timeout=300)
     try:
-        pool.evaluate(JOBS[:2])
+        pool.evaluate(JOBS[:2])  # workers are at hand, whatever their start took
+        pool.episode_timeout = 3
         began = time.monotonic()
         with pytest.raises(
             EvaluationError,
@@ -239,6 +265,7 @@ def test_an_episode_that_never_ends_is_named() -> None:
         ):
             pool.evaluate([*JOBS[:3], KILLER, *JOBS[3:]])
         assert time.monotonic() - began < 15
+        pool.episode_timeout = 300
         assert tuple(pool.evaluate(JOBS)) == expected()
     finally:
         pool.close()

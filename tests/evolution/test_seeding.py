@@ -1,9 +1,11 @@
-"""Streams by purpose: distinct, stateless, and the same for ever."""
+"""Streams by purpose: distinct, stateless, and the same for ever; and sums that are so."""
 
 from __future__ import annotations
 
+import json
 from itertools import product
 
+from islandgp.domain import total
 from islandgp.seeding import Stream, stream, world_seed
 
 
@@ -24,6 +26,13 @@ def test_streams_keep_no_state() -> None:
     draws = one.random(10).tolist()
     stream(5, Stream.MUTATION, generation=3, slot=8).random(1000)
     assert stream(5, Stream.MUTATION, generation=3, slot=7).random(10).tolist() == draws
+
+
+def test_sums_do_not_depend_on_the_version_of_python() -> None:
+    """Python 3.12 and later compensate in `sum` for what rounding loses."""
+    assert total([0.1] * 10) == 0.9999999999999999
+    assert total(iter([1e16, 1.0, -1e16])) == 0.0
+    assert json.dumps([total([]), total([1, 2])]) == "[0, 3]"
 
 
 def test_numbers_of_purposes() -> None:

@@ -10,14 +10,17 @@ import pytest
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra._internal.utils import get_args_parser
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.utils import JobReturn, JobStatus
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from omegaconf import DictConfig
 
 from islandgp.config.compose import Planned, planned, run_folder
 from islandgp.errors import ConfigError
 from islandgp.records.sweep_folder import SweepFile, SweepFolder
 from islandgp.running.app import main
 from islandgp.running.sweep import run_sweep
+from islandgp.running.sweep_job import Forget
 from tests.composed import composed
 from tests.running.commands import TINY, fake
 from tests.running.histories import store, tracked
@@ -202,6 +205,26 @@ def test_a_sweep_over_decimals_keeps_its_arms(
     assert sorted(run.tags["arm"] for run in children) == sorted([*file.arms()] * 2)
     for rate in ("0.1", "0.3"):
         assert f"sweep/baseline gp.mutation_rate_{rate} best fitness mean" in parent.points
+
+
+def test_a_sweep_keeps_no_configuration_of_a_job_that_is_over(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A long sweep would need half a GiB for each thousand jobs."""
+    monkeypatch.chdir(home)
+    kept: list[JobReturn] = []
+    forget = Forget.on_job_end
+
+    def ended(self: Forget, config: DictConfig, job_return: JobReturn) -> None:
+        kept.append(job_return)
+        forget(self, config, job_return)
+
+    monkeypatch.setattr(Forget, "on_job_end", ended)
+    words = [*TINY, *fake("Instant"), "tracking=off", "progress=off", "seed=0,1", "-m"]
+    assert main(words) == 0
+    assert [(job.status, job.cfg, job.hydra_cfg) for job in kept] == [
+        (JobStatus.COMPLETED, None, None)
+    ] * 2
 
 
 def test_a_sweep_may_be_started_in_any_folder(

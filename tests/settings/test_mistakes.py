@@ -198,6 +198,8 @@ ONE_LINE = [
      "world@x: expected GROUP=OPTION, found a package behind the group; write world=OPTION"),
     (["+hydra.callbacks.x._target_=builtins.print"],
      "hydra.callbacks.x: expected no callbacks, found one; leave it out,"),
+    (["hydra.callbacks.forget._target_=builtins.print"],
+     "hydra.callbacks.forget: expected no callbacks, found one; leave it out,"),
     (["hydra.run.dir=/proc/x"], "hydra.run.dir: expected ., found /proc/x"),
 ]  # fmt: skip
 

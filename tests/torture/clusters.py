@@ -40,12 +40,13 @@ def lost_head(lab: Lab) -> None:
     """The head of the cluster killed in the middle of a run: told in words, in bounded time."""
     if find_spec("ray") is None:
         raise Missing("Ray is not installed")
+    words = (*RAY, "gp.generations=1200")  # more than are made until Ray notices: a minute
     for part in ("gcs_server", "raylet/raylet"):
         home = lab.folder()
-        process = start(home, *RAY)
+        process = start(home, *words)
         under_way(home, process)
         for number, (_, line) in processes(process.pid).items():
             if part in line:
                 os.kill(number, signal.SIGKILL)
         assert_refused(lab.end(process), "Ray cluster", "has ended")
-    lab.assert_finishes(home, RAY)
+    lab.assert_finishes(home, words)

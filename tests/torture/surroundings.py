@@ -91,6 +91,12 @@ def encodings(lab: Lab) -> None:
         assert done.code == 0, (env, done)
         assert "Traceback" not in done.said, done.said
         lab.assert_same(home, QUICK)
+    home = lab.folder() / os.fsdecode(b"no\xff\xe4character")
+    home.mkdir()
+    done = lab.run(home, *QUICK)
+    assert done.code == 0, done
+    assert "Traceback" not in done.said, done.said
+    lab.assert_same(home, QUICK)
     odd = os.fsdecode(b"name=\xff\xfe")
     done = lab.run(lab.folder(), *QUICK, odd)
     assert_refused(done, "name")

@@ -1,0 +1,40 @@
+"""Plain values that a file holds, and the types that they must fit."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from islandgp.plain import must_fit
+
+TEXTS = st.lists(
+    st.sampled_from(["\\", "u", "d8", '"', "\udcff", "\ud800", "\U0001f600", "é", "00"]), max_size=8
+).map("".join)
+"""Texts with halves of surrogate pairs, as paths have them, and with what looks like them."""
+
+
+@dataclass(frozen=True)
+class Named:
+    """What may be read from a file."""
+
+    name: str
+    n: int
+
+
+@given(TEXTS, st.booleans())
+def test_any_text_that_json_writes_fits(text: str, as_bytes: bool) -> None:
+    """Also the path of a folder whose name is no text."""
+    written = json.dumps({"name": text, "n": 1, "more": text})
+    must_fit(Named, written.encode() if as_bytes else written)
+
+
+@given(TEXTS, st.sampled_from([None, 1.5, "1", [], True]))
+def test_another_type_does_not_fit(text: str, n: Any) -> None:
+    """And the message names the field."""
+    with pytest.raises(ValueError, match=r"^n: "):
+        must_fit(Named, json.dumps({"name": text, "n": n}))
