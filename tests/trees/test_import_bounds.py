@@ -119,6 +119,23 @@ def test_one_of_several_trees(islandgp: Cli, tmp_path: Path) -> None:
     assert (said.code, said.out) == (2, "")
     assert "'T0', 'T1'" in said.err
     assert "--tree ID" in said.err
+    assert "there is no <BehaviorTree ID=''>" in islandgp("import", file, "--tree", "").err
+
+
+def test_what_is_no_import(islandgp: Cli, tmp_path: Path) -> None:
+    """An empty file, one in the language, and --tree for JSON are refused with what is expected."""
+    for number, text in enumerate(["", "\ufeff\n", f"selector {{ {A} {B} }}"]):
+        file = tmp_path / f"my tree {number}.xml"
+        file.write_text(text, encoding="utf-8")
+        said = islandgp("import", file)
+        assert (said.code, said.out) == (2, "")
+        assert f"{file}: expected JSON or BehaviorTree.CPP XML, found neither" in said.err
+    file = tmp_path / "a.json"
+    file.write_text(to_json(parse(A, VOCABULARY)))
+    assert islandgp("import", file).out == f"{A}\n"
+    said = islandgp("import", file, "--tree", "T1")
+    assert (said.code, said.out) == (2, "")
+    assert "expected XML with --tree, found JSON" in said.err
 
 
 def test_strict(islandgp: Cli, tmp_path: Path) -> None:
