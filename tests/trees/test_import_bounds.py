@@ -138,6 +138,17 @@ def test_what_is_no_import(islandgp: Cli, tmp_path: Path) -> None:
     assert "expected XML with --tree, found JSON" in said.err
 
 
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="needs /dev/zero")
+def test_files_without_an_end(islandgp: Cli, tmp_path: Path) -> None:
+    """What is read is bounded, whatever it is read as."""
+    tree = tmp_path / "a.bt"
+    tree.write_text(A)
+    for words in (["check"], ["fmt"], ["import"], ["check", tree, "--vocabulary"]):
+        said = islandgp(*words, "/dev/zero")
+        assert (said.code, said.out) == (2, "")
+        assert "Expected at most 16,777,216 bytes in /dev/zero, found more" in said.err
+
+
 def test_strict(islandgp: Cli, tmp_path: Path) -> None:
     """A loss is told with its place; --strict writes nothing."""
     file = tmp_path / "t.xml"

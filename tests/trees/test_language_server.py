@@ -104,6 +104,13 @@ def test_included_names(tmp_path: Path) -> None:
     assert [offer.text for offer in found] == ["n"]
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes")
+def test_an_included_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    """An editor goes on, whatever a text includes."""
+    os.mkfifo(tmp_path / "pipe.bt")
+    assert subtrees('include "pipe.bt"\nsubtree near = SeekCharger', tmp_path).keys() == {"near"}
+
+
 TREE = """# far away: use go
 subtree go = SeekCharger
 subtree goes = sequence { use go PatrolWaypoint }
