@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -265,3 +266,13 @@ def test_without_pygls(islandgp: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
     said = islandgp("language-server")
     assert said.code == 2
     assert "pip install 'islandgp[lsp]'" in said.err
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a POSIX shell")
+@pytest.mark.parametrize("closed", ["<&-", ">&-"])
+def test_without_an_editor(closed: str) -> None:
+    """Where nobody can speak to it, it says so."""
+    command = f"exec {shlex.quote(sys.executable)} -c '{CODE}' language-server {closed}"
+    done = subprocess.run(["sh", "-c", command], stderr=subprocess.PIPE, check=False, timeout=60)
+    assert done.returncode == 2
+    assert b"Expected an editor at the standard input and output" in done.stderr
