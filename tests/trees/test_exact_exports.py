@@ -188,7 +188,7 @@ def test_recorded_episodes(cpp: BehaviorTreeCpp, path: Path) -> None:
     """On what a whole episode was, an example does in both libraries what it did in the episode."""
     tree = parse(path.read_text(encoding="utf-8"), VOCABULARY)
     row = tried([recorded(tree, island())], cpp)
-    assert row.ticks > 1000
+    assert row.ticks > 500  # a poor tree ends early
     assert row.calls >= row.ticks
     assert row.differences == (0, 0, 0)
 
