@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
@@ -27,6 +27,7 @@ UNNAMED: Final = "model"
 
 _SCRIPTS: Final = ("code", "condition")  # attributes that ask the blackboard
 _WORD: Final = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)\s*([<>=!]=|[<>])?")
+_NUMBERS: Final = ("low", "high", "step", "most")  # entries of a key that is a number
 _STATUSES: Final = {name: status for status, name in enumerate(STATUS_NAMES[:3])}
 
 
@@ -123,6 +124,7 @@ def _schema(text: str, name: str) -> Vocabulary:
 
 
 def _action(given: Mapping[str, Any], name: str, at: str) -> Action:
+    _only(given, ("meaning", "statuses", "to_start", "to_succeed", "changes"), name, at)
     statuses = given.get("statuses", [*_STATUSES])
     if not isinstance(statuses, list) or not statuses or not all(_known(s) for s in statuses):
         _wrong(name, f"{at}.statuses", f"some of {', '.join(_STATUSES)}")
@@ -152,16 +154,22 @@ def _conditions(given: Mapping[str, Any], which: str, name: str, at: str) -> tup
 
 
 def _key(given: Mapping[str, Any], name: str, at: str) -> Key:
-    flag = given.get("flag", True)
+    _only(given, ("meaning", "flag", *_NUMBERS), name, at)
+    numbers = {key: given[key] for key in _NUMBERS if key in given}
+    flag = given.get("flag", not numbers)
     if not isinstance(flag, bool):
         _wrong(name, f"{at}.flag", "true or false")
-    numbers = {key: given[key] for key in ("low", "high", "step", "most") if key in given}
     if numbers.get("most", 0) is None:
         del numbers["most"]
     for key, value in numbers.items():
         if not _number(value):
             _wrong(name, f"{at}.{key}", "a number")
     return Key(_meaning(given, name, at), flag, **{k: float(v) for k, v in numbers.items()})
+
+
+def _only(given: Mapping[str, Any], known: Sequence[str], name: str, at: str) -> None:
+    if unknown := sorted(set(given) - set(known)):
+        _wrong(name, at, f"no other entries than {', '.join(known)}, found {shown(unknown[0])}")
 
 
 def _number(value: object) -> bool:

@@ -14,6 +14,7 @@ from islandgp.errors import LimitError
 _INCLUDE: Final = re.compile(r'^\s*include\s*"([^"\n]+)"', re.MULTILINE)
 
 MAX_FILES: Final = 50  # that a file includes, however indirectly
+MAX_READ: Final = 100_000  # characters of a file that `mentioned` reads; no tree has more
 
 
 class Part(NamedTuple):
@@ -96,7 +97,9 @@ def mentioned(text: str, folder: Path) -> dict[Path, str]:
                 if path in found or not path.is_relative_to(top) or len(found) == MAX_FILES:
                     continue
                 found[path] = ""
-                found[path] = path.read_text(encoding="utf-8")
+                if path.is_file():  # no pipe, which would be waited for
+                    with path.open(encoding="utf-8") as opened:
+                        found[path] = opened.read(MAX_READ)
                 waiting.append((found[path], path.parent))
     return found
 

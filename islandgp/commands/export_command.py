@@ -45,6 +45,8 @@ def command(
     told on the standard error, and explained in docs/exports.md.
     """
     if header:
+        if file is not None or form is not None:
+            raise click.UsageError("--header writes the header alone; leave out FILE and --to.")
         write_text(output, behaviortree_cpp.header())
         return
     if file is None:

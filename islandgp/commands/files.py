@@ -16,6 +16,9 @@ from islandgp.errors import IslandError
 
 STDIN: Final = "-"
 
+MAX_BYTES: Final = 2**24
+"""Of a file; the largest tree as XML or JSON has less."""
+
 FILE: Final = click.Path(exists=True, dir_okay=False, allow_dash=True)
 """An argument that names a file; `-` is the standard input."""
 
@@ -29,14 +32,23 @@ def called(file: str) -> str:
 
 
 def read_text(file: str) -> str:
-    """The text of a file. Raises IslandError when it cannot be read as UTF-8."""
+    """The text of a file. Raises IslandError when it cannot be read as UTF-8, or is too long."""
     if file == STDIN and (sys.stdin is None or sys.stdin.closed):
         raise IslandError(
             "Expected text on the standard input, found that it is closed; pipe a file into it or"
             " name one."
         )
     try:
-        data = sys.stdin.buffer.read() if file == STDIN else Path(file).read_bytes()
+        if file == STDIN:
+            data = sys.stdin.buffer.read(MAX_BYTES + 1)
+        else:
+            with Path(file).open("rb") as opened:
+                data = opened.read(MAX_BYTES + 1)
+        if len(data) > MAX_BYTES:
+            raise IslandError(
+                f"Expected at most {MAX_BYTES:,} bytes in {called(file)}, found more; no tree, and"
+                " no form of one, is as long."
+            )
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
         raise IslandError(

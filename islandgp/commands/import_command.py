@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import click
 
 from islandgp.bt.declared import UNNAMED
@@ -18,11 +20,14 @@ from islandgp.commands.setting import (
 )
 from islandgp.errors import TreeError
 
+FORMS: Final = {"<": "btcpp", "{": "json", "[": "json"}
+"""How a text begins, and what it is."""
+
 
 @click.command()
 @click.argument("file", type=FILE)
 @click.option("--from", "form", type=click.Choice(["json", "btcpp"]), help="Default: by content.")
-@click.option("--tree", "identity", default="", help="ID of a tree; default: the main tree.")
+@click.option("--tree", "identity", help="ID of a tree; default: the main tree.")
 @click.option("--strict", is_flag=True, help="Refuse what would not mean the same.")
 @click.option("-o", "--output", type=OUTPUT, default=STDIN, help="File to write.")
 @with_domain_options
@@ -30,7 +35,7 @@ from islandgp.errors import TreeError
 def command(
     file: str,
     form: str | None,
-    identity: str,
+    identity: str | None,
     strict: bool,
     output: str,
     overrides: tuple[str, ...],
@@ -44,7 +49,16 @@ def command(
     names its domain, unless that is the project's default.
     """
     text, name = read_text(file), called(file)
-    form = form or ("btcpp" if text.lstrip("\ufeff \t\r\n").startswith("<") else "json")
+    form = form or FORMS.get(text.lstrip("\ufeff \t\r\n")[:1])
+    if form is None:
+        raise TreeError(
+            f"{name}: expected JSON or BehaviorTree.CPP XML, found neither; what is written in the"
+            " language needs no import, and --from names a form"
+        )
+    if identity is not None and form == "json":
+        raise TreeError(
+            f"{name}: expected XML with --tree, found JSON, which holds one tree; leave it out"
+        )
     vocabulary = vocabulary_of(
         text if declaration else "", overrides, config_dir, name=name, declaration=declaration
     )

@@ -48,6 +48,12 @@ def command(overrides: tuple[str, ...], config_dir: str | None, declaration: str
     if find_spec("pygls") is None:
         raise ConfigError("Expected pygls, found it not installed; pip install 'islandgp[lsp]'")
 
+    if sys.stdin is None or sys.stdout is None:
+        raise ConfigError(
+            "Expected an editor at the standard input and output, found them closed; let the editor"
+            " start this command"
+        )
+
     def words(text: str, name: str, folder: Path) -> Vocabulary:
         return vocabulary_of(
             text, overrides, config_dir, name=name, declaration=declaration, folder=folder

@@ -1,24 +1,29 @@
 """`make fuzz`: a long search, with figures; what it finds goes into the corpus.
 
 python -m tests.fuzz --inputs 50000 --seed 1 --only xml
+python -m tests.fuzz --only language=25000 --only xml=1000 --only json=1000 --write
 """
 
 from __future__ import annotations
 
 import argparse
 import hashlib
+import re
 import resource
 import subprocess
 import sys
 import time
 from dataclasses import dataclass, field
+from datetime import date
 from pathlib import Path
 
 from hypothesis import HealthCheck, Phase, given, seed, settings
 
 from tests.fuzz.targets import Target, place, targets
+from tests.running.commands import ROOT
 
 CORPUS = Path(__file__).parent / "corpus"
+PAGE = ROOT / "docs" / "reliability.md"
 LIMIT = 1.0  # s of CPU for one input
 MEMORY = 2**30  # bytes that the search may hold
 KEPT = 4  # inputs of a target that are also given to the command
@@ -92,20 +97,59 @@ def by_command(name: str, data: bytes) -> str:
     return f"exit code {done.returncode}: {said.decode(errors='replace')[-150:]}" if wrong else ""
 
 
+def wanted(words: list[str] | None, inputs: int) -> dict[str, int]:
+    """How many inputs each target gets: those asked for by NAME=INPUTS, or its share of all.
+
+    Raises:
+        ValueError: a name that no target has, or a number that is none.
+    """
+    known = targets()
+    asked = dict(word.partition("=")[::2] for word in words or known)
+    if unknown := sorted(set(asked) - set(known)):
+        raise ValueError(f"there is no target {', '.join(unknown)}; there are {', '.join(known)}")
+    shares = sum(known[name].share for name, number in asked.items() if not number)
+    return {
+        name: int(number) if number else max(1, round(inputs * known[name].share / shares))
+        for name, number in asked.items()
+    }
+
+
+def table(rows: dict[str, Found], broken: int, peak: float, words: list[str]) -> str:
+    """The rows of a search in Markdown, with the command that made them."""
+    lines = [
+        "| target | inputs | taken | refused | slowest | broken promises |",
+        "|---|--:|--:|--:|--:|--:|",
+    ]
+    lines += [
+        f"| {name} | {found.inputs:,} | {found.taken:,} | {found.inputs - found.taken:,}"
+        f" | {found.slowest:.2f} s | {len(found.breaks)} |"
+        for name, found in rows.items()
+    ]
+    command = " ".join(word for word in words if word != "--write")
+    lines += ["", f"`python -m tests.fuzz {command}`, {date.today()}: peak memory {peak:.0f} MB,"]
+    lines += [f"{broken} broken promises."]
+    return "\n".join(lines)
+
+
 def main() -> int:
     """Returns 1 where a promise was broken."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz")
     parser.add_argument("--inputs", type=int, default=5000, help="of all targets together")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", choices=sorted(targets()), action="append")
+    parser.add_argument("--only", metavar="NAME[=INPUTS]", action="append")
+    parser.add_argument(
+        "--write", action="store_true", help="put the table into docs/reliability.md"
+    )
     args = parser.parse_args()
+    try:
+        numbers = wanted(args.only, args.inputs)
+    except ValueError as error:
+        parser.error(str(error))
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
-    chosen = {n: t for n, t in targets().items() if not args.only or n in args.only}
-    shares = sum(target.share for target in chosen.values())
-    broken = 0
+    rows: dict[str, Found] = {}
     print(f"{'target':<12}{'inputs':>8}{'taken':>8}{'refused':>9}{'slowest':>10}{'commands':>10}")
-    for name, target in chosen.items():
-        found = search(target, max(1, round(args.inputs * target.share / shares)), args.seed)
+    for name, number in numbers.items():
+        found = rows[name] = search(targets()[name], number, args.seed)
         kept = found.kept if name in COMMANDS else []
         found.breaks += [(data, wrong) for data in kept if (wrong := by_command(name, data))]
         print(
@@ -114,13 +158,18 @@ def main() -> int:
             flush=True,
         )
         for data, why in found.breaks:
-            broken += 1
             file = CORPUS / name / hashlib.sha256(data).hexdigest()[:12]
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(data)
             print(f"  {why}\n  kept as {file}")
+    broken = sum(len(found.breaks) for found in rows.values())
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(f"peak memory {peak:.0f} MB; {broken} broken promises")
+    if args.write:
+        written = f"<!-- begin fuzz -->\n{table(rows, broken, peak, sys.argv[1:])}\n<!-- end -->"
+        text = PAGE.read_text(encoding="utf-8")
+        part = re.compile(r"<!-- begin fuzz -->.*?<!-- end -->", re.DOTALL)
+        PAGE.write_text(part.sub(lambda _: written, text), encoding="utf-8")
     return 1 if broken else 0
 
 

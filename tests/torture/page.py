@@ -35,7 +35,8 @@ def with_tables(text: str, found: Sequence[dict[str, Any]]) -> str:
         rows = [row for row in found if row["part"] == match[1]]
         return f"<!-- begin {match[1]} -->\n{TABLES[match[1]](rows)}\n\n{when(rows)}\n<!-- end -->"
 
-    return re.sub(r"<!-- begin (\w+) -->\n.*?<!-- end -->", part, text, flags=re.DOTALL)
+    names = "|".join(TABLES)
+    return re.sub(rf"<!-- begin ({names}) -->\n.*?<!-- end -->", part, text, flags=re.DOTALL)
 
 
 def outcome(row: dict[str, Any]) -> str:

@@ -58,6 +58,13 @@ def test_json_by_hand() -> None:
     assert declared(json.dumps(LIFT), "", name="lift.json") == WORDS
 
 
+def test_a_range_makes_a_number() -> None:
+    """A key with a range and without `flag` is a number."""
+    words = {"domain": "drone", "actions": {}, "keys": {"height": {"low": 0, "high": 120.5}}}
+    found = declared(json.dumps(words), "", name="drone.json")
+    assert found.keys["height"] == number("", 0, 120.5)
+
+
 def test_model(islandgp: Cli, tmp_path: Path) -> None:
     """Foreign XML with its model is imported; the keys are those that it asks."""
     xml, tree = tmp_path / "my model.xml", tmp_path / "home.bt"
@@ -95,6 +102,12 @@ selector {
             "actions.A.to_start: expected a list",
         ),
         ('{"actions": {}, "keys": {"k": {"low": "1"}}}', "keys.k.low: expected a number"),
+        (
+            '{"actions": {"A": {"meanin": "acts"}}}',
+            "actions.A: expected no other entries than meaning, statuses, to_start, to_succeed,"
+            " changes, found 'meanin'",
+        ),
+        ('{"actions": {}, "keys": {"k": {"max": 3}}}', "keys.k: expected no other entries than"),
         ("<root/>", "expected a <TreeNodesModel> with actions"),
         ('<TreeNodesModel><Action ID="a b"/></TreeNodesModel>', "1:17: expected an ID of letters"),
         ("<root>", "not XML"),

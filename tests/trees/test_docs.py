@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
 import re
 import shlex
+import shutil
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+from zipfile import ZipFile
 
 import pytest
 from click.shell_completion import ShellComplete
@@ -108,6 +112,51 @@ def test_editor_extension_is_whole() -> None:
     assert made["languages"][0]["extensions"] == [".bt"]
     for part in (made["languages"][0]["configuration"], made["grammars"][0]["path"]):
         json.loads((folder / part).read_text())
+
+
+VSCODE = ROOT / "build" / "vscode" / "node_modules"
+WRITTEN = """constant low = 20 # percent
+include "lib.bt"
+subtree go(n) = when not (batteryLevl < low or foundGarbage) abort lower { repeater n { Seek } }
+selector { use go(3) PatrolWaypoint }
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not VSCODE.exists(), reason="run make vscode first")
+def test_highlighting_in_the_engine_of_vs_code(tmp_path: Path) -> None:
+    """VS Code's own engine finds the scopes that are found here, in the examples and elsewhere."""
+    file = tmp_path / "my tree.bt"
+    file.write_text(WRITTEN)
+    script = Path(__file__).with_name("textmate.js")
+    done = subprocess.run(
+        ["node", script, generate.TEXTMATE, *EXAMPLES, file],
+        env={**os.environ, "NODE_PATH": str(VSCODE)},
+        capture_output=True,
+        check=True,
+        text=True,
+        encoding="utf-8",
+        timeout=100,
+    )
+    theirs = [tuple(json.loads(line)) for line in done.stdout.splitlines()]
+    rules = json.loads(generate.textmate())["patterns"]
+    lines = [line for f in (*EXAMPLES, file) for line in f.read_text("utf-8").splitlines()]
+    here = [pair for line in lines for pair in scopes(line, rules)]
+    assert [pair for pair in theirs if pair[1] != "source.islandgp-bt"] == here
+    assert [word for word, scope in theirs if scope == "invalid.illegal"] == ["batteryLevl", "Seek"]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not VSCODE.exists(), reason="run make vscode first")
+def test_the_extension_can_be_packed(tmp_path: Path) -> None:
+    """VS Code's packer takes the folder, which checks its package.json."""
+    folder = shutil.copytree(ROOT / "editors" / "vscode", tmp_path / "vscode")
+    packed = tmp_path / "islandgp-bt.vsix"
+    command = [VSCODE / ".bin" / "vsce", "package", "--no-dependencies", "-o", packed]
+    options = ["--allow-missing-repository", "--skip-license"]
+    subprocess.run([*command, *options], cwd=folder, capture_output=True, check=True, timeout=100)
+    with ZipFile(packed) as found:
+        assert "extension/syntaxes/islandgp-bt.tmLanguage.json" in found.namelist()
 
 
 def test_tab_completion() -> None:

@@ -4,48 +4,46 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from itertools import count
+from pathlib import Path
 from random import Random
 
 import pytest
 from hypothesis import HealthCheck, Phase, assume, given, settings
 from hypothesis import strategies as st
 
-from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS, Asked, Condition, denied, joined
 from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.export.import_cpp import read_tree
 from islandgp.bt.format import format_text
 from islandgp.bt.language import parse
 from islandgp.bt.node import (
-    ABORTS,
     FAILURE,
-    POLICIES,
     RUNNING,
     SUCCESS,
-    Argument,
     Node,
-    Used,
 )
 from islandgp.bt.vocabulary import Action, Vocabulary, flag
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import DomainError
-from islandgp.resources import resource
 from tests.bt.stage import short_tree
 from tests.strategies import few_boards, few_numbers, nodes
-from tests.trees.targets import (
-    BehaviorTreeCpp,
-    compiled,
-    in_py_trees,
-    leaves,
-    ours,
-    with_own_names,
+from tests.trees.exactness import (
+    EXAMPLES,
+    PAGE,
+    PLACES,
+    exactness,
+    in_subtrees,
+    named,
+    random_cases,
+    recorded,
+    tried,
+    with_table,
 )
+from tests.trees.targets import BehaviorTreeCpp, compiled, in_py_trees, leaves, ours
+from tests.viewer.episodes import island
 
-PLACES = VOCABULARY.places
 BOARDS = st.lists(few_boards(), min_size=2, max_size=14)
 RESULTS = st.lists(st.sampled_from([FAILURE, SUCCESS, RUNNING, RUNNING]), min_size=1, max_size=40)
 TREES = nodes(few_numbers(), max_leaves=10, max_repeats=3)
-EXAMPLES = sorted((resource("grammar") / "examples").glob("*.bt"), key=lambda path: path.name)
 MANY = settings(
     max_examples=300, suppress_health_check=[*HealthCheck], phases=[Phase.explicit, Phase.generate]
 )
@@ -57,10 +55,6 @@ def cpp(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BehaviorTreeCpp]:
     process = BehaviorTreeCpp(compiled(tmp_path_factory.mktemp("btcpp")), VOCABULARY)
     yield process
     process.close()
-
-
-def named(tree: Node) -> Node:
-    return with_own_names(tree, count())
 
 
 @MANY
@@ -83,88 +77,21 @@ def test_behaviortree_cpp(
     assert cpp.trace(tree, boards, results, how="once") == expected
 
 
-def random_condition(rng: Random, terms: int) -> Asked:
-    if terms > 1:
-        parts = [random_condition(rng, count) for count in (1, terms - 1)]
-        whole = joined(rng.choice(["and", "or"]), parts)
-        return denied(whole) if rng.random() < 0.3 else whole
-    key = rng.choice([*VOCABULARY.keys])
-    if VOCABULARY.keys[key].flag:
-        return Condition(key, rng.choice(FLAG_OPERATORS), 0.0)
-    return Condition(key, rng.choice(OPERATORS), float(rng.randint(1, 3)))
-
-
-def random_tree(rng: Random, levels: int) -> Node:
-    """A tree rich in guards that interrupt; Hypothesis makes few of them."""
-    kinds = ["action"] * 2 + ["selector", "when"] * 3 + ["sequence", "parallel", "inverter"]
-    kind = rng.choice([*kinds, "repeater"]) if levels > 1 else "action"
-    if kind == "action":
-        return Node("action", ("A",))
-    several = kind in ("selector", "sequence", "parallel")
-    args: tuple[Argument, ...] = ()
-    if kind == "when":
-        args = (
-            random_condition(rng, rng.choice([1, 1, 1, 2, 3])),
-            rng.choice(["lower", "both", *ABORTS]),
-        )
-    elif kind == "parallel":
-        args = (rng.choice(POLICIES), rng.choice(POLICIES))
-    elif kind == "repeater":
-        args = (rng.randint(1, 4),)
-    children = range(rng.randint(1, 4) if several else 1)
-    return Node(kind, args, tuple(random_tree(rng, levels - 1) for _ in children))
-
-
-def random_boards(rng: Random) -> list[list[float]]:
-    """Blackboards of which one key changes from tick to tick."""
-    board = [0.0] * len(PLACES)
-    boards = []
-    for _ in range(25):
-        board = list(board)
-        name = rng.choice([*PLACES])
-        board[PLACES[name]] = float(rng.randint(0, 1 if VOCABULARY.keys[name].flag else 4))
-        boards.append(board)
-    return boards
-
-
-def random_cases(number: int) -> Iterator[tuple[Node, list[list[float]], list[int]]]:
-    for seed in range(number):
-        rng = Random(seed)
-        tree = named(random_tree(rng, rng.randint(3, 6)))
-        yield tree, random_boards(rng), rng.choices([FAILURE, SUCCESS, RUNNING], [1, 1, 3], k=37)
-
-
 def test_many_interruptions_in_py_trees() -> None:
     """So it is for 1,000 trees with many guards that interrupt."""
-    for tree, boards, results in random_cases(1000):
+    for tree, boards, results, _ in random_cases(1000):
         assert in_py_trees(tree, boards, results, PLACES) == ours(tree, boards, results, PLACES)
 
 
 def test_many_interruptions_in_behaviortree_cpp(cpp: BehaviorTreeCpp) -> None:
     """And there."""
-    for tree, boards, results in random_cases(1000):
+    for tree, boards, results, _ in random_cases(1000):
         assert cpp.trace(tree, boards, results) == ours(tree, boards, results, PLACES)
-
-
-def in_subtrees(tree: Node, rng: Random) -> Node:
-    """The tree with some of its nodes as named subtrees, a few of them used again."""
-    made: list[Node] = []
-
-    def visit(node: Node) -> Node:
-        if made and rng.random() < 0.1:
-            return rng.choice(made)
-        found = node._replace(children=tuple(map(visit, node.children)))
-        for _ in range(rng.choice([0, 0, 0, 1, 1, 2])):
-            found = Used.of(found, rng.choice(["a", "recharge(20, -1.5)", "Sequence", "check"]))
-            made.append(found)
-        return found
-
-    return visit(tree)
 
 
 def test_subtrees_in_py_trees() -> None:
     """Subtrees are functions of their names there, and change nothing of what the tree does."""
-    for tree, boards, results in random_cases(150):
+    for tree, boards, results, _ in random_cases(150):
         parted = in_subtrees(tree, Random(len(boards) + len(leaves(tree))))
         for plain in (False, True):
             alone = in_py_trees(unnamed(parted), boards, results, PLACES, plain=plain)
@@ -174,7 +101,7 @@ def test_subtrees_in_py_trees() -> None:
 
 def test_subtrees_in_behaviortree_cpp(cpp: BehaviorTreeCpp) -> None:
     """And SubTrees there."""
-    for tree, boards, results in random_cases(300):
+    for tree, boards, results, _ in random_cases(300):
         parted = in_subtrees(tree, Random(len(boards) + len(leaves(tree))))
         expected = ours(parted, boards, results, PLACES)
         for how in ("exactly", "once"):
@@ -239,7 +166,7 @@ def test_private_keys() -> None:
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 @settings(max_examples=30, suppress_health_check=[*HealthCheck])
 @given(boards=st.lists(few_boards(), min_size=20, max_size=40), results=RESULTS)
-def test_examples_in_py_trees(path, boards: list[list[float]], results: list[int]) -> None:  # type: ignore[no-untyped-def]
+def test_examples_in_py_trees(path: Path, boards: list[list[float]], results: list[int]) -> None:
     """So do the example trees in py_trees."""
     tree = named(parse(path.read_text(encoding="utf-8"), VOCABULARY))
     assert in_py_trees(tree, boards, results, PLACES) == ours(tree, boards, results, PLACES)
@@ -248,12 +175,36 @@ def test_examples_in_py_trees(path, boards: list[list[float]], results: list[int
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 @settings(max_examples=30, suppress_health_check=[*HealthCheck])
 @given(boards=st.lists(few_boards(), min_size=20, max_size=40), results=RESULTS)
-def test_examples_in_behaviortree_cpp(  # type: ignore[no-untyped-def]
-    cpp: BehaviorTreeCpp, path, boards: list[list[float]], results: list[int]
+def test_examples_in_behaviortree_cpp(
+    cpp: BehaviorTreeCpp, path: Path, boards: list[list[float]], results: list[int]
 ) -> None:
     """And in BehaviorTree.CPP."""
     tree = named(parse(path.read_text(encoding="utf-8"), VOCABULARY))
     assert cpp.trace(tree, boards, results) == ours(tree, boards, results, PLACES)
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_recorded_episodes(cpp: BehaviorTreeCpp, path: Path) -> None:
+    """On what a whole episode was, an example does in both libraries what it did in the episode."""
+    tree = parse(path.read_text(encoding="utf-8"), VOCABULARY)
+    row = tried([recorded(tree, island())], cpp)
+    assert row.ticks > 500  # a poor tree ends early
+    assert row.calls >= row.ticks
+    assert row.differences == (0, 0, 0)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3000)
+def test_the_figures_of_the_page(cpp: BehaviorTreeCpp) -> None:
+    """1,000 random trees, over 100 evolved ones and the examples, in episodes, too: no difference.
+
+    The figures are those of docs/exports.md; `python -m tests.trees.exactness` writes them.
+    """
+    rows = exactness(cpp)
+    assert {row.differences for row in rows.values()} == {(0, 0, 0)}
+    assert min(row.trees for name, row in rows.items() if "evolved" in name) >= 100
+    text = PAGE.read_text(encoding="utf-8")
+    assert with_table(text, rows) == text
 
 
 @MANY

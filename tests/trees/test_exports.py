@@ -20,14 +20,14 @@ from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, walk
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import TreeError
 from islandgp.resources import resource
-from islandgp.viewer.recording import FAILED, SUCCEEDED, record
+from islandgp.viewer.recording import FAILED, SUCCEEDED
 from tests.bt.stage import short_tree
 from tests.composed import composed
 from tests.strategies import few_boards, few_numbers, nodes
 from tests.trees.shell import Cli
 from tests.trees.targets import leaves, with_own_names
 from tests.trees.worlds import random_trees
-from tests.viewer.episodes import island
+from tests.viewer.episodes import recorded
 
 BOARDS = st.lists(few_boards(), min_size=2, max_size=14)
 RESULTS = st.lists(st.sampled_from([FAILURE, SUCCESS, RUNNING, RUNNING]), min_size=1, max_size=40)
@@ -270,9 +270,8 @@ def test_py_trees_decides_the_same_on_a_recorded_episode(name: str) -> None:
 def agreement(name: str, *, plain: bool) -> float:
     """The share of an episode's ticks in which py_trees calls the same leaves, in percent."""
     library: Any = pytest.importorskip("py_trees", reason="extra `pytrees` is not installed")
-    tree = parse((resource("grammar") / "examples" / f"{name}.bt").read_text())
-    recording = record(tree, island(), seed=1, stage=3)
-    tree = with_own_names(tree, iter(range(100)))  # an action may stand in several places
+    recording = recorded(name)
+    tree = with_own_names(recording.tree, iter(range(100)))  # an action may stand in several places
     place = {
         str(node.args[0]): place for place, node in enumerate(walk(tree)) if node.kind == "action"
     }
@@ -428,6 +427,8 @@ def test_commands(islandgp: Cli, tmp_path: Path) -> None:
         assert said.code == 0
         assert said.err.startswith("not the same (level)") == (name != "plain.json")
     assert "class When" in islandgp("export", "--header").out
+    for more in ([example], ["--to", "btcpp"]):
+        assert "leave out FILE and --to" in islandgp("export", "--header", *more).err
     for name in ("t.json", "t.xml"):
         said = islandgp("import", tmp_path / name)
         assert parse(said.out) == parse(example.read_text())

@@ -119,6 +119,34 @@ def test_one_of_several_trees(islandgp: Cli, tmp_path: Path) -> None:
     assert (said.code, said.out) == (2, "")
     assert "'T0', 'T1'" in said.err
     assert "--tree ID" in said.err
+    assert "there is no <BehaviorTree ID=''>" in islandgp("import", file, "--tree", "").err
+
+
+def test_what_is_no_import(islandgp: Cli, tmp_path: Path) -> None:
+    """An empty file, one in the language, and --tree for JSON are refused with what is expected."""
+    for number, text in enumerate(["", "\ufeff\n", f"selector {{ {A} {B} }}"]):
+        file = tmp_path / f"my tree {number}.xml"
+        file.write_text(text, encoding="utf-8")
+        said = islandgp("import", file)
+        assert (said.code, said.out) == (2, "")
+        assert f"{file}: expected JSON or BehaviorTree.CPP XML, found neither" in said.err
+    file = tmp_path / "a.json"
+    file.write_text(to_json(parse(A, VOCABULARY)))
+    assert islandgp("import", file).out == f"{A}\n"
+    said = islandgp("import", file, "--tree", "T1")
+    assert (said.code, said.out) == (2, "")
+    assert "expected XML with --tree, found JSON" in said.err
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="needs /dev/zero")
+def test_files_without_an_end(islandgp: Cli, tmp_path: Path) -> None:
+    """What is read is bounded, whatever it is read as."""
+    tree = tmp_path / "a.bt"
+    tree.write_text(A)
+    for words in (["check"], ["fmt"], ["import"], ["check", tree, "--vocabulary"]):
+        said = islandgp(*words, "/dev/zero")
+        assert (said.code, said.out) == (2, "")
+        assert "Expected at most 16,777,216 bytes in /dev/zero, found more" in said.err
 
 
 def test_strict(islandgp: Cli, tmp_path: Path) -> None:

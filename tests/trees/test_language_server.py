@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -16,9 +18,11 @@ from islandgp.bt.language import parse
 from islandgp.bt.node import KINDS
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import TreeError
+from tests.running.commands import ROOT
 from tests.trees.editor import CODE, Editor
 from tests.trees.shell import Cli
 
+LANGUAGE = ROOT / "docs" / "language.md"
 NODES = {*KINDS, "use"} - {"action"}
 ACTIONS = {*VOCABULARY.actions}
 KEYS = {*VOCABULARY.keys}
@@ -99,6 +103,13 @@ def test_included_names(tmp_path: Path) -> None:
     assert list(subtrees(text, tmp_path)) == ["far", "near"]
     found = offers(f"{text}repeater ", len(text) + 9, VOCABULARY, tmp_path)
     assert [offer.text for offer in found] == ["n"]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes")
+def test_an_included_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    """An editor goes on, whatever a text includes."""
+    os.mkfifo(tmp_path / "pipe.bt")
+    assert subtrees('include "pipe.bt"\nsubtree near = SeekCharger', tmp_path).keys() == {"near"}
 
 
 TREE = """# far away: use go
@@ -214,9 +225,54 @@ def test_neovim(tmp_path: Path) -> None:
     assert formatted == [renamed_to[0], "", renamed_to[1]]
 
 
+def with_eglot() -> bool:
+    """Whether there is an Emacs that has it; its own from 29 on, or as a package."""
+    if shutil.which("emacs") is None:
+        return False
+    command = ["emacs", "--batch", "--eval", "(require 'eglot)"]
+    return subprocess.run(command, capture_output=True, check=False, timeout=60).returncode == 0
+
+
+@pytest.mark.slow
+def test_emacs(tmp_path: Path) -> None:
+    """A batch Emacs does so with the lines of docs/language.md."""
+    if not with_eglot():
+        pytest.skip("Emacs with eglot is not installed (apt-get install emacs-nox elpa-eglot)")
+    (lines,) = re.findall(r"^```elisp\n(.*?)^```$", LANGUAGE.read_text("utf-8"), re.DOTALL | re.M)
+    (tmp_path / "docs.el").write_text(lines)
+    (tmp_path / "my tree.bt").write_text("selector {\n  PatrolWaypo\n}\n")
+    command = ["emacs", "--batch", "--load", str(Path(__file__).with_name("emacs.el"))]
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    environment = {**os.environ, "HOME": str(tmp_path), "PATH": path}
+    subprocess.run(command, cwd=tmp_path, env=environment, check=True, timeout=200)
+    told = [line.split(" ", 1) for line in (tmp_path / "out.txt").read_text().splitlines()]
+    found = {what: [json.loads(value) for key, value in told if key == what] for what, _ in told}
+    assert found["mode"] == ["islandgp-bt-mode"]
+    (message,) = found["diagnostic"]
+    assert "[unknown-name]" in message
+    assert "Did you mean PatrolWaypoint?" in message
+    assert found["completion"] == ["PatrolWaypoint"]
+    assert found["left"] == [0]
+    assert found["hover"][0].startswith("**SeekCharger**: drives")
+    assert found["renamed"] == [
+        ["subtree run = SeekCharger", "sequence { use run PatrolWaypoint }"]
+    ]
+    assert found["formatted"] == [[*found["renamed"][0][:1], "", found["renamed"][0][1], ""]]
+
+
 def test_without_pygls(islandgp: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
     """The extra that brings it is named."""
     monkeypatch.setattr("islandgp.commands.language_server_command.find_spec", lambda _: None)
     said = islandgp("language-server")
     assert said.code == 2
     assert "pip install 'islandgp[lsp]'" in said.err
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a POSIX shell")
+@pytest.mark.parametrize("closed", ["<&-", ">&-"])
+def test_without_an_editor(closed: str) -> None:
+    """Where nobody can speak to it, it says so."""
+    command = f"exec {shlex.quote(sys.executable)} -c '{CODE}' language-server {closed}"
+    done = subprocess.run(["sh", "-c", command], stderr=subprocess.PIPE, check=False, timeout=60)
+    assert done.returncode == 2
+    assert b"Expected an editor at the standard input and output" in done.stderr

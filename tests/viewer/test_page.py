@@ -289,6 +289,7 @@ OVERLAPPING = (
     " return a.left < b.right - 1 && b.left < a.right - 1 && a.top < b.bottom - 1"
     " && b.top < a.bottom - 1; }).map(other => [one, other])))(PARTS)"
 )
+LABELS = "11.5 * document.getElementById('nodes').getCTM().a"  # px, of a node's label
 SIZES = [(400, 800), (800, 600), (1024, 600), (1500, 900)]
 
 
@@ -317,6 +318,7 @@ def test_any_size_of_window(
         )
         assert min(box) >= 60, canvas
     assert browser.run("document.documentElement.scrollWidth <= innerWidth")
+    assert browser.run(LABELS) >= 10
     for parts in (
         ("h1", "#facts", "#score", "#map", "#mind", "#blackboard", "#fitness"),
         (".tools", "#scene", "#legend"),
@@ -325,6 +327,37 @@ def test_any_size_of_window(
         ("#start", "#back", "#play", "#forth", "#clock", "#speed", "#help", ".lanes"),
     ):
         assert browser.run(OVERLAPPING.replace("PARTS", str(list(parts)))) == []
+
+
+@pytest.mark.parametrize(("width", "height"), SIZES[:2])
+def test_a_large_tree_on_a_small_screen(
+    browser: Browser,
+    tmp_path: Path,
+    sized: Callable[[int, int], None],
+    width: int,
+    height: int,
+) -> None:
+    """It is an outline in letters of 10 px or more, and what runs moves into sight."""
+    sized(width, height)
+    recording = record(random_of_size(50), island(length=20), seed=1, stage=3)
+    path = tmp_path / "large.html"
+    path.write_text(page(recording, title="large"), encoding="utf-8")
+    browser.console.clear()
+    browser.open(f"file://{path}")
+    seek(browser, 30)
+    assert browser.run(LABELS) >= 10
+    assert browser.run("document.documentElement.scrollWidth <= innerWidth")
+    room, *running = browser.run(
+        "[...document.querySelectorAll('#tree-box, .node.action.r > path')]"
+        ".map(e => e.getBoundingClientRect()).map(b => [b.left, b.top, b.right, b.bottom])"
+    )
+    assert running
+    left, top, right, bottom = running[-1]
+    assert room[0] <= left < right <= room[2] + 1
+    assert room[1] <= top < bottom <= room[3] + 1
+    rows = browser.run("[...document.querySelectorAll('.node')].map(n => n.getCTM().f)")
+    assert rows == sorted(set(rows))
+    assert browser.console == []
 
 
 def open_small(browser: Browser, folder: Path, **changes: Any) -> None:

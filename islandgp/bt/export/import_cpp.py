@@ -74,13 +74,13 @@ class Imported(NamedTuple):
     text: str  # the tree with its SubTrees as named subtrees
 
 
-def from_xml(text: str, vocabulary: Vocabulary, *, name: str = "<xml>", tree: str = "") -> Node:
-    """The tree of `read_tree`, whatever is lost."""
-    return read_tree(text, vocabulary, name=name, tree=tree).tree
+def from_xml(text: str, vocabulary: Vocabulary, *, name: str = "<xml>") -> Node:
+    """The main tree of `read_tree`, whatever is lost."""
+    return read_tree(text, vocabulary, name=name).tree
 
 
 def read_tree(
-    text: str, vocabulary: Vocabulary, *, name: str = "<xml>", tree: str = ""
+    text: str, vocabulary: Vocabulary, *, name: str = "<xml>", tree: str | None = None
 ) -> Imported:
     """A tree of a file.
 
@@ -88,7 +88,7 @@ def read_tree(
         text: the file.
         vocabulary: the actions and keys that there are.
         name: what messages call the file.
-        tree: the ID of the tree; "": the file's main tree.
+        tree: the ID of the tree; None: the file's main tree.
 
     Raises:
         TreeError: not such a file, or it holds something that the language has not; the message
@@ -131,9 +131,11 @@ class _Importer:
         self._asks = False
         self.differences: dict[Loss, Difference] = {}
 
-    def tree(self, identity: str) -> Node:
-        """The tree of that ID, or the main tree."""
-        asked = identity or self._root.attributes.get("main_tree_to_execute", "")
+    def tree(self, identity: str | None) -> Node:
+        """The tree of that ID; None: the main tree."""
+        if identity is not None:
+            return self._subtree(identity, self._root).node
+        asked = self._root.attributes.get("main_tree_to_execute", "")
         if not asked and len(self._trees) > 1:
             self._fail(
                 self._root,

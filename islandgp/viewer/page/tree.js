@@ -2,13 +2,13 @@
 const tree = (() => {
   const svg = document.getElementById("tree"), holder = document.getElementById("nodes");
   const nodes = [...svg.querySelectorAll(".node")], edges = [...svg.querySelectorAll(".edge")];
-  const size = {width: Number(svg.dataset.width), height: Number(svg.dataset.height)};
-  const view = {scale: 1, x: 0, y: 0, fitted: true};
+  const view = {scale: 1, x: 0, y: 0, fitted: true, width: 1, height: 1};  // px of the place for it
   const shown = nodes.map(() => ""), lit = edges.map(() => false), met = nodes.map(() => false);
   const badges = {r: "\u25b6", s: "\u2713", f: "\u2717", x: "\u2298"};
   const texts = [];
   const SVG = "http://www.w3.org/2000/svg";
 
+  const widths = [];
   nodes.forEach((node, i) => {
     const badge = document.createElementNS(SVG, "g"), disc = document.createElementNS(SVG, "circle");
     const text = document.createElementNS(SVG, "text"), width = node.firstElementChild.nextElementSibling.getBBox().width;
@@ -16,11 +16,40 @@ const tree = (() => {
     badge.setAttribute("transform", `translate(${width - 2} -10)`);
     disc.setAttribute("r", "6.5");
     text.setAttribute("y", "3.2");
+    widths.push(width);
     badge.append(disc, text);
     node.append(badge);
     texts.push(text);
     node.dataset.place = i;
   });
+
+  // Two layouts: the root at the left, as in bt/render/layout.py; and an outline, a row for each
+  // node, for where that one would be too small to read.
+  const across = {
+    width: Number(svg.dataset.width), height: Number(svg.dataset.height),
+    places: nodes.map(node => /([\d.]+) ([\d.]+)/.exec(node.getAttribute("transform")).slice(1).map(Number)),
+    lines: edges.map(edge => edge.getAttribute("d")),
+  };
+  const outline = (() => {
+    const MARGIN = 8, ROW = 28, INDENT = 20, HALF = 11;  // px
+    const places = [], lines = [];
+    episode.nodes.forEach(({parent}, i) => {
+      const [left, above] = parent < 0 ? [MARGIN - INDENT] : places[parent], y = MARGIN + ROW * (i + 0.5);
+      places.push([left + INDENT, y]);
+      if (i) lines.push(`M${left + INDENT / 2} ${above + HALF}V${y}H${left + INDENT}`);
+    });
+    const right = Math.max(...places.map(([x], i) => x + widths[i]));
+    return {width: right + MARGIN, height: 2 * MARGIN + ROW * nodes.length, places, lines};
+  })();
+  let layout = across;
+  function arrange(wanted) {
+    if (wanted === layout) return;
+    layout = wanted;
+    nodes.forEach((node, i) => node.setAttribute("transform", `translate(${layout.places[i].join(" ")})`));
+    edges.forEach((edge, i) => edge.setAttribute("d", layout.lines[i]));
+    view.fitted = true;
+  }
+
   const starts = episode.statuses.map(({ticks, values}) =>
     ticks.filter((_, i) => values[i] !== "." && (i === 0 || values[i - 1] !== "r")));
 
@@ -59,13 +88,14 @@ const tree = (() => {
   }
 
   // A tree that is larger than its place moves so that what runs is in sight.
-  const heights = nodes.map(node => Number(/ ([\d.]+)\)/.exec(node.getAttribute("transform"))[1]));
   function reveal() {
-    const room = svg.clientHeight, high = size.height * view.scale, at = shown.lastIndexOf("r");
-    if (!view.fitted || at < 0 || high <= room) return;
-    const y = heights[at] * view.scale + view.y;
-    if (y > 24 && y < room - 24) return;
-    lookAt(heights[at]);
+    const at = shown.lastIndexOf("r");
+    if (!view.fitted || at < 0) return;
+    const [x, y] = layout.places[at], {width, height} = view;
+    const seen = (from, to, room) => from > 0 && to < room;
+    const left = x * view.scale + view.x, middle = y * view.scale + view.y;
+    if (seen(left, left + widths[at] * view.scale, width) && seen(middle - 24, middle + 24, height)) return;
+    lookAt(at);
     holder.setAttribute("transform", `translate(${view.x} ${view.y}) scale(${view.scale})`);
   }
 
@@ -90,25 +120,32 @@ const tree = (() => {
     });
     why.innerHTML = paths.join(" &nbsp;&middot;&nbsp; ") || "nothing";
   }
-  // Where there is no room for the whole height, `y` of the tree comes to the middle.
-  const lookAt = y => {
-    const room = svg.clientHeight, high = size.height * view.scale;
-    view.y = high <= room ? (room - high) / 2 : Math.min(0, Math.max(room - high, room / 2 - y * view.scale));
+  // Where there is no room for the whole tree, this node comes to the middle.
+  const lookAt = at => {
+    const moved = (room, size, to) => size <= room ? (room - size) / 2 : Math.min(0, Math.max(room - size, room / 2 - to));
+    const [x, y] = layout.places[at], {scale, width, height} = view;
+    view.x = moved(width, layout.width * scale, (x + widths[at] / 2) * scale);
+    view.y = moved(height, layout.height * scale, y * scale);
   };
   // On a narrow screen the page scrolls: the tree takes the height that it needs at this width.
+  const READABLE = 0.87;  // scale with letters of 10 px
+  const SMALLEST = 0.62;  // of a large tree across, beside the world; what has no room then is moved into sight
+  const LARGEST = 1.35;
   function room() {
     const box = svg.parentElement, stacked = getComputedStyle(document.body).getPropertyValue("--stacked").trim() === "1";
-    const scale = Math.max(READABLE, Math.min(1.35, box.clientWidth / size.width));
-    box.style.height = stacked ? Math.min(size.height * scale, innerHeight * 1.2) + "px" : "";
+    arrange(box.clientWidth < across.width * (stacked ? READABLE : SMALLEST) ? outline : across);
+    const high = layout.height * scaleFor(box.clientWidth, Infinity), whole = high <= innerHeight * 1.2;
+    box.style.height = stacked ? (whole ? high : innerHeight * 0.6) + "px" : "";
+    svg.style.touchAction = stacked && whole ? "pan-y" : "";  // a finger on a whole tree scrolls the page
   }
-  const READABLE = 0.62;  // scale: a large tree is not shown smaller, it is moved instead
+  const scaleFor = (width, height) => layout === outline
+    ? Math.max(READABLE, Math.min(1, width / layout.width))
+    : Math.max(SMALLEST, Math.min(LARGEST, width / layout.width, height / layout.height));
   function place() {
-    const box = svg.getBoundingClientRect();
+    [view.width, view.height] = [svg.clientWidth, svg.clientHeight];
     if (view.fitted) {
-      const wide = box.width / size.width;
-      view.scale = Math.max(Math.min(1.35, wide, box.height / size.height), Math.min(READABLE, wide));
-      view.x = Math.max(0, (box.width - size.width * view.scale) / 2);
-      lookAt(heights[0]);  // the root
+      view.scale = scaleFor(view.width, view.height);
+      lookAt(0);
     }
     holder.setAttribute("transform", `translate(${view.x} ${view.y}) scale(${view.scale})`);
   }

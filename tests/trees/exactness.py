@@ -1,0 +1,312 @@
+"""How exact exports are: many trees in three engines, with the figures of docs/exports.md.
+
+    BEHAVIORTREE_CPP=FOLDER python -m tests.trees.exactness
+
+Trees are random, evolved, or those of `grammar/examples`; what they meet is random, or what a
+whole episode on the island was recorded to be.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import count
+from math import inf
+from pathlib import Path
+from random import Random
+from tempfile import TemporaryDirectory
+from typing import Final, NamedTuple
+
+from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS, Asked, Condition, denied, joined
+from islandgp.bt.engine import ABORTED
+from islandgp.bt.language import parse
+from islandgp.bt.node import (
+    ABORTS,
+    AGAIN,
+    FAILURE,
+    POLICIES,
+    RUNNING,
+    STATUS_NAMES,
+    SUCCESS,
+    Argument,
+    Node,
+    Used,
+    walk,
+)
+from islandgp.domain import Scene
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.evaluation.base import Problem
+from islandgp.evaluation.serial import Serial
+from islandgp.evolution.loop import evolve
+from islandgp.resources import resource
+from islandgp.supervision.baseline import Baseline, BaselineSettings
+from tests.composed import composed, composed_plan
+from tests.running.commands import ROOT
+from tests.trees.targets import BehaviorTreeCpp, Trace, compiled, in_py_trees, ours, with_own_names
+from tests.trees.worlds import random_trees
+
+PLACES: Final = VOCABULARY.places
+EXAMPLES: Final = sorted(
+    (resource("grammar") / "examples").glob("*.bt"), key=lambda path: path.name
+)
+PAGE: Final = ROOT / "docs" / "exports.md"
+ENGINES: Final = ("py_trees", "`tickExactlyOnce`", "`tickOnce`")
+
+
+class Case(NamedTuple):
+    """A tree, what it meets, and where it is known, what its leaves did with it."""
+
+    tree: Node  # each leaf has a name of its own
+    boards: Sequence[Sequence[float]]  # a value per key, for each tick
+    results: Sequence[int]  # of the leaves, one after the other, again from the first
+    seen: Trace | None = None  # of a recorded episode: as `ours`, without who is fresh
+
+
+def named(tree: Node) -> Node:
+    """The tree with a name of its own for each leaf."""
+    return with_own_names(tree, count())
+
+
+def random_condition(rng: Random, terms: int) -> Asked:
+    """A comparison, or several of them joined."""
+    if terms > 1:
+        parts = [random_condition(rng, count) for count in (1, terms - 1)]
+        whole = joined(rng.choice(["and", "or"]), parts)
+        return denied(whole) if rng.random() < 0.3 else whole
+    key = rng.choice([*VOCABULARY.keys])
+    if VOCABULARY.keys[key].flag:
+        return Condition(key, rng.choice(FLAG_OPERATORS), 0.0)
+    return Condition(key, rng.choice(OPERATORS), float(rng.randint(1, 3)))
+
+
+def random_tree(rng: Random, levels: int) -> Node:
+    """A tree rich in guards that interrupt; Hypothesis makes few of them."""
+    kinds = ["action"] * 2 + ["selector", "when"] * 3 + ["sequence", "parallel", "inverter"]
+    kind = rng.choice([*kinds, "repeater"]) if levels > 1 else "action"
+    if kind == "action":
+        return Node("action", ("A",))
+    several = kind in ("selector", "sequence", "parallel")
+    args: tuple[Argument, ...] = ()
+    if kind == "when":
+        args = (
+            random_condition(rng, rng.choice([1, 1, 1, 2, 3])),
+            rng.choice(["lower", "both", *ABORTS]),
+        )
+    elif kind == "parallel":
+        args = (rng.choice(POLICIES), rng.choice(POLICIES))
+    elif kind == "repeater":
+        args = (rng.randint(1, 4),)
+    children = range(rng.randint(1, 4) if several else 1)
+    return Node(kind, args, tuple(random_tree(rng, levels - 1) for _ in children))
+
+
+def random_boards(rng: Random, ticks: int = 25, most: float = 4) -> list[list[float]]:
+    """Blackboards of which one key changes from tick to tick; numbers go from 0 to `most`.
+
+    As those of `random_condition` are small, so are these by default.
+    """
+    board = [0.0] * len(PLACES)
+    boards = []
+    for _ in range(ticks):
+        board = list(board)
+        name = rng.choice([*PLACES])
+        key = VOCABULARY.keys[name]
+        board[PLACES[name]] = float(rng.randint(0, 1 if key.flag else round(min(most, key.high))))
+        boards.append(board)
+    return boards
+
+
+def random_results(rng: Random) -> list[int]:
+    """What leaves return."""
+    return rng.choices([FAILURE, SUCCESS, RUNNING], [1, 1, 3], k=37)
+
+
+def random_cases(number: int) -> Iterator[Case]:
+    """Random trees that meet random blackboards."""
+    for seed in range(number):
+        rng = Random(seed)
+        tree = named(random_tree(rng, rng.randint(3, 6)))
+        yield Case(tree, random_boards(rng), random_results(rng))
+
+
+def in_subtrees(tree: Node, rng: Random) -> Node:
+    """The tree with some of its nodes as named subtrees, a few of them used again."""
+    made: list[Node] = []
+
+    def visit(node: Node) -> Node:
+        if made and rng.random() < 0.1:
+            return rng.choice(made)
+        found = node._replace(children=tuple(map(visit, node.children)))
+        for _ in range(rng.choice([0, 0, 0, 1, 1, 2])):
+            found = Used.of(found, rng.choice(["a", "recharge(20, -1.5)", "Sequence", "check"]))
+            made.append(found)
+        return found
+
+    return visit(tree)
+
+
+class Calls:
+    """An observer that keeps what leaves did, and what they saw."""
+
+    def __init__(self, tree: Node) -> None:
+        """For an episode of this tree, whose leaves have the names of `named`."""
+        places = [place for place, node in enumerate(walk(tree)) if node.kind == "action"]
+        self.boards: list[tuple[float, ...]] = []
+        self.results: list[int] = []
+        self.trace: Trace = []
+        self._leaves = {place: f"Leaf{i}" for i, place in enumerate(places)}
+        self._said: list[str] = []
+        self._root = FAILURE
+
+    def node(self, place: int, status: int) -> None:
+        """See `Observer`."""
+        if place == 0 and status != ABORTED:
+            self._root = status
+        if (leaf := self._leaves.get(place)) is None:
+            return
+        if status == ABORTED:
+            self._said.append(f"-{leaf}")
+        else:
+            self._said.append(leaf)
+            self.results.append(RUNNING if status == AGAIN else status)
+
+    def tick(self, board: Sequence[float], _: Scene | None) -> None:
+        """See `Observer`."""
+        self.boards.append(tuple(map(float, board)))
+        self.trace.append(" ".join([*self._said, "=", STATUS_NAMES[self._root]]))
+        self._said = []
+
+    def credit(self, component: str, points: float, event: str, action: str) -> None:
+        """See `Observer`; it does not matter here."""
+
+
+def recorded(tree: Node, problem: Problem, *, seed: int = 1, stage: int = 3) -> Case:
+    """A whole episode of a tree: what it saw, what its leaves returned, and their calls."""
+    calls = Calls(tree)
+    problem.at(stage).run_episode(tree, seed, problem.curriculum.multipliers(stage), calls)
+    return Case(named(tree), calls.boards, calls.results or [RUNNING], calls.trace)
+
+
+def example(path: Path) -> Node:
+    """A tree of `grammar/examples`."""
+    return parse(path.read_text(encoding="utf-8"), VOCABULARY)
+
+
+def evolved(runs: int, generations: int = 12) -> list[Node]:
+    """The different trees of the last generations of some runs.
+
+    Every second run may join conditions with `and`, `or`, `not`.
+    """
+    texts: dict[str, None] = {}
+    for seed in range(runs):
+        words = ["supervisor=baseline", f"gp.generations={generations}"]
+        words += ["gp.trees.conditions.joined=0.3"] * (seed % 2)
+        found = composed(*words)
+        supervisor = Baseline(BaselineSettings(**found.supervisor.policy))
+        for step in evolve(composed_plan(*words), seed, supervisor, Serial(found.problem())):
+            last = step.record.individuals
+        texts |= dict.fromkeys(individual.tree for individual in last)
+    return [parse(text, VOCABULARY) for text in texts]
+
+
+@dataclass
+class Row:
+    """What a group of cases came to."""
+
+    trees: int = 0
+    ticks: int = 0
+    calls: int = 0  # leaves started, resumed and halted
+    differences: tuple[int, ...] = (0, 0, 0)  # ticks that differ, by engine
+
+
+def differing(one: Trace, other: Trace) -> int:
+    """In how many ticks two traces differ."""
+    assert len(one) == len(other)
+    return sum(a != b for a, b in zip(one, other, strict=True))
+
+
+def tried(cases: Iterable[Case], cpp: BehaviorTreeCpp) -> Row:
+    """Runs the cases in all engines."""
+    row = Row()
+    for tree, boards, results, seen in cases:
+        expected = ours(tree, boards, results, PLACES)
+        if seen is not None:  # the case is the episode
+            assert [tick.replace("!", "") for tick in expected] == seen
+        found = (
+            in_py_trees(tree, boards, results, PLACES),
+            cpp.trace(tree, boards, results),
+            cpp.trace(tree, boards, results, how="once"),
+        )
+        row.trees += 1
+        row.ticks += len(expected)
+        row.calls += sum(len(tick.partition("=")[0].split()) for tick in expected)
+        row.differences = tuple(
+            before + differing(expected, trace)
+            for before, trace in zip(row.differences, found, strict=True)
+        )
+    return row
+
+
+def groups() -> Iterator[tuple[str, Iterable[Case]]]:
+    """What is tried, by what it is called in the page."""
+    yield "random trees, many guards that interrupt", random_cases(1000)
+    yield (
+        "random trees with named subtrees",
+        (
+            case._replace(tree=in_subtrees(case.tree, Random(seed)))
+            for seed, case in enumerate(random_cases(300))
+        ),
+    )
+    problem = composed().problem()
+    first = random_trees(composed(), 100)
+    yield (
+        "random trees of evolution, a recorded episode each",
+        (recorded(t, problem) for t in first),
+    )
+    for name, trees in (("examples", [*map(example, EXAMPLES)]), ("evolved trees", evolved(6))):
+        rng = Random(1)
+        yield (
+            f"{name}, random blackboards",
+            (Case(named(t), random_boards(rng, 400, inf), random_results(rng)) for t in trees),
+        )
+        yield f"{name}, a recorded episode each", (recorded(tree, problem) for tree in trees)
+
+
+def exactness(cpp: BehaviorTreeCpp) -> dict[str, Row]:
+    """All groups in all engines."""
+    return {name: tried(cases, cpp) for name, cases in groups()}
+
+
+def table(rows: dict[str, Row]) -> str:
+    """The figures in Markdown."""
+    lines = [
+        f"| | trees | ticks | calls | {' | '.join(ENGINES)} |",
+        f"|---|{'--:|' * (3 + len(ENGINES))}",
+    ]
+    for name, row in rows.items():
+        cells = map("{:,}".format, (row.trees, row.ticks, row.calls, *row.differences))
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def with_table(text: str, rows: dict[str, Row]) -> str:
+    """The page's text with these figures."""
+    part = re.compile(r"(<!-- begin exactness -->\n).*?(<!-- end -->)", re.DOTALL)
+    return part.sub(lambda match: f"{match[1]}{table(rows)}\n{match[2]}", text)
+
+
+def main() -> int:
+    """Writes the figures; returns 1 where something differs."""
+    with TemporaryDirectory() as folder:
+        cpp = BehaviorTreeCpp(compiled(Path(folder)), VOCABULARY)
+        rows = exactness(cpp)
+        cpp.close()
+    print(table(rows))
+    PAGE.write_text(with_table(PAGE.read_text(encoding="utf-8"), rows), encoding="utf-8")
+    return int(any(any(row.differences) for row in rows.values()))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
