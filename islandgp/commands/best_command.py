@@ -1,10 +1,10 @@
-"""`islandgp best`: the best trees of a finished run, in worlds that chose nothing."""
+"""`islandgp best`: the best trees of a finished run or sweep, in worlds that chose nothing."""
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -18,6 +18,7 @@ from islandgp.evaluation.base import Job
 if TYPE_CHECKING:
     from islandgp.domain import Outcome
     from islandgp.evaluation.base import Evaluator
+    from islandgp.evolution.validation import Candidate
     from islandgp.records.folder import RunFolder
     from islandgp.scoring.classes import Classes
 
@@ -34,10 +35,10 @@ class Row:
     low: float  # 95 % interval of the mean
     high: float
     reached: dict[str, float]  # by milestone: share of the worlds
-    difference: float  # points, mean of the paired differences to the run's best robot
+    difference: float  # points, mean of the paired differences to the first row
     difference_low: float  # its 95 % interval
     difference_high: float
-    evolved: bool  # it is the run's, not the library's
+    evolved: bool  # it is a run's, not the library's
     tree: str
 
 
@@ -59,22 +60,19 @@ class Row:
 def command(
     run: Path, tier: str, worlds: int, workers: int, output: str | None, as_json: bool
 ) -> None:
-    """Find the best tree of the finished run in the folder RUN.
+    """Find the best tree of the finished run, or the finished runs of a sweep, in the folder RUN.
 
     All trees of the last stage race in validation worlds, more of them than at the end of the
-    run. The first three, the run's best robot and the library's yardsticks then meet test
-    worlds, which neither trained nor chose any of them.
+    run; of a sweep, the best robots of its runs. The first three, the run's best robot and the
+    library's yardsticks then meet test worlds, which neither trained nor chose any of them.
     """
     from islandgp.evaluation.processes import Processes, cores
     from islandgp.evaluation.recorded import setting_of
-    from islandgp.records.folder import RunFolder
 
-    folder = RunFolder(run)
-    if not folder.finished():
-        raise RunError(f"Expected a finished run in {run}, found none; give a run's own folder.")
-    evaluator = Processes(setting_of(folder.configuration()), workers or cores())
+    runs = _finished(run)
+    evaluator = Processes(setting_of(runs[0].configuration()), workers or cores())
     try:
-        rows = list(_rows(folder, evaluator, tier, worlds))
+        rows = list(_rows(runs, evaluator, tier, worlds))
     finally:
         evaluator.close()
     best = max((row for row in rows if row.evolved), key=lambda row: row.mean)
@@ -86,30 +84,53 @@ def command(
         _print(rows, worlds)
 
 
-def _rows(folder: RunFolder, evaluator: Evaluator, tier: str, worlds: int) -> Iterator[Row]:
+def _finished(path: Path) -> list[RunFolder]:
+    """The run in a folder, or those of the sweep. Raises RunError where there is none."""
+    from islandgp.records.folder import RunFolder
+
+    one = RunFolder(path)
+    below = [RunFolder(child) for child in sorted(path.iterdir())] if path.is_dir() else []
+    runs = [run for run in ([one] if one.finished() else below) if run.finished()]
+    if not runs:
+        raise RunError(f"Expected a finished run in {path}, found none; give a run's own folder.")
+    for run in runs:
+        _must_be_alike(runs[0], run)
+    return runs
+
+
+def _must_be_alike(first: RunFolder, other: RunFolder) -> None:
+    """Raises RunError where points are not worth the same in two runs."""
+    from islandgp.study.comparable import YARDSTICK
+
+    a, b = first.configuration(), other.configuration()
+    if differ := [group for group in sorted(YARDSTICK) if a.get(group) != b.get(group)]:
+        raise RunError(
+            f"Expected runs with one {differ[0]}, found that {first.path.name} and"
+            f" {other.path.name} differ in it; give a run's own folder."
+        )
+
+
+def _rows(runs: Sequence[RunFolder], evaluator: Evaluator, tier: str, worlds: int) -> Iterator[Row]:
     """The run's best robot first, then the others by falling mean in validation worlds."""
-    from islandgp.evolution.validation import candidates, validate, worlds_of
+    from islandgp.evolution.validation import validate, worlds_of
     from islandgp.scoring.classes import Classes
     from islandgp.seeding import Stream
     from islandgp.study.library import yardsticks
 
-    config, records = folder.configuration(), list(folder.records())
+    config = runs[0].configuration()
     classes, seed = Classes.model_validate(config["classes"]), int(config["seed"])
     if tier and tier not in classes.tiers:
         raise ConfigError(f"--tier: expected one of {', '.join(classes.tiers)}, found {tier!r}")
-    everyone = sum(len(record["individuals"]) for record in records)
-    found = candidates(records, classes, most=everyone, top=everyone, tier=tier)
-    if not found:
-        raise RunError(f"Expected {tier} robots in the last stage of {folder.path}, found none.")
-    champion = folder.summary()["champion"]
-    used = {world for record in records for world in record["worlds"]}
-    used.update(*([champion["validation"]["worlds"]] if champion["validation"] else []))
-    stage = records[-1]["snapshot"]["stage"]
-    race = worlds_of(seed, frozenset(used), EFFORT * worlds)
+    found = _robots(runs[0], classes, tier) if len(runs) == 1 else _best_robots(runs, tier)
+    used = frozenset(world for run in runs for world in _used(run))
+    stage = max(record["snapshot"]["stage"] for run in runs for record in run.records())
+    race = worlds_of(seed, used, EFFORT * worlds)
     finalists = validate(found, race, evaluator, stage, classes, episodes=EFFORT * worlds)
-    test = worlds_of(seed, frozenset({*used, *race}), worlds, Stream.TEST)
-    name = f"best robot of the run, {champion['record']['id']}"
-    trees = {champion["record"]["tree"]: (name, True)}
+    test = worlds_of(seed, used.union(race), worlds, Stream.TEST)
+    trees: dict[str, tuple[str, bool]] = {}
+    if len(runs) == 1:
+        champion = runs[0].summary()["champion"]["record"]
+        trees[champion["tree"]] = (f"best robot of the run, {champion['id']}", True)
     for candidate, _ in finalists[:3]:
         trees.setdefault(candidate.tree, (candidate.id, True))
     for name, text in yardsticks(config).items():
@@ -118,6 +139,42 @@ def _rows(folder: RunFolder, evaluator: Evaluator, tier: str, worlds: int) -> It
     for k, (tree, (name, evolved)) in enumerate(trees.items()):
         own = outcomes[k * worlds : (k + 1) * worlds]
         yield _row(name, tree, own, outcomes[:worlds], classes, evolved=evolved)
+
+
+def _robots(run: RunFolder, classes: Classes, tier: str) -> list[Candidate]:
+    """All trees of a run's last stage."""
+    from islandgp.evolution.validation import candidates
+
+    records = list(run.records())
+    everyone = sum(len(record["individuals"]) for record in records)
+    found = candidates(records, classes, most=everyone, top=everyone, tier=tier)
+    if not found:
+        raise RunError(f"Expected {tier} robots in the last stage of {run.path}, found none.")
+    return found
+
+
+def _best_robots(runs: Sequence[RunFolder], tier: str) -> list[Candidate]:
+    """The best robot of each run."""
+    from islandgp.evolution.validation import Candidate
+
+    if tier:
+        raise ConfigError("--tier: expected a run's own folder with it, found a sweep's")
+    found: dict[str, Candidate] = {}
+    for run in runs:
+        champion = run.summary()["champion"]
+        own = champion["record"]
+        name = f"{run.path.name}, {own['id']}"
+        new = Candidate(champion["generation"], name, own["tree"], own["fitness"])
+        found.setdefault(own["tree"], new)
+    return list(found.values())
+
+
+def _used(run: RunFolder) -> Iterator[int]:
+    """The worlds that trained a run's trees or chose among them."""
+    for record in run.records():
+        yield from record["worlds"]
+    if (validation := run.summary()["champion"]["validation"]) is not None:
+        yield from validation["worlds"]
 
 
 def _row(
@@ -154,7 +211,7 @@ def _print(rows: list[Row], worlds: int) -> None:
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="bold")
     table.add_column("tree")
     reached: Mapping[str, Any] = rows[0].reached
-    for heading in ("points", "95 % interval", *map(title, reached), "to the run's best"):
+    for heading in ("points", "95 % interval", *map(title, reached), "to the first"):
         table.add_column(heading, justify="right")
     for row in rows:
         other = f"{row.difference:+,.0f} [{row.difference_low:+,.0f}, {row.difference_high:+,.0f}]"

@@ -78,6 +78,32 @@ def test_mistakes(run: Path, words: list[str], said: str) -> None:
     assert said in (found.output + str(found.exception))
 
 
+def test_the_best_robots_of_a_sweep(tmp_path: Path) -> None:
+    """One of each run, by the race; worlds of none of them are used."""
+    runs = tmp_path / "a sweep"
+    for seed in (3, 4):
+        islandgp.compose(*SHORT, f"runs={runs}", f"seed={seed}").run()
+    (folder,) = runs.iterdir()
+    found = best(folder, "--worlds", "4", "--json")
+    assert found.exit_code == 0, found.output
+    rows = json.loads(found.output)
+    assert {row["name"].partition(",")[0] for row in rows if row["evolved"]} == {
+        child.name for child in folder.iterdir()
+    }
+    assert rows[0]["evolved"]
+    assert rows[0]["difference"] == 0
+    assert "a sweep's" in str(best(folder, "--tier", "complete").exception)
+
+
+def test_runs_of_different_worlds_have_no_best_robot(tmp_path: Path) -> None:
+    """Their points are not worth the same."""
+    for seed, length in ((3, 20), (4, 30)):
+        words = (f"runs={tmp_path}", f"seed={seed}", f"world.episode.length={length}")
+        islandgp.compose(*SHORT, *words).run()
+    (folder,) = tmp_path.iterdir()
+    assert "Expected runs with one world" in str(best(folder).exception)
+
+
 def test_a_folder_without_a_finished_run(tmp_path: Path) -> None:
     """It says what it needs."""
     assert "Expected a finished run" in str(best(tmp_path).exception)
