@@ -51,7 +51,7 @@ bench: $(STAMP)  ## the benchmarks, with goals beside figures
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]' -c constraints.txt
 	$(BIN)/python -m benchmarks
 
-torture: $(STAMP) ## faults, determinism and long load, into docs/reliability.md; about an hour
+torture: $(STAMP) ## faults, determinism and long load, into docs/reliability.md; half an hour
 	$(BIN)/python -m tests.torture $(ARGS)
 
 demo-llm: $(STAMP) ## supervision by a language model, with a mock in its place: no key
