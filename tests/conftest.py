@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Iterator
+from threading import Thread
 
 import hypothesis
 import pytest
 
 from islandgp.tracking import mlflow
-from islandgp.tracking.sender import InThread
+from islandgp.tracking.sender import Order, Tell, Worker
 
 # Every run tries the same examples, so that a red test stays red until it is mended.
 # `pytest --hypothesis-profile=search` looks for new ones.
@@ -23,6 +24,22 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "slow: exhaustive, takes longer than a second")
     if not config.option.markexpr:
         config.option.markexpr = "not slow"
+
+
+class InThread:
+    """A sender in this process: see `islandgp.tracking.sender.Sender`."""
+
+    def __init__(self, tell: Tell) -> None:
+        self._worker = Worker(tell)
+        Thread(target=self._worker.work, name="sender", daemon=True).start()
+
+    def add(self, order: Order) -> None:
+        """Takes an order; returns at once."""
+        self._worker.add(order)
+
+    def close(self) -> None:
+        """The order that is being carried out is the last one."""
+        self._worker.end()
 
 
 @pytest.fixture(autouse=True)

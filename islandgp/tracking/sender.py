@@ -1,4 +1,4 @@
-"""Sends run folders to MLflow beside the work: in a process of its own, or in a thread.
+"""Sends run folders to MLflow beside the work, in a process of its own.
 
 MLflow takes seconds to load, and its calls take processor time from whoever makes them. A
 run therefore leaves both to `python -m islandgp.tracking.sender`, which gets orders as lines
@@ -173,7 +173,7 @@ def _behind(work: Callable[[], object]) -> None:
 
 
 class Sender(Protocol):
-    """Somebody who takes orders: a thread, or a process."""
+    """Somebody who takes orders: a process, or what stands in for one."""
 
     def add(self, order: Order) -> None:
         """Takes an order; returns at once."""
@@ -182,22 +182,6 @@ class Sender(Protocol):
     def close(self) -> None:
         """Ends it, whatever it is doing, if that is possible."""
         ...
-
-
-class InThread:
-    """A sender in this process."""
-
-    def __init__(self, tell: Tell) -> None:
-        self._worker = Worker(tell)
-        Thread(target=self._worker.work, name="sender", daemon=True).start()
-
-    def add(self, order: Order) -> None:
-        """See `Sender`."""
-        self._worker.add(order)
-
-    def close(self) -> None:
-        """The order that is being carried out is the last one."""
-        self._worker.end()
 
 
 START: Final = """
