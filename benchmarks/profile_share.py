@@ -39,7 +39,6 @@ PARTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
             "island/passing.py",
             "island/humanoids.py",
             "island/robot.py",
-            "island/steering.py",
             "island/events.py",
             "islandgp/scoring/",
         ),

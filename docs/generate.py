@@ -37,8 +37,8 @@ from islandgp.evaluation.base import Job, Problem, simulate
 from islandgp.resources import resource
 from islandgp.running.app import main
 from islandgp.supervision.llm.estimate import ANSWER
+from islandgp.supervision.llm.ledger import Facts, cost
 from islandgp.supervision.llm.message import Usage
-from islandgp.supervision.llm.prices import Facts, cost
 from islandgp.supervision.llm.prompts import SETS
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.transcript import Transcript

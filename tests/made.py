@@ -14,9 +14,8 @@ from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.evolution.population import Evaluated, Individual, Origin
 from islandgp.resources import resource
 from islandgp.scoring.classes import Classes, judge
-from islandgp.scoring.crisis import Crisis
 from islandgp.scoring.snapshot import Snapshot
-from islandgp.scoring.state import PopulationState, StateSettings, population_state
+from islandgp.scoring.state import Crisis, PopulationState, StateSettings, population_state
 
 _PAPER = resource("conf") / "classes" / "paper.yaml"
 CLASSES: Final = Classes(**yaml.safe_load(_PAPER.read_text(encoding="utf-8")))

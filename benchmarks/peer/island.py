@@ -8,9 +8,9 @@ import numpy as np
 from pymunk import Vec2d
 
 from islandgp.domains.island.events import Award, Event, EventLog
+from islandgp.domains.island.robot import steer
 from islandgp.domains.island.schedule import write_script
 from islandgp.domains.island.space import build_space
-from islandgp.domains.island.steering import steer
 from islandgp.domains.island.world import ROCK_MARGIN, Point, World
 
 

@@ -13,8 +13,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final, TypeAlias
 
-from islandgp.bt import closures, observing
-from islandgp.bt.closures import Stop, Tick
+from islandgp.bt import closures
+from islandgp.bt.closures import Observed, Stop, Tick
 from islandgp.bt.condition import Board, condition, terms
 from islandgp.bt.node import (
     AGAIN,
@@ -26,7 +26,6 @@ from islandgp.bt.node import (
     count_of,
     walk,
 )
-from islandgp.bt.observing import Observed
 
 __all__ = ["ABORTED", "Board", "Tick", "Watch", "compile_tree", "condition", "thresholds"]
 
@@ -135,7 +134,7 @@ class _Compiler:
             branches.append(self.compile(child, observed if branch < last else None))
         places.append(len(self._running))
         if observed.guards:
-            return observing.observing_composite(branches, go_on, observed, places, self._stop)
+            return closures.observing_composite(branches, go_on, observed, places, self._stop)
         return closures.composite(branches, go_on)
 
     def _parallel(self, node: Node) -> Tick:
@@ -157,7 +156,7 @@ class _Compiler:
         first = len(self._running)
         child = self.compile(node.children[0], observed)
         span = (first, len(self._running))
-        return observing.guard(
+        return closures.guard(
             child, holds, abort in ("self", "both"), truth, slot, span, self._stop
         )
 

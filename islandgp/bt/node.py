@@ -1,4 +1,4 @@
-"""The nouns of the tree language: nodes, and the table of their kinds.
+"""The nouns of the tree language: nodes, the table of their kinds, and how large a tree may be.
 
 Section 2.2.3 of the paper. A node kind is declared here and nowhere else; actions
 and blackboard keys are a domain's (`vocabulary`).
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple, TypeAlias
 
 from islandgp.bt.condition import Asked, Compound, Condition
+from islandgp.errors import LimitError
 
 # Statuses are plain integers because a tick is the innermost loop of a run.
 FAILURE: Final = 0
@@ -137,3 +138,30 @@ def replace_at(tree: Node, index: int, new: Node) -> Node:
             return tree._replace(children=(*tree.children[:i], child, *tree.children[i + 1 :]))
         index -= n
     raise IndexError("expected an index below the tree's size")
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """The largest tree that is allowed; a `use` counts expanded."""
+
+    max_depth: int  # levels, >= 1
+    max_nodes: int  # nodes, >= 1
+
+
+def within(node: Node, limits: Limits) -> bool:
+    """Whether a tree keeps its limits."""
+    return depth(node) <= limits.max_depth and size(node) <= limits.max_nodes
+
+
+def check_limits(node: Node, limits: Limits) -> None:
+    """Raises LimitError for a tree that is too deep or too large."""
+    for name, found, most in (
+        ("depth", depth(node), limits.max_depth),
+        ("size", size(node), limits.max_nodes),
+    ):
+        if found > most:
+            what = "levels" if name == "depth" else "nodes"
+            raise LimitError(
+                f"Expected a tree of at most {most} {what}, found {found};"
+                " shorten it or raise the limit."
+            )

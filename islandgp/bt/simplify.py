@@ -1,13 +1,207 @@
-"""Shortens a tree without changing what it does, by the rules of `rewrites`."""
+"""Shortens a tree without changing what it does.
+
+The shorter tree calls the same actions in the same ticks and ends with the same
+statuses, on every blackboard and whatever the actions return, as long as they
+return what the vocabulary says of them. Each rule below has its reason beside it; the
+meaning of nodes is that of docs/semantics.md. The delicate part is the guards
+that a composite observes while a later branch runs: a rewrite must neither add
+nor lose one.
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.node import Node
-from islandgp.bt.rewrites import RULES, Rewrite
-from islandgp.bt.truth import Standing, below, root_of
+from islandgp.bt.node import FAILURE, REPEATS, SUCCESS, Node, condition_of, count_of
+from islandgp.bt.outcomes import HANDS_OVER, ends, idle
+from islandgp.bt.printer import condition_text, head
+from islandgp.bt.truth import (
+    Standing,
+    below,
+    checks_itself,
+    exposes,
+    implies,
+    interrupts,
+    may_interrupt,
+    root_of,
+    shorter,
+    whenever_asked,
+    with_aborts,
+)
 from islandgp.bt.vocabulary import NOTHING, Vocabulary
+
+Rewrite: TypeAlias = tuple[Node, str] | None  # the shorter node, and why; None: nothing to do
+
+
+def hidden(branch: Node) -> Node:
+    """The branch with guards that nobody observes, and that are otherwise the same."""
+    return with_aborts(branch, {"both": "self", "lower": "none"})
+
+
+def _only_child(node: Node, standing: Standing) -> Rewrite:
+    # With one child there is nothing to go on to and nobody to judge: its status is the status.
+    if len(node.children) > 1:
+        return None
+    # But its guards, which nobody observed, must not become ones that somebody does.
+    child = node.children[0]
+    moved = child if standing.observer is None else hidden(child)
+    return moved, f"{head(node)} has one child"
+
+
+def _never_gets_there(node: Node, standing: Standing) -> Rewrite:
+    go_on = HANDS_OVER[node.kind]
+    for index, child in enumerate(node.children[:-1]):
+        if go_on not in ends(child, below(node, standing, index)):
+            word = "fails" if go_on == FAILURE else "succeeds"
+            return (
+                node._replace(children=node.children[: index + 1]),
+                f"{head(child)} never {word}, so its {node.kind} never goes on",
+            )
+    return None
+
+
+def _idle_branch(node: Node, standing: Standing) -> Rewrite:
+    # It hands over at once, each time, and its guards never turn true.
+    busy: list[Node] = []
+    idling: list[Node] = []
+    for index, child in enumerate(node.children):
+        found = idle(child, below(node, standing, index)) == HANDS_OVER[node.kind]
+        (idling if found else busy).append(child)
+    if not idling or len(node.children) == 1:
+        return None
+    rest = tuple(busy or idling[-1:])
+    return node._replace(children=rest), f"{head(idling[0])} never does anything"
+
+
+def _same_inside(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001 -- every rule's form
+    # In the last place the inner composite observes what the outer one would.
+    # Elsewhere it observes nothing, or the outer one would observe it for longer.
+    *earlier, last = node.children
+    children: list[Node] = []
+    for child in earlier:
+        if child.kind == node.kind and not any(map(exposes, child.children[:-1])):
+            children += (*child.children[:-1], hidden(child.children[-1]))
+        else:
+            children.append(child)
+    children += last.children if last.kind == node.kind else (last,)
+    if len(children) == len(node.children):
+        return None
+    return node._replace(children=tuple(children)), f"{node.kind} directly in a {node.kind}"
+
+
+def _same_parallel_inside(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001
+    # One success (failure) decides both at once, and all failures (successes) are all of both.
+    if node.args not in (("all", "one"), ("one", "all")):
+        return None
+    for index, child in enumerate(node.children):
+        if child.kind == "parallel" and child.args == node.args:
+            children = (*node.children[:index], *child.children, *node.children[index + 1 :])
+            return node._replace(children=children), f"{head(node)} directly in the same"
+    return None
+
+
+def _double_inverter(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001
+    child = node.children[0]
+    return (child.children[0], "double inverter") if child.kind == "inverter" else None
+
+
+def _inverted_composite(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001
+    # De Morgan: a selector is a sequence with everything inverted. Guards are observed through
+    # inverters, so nothing changes for them.
+    child = node.children[0]
+    if child.kind not in HANDS_OVER:
+        return None
+    inverted = sum(c.kind == "inverter" for c in child.children)
+    if len(child.children) - inverted > inverted:
+        return None
+    children = tuple(
+        c.children[0] if c.kind == "inverter" else Node("inverter", (), (c,))
+        for c in child.children
+    )
+    other = "sequence" if child.kind == "selector" else "selector"
+    return Node(other, (), children), f"{child.kind} between inverters"
+
+
+def _repeats_once(node: Node, standing: Standing) -> Rewrite:
+    child = node.children[0]
+    if node.args[0] == 1:
+        return child, "repeater 1"
+    if SUCCESS not in ends(child, below(node, standing, 0)):
+        return child, f"{head(child)} never succeeds, so it is never repeated"
+    return None
+
+
+def _double_repeater(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001
+    # Both take a tick a success, and a failure fails both.
+    child = node.children[0]
+    if child.kind != "repeater":
+        return None
+    count = count_of(node) * count_of(child)
+    if count > REPEATS[1]:
+        return None
+    return Node("repeater", (count,), child.children), "repeater in a repeater"
+
+
+def _holds_anyway(node: Node, standing: Standing) -> Rewrite:
+    # It lets every start through, stops nothing below it, and nobody behind it.
+    holds = condition_of(node)
+    if not implies(standing.at_start, holds) or may_interrupt(node, standing):
+        return None
+    if checks_itself(node) and not implies(standing.always, holds):
+        return None
+    return node.children[0], f"{head(node)} always holds where it stands"
+
+
+def _guard_twice(node: Node, standing: Standing) -> Rewrite:
+    # The inner guard is visited when the condition holds; so what it would see turn true, the
+    # outer one sees too if it interrupts as well.
+    child = node.children[0]
+    if child.kind != "when" or condition_of(child) != condition_of(node):
+        return None
+    if may_interrupt(child, below(node, standing, 0)) and not interrupts(node):
+        return None
+    stops = checks_itself(node) or checks_itself(child)
+    abort = {(0, 0): "none", (1, 0): "self", (0, 1): "lower", (1, 1): "both"}
+    args = (node.args[0], abort[(stops, interrupts(node))])
+    return Node("when", args, child.children), f"{head(node)} twice"
+
+
+def _weaker_guard(node: Node, standing: Standing) -> Rewrite:
+    # The inner condition holds only where the outer one does, so it alone lets through and stops.
+    child = node.children[0]
+    inner = below(node, standing, 0)
+    if child.kind != "when" or may_interrupt(node, standing) or may_interrupt(child, inner):
+        return None
+    if checks_itself(node) and not checks_itself(child):
+        return None
+    if not implies((*standing.always, condition_of(child)), condition_of(node)):
+        return None
+    return child, f"{head(node)} says less than the guard below it"
+
+
+def _shorter_condition(node: Node, standing: Standing) -> Rewrite:
+    # It is the same in every tick in which it is asked, so nobody can tell the two apart.
+    asked = condition_of(node)
+    found = shorter(asked, whenever_asked(node, standing))
+    if found == asked:
+        return None
+    return node._replace(
+        args=(found, node.args[1])
+    ), f"{head(node)} is when {condition_text(found)}"
+
+
+_COMPOSITE: Final = (_only_child, _never_gets_there, _idle_branch, _same_inside)
+RULES: Final[dict[str, tuple[Callable[[Node, Standing], Rewrite], ...]]] = {
+    "selector": _COMPOSITE,
+    "sequence": _COMPOSITE,
+    "parallel": (_only_child, _same_parallel_inside),
+    "inverter": (_double_inverter, _inverted_composite),
+    "repeater": (_repeats_once, _double_repeater),
+    "when": (_holds_anyway, _guard_twice, _weaker_guard, _shorter_condition),
+    "action": (),
+}
+"""By kind of node, in the order in which they are tried."""
 
 
 class Simplified(NamedTuple):

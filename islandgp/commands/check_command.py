@@ -11,9 +11,8 @@ from typing import Any
 import click
 
 from islandgp.bt.language import parse, plain
-from islandgp.bt.limits import Limits, check_limits
 from islandgp.bt.lint import Finding, warnings
-from islandgp.bt.node import Node, depth, size
+from islandgp.bt.node import Limits, Node, check_limits, depth, size
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.commands.files import FILE, called, folder_of, read_text
 from islandgp.commands.rerun import with_rerun_option

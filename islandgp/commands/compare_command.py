@@ -15,8 +15,7 @@ from islandgp.resources import resource
 
 if TYPE_CHECKING:
     from islandgp.study.arms import Arm, Comparison
-    from islandgp.study.controls import Control
-    from islandgp.study.generalise import Generalisation
+    from islandgp.study.generalise import Control, Generalisation
     from islandgp.study.report import Report
     from islandgp.study.table import Table
     from islandgp.tracking.store import Place
@@ -177,8 +176,7 @@ def _select(
     wanted: list[tuple[str, str]], runs: Path, name: str | None, place: Place, cache: Path
 ) -> tuple[list[Arm], list[str]]:
     """The arms, and notes on runs that are left out."""
-    from islandgp.study.reading import find
-    from islandgp.study.select import MLFLOW, named, select
+    from islandgp.study.select import MLFLOW, find, named, select
     from islandgp.tracking.comparison import fetch
 
     chosen: list[Arm] = []
@@ -214,7 +212,7 @@ def _unseen(study: Comparison, worlds: int, workers: int) -> tuple[Generalisatio
 def _controls(study: Comparison, workers: int) -> tuple[Control, ...]:
     """The library's trees in the worlds of the runs; none where the domain is not installed."""
     from islandgp.evaluation.processes import Processes, cores
-    from islandgp.study.controls import controls
+    from islandgp.study.generalise import controls
 
     return controls(study, lambda problem: Processes(problem, workers or cores()))
 

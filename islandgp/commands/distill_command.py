@@ -66,7 +66,7 @@ def command(runs: tuple[Path, ...], out: Path, depth: int, cases: int) -> None:
 def _cases(number: int, run: RunFolder) -> Iterator[Case]:
     """The decisions of a run's supervisor; those of a fallback are none of its own."""
     from islandgp.config.settings import read_settings
-    from islandgp.evolution.evaluate import view
+    from islandgp.evolution.loop import view
 
     settings = read_settings(run.configuration())
     plan = settings.plan(settings.make_domain())

@@ -15,7 +15,7 @@ import click
 from islandgp.bt.assist import Word, meaning, offers, renamed, subtree_at
 from islandgp.bt.format import format_text
 from islandgp.bt.language import MAX_CHARACTERS
-from islandgp.bt.limits import Limits
+from islandgp.bt.node import Limits
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.commands.check_command import checked, plain_error, plain_finding
 from islandgp.commands.setting import (

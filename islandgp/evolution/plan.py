@@ -7,8 +7,7 @@ from typing import Literal
 
 from pydantic import BaseModel, Field, model_validator
 
-from islandgp.bt.limits import Limits
-from islandgp.bt.node import Node
+from islandgp.bt.node import Limits, Node
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.evolution.allocation import Allocation
 from islandgp.evolution.random_trees import TreeSettings, TreeSpace
@@ -16,9 +15,8 @@ from islandgp.evolution.selection import SELECTIONS
 from islandgp.evolution.variation import CROSSOVERS, MutationSettings
 from islandgp.plugin import function
 from islandgp.scoring.classes import Classes
-from islandgp.scoring.crisis import Crisis
 from islandgp.scoring.curriculum import Curriculum
-from islandgp.scoring.state import StateSettings
+from islandgp.scoring.state import Crisis, StateSettings
 
 
 class GP(BaseModel, frozen=True, extra="forbid"):

@@ -12,8 +12,7 @@ import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
 from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS, Asked, Condition, joined
-from islandgp.bt.limits import Limits, within
-from islandgp.bt.node import ABORTS, KINDS, POLICIES, Argument, Node
+from islandgp.bt.node import ABORTS, KINDS, POLICIES, Argument, Limits, Node, within
 from islandgp.bt.vocabulary import Key, Vocabulary
 from islandgp.domain import total
 

@@ -14,8 +14,7 @@ from typing import Final
 import numpy as np
 
 from islandgp.bt.language import to_text
-from islandgp.bt.limits import Limits, within
-from islandgp.bt.node import Node, replace_at, size, walk
+from islandgp.bt.node import Limits, Node, replace_at, size, walk, within
 from islandgp.bt.simplify import simplify
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Evaluator, Job

@@ -15,10 +15,10 @@ import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
 from islandgp.bt.condition import Asked, Condition, joined, terms, with_term
-from islandgp.bt.limits import Limits, within
 from islandgp.bt.node import (
     KINDS,
     REPEATS,
+    Limits,
     Node,
     condition_of,
     count_of,
@@ -27,6 +27,7 @@ from islandgp.bt.node import (
     replace_at,
     size,
     walk,
+    within,
 )
 from islandgp.bt.vocabulary import Key
 from islandgp.evolution.population import Individual, Origin

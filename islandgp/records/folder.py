@@ -43,14 +43,6 @@ from islandgp.records.checkpoint import (
     usable,
     write_atomic,
 )
-from islandgp.records.checksums import (
-    append_digest,
-    chained,
-    digests,
-    read_digests,
-    write_digests,
-    wrong_record,
-)
 from islandgp.records.files import (
     RunMetadata,
     pretty,
@@ -58,7 +50,15 @@ from islandgp.records.files import (
     read_configuration,
     read_summary,
 )
-from islandgp.records.lines import Lines
+from islandgp.records.lines import (
+    Lines,
+    append_digest,
+    chained,
+    digests,
+    read_digests,
+    write_digests,
+    wrong_record,
+)
 from islandgp.records.parameters import without_credentials
 
 LINEAGE: Final = (

@@ -9,8 +9,8 @@ from typing import Any
 
 from islandgp.errors import RunError
 from islandgp.records.checkpoint import read_checkpoint
-from islandgp.records.checksums import digests, read_digests, wrong_record
 from islandgp.records.folder import RunFolder, generation_lines
+from islandgp.records.lines import digests, read_digests, wrong_record
 
 
 class Verdict(StrEnum):

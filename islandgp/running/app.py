@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import argparse
 import atexit
+import errno
 import gc
 import os
 import sys
 import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import hydra
 from hydra._internal.utils import get_args_parser
@@ -35,7 +36,6 @@ from islandgp.running.report import MOSTLY_FALLBACK
 from islandgp.running.resume import choose
 from islandgp.running.run import End, check_ready, run
 from islandgp.running.search import run_search
-from islandgp.running.shortage import shortage
 from islandgp.running.stopping import as_ctrl_c
 from islandgp.running.sweep import run_sweep
 
@@ -198,3 +198,28 @@ def _run_single(words: Sequence[str]) -> int:
         print(f"islandgp: {MOSTLY_FALLBACK}", file=sys.stderr)
         return 3
     return 0
+
+
+SHORT: Final = frozenset({errno.EAGAIN, errno.EMFILE, errno.ENFILE, errno.ENOMEM})
+SIGNS: Final = ("can't start new thread", "failed to map segment", "cannot allocate memory")
+"""What errors of other types say in that case, in lower case."""
+
+
+def shortage(error: BaseException) -> str:
+    """The message where an error, or one that led to it, is such a shortage; else \"\"."""
+    seen: BaseException | None = error
+    while seen is not None:
+        if _is_short(seen):
+            return (
+                "Expected enough memory, processes and open files for the run, found:"
+                f" {seen or 'no more memory'}; raise the limit that is too low (ulimit -a shows"
+                " them), or take fewer evaluator.policy.workers, and give the command again."
+            )
+        seen = seen.__cause__ or seen.__context__
+    return ""
+
+
+def _is_short(error: BaseException) -> bool:
+    if isinstance(error, OSError):
+        return error.errno in SHORT
+    return isinstance(error, MemoryError) or any(sign in str(error).lower() for sign in SIGNS)

@@ -9,7 +9,7 @@ from typing import Any, Final
 from islandgp.domain import total
 from islandgp.evolution.record import Champion
 from islandgp.evolution.validation import Best
-from islandgp.records.fallbacks import answers, fallback_share
+from islandgp.records.files import answers, fallback_share
 from islandgp.records.folder import RunFolder
 from islandgp.supervision.state_json import title
 

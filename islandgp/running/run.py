@@ -15,7 +15,7 @@ from typing import Any
 import yaml
 
 from islandgp.bt.language import parse, to_text
-from islandgp.bt.limits import within
+from islandgp.bt.node import within
 from islandgp.config.settings import Settings
 from islandgp.domain import Domain
 from islandgp.errors import ConfigError

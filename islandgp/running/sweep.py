@@ -21,7 +21,7 @@ from omegaconf import DictConfig
 from islandgp.config.compose import Planned, is_choice
 from islandgp.config.settings import Settings
 from islandgp.errors import ConfigError, RunError, brief
-from islandgp.evaluation.parent_death import end_with_parent
+from islandgp.evaluation.processes import end_with_parent
 from islandgp.evaluation.ray import own_token
 from islandgp.records.checkpoint import remove_leftovers
 from islandgp.records.folder import RunFolder, Status

@@ -9,14 +9,13 @@ from typing import Final
 
 from islandgp.study.arms import Comparison
 from islandgp.study.comparable import paired
-from islandgp.study.controls import Control
 from islandgp.study.figures import emergence as emergence_figures
 from islandgp.study.figures import fitness as fitness_figures
 from islandgp.study.figures import population as population_figures
 from islandgp.study.figures import supervision as supervision_figures
 from islandgp.study.figures import trees as tree_figures
 from islandgp.study.findings import Finding, examine_all, finding
-from islandgp.study.generalise import Generalisation
+from islandgp.study.generalise import Control, Generalisation
 from islandgp.study.measures import FURTHER, TABLE_9, TABLE_10, Measure
 from islandgp.study.plan import NOTHING, Family, Plan, all_measures, families, said
 from islandgp.study.report import Item, Report, Section

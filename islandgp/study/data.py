@@ -11,8 +11,7 @@ from islandgp.study.arms import Comparison
 from islandgp.study.emergence import quantile
 from islandgp.study.findings import Finding
 from islandgp.study.generalise import Generalisation
-from islandgp.study.measures import FURTHER, main_family
-from islandgp.study.overhead import bill
+from islandgp.study.measures import FURTHER, bill, main_family
 from islandgp.study.statistics import mean_sd
 from islandgp.study.table import to_csv
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from islandgp.study.figures.style import Picture
+from islandgp.study.figures.drawing import Picture
 from islandgp.study.findings import Finding
 from islandgp.study.generalise import Generalisation
 from islandgp.study.table import Table

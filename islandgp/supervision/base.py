@@ -11,14 +11,12 @@ from typing import Final, Protocol, runtime_checkable
 import numpy as np
 from pydantic import BaseModel
 
-from islandgp.bt.limits import Limits
-from islandgp.bt.node import Node
+from islandgp.bt.node import Limits, Node
 from islandgp.domain import Domain, Schema
 from islandgp.evolution.record import GuidanceRecord, IndividualRecord
 from islandgp.scoring.classes import Classes
-from islandgp.scoring.crisis import Crisis
 from islandgp.scoring.snapshot import Snapshot
-from islandgp.scoring.state import PopulationState
+from islandgp.scoring.state import Crisis, PopulationState
 from islandgp.supervision.library import Library
 
 

@@ -17,8 +17,7 @@ from pydantic import BaseModel, Discriminator, FiniteFloat, Tag, ValidationError
 from islandgp.errors import SupervisionError
 from islandgp.plain import read_json
 from islandgp.scoring.classes import Classes
-from islandgp.scoring.crisis import Crisis
-from islandgp.scoring.state import PopulationState
+from islandgp.scoring.state import Crisis, PopulationState
 from islandgp.supervision.base import Guidance, RunContext
 from islandgp.supervision.expert import Expert, ExpertSettings
 from islandgp.supervision.state_json import field_meanings, state_json

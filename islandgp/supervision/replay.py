@@ -20,11 +20,16 @@ from islandgp.errors import SupervisionError
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, RunContext, Seen
 from islandgp.supervision.llm.adviser import Adviser
-from islandgp.supervision.llm.attempt import Call, Conclusion, Played
 from islandgp.supervision.llm.capabilities import Dialect, Dialects
 from islandgp.supervision.llm.message import Failure, Reply, Request
 from islandgp.supervision.llm.settings import LLMSettings
-from islandgp.supervision.llm.transcript import Transcript, find_transcript
+from islandgp.supervision.llm.transcript import (
+    Call,
+    Conclusion,
+    Played,
+    Transcript,
+    find_transcript,
+)
 
 
 class ReplaySettings(BaseModel, frozen=True, extra="forbid"):

@@ -12,9 +12,8 @@ from typing import Any, Final
 
 from islandgp.domain import Schema
 from islandgp.scoring.classes import Classes
-from islandgp.scoring.crisis import Crisis
 from islandgp.scoring.snapshot import Snapshot
-from islandgp.scoring.state import PopulationState
+from islandgp.scoring.state import Crisis, PopulationState
 
 _PLAIN: Final[dict[str, str]] = {
     "generation": "the generation just evaluated, from 0",

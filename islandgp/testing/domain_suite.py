@@ -21,8 +21,7 @@ import numpy as np
 
 from islandgp.bt.engine import ABORTED
 from islandgp.bt.language import parse
-from islandgp.bt.limits import Limits
-from islandgp.bt.node import AGAIN, FAILURE, STATUS_NAMES, Node, walk
+from islandgp.bt.node import AGAIN, FAILURE, STATUS_NAMES, Limits, Node, walk
 from islandgp.domain import Domain, Observer, Outcome, Scene
 from islandgp.evolution.random_trees import TreeSettings, TreeSpace, random_tree
 

@@ -17,8 +17,7 @@ from typing import Any, Final
 import numpy as np
 
 from islandgp.bt.language import parse, to_text
-from islandgp.bt.limits import Limits, within
-from islandgp.bt.node import Node, walk
+from islandgp.bt.node import Limits, Node, walk, within
 from islandgp.errors import TreeError
 from islandgp.testing.faults import Fault, spoiled
 

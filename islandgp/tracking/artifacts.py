@@ -13,8 +13,7 @@ import yaml
 
 from islandgp.bt.language import parse
 from islandgp.evaluation.recorded import setting_of
-from islandgp.records.fallbacks import fallback_words
-from islandgp.records.files import RunMetadata, score
+from islandgp.records.files import RunMetadata, fallback_words, score
 from islandgp.records.folder import RunFolder, Status
 from islandgp.supervision.state_json import title
 from islandgp.tracking.chart import Line, Panel, svg

@@ -14,8 +14,7 @@ from math import inf
 from statistics import fmean, median, stdev
 from typing import Any, Final
 
-from islandgp.records.fallbacks import fallback_words
-from islandgp.records.files import score
+from islandgp.records.files import fallback_words, score
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.sweep_folder import SweepFile, SweepFolder, SweepJob
 from islandgp.supervision.state_json import title

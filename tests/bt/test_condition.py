@@ -24,8 +24,7 @@ from islandgp.bt.export.behaviortree_cpp import _script
 from islandgp.bt.export.json import from_json, to_json
 from islandgp.bt.export.scripts import read_condition
 from islandgp.bt.language import parse, parse_condition, to_text
-from islandgp.bt.limits import Limits
-from islandgp.bt.node import Node, condition_of, walk
+from islandgp.bt.node import Limits, Node, condition_of, walk
 from islandgp.bt.printer import condition_text
 from islandgp.bt.truth import excludes, implies, shorter
 from islandgp.domains.island.vocabulary import VOCABULARY

@@ -9,8 +9,7 @@ import pytest
 
 from islandgp.bt.condition import terms
 from islandgp.bt.language import parse, to_text
-from islandgp.bt.limits import Limits, check_limits
-from islandgp.bt.node import KINDS, condition_of, depth, size, walk
+from islandgp.bt.node import KINDS, Limits, check_limits, condition_of, depth, size, walk
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.resources import resource
 

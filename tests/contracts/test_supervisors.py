@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from islandgp.bt.language import parse, to_text
-from islandgp.bt.limits import within
+from islandgp.bt.node import within
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.records.checkpoint import dump
 from islandgp.resources import resource

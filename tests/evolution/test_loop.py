@@ -13,8 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from islandgp.bt.language import parse
-from islandgp.bt.limits import within
-from islandgp.bt.node import Node
+from islandgp.bt.node import Node, within
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Job
 from islandgp.scoring.state import PopulationState

@@ -9,8 +9,7 @@ import pytest
 
 from islandgp.bt.engine import compile_tree
 from islandgp.bt.language import parse, to_text
-from islandgp.bt.limits import Limits, within
-from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, size, walk
+from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Limits, Node, size, walk, within
 from islandgp.bt.vocabulary import Action, Vocabulary, flag
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Job

@@ -12,8 +12,18 @@ from pydantic import ValidationError
 
 from islandgp.bt.condition import Condition
 from islandgp.bt.language import parse, to_text
-from islandgp.bt.limits import Limits, within
-from islandgp.bt.node import KINDS, Node, condition_of, depth, levels, replace_at, size, walk
+from islandgp.bt.node import (
+    KINDS,
+    Limits,
+    Node,
+    condition_of,
+    depth,
+    levels,
+    replace_at,
+    size,
+    walk,
+    within,
+)
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.evolution.random_trees import (

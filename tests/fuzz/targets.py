@@ -28,9 +28,8 @@ from islandgp.bt.export.import_cpp import read_tree
 from islandgp.bt.export.json import from_json, to_json
 from islandgp.bt.format import format_text
 from islandgp.bt.language import parse, to_text
-from islandgp.bt.limits import Limits
 from islandgp.bt.lint import warnings
-from islandgp.bt.node import Node
+from islandgp.bt.node import Limits, Node
 from islandgp.commands.domain_command import _plain
 from islandgp.config.compose import planned
 from islandgp.domain import Scene, Thing
@@ -42,7 +41,7 @@ from islandgp.records.folder import RunFolder
 from islandgp.records.verify import verify
 from islandgp.resources import resource
 from islandgp.results import load
-from islandgp.study.reading import find, read
+from islandgp.study.select import find, read
 from islandgp.supervision.distilled import read_policy
 from islandgp.supervision.llm.answers import DECISION
 from islandgp.supervision.llm.ledger import Ledger

@@ -12,13 +12,11 @@ from typing import get_args
 import pytest
 
 from islandgp.errors import ConfigError
-from islandgp.supervision.llm.attempt import Call, Sent
 from islandgp.supervision.llm.client import AnthropicClient
-from islandgp.supervision.llm.ledger import Caps, Ledger, known_usage
+from islandgp.supervision.llm.ledger import Caps, Ledger, Price, cost, known_usage, most_tokens
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage
-from islandgp.supervision.llm.prices import Price, cost, most_tokens
 from islandgp.supervision.llm.supervisor import LLM
-from islandgp.supervision.llm.transcript import Transcript
+from islandgp.supervision.llm.transcript import Call, Sent, Transcript
 from islandgp.testing.server import MessagesServer
 from tests.composed import composed
 from tests.llm.made import (

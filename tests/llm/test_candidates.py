@@ -10,8 +10,7 @@ from typing import Any
 import pytest
 
 from islandgp.bt.language import parse, to_text
-from islandgp.bt.limits import Limits
-from islandgp.bt.node import Node
+from islandgp.bt.node import Limits, Node
 from islandgp.domain import Domain, Outcome
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import SupervisionError

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from islandgp.supervision.llm.attempt import Call
-from islandgp.supervision.llm.calls import LiveCalls
+from islandgp.supervision.llm.calls import LiveCalls, RetrySettings, final, wait
 from islandgp.supervision.llm.ledger import Caps, Ledger
 from islandgp.supervision.llm.message import (
     TRANSIENT,
@@ -18,8 +17,7 @@ from islandgp.supervision.llm.message import (
     Request,
     Usage,
 )
-from islandgp.supervision.llm.retry import RetrySettings, final, wait
-from islandgp.supervision.llm.transcript import Transcript
+from islandgp.supervision.llm.transcript import Call, Transcript
 from tests.llm.made import FakeClient, failed, said
 
 HOW = RetrySettings(attempts=3, deadline=30, first_wait=1, longest_wait=20, retry_after_most=30)

@@ -9,7 +9,7 @@ from hypothesis import given
 
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.resources import resource
-from islandgp.scoring.crisis import Crisis
+from islandgp.scoring.state import Crisis
 from islandgp.supervision.state_json import field_meanings, fields, state_json, state_text, title
 from tests.llm.made import state
 from tests.made import CLASSES

@@ -11,9 +11,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from islandgp.errors import SupervisionError
-from islandgp.supervision.llm.attempt import Attempt, Call, Conclusion
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage, clean
-from islandgp.supervision.llm.transcript import NAME, Transcript, find_transcript
+from islandgp.supervision.llm.transcript import (
+    NAME,
+    Attempt,
+    Call,
+    Conclusion,
+    Transcript,
+    find_transcript,
+)
 from islandgp.supervision.replay import RecordedCalls, difference
 
 ASK = Request("m", "system text", ("question",), 100, 0.7, {"type": "object"}, False)

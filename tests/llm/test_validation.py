@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from islandgp.bt.language import parse, to_text
-from islandgp.bt.limits import Limits, within
+from islandgp.bt.node import Limits, within
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.supervision.base import Pattern, Phase
 from islandgp.supervision.llm.answers import DECISION, LONGEST, faults, proposal_shape, schema

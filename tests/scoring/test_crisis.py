@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from islandgp.scoring.crisis import Crisis
+from islandgp.scoring.state import Crisis
 
 CRISIS = Crisis(diversity_below=0.15, stagnant_epochs_above=3, emergency_rate=0.5)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from islandgp.evolution.evaluate import combine
+from islandgp.evolution.loop import combine
 from tests.made import NOTHING, outcome
 
 

@@ -18,9 +18,8 @@ from islandgp.study.comparable import compare_arms
 from islandgp.study.data import runs_csv
 from islandgp.study.generalise import Generalisation, generalise
 from islandgp.study.library import library_names
-from islandgp.study.page import to_page
 from islandgp.study.report import Report
-from islandgp.study.writing import markdown
+from islandgp.study.writing import markdown, to_page
 from tests.made import CLASSES
 from tests.study.made_runs import config, guidance, individual, made_arm, made_run
 

@@ -11,7 +11,7 @@ from click.testing import CliRunner, Result
 from islandgp.commands.compare_command import command
 from islandgp.errors import StudyError
 from islandgp.running import app
-from islandgp.study.reading import find
+from islandgp.study.select import find
 from tests.composed import plain
 
 DOCS = Path(__file__).parents[2] / "docs" / "study.md"

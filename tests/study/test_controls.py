@@ -8,7 +8,7 @@ from dataclasses import replace
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Job, Problem
 from islandgp.study.comparable import compare_arms
-from islandgp.study.controls import best_of, controls
+from islandgp.study.generalise import best_of, controls
 from islandgp.study.library import given
 from islandgp.study.tables.controls import controls_table
 from tests.made import outcome

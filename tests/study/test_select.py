@@ -9,14 +9,16 @@ import pytest
 
 from islandgp.errors import StudyError
 from islandgp.records.parameters import flatten
-from islandgp.study.reading import Found, find, read
 from islandgp.study.select import (
+    Found,
+    find,
     in_short,
     matches,
     named,
     overview,
     parse_arm,
     parse_selection,
+    read,
     select,
 )
 from tests.study.made_runs import config, individual, made_run, write_run

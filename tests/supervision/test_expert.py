@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from islandgp.bt.limits import within
-from islandgp.bt.node import Node, depth, size, walk
+from islandgp.bt.node import Node, depth, size, walk, within
 from islandgp.errors import ConfigError
 from islandgp.running.run import setup_of
 from islandgp.scoring.snapshot import Snapshot

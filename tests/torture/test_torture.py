@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from islandgp.running.shortage import shortage
+from islandgp.running.app import shortage
 from islandgp.running.stopping import as_ctrl_c
 from tests.torture import page
 from tests.torture.__main__ import PARTS, main, rows

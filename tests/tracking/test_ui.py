@@ -26,8 +26,7 @@ from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.place import place_from, place_of_latest
 from islandgp.tracking.store import Place, Store
 from islandgp.tracking.sync import sync
-from islandgp.tracking.ui import Pages, served
-from islandgp.tracking.view import runs_page, share_view
+from islandgp.tracking.ui import Pages, runs_page, served, share_view
 from tests.running.commands import ROOT
 from tests.tracking.folders import history, place, written
 from tests.viewer.browser import Browser, chromium

@@ -13,8 +13,7 @@ from islandgp.bt.language import parse
 from islandgp.bt.node import Node, size, walk
 from islandgp.bt.render.graphs import to_dot, to_mermaid
 from islandgp.bt.render.label import label
-from islandgp.bt.render.layout import BOX, lay_out
-from islandgp.bt.render.svg import to_svg
+from islandgp.bt.render.svg import BOX, lay_out, to_svg
 from islandgp.bt.render.terminal import to_lines
 from islandgp.resources import resource
 from tests.strategies import nodes

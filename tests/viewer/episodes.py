@@ -13,8 +13,7 @@ from pydantic import BaseModel
 
 from islandgp.bt.engine import compile_tree
 from islandgp.bt.language import parse
-from islandgp.bt.limits import Limits
-from islandgp.bt.node import RUNNING, SUCCESS, Node, size
+from islandgp.bt.node import RUNNING, SUCCESS, Limits, Node, size
 from islandgp.bt.vocabulary import Action, Vocabulary, flag, number
 from islandgp.domain import Event, Form, Observer, Outcome, Scene, Schema, Thing
 from islandgp.domains.island.vocabulary import VOCABULARY

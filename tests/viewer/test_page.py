@@ -17,10 +17,10 @@ import pytest
 
 from islandgp.bt.node import Node, walk
 from islandgp.domain import Form, Scene, Thing
-from islandgp.study.figures.style import Picture
-from islandgp.study.page import to_page
+from islandgp.study.figures.drawing import Picture
 from islandgp.study.report import Report, Section
 from islandgp.study.table import Table
+from islandgp.study.writing import to_page
 from islandgp.viewer.encode import GRID
 from islandgp.viewer.page import page
 from islandgp.viewer.recording import IDLE, Recording, record

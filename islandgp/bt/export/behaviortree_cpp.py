@@ -16,8 +16,17 @@ from typing import Final
 from xml.sax.saxutils import escape, quoteattr
 
 from islandgp.bt.condition import Compound, Condition, terms
-from islandgp.bt.export.exact import OWN, exact_plan, own_nodes, parts
-from islandgp.bt.export.plan import Loss, TargetNode, guard_losses, plan, separated
+from islandgp.bt.export.plan import (
+    OWN,
+    Loss,
+    TargetNode,
+    exact_plan,
+    guard_losses,
+    own_nodes,
+    parts,
+    plan,
+    separated,
+)
 from islandgp.bt.node import Argument, Node, condition_of, walk
 from islandgp.bt.printer import condition_text, number_text
 from islandgp.bt.vocabulary import NOTHING, Vocabulary

@@ -8,13 +8,18 @@ branch on: what stands behind it is nested as one child, which keeps its own
 memory:
 
     selector { A  when p { B }  C }    ->    fallback(A, reactive_fallback(guard(p, B), C))
+
+`exact_plan` uses our own nodes for the library (`nodes/`), without any loss, where the library's
+own differ: a selector or sequence that observes guards is an interruptible one, its guards are
+`When` nodes, and a library says for itself which other kinds it needs ours for.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Final, NamedTuple, TypeAlias
 
 from islandgp.bt.node import Argument, Node, names_of
 from islandgp.bt.truth import chain, checks_itself, exposes, interrupts
@@ -194,3 +199,72 @@ def hands_over(branch: Node, composite: str) -> bool:
         counted |= branch.kind == "repeater" and branch.args[0] != 1 and not failure_does
         branch = branch.children[0]
     return False
+
+
+OWN: Final = frozenset({
+    "when", "interruptible_fallback", "interruptible_sequence", "judged_parallel",
+    "repeat_per_tick",
+})  # fmt: skip
+"""Kinds of parts that are nodes of ours, beside those of `plan`."""
+
+Differs: TypeAlias = Callable[[Node], bool]
+"""Whether a library's node for a parallel, a repeater or a `when` does something else."""
+
+
+def exact_plan(node: Node, differs: Differs) -> TargetNode:
+    """A tree in those terms."""
+    return _exact_part(node, differs, observed=False)
+
+
+def parts(part: TargetNode) -> Iterator[TargetNode]:
+    """The parts of a plan in document order."""
+    yield part
+    for child in part.children:
+        yield from parts(child)
+
+
+def own_nodes(name: str) -> str:
+    """The text of a file with our nodes: islandgp_nodes.hpp or islandgp_nodes.py."""
+    return (Path(__file__).parent / "nodes" / name).read_text(encoding="utf-8")
+
+
+def _exact_part(node: Node, differs: Differs, *, observed: bool) -> TargetNode:
+    """A node; observed: a composite above looks for guards here, through decorators."""
+    return in_subtrees(node, _bare(node, differs, observed=observed))
+
+
+def _bare(node: Node, differs: Differs, *, observed: bool) -> TargetNode:
+    """The same without the names of subtrees."""
+    kind = node.kind
+    if kind == "action":
+        return TargetNode("action", node.args)
+    if kind in ("when", "inverter", "repeater"):
+        child = _exact_part(node.children[0], differs, observed=observed)
+        if kind == "when":
+            return _when(node, child, ours=observed or exposes(node) or differs(node))
+        if kind == "inverter":
+            return TargetNode("inverter", (), (child,))
+        return TargetNode("repeat_per_tick" if differs(node) else "repeat", node.args, (child,))
+    if kind == "parallel":
+        children = tuple(_exact_part(child, differs, observed=False) for child in node.children)
+        return TargetNode("judged_parallel" if differs(node) else "parallel", node.args, children)
+    return _exact_composite(node, differs)
+
+
+def _when(node: Node, child: TargetNode, *, ours: bool) -> TargetNode:
+    if ours:
+        return TargetNode("when", node.args, (child,))
+    kind = "reactive_sequence" if checks_itself(node) else "sequence"
+    return TargetNode(kind, node.args, (TargetNode("check", node.args[:1]), child))
+
+
+def _exact_composite(node: Node, differs: Differs) -> TargetNode:
+    plain = "fallback" if node.kind == "selector" else "sequence"
+    *earlier, last = node.children
+    observes = [exposes(branch) for branch in earlier]
+    children = [
+        _exact_part(branch, differs, observed=observed)
+        for branch, observed in zip(earlier, observes, strict=True)
+    ]
+    children.append(_exact_part(last, differs, observed=False))
+    return TargetNode(f"interruptible_{plain}" if any(observes) else plain, (), tuple(children))

@@ -17,8 +17,17 @@ from collections.abc import Iterator
 from typing import Final
 
 from islandgp.bt.condition import Asked, Compound, Condition, terms
-from islandgp.bt.export.exact import OWN, exact_plan, own_nodes, parts
-from islandgp.bt.export.plan import Loss, TargetNode, guard_losses, plan, separated
+from islandgp.bt.export.plan import (
+    OWN,
+    Loss,
+    TargetNode,
+    exact_plan,
+    guard_losses,
+    own_nodes,
+    parts,
+    plan,
+    separated,
+)
 from islandgp.bt.language import to_text
 from islandgp.bt.node import Node, condition_of, walk
 from islandgp.bt.printer import condition_text, head, number_text

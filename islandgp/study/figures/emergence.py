@@ -7,8 +7,18 @@ from typing import TYPE_CHECKING
 
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.emergence import Summary, band, first, quantile, ranks, still_without, summary
-from islandgp.study.figures.drawing import bar, groups, legend, named, sideways
-from islandgp.study.figures.style import INK, Look, Picture, looks, picture
+from islandgp.study.figures.drawing import (
+    INK,
+    Look,
+    Picture,
+    bar,
+    groups,
+    legend,
+    looks,
+    named,
+    picture,
+    sideways,
+)
 from islandgp.study.statistics import mean_interval
 from islandgp.supervision.state_json import title
 

@@ -6,16 +6,21 @@ from typing import TYPE_CHECKING, Any
 
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.figures.drawing import (
+    FAINT,
+    INK,
+    PALE,
+    Picture,
     bar,
     curves,
     epoch_lines,
     groups,
     legend,
+    look,
     named,
+    picture,
     sideways,
     thousands,
 )
-from islandgp.study.figures.style import FAINT, INK, PALE, Picture, look, picture
 from islandgp.study.measures import SPANS, best, span_mean
 from islandgp.study.statistics import mean_sd
 

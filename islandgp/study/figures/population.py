@@ -9,23 +9,21 @@ import numpy as np
 from islandgp.evolution.population import Origin
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.figures.drawing import (
-    curves,
-    epoch_lines,
-    legend,
-    named,
-    sideways,
-    thousands,
-)
-from islandgp.study.figures.style import (
     FAINT,
     INK,
     LINES,
     NEUTRAL,
     PALE,
     Picture,
+    curves,
+    epoch_lines,
+    legend,
     look,
     looks,
+    named,
     picture,
+    sideways,
+    thousands,
 )
 from islandgp.study.generalise import Generalisation
 from islandgp.study.lineage import alive, newcomers

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from islandgp.study.arms import Arm, Comparison
-from islandgp.study.figures.drawing import curves, epoch_lines, legend
-from islandgp.study.figures.style import PALE, Picture, look, picture
+from islandgp.study.figures.drawing import PALE, Picture, curves, epoch_lines, legend, look, picture
 from islandgp.supervision.base import Pattern
 from islandgp.supervision.decisions import decisions
 

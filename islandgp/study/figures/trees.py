@@ -10,7 +10,7 @@ from islandgp.bt.node import Node, depth, size
 from islandgp.bt.render.label import label
 from islandgp.bt.render.svg import COLOURS
 from islandgp.study.arms import Comparison, Run
-from islandgp.study.figures.style import COLUMN, FAINT, WIDTH, Picture, picture
+from islandgp.study.figures.drawing import COLUMN, FAINT, WIDTH, Picture, picture
 from islandgp.study.library import library_names
 from islandgp.supervision.state_json import title
 

@@ -19,8 +19,7 @@ from islandgp.study.notation import (
     tested,
 )
 from islandgp.study.paper import Paper
-from islandgp.study.power import LEVEL
-from islandgp.study.statistics import PairedTest, mean_sd
+from islandgp.study.statistics import LEVEL, PairedTest, mean_sd
 from islandgp.study.table import Table
 from islandgp.study.tables.comparisons import families_note, published
 

@@ -21,13 +21,14 @@ from islandgp.study.notation import (
     tested,
 )
 from islandgp.study.paper import MARK, Paper
-from islandgp.study.power import LEVEL, smallest_difference
 from islandgp.study.statistics import (
     FEWEST,
+    LEVEL,
     bootstrap,
     mean_sd,
     median_difference,
     median_interval,
+    smallest_difference,
 )
 from islandgp.study.table import Table
 

@@ -7,7 +7,7 @@ from statistics import fmean
 
 from islandgp.evolution.validation import interval
 from islandgp.study.arms import Arm, Comparison
-from islandgp.study.controls import Control, best_of
+from islandgp.study.generalise import Control, best_of
 from islandgp.study.measures import SPANS
 from islandgp.study.notation import NONE, number, signed, spread
 from islandgp.study.statistics import mean_sd

@@ -10,8 +10,8 @@ from typing import Final
 
 from islandgp.study.arms import Arm, Comparison, Run
 from islandgp.study.emergence import first, quantile
+from islandgp.study.measures import Bill, bill
 from islandgp.study.notation import NONE, number, percent, spread
-from islandgp.study.overhead import Bill, bill
 from islandgp.study.paper import MARK, Paper
 from islandgp.study.statistics import mean_sd
 from islandgp.study.table import Table

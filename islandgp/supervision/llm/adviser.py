@@ -15,7 +15,7 @@ from typing import Final, TypeVar
 
 import numpy as np
 
-from islandgp.bt.limits import Limits
+from islandgp.bt.node import Limits
 from islandgp.errors import SupervisionError
 from islandgp.plugin import blaming, path_of
 from islandgp.scoring.state import PopulationState
@@ -31,7 +31,6 @@ from islandgp.supervision.llm.answers import (
     reasons_first,
     schema,
 )
-from islandgp.supervision.llm.attempt import Played
 from islandgp.supervision.llm.calls import Calls
 from islandgp.supervision.llm.capabilities import Dialect
 from islandgp.supervision.llm.chronicle import Chronicle
@@ -46,6 +45,7 @@ from islandgp.supervision.llm.prompts import (
     urgency,
 )
 from islandgp.supervision.llm.settings import LLMSettings, TreeSize
+from islandgp.supervision.llm.transcript import Played
 from islandgp.supervision.llm.trial import try_out
 from islandgp.supervision.llm.validation import (
     Check,

@@ -11,11 +11,10 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 from islandgp.errors import SupervisionError
-from islandgp.supervision.llm.attempt import Call
 from islandgp.supervision.llm.calls import Calls
 from islandgp.supervision.llm.message import TRANSIENT, Failure, FailureKind, Reply, Request
 from islandgp.supervision.llm.settings import LLMSettings
-from islandgp.supervision.llm.transcript import Transcript
+from islandgp.supervision.llm.transcript import Call, Transcript
 from islandgp.supervision.llm.validation import Reading, find_object
 
 _SYSTEM: Final = "Answer in one short sentence."

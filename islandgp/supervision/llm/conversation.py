@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from islandgp.supervision.llm.attempt import Call, Conclusion
 from islandgp.supervision.llm.calls import Calls
 from islandgp.supervision.llm.message import QUOTED, Failure, Request
+from islandgp.supervision.llm.transcript import Call, Conclusion
 from islandgp.supervision.llm.validation import Check, Rejection, RejectionStage
 
 T = TypeVar("T")

@@ -10,9 +10,8 @@ from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import RunContext
 from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.capabilities import Dialect
-from islandgp.supervision.llm.ledger import Caps
+from islandgp.supervision.llm.ledger import Caps, cost, most_tokens
 from islandgp.supervision.llm.message import QUOTED, Request, Usage
-from islandgp.supervision.llm.prices import cost, most_tokens
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.transcript import Transcript
 

@@ -18,9 +18,8 @@ from islandgp.bt.language import parse
 from islandgp.domain import Schema
 from islandgp.evolution.record import IndividualRecord
 from islandgp.scoring.classes import Classes
-from islandgp.scoring.crisis import Crisis
 from islandgp.scoring.rewards import Reward, RewardTable
-from islandgp.scoring.state import PopulationState
+from islandgp.scoring.state import Crisis, PopulationState
 from islandgp.supervision.base import RunContext, Seen
 from islandgp.supervision.llm.chronicle import KEPT, Chronicle, Fate, Past, ranked
 from islandgp.supervision.llm.story import story

@@ -10,10 +10,9 @@ from pydantic import BaseModel, Field, SecretStr, field_validator, model_validat
 
 from islandgp.plugin import Part
 from islandgp.supervision.base import SUPERVISES, Phase
+from islandgp.supervision.llm.calls import RetrySettings
 from islandgp.supervision.llm.informed import InformedSettings
-from islandgp.supervision.llm.ledger import Caps
-from islandgp.supervision.llm.prices import Facts, Price, Prices
-from islandgp.supervision.llm.retry import RetrySettings
+from islandgp.supervision.llm.ledger import Caps, Facts, Price, Prices
 from islandgp.supervision.llm.validation import RateSettings
 
 THINKING_TOKENS: Final = 14_000  # room for what a model thinks before an answer

@@ -17,8 +17,7 @@ from typing import Any, Final, Generic, Literal, TypeAlias, TypeVar
 from pydantic import BaseModel, Field, model_validator
 
 from islandgp.bt.language import parse
-from islandgp.bt.limits import Limits, check_limits
-from islandgp.bt.node import Node
+from islandgp.bt.node import Limits, Node, check_limits
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.errors import DomainError, LimitError, TreeError, UnknownNameError
 from islandgp.supervision.base import Pattern, Phase

@@ -17,8 +17,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from islandgp.bt.language import parse, to_text
-from islandgp.bt.limits import Limits, within
-from islandgp.bt.node import Node
+from islandgp.bt.node import Limits, Node, within
 from islandgp.domains.island import engine
 from islandgp.domains.island.episode import Episode, run_episode
 from islandgp.domains.island.vocabulary import VOCABULARY

@@ -8,9 +8,8 @@ import numpy as np
 import pymunk
 import pytest
 
-from islandgp.domains.island.robot import Robot
+from islandgp.domains.island.robot import Robot, steer
 from islandgp.domains.island.schedule import Circle, obstacles
-from islandgp.domains.island.steering import steer
 from islandgp.domains.island.world import World
 from tests.domains.island.days import day, world
 
