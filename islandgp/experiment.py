@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from islandgp.bt.language import parse, to_text
 from islandgp.bt.node import Node
@@ -22,9 +22,6 @@ from islandgp.evaluation.serial import Serial
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import Step
 from islandgp.results import Results, load
-
-if TYPE_CHECKING:
-    from islandgp.config.compose import Planned
 
 
 @dataclass(frozen=True)
@@ -94,20 +91,12 @@ def compose(*overrides: str, config_dir: str | Path | None = None) -> Experiment
     Raises:
         ConfigError: with one line for each wrong key or value.
     """
-    job = _planned(overrides, config_dir)
+    from islandgp.config.compose import first_job
+
+    job = first_job(overrides, config_dir)
     return Experiment(job.settings, job.config, job.folder)
 
 
 def run(*overrides: str, config_dir: str | Path | None = None) -> Results:
     """Composes an experiment and runs it, as `Experiment.run` does."""
     return compose("progress=off", *overrides, config_dir=config_dir).run()
-
-
-def _planned(overrides: tuple[str, ...], config_dir: str | Path | None) -> Planned:
-    from hydra._internal.utils import get_args_parser
-
-    from islandgp.config.compose import planned
-
-    flags = ["--config-dir", str(config_dir)] if config_dir is not None else []
-    args = get_args_parser().parse_args([*flags, *overrides])
-    return next(planned(args, list(overrides), Path.cwd()))

@@ -16,7 +16,7 @@ from islandgp.bt.node import Limits, Node, check_limits, depth, size
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.commands.files import FILE, called, folder_of, read_text
 from islandgp.commands.rerun import with_rerun_option
-from islandgp.commands.setting import vocabulary_of, with_domain_options, with_vocabulary_option
+from islandgp.commands.setting import Chosen, vocabulary_of, with_vocabulary_options
 from islandgp.errors import LimitError, TreeError, UnknownNameError
 
 
@@ -28,8 +28,7 @@ from islandgp.errors import LimitError, TreeError, UnknownNameError
 @click.option("-q", "--quiet", is_flag=True, help="Say nothing about files that are right.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list of what is found.")
 @with_rerun_option
-@with_domain_options
-@with_vocabulary_option
+@with_vocabulary_options
 def command(
     files: tuple[str, ...],
     strict: bool,
@@ -37,9 +36,7 @@ def command(
     max_nodes: int | None,
     quiet: bool,
     as_json: bool,
-    overrides: tuple[str, ...],
-    config_dir: str | None,
-    declaration: str | None,
+    chosen: Chosen,
 ) -> None:
     """Look for errors and doubtful places in FILES.
 
@@ -49,17 +46,10 @@ def command(
     wrong = doubtful = 0
     told: list[dict[str, Any]] = []
     for file in files:
-        text, name = read_text(file), called(file)
+        text, name, folder = read_text(file), called(file), folder_of(file)
         try:
-            vocabulary = vocabulary_of(
-                text,
-                overrides,
-                config_dir,
-                name=name,
-                declaration=declaration,
-                folder=folder_of(file),
-            )
-            tree, found = checked(text, vocabulary, name, folder_of(file), limits)
+            vocabulary = vocabulary_of(text, chosen, name=name, folder=folder)
+            tree, found = checked(text, vocabulary, name, folder, limits)
         except TreeError as error:
             wrong += 1
             if as_json:

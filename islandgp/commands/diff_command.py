@@ -17,7 +17,7 @@ from islandgp.bt.render.label import label
 from islandgp.bt.simplify import simplify
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.commands.files import FILE, called, folder_of, read_text, read_tree
-from islandgp.commands.setting import vocabulary_of, with_domain_options, with_vocabulary_option
+from islandgp.commands.setting import Chosen, vocabulary_of, with_vocabulary_options
 from islandgp.errors import DomainError
 
 COLOURS: Final = {Mark.DELETED: "red", Mark.INSERTED: "green", Mark.CHANGED: "yellow"}
@@ -27,16 +27,8 @@ COLOURS: Final = {Mark.DELETED: "red", Mark.INSERTED: "green", Mark.CHANGED: "ye
 @click.argument("old", type=FILE)
 @click.argument("new", type=FILE)
 @click.option("--all", "whole", is_flag=True, help="Show the unchanged nodes as well.")
-@with_domain_options
-@with_vocabulary_option
-def command(
-    old: str,
-    new: str,
-    whole: bool,
-    overrides: tuple[str, ...],
-    config_dir: str | None,
-    declaration: str | None,
-) -> None:
+@with_vocabulary_options
+def command(old: str, new: str, whole: bool, chosen: Chosen) -> None:
     """Compare the trees in OLD and NEW, node by node.
 
     Marks: - deleted, + inserted, ~ changed. Exit code 1 when they differ.
@@ -45,16 +37,9 @@ def command(
     a, b = read_tree(old), parse(text, name=called(new), folder=folder_of(new))
 
     def words() -> Vocabulary:
-        return vocabulary_of(
-            text,
-            overrides,
-            config_dir,
-            name=called(new),
-            declaration=declaration,
-            folder=folder_of(new),
-        )
+        return vocabulary_of(text, chosen, name=called(new), folder=folder_of(new))
 
-    if declaration is not None:
+    if chosen.declaration is not None:
         words()  # a wrong declaration is told before anything else
     if a == b:
         click.echo("The same tree.")

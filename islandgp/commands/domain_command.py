@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from islandgp.bt.node import STATUS_NAMES
-from islandgp.commands.setting import configured, with_domain_options
+from islandgp.commands.setting import Chosen, configured, with_domain_options
 from islandgp.domain import Domain, Schema
 
 
@@ -20,19 +20,13 @@ from islandgp.domain import Domain, Schema
 @click.option("--check", is_flag=True, help="Run the contract's tests against the domain.")
 @click.option("--json", "as_json", is_flag=True, help="Print the declaration as JSON.")
 @with_domain_options
-def command(
-    name: str | None,
-    check: bool,
-    as_json: bool,
-    overrides: tuple[str, ...],
-    config_dir: str | None,
-) -> None:
+def command(name: str | None, check: bool, as_json: bool, chosen: Chosen) -> None:
     """Show the actions, keys, events and counters of the domain NAME; default: the island.
 
     With --check: exit code 1 when the domain breaks its contract.
     """
-    chosen = (f"domain={name}",) if name else ()
-    domain = configured((*chosen, *overrides), config_dir).make_domain()
+    named = (f"domain={name}",) if name else ()
+    domain = configured((*named, *chosen.overrides), chosen.config_dir).make_domain()
     if check:
         sys.exit(_check(domain))
     if as_json:

@@ -9,11 +9,10 @@ import click
 from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.export.json import to_json
 from islandgp.bt.export.plan import Loss
-from islandgp.bt.language import parse
 from islandgp.bt.node import Node
 from islandgp.bt.vocabulary import Vocabulary
-from islandgp.commands.files import FILE, OUTPUT, STDIN, called, folder_of, read_text, write_text
-from islandgp.commands.setting import vocabulary_of, with_domain_options, with_vocabulary_option
+from islandgp.commands.files import FILE, OUTPUT, STDIN, write_text
+from islandgp.commands.setting import Chosen, read_in_domain, with_vocabulary_options
 
 FORMATS: Final = ("json", "btcpp", "pytrees")
 _BY_ENDING: Final = {"json": "json", "xml": "btcpp", "py": "pytrees"}
@@ -25,17 +24,14 @@ _BY_ENDING: Final = {"json": "json", "xml": "btcpp", "py": "pytrees"}
 @click.option("-o", "--output", type=OUTPUT, default=STDIN, help="File to write.")
 @click.option("--plain", is_flag=True, help="Only nodes of the library itself, with losses.")
 @click.option("--header", is_flag=True, help="Write the C++ header with our nodes; no FILE.")
-@with_domain_options
-@with_vocabulary_option
+@with_vocabulary_options
 def command(
     file: str | None,
     form: str | None,
     output: str,
     plain: bool,
     header: bool,
-    overrides: tuple[str, ...],
-    config_dir: str | None,
-    declaration: str | None,
+    chosen: Chosen,
 ) -> None:
     """Write the tree in FILE for another tool.
 
@@ -54,11 +50,7 @@ def command(
     form = form or _BY_ENDING.get(output.rpartition(".")[2].lower(), "")
     if not form:
         raise click.UsageError(f"Missing option '--to', one of {', '.join(FORMATS)}.")
-    text, name = read_text(file), called(file)
-    vocabulary = vocabulary_of(
-        text, overrides, config_dir, name=name, declaration=declaration, folder=folder_of(file)
-    )
-    tree = parse(text, vocabulary, name=name, folder=folder_of(file), marked=True)
+    _, vocabulary, tree = read_in_domain(file, chosen, marked=True)
     exported, losses = _export(tree, form, vocabulary, plain)
     write_text(output, exported)
     for loss in losses:

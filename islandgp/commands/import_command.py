@@ -13,10 +13,10 @@ from islandgp.bt.format import format_text
 from islandgp.bt.language import to_text
 from islandgp.commands.files import FILE, OUTPUT, STDIN, called, read_text, write_text
 from islandgp.commands.setting import (
+    Chosen,
     default_domain,
     vocabulary_of,
-    with_domain_options,
-    with_vocabulary_option,
+    with_vocabulary_options,
 )
 from islandgp.errors import TreeError
 
@@ -30,17 +30,9 @@ FORMS: Final = {"<": "btcpp", "{": "json", "[": "json"}
 @click.option("--tree", "identity", help="ID of a tree; default: the main tree.")
 @click.option("--strict", is_flag=True, help="Refuse what would not mean the same.")
 @click.option("-o", "--output", type=OUTPUT, default=STDIN, help="File to write.")
-@with_domain_options
-@with_vocabulary_option
+@with_vocabulary_options
 def command(
-    file: str,
-    form: str | None,
-    identity: str | None,
-    strict: bool,
-    output: str,
-    overrides: tuple[str, ...],
-    config_dir: str | None,
-    declaration: str | None,
+    file: str, form: str | None, identity: str | None, strict: bool, output: str, chosen: Chosen
 ) -> None:
     """Turn JSON or BehaviorTree.CPP XML in FILE into a tree of the language.
 
@@ -59,9 +51,7 @@ def command(
         raise TreeError(
             f"{name}: expected XML with --tree, found JSON, which holds one tree; leave it out"
         )
-    vocabulary = vocabulary_of(
-        text if declaration else "", overrides, config_dir, name=name, declaration=declaration
-    )
+    vocabulary = vocabulary_of(text if chosen.declaration else "", chosen, name=name)
     if form == "json":
         read = from_json(text, vocabulary, name=name)
         found = Imported(read, (), to_text(read))

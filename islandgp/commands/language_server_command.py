@@ -19,10 +19,10 @@ from islandgp.bt.node import Limits
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.commands.check_command import checked, plain_error, plain_finding
 from islandgp.commands.setting import (
+    Chosen,
     configured_domains,
     vocabulary_of,
-    with_domain_options,
-    with_vocabulary_option,
+    with_vocabulary_options,
 )
 from islandgp.errors import ConfigError, IslandError, TreeError
 
@@ -36,9 +36,8 @@ ANY_SIZE: Final = Limits(10**9, 10**9)
 
 
 @click.command()
-@with_domain_options
-@with_vocabulary_option
-def command(overrides: tuple[str, ...], config_dir: str | None, declaration: str | None) -> None:
+@with_vocabulary_options
+def command(chosen: Chosen) -> None:
     """Serve an editor over standard input and output (Language Server Protocol).
 
     Errors and warnings of `islandgp check`, completion and meanings of actions and keys, format,
@@ -55,11 +54,9 @@ def command(overrides: tuple[str, ...], config_dir: str | None, declaration: str
         )
 
     def words(text: str, name: str, folder: Path) -> Vocabulary:
-        return vocabulary_of(
-            text, overrides, config_dir, name=name, declaration=declaration, folder=folder
-        )
+        return vocabulary_of(text, chosen, name=name, folder=folder)
 
-    server = made(words, configured_domains(config_dir))
+    server = made(words, configured_domains(chosen.config_dir))
     stream = sys.stdout.buffer
     sys.stdout = sys.stderr  # what a domain's code prints is no message of the protocol
     # What a request came to is the editor's to show; pygls logs it with a traceback.

@@ -18,6 +18,7 @@ from islandgp.bt.node import Node
 from islandgp.commands.files import FILE, called, folder_of, read_text
 from islandgp.commands.rerun import with_rerun_option
 from islandgp.commands.setting import (
+    Chosen,
     stage_index,
     tree_in_domain,
     with_domain_options,
@@ -55,8 +56,7 @@ def command(
     seed: int,
     speed: float,
     as_json: bool,
-    overrides: tuple[str, ...],
-    config_dir: str | None,
+    chosen: Chosen,
     stage: int | None,
 ) -> None:
     """Run the tree in each of FILES in the worlds 0, 1, 2, ...
@@ -67,7 +67,7 @@ def command(
     """
     if watch and len(files) > 1:
         raise click.UsageError(f"expected one FILE for --watch, found {len(files)}")
-    tree, settings, setting = tree_in_domain(files[0], overrides, config_dir)
+    tree, settings, setting = tree_in_domain(files[0], chosen)
     index = stage_index(settings, stage)
     if watch:
         from islandgp.viewer.recording import record

@@ -8,6 +8,7 @@ import click
 
 from islandgp.commands.files import FILE, OUTPUT, STDIN, called, write_text
 from islandgp.commands.setting import (
+    Chosen,
     stage_index,
     tree_in_domain,
     with_domain_options,
@@ -23,13 +24,7 @@ from islandgp.commands.setting import (
 @with_domain_options
 @with_stage_option
 def command(
-    file: str,
-    seed: int,
-    output: str,
-    title: str | None,
-    overrides: tuple[str, ...],
-    config_dir: str | None,
-    stage: int | None,
+    file: str, seed: int, output: str, title: str | None, chosen: Chosen, stage: int | None
 ) -> None:
     """Run the tree in FILE in one world, and write a page that shows it.
 
@@ -38,7 +33,7 @@ def command(
     """
     from islandgp.viewer.page import replay_page
 
-    tree, settings, setting = tree_in_domain(file, overrides, config_dir)
+    tree, settings, setting = tree_in_domain(file, chosen)
     name = title or Path(called(file)).stem
     text = replay_page(tree, setting, seed, stage_index(settings, stage), name)
     write_text(output, text)

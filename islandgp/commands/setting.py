@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, wraps
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -29,36 +30,60 @@ _CHOOSES: Final = frozenset({"domain", "experiment", "domain.factory"})
 """Keys of the configuration that choose the domain."""
 
 
+_DOMAIN_OPTIONS: Final = (
+    click.option(
+        "--config-dir",
+        type=click.Path(exists=True, file_okay=False),
+        help="Your own folder of configuration, beside the project's.",
+    ),
+    click.option(
+        "--set",
+        "overrides",
+        multiple=True,
+        metavar="KEY=VALUE",
+        help="Another configuration, as for a run, e.g. --set domain=NAME."
+        " Default: the domain that the tree's file names, or the project's.",
+    ),
+)
+_VOCABULARY_OPTION: Final = click.option(
+    "--vocabulary",
+    "declaration",
+    type=click.Path(exists=True, dir_okay=False),
+    help="The words of a robot that is not configured here: JSON of `islandgp domain --json`,"
+    " or BehaviorTree.CPP XML with a TreeNodesModel.",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """What a command's options say of the domain."""
+
+    overrides: tuple[str, ...]
+    config_dir: str | None
+    declaration: str | None = None  # a file that declares the words instead
+
+
 def with_domain_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Adds --set and --config-dir: `configured` and `vocabulary_of` read them."""
-    for option in (
-        click.option(
-            "--config-dir",
-            type=click.Path(exists=True, file_okay=False),
-            help="Your own folder of configuration, beside the project's.",
-        ),
-        click.option(
-            "--set",
-            "overrides",
-            multiple=True,
-            metavar="KEY=VALUE",
-            help="Another configuration, as for a run, e.g. --set domain=NAME."
-            " Default: the domain that the tree's file names, or the project's.",
-        ),
-    ):
-        command = option(command)
-    return command
+    """Adds --set and --config-dir, which the command gets as `chosen`, a `Chosen`."""
+
+    @wraps(command)
+    def runs(
+        *,
+        overrides: tuple[str, ...],
+        config_dir: str | None,
+        declaration: str | None = None,
+        **arguments: Any,
+    ) -> None:
+        command(chosen=Chosen(overrides, config_dir, declaration), **arguments)
+
+    for option in _DOMAIN_OPTIONS:
+        runs = option(runs)
+    return runs
 
 
-def with_vocabulary_option(command: Callable[..., None]) -> Callable[..., None]:
-    """Adds --vocabulary: `vocabulary_of` reads it."""
-    return click.option(
-        "--vocabulary",
-        "declaration",
-        type=click.Path(exists=True, dir_okay=False),
-        help="The words of a robot that is not configured here: JSON of `islandgp domain --json`,"
-        " or BehaviorTree.CPP XML with a TreeNodesModel.",
-    )(command)
+def with_vocabulary_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Adds --vocabulary besides: `vocabulary_of` and `read_in_domain` read it."""
+    return with_domain_options(_VOCABULARY_OPTION(command))
 
 
 def with_stage_option(command: Callable[..., None]) -> Callable[..., None]:
@@ -73,16 +98,11 @@ def with_stage_option(command: Callable[..., None]) -> Callable[..., None]:
 
 def configured(overrides: Sequence[str], config_dir: str | None = None) -> Settings:
     """The settings that a run with these overrides has. Raises ConfigError."""
-    from hydra._internal.utils import get_args_parser
-
-    from islandgp.config.compose import planned
+    from islandgp.config.compose import first_job
 
     given = _given(overrides)
-    words = [f"{group}={part}" for group, part in _QUICK.items() if group not in given]
-    words += overrides
-    flags = ["--config-dir", config_dir] if config_dir is not None else []
-    args: Any = get_args_parser().parse_args([*flags, *words])
-    return next(planned(args, words, Path.cwd())).settings
+    quick = [f"{group}={part}" for group, part in _QUICK.items() if group not in given]
+    return first_job([*quick, *overrides], config_dir).settings
 
 
 def stage_index(settings: Settings, stage: int | None) -> int:
@@ -93,9 +113,7 @@ def stage_index(settings: Settings, stage: int | None) -> int:
     return (stage or stages) - 1
 
 
-def tree_in_domain(
-    file: str, overrides: Sequence[str], config_dir: str | None
-) -> tuple[Node, Settings, Problem]:
+def tree_in_domain(file: str, chosen: Chosen) -> tuple[Node, Settings, Problem]:
     """The tree in a file, the settings of its domain, and what its episodes need.
 
     Raises:
@@ -103,41 +121,49 @@ def tree_in_domain(
         TreeError: the file holds no tree in the words of the domain.
     """
     text, name = read_text(file), called(file)
-    settings = configured(for_tree(text, overrides, config_dir, name=name), config_dir)
+    settings = settings_of(text, chosen, name=name)
     problem = settings.problem()
     tree = parse(text, problem.domain.schema.vocabulary, name=name, folder=folder_of(file))
     return tree, settings, problem
 
 
-def vocabulary_of(
-    text: str,
-    overrides: Sequence[str],
-    config_dir: str | None,
-    *,
-    name: str,
-    declaration: str | None = None,
-    folder: Path | None = None,
-) -> Vocabulary:
-    """The words of the domain that the overrides choose, or the text of a tree.
+def settings_of(text: str, chosen: Chosen, *, name: str) -> Settings:
+    """The settings of the domain that the options, or the text, choose; as `tree_in_domain`."""
+    return configured(_for_tree(text, chosen, name), chosen.config_dir)
 
-    `declaration` is a file that declares them instead; `folder`: of the tree's file.
+
+def read_in_domain(
+    file: str, chosen: Chosen, *, marked: bool = False
+) -> tuple[str, Vocabulary, Node]:
+    """The text of a tree's file, the words of its domain, and the tree, as `parse` gives it.
+
+    Raises:
+        ConfigError, DomainError, TreeError: as `vocabulary_of` and `parse`.
+    """
+    text, name, folder = read_text(file), called(file), folder_of(file)
+    vocabulary = vocabulary_of(text, chosen, name=name, folder=folder)
+    return text, vocabulary, parse(text, vocabulary, name=name, folder=folder, marked=marked)
+
+
+def vocabulary_of(
+    text: str, chosen: Chosen, *, name: str, folder: Path | None = None
+) -> Vocabulary:
+    """The words of the domain that the options choose, or the text of a tree.
+
+    `folder`: of the tree's file.
 
     Raises:
         ConfigError, DomainError: the domain is not configured so, or the file declares none.
         TreeError: the file is not XML, or the text is no tree.
     """
-    if declaration is not None:
+    if (file := chosen.declaration) is not None:
         from islandgp.bt.declared import declared
 
-        return declared(
-            read_text(declaration), text, name=declaration, tree_name=name, folder=folder
-        )
-    return _vocabulary(for_tree(text, overrides, config_dir, name=name), config_dir)
+        return declared(read_text(file), text, name=file, tree_name=name, folder=folder)
+    return _vocabulary(_for_tree(text, chosen, name), chosen.config_dir)
 
 
-def for_tree(
-    text: str, overrides: Sequence[str], config_dir: str | None, *, name: str
-) -> tuple[str, ...]:
+def _for_tree(text: str, chosen: Chosen, name: str) -> tuple[str, ...]:
     """The overrides with the domain that the text of a tree names, unless they choose one.
 
     Raises:
@@ -145,16 +171,16 @@ def for_tree(
         DomainError: no configuration has the domain of the text.
     """
     domain = domain_of(text)
-    if not domain or _given(overrides) & _CHOOSES:
-        return tuple(overrides)
-    if _domain_file(domain, config_dir) is None:
-        known = ", ".join(configured_domains(config_dir))
+    if not domain or _given(chosen.overrides) & _CHOOSES:
+        return chosen.overrides
+    if _domain_file(domain, chosen.config_dir) is None:
+        known = ", ".join(configured_domains(chosen.config_dir))
         raise DomainError(
             f"{name}: expected a tree for a domain that is configured ({known}), found one for"
             f" {domain!r}; give --config-dir FOLDER with a file domain/{domain}.yaml in it, or"
             " choose a domain by --set domain=NAME."
         )
-    return (*overrides, f"domain={domain}")
+    return (*chosen.overrides, f"domain={domain}")
 
 
 def configured_domains(config_dir: str | None) -> list[str]:

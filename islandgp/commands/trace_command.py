@@ -8,6 +8,7 @@ import click
 
 from islandgp.commands.files import FILE
 from islandgp.commands.setting import (
+    Chosen,
     stage_index,
     tree_in_domain,
     with_domain_options,
@@ -25,13 +26,7 @@ from islandgp.commands.setting import (
 @with_domain_options
 @with_stage_option
 def command(
-    file: str,
-    seed: int,
-    begin: float,
-    end: float,
-    overrides: tuple[str, ...],
-    config_dir: str | None,
-    stage: int | None,
+    file: str, seed: int, begin: float, end: float, chosen: Chosen, stage: int | None
 ) -> None:
     """Run the tree in FILE in one world, and tell what each node did.
 
@@ -46,7 +41,7 @@ def command(
     from islandgp.viewer.recording import record
     from islandgp.viewer.trace import components, courses, drawn, timeline
 
-    tree, settings, setting = tree_in_domain(file, overrides, config_dir)
+    tree, settings, setting = tree_in_domain(file, chosen)
     recording = record(tree, setting, seed=seed, stage=stage_index(settings, stage))
     console = Console(soft_wrap=True, highlight=False)
     outcome = recording.outcome

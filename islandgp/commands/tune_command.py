@@ -16,8 +16,8 @@ from islandgp.bt.numbers import Number, numbers_of, with_numbers
 from islandgp.bt.printer import number_text
 from islandgp.commands.files import FILE, OUTPUT, STDIN, called, folder_of, read_text, write_text
 from islandgp.commands.setting import (
-    configured,
-    for_tree,
+    Chosen,
+    settings_of,
     stage_index,
     with_domain_options,
     with_stage_option,
@@ -59,8 +59,7 @@ def command(
     worlds: int,
     trials: int,
     seed: int,
-    overrides: tuple[str, ...],
-    config_dir: str | None,
+    chosen: Chosen,
     stage: int | None,
 ) -> None:
     """Tune the numbers of the tree in FILE: thresholds and counts of repeaters.
@@ -76,7 +75,7 @@ def command(
     from islandgp.seeding import Stream
 
     text, name, folder = read_text(file), called(file), folder_of(file)
-    settings = configured(for_tree(text, overrides, config_dir, name=name), config_dir)
+    settings = settings_of(text, chosen, name=name)
     index = stage_index(settings, stage)
     words = settings.problem().domain.schema.vocabulary
     parse(text, words, name=name, folder=folder)

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
+from hydra._internal.utils import get_args_parser
 from hydra.core.override_parser.types import IntervalSweep, Override, RangeSweep
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf, open_dict
@@ -62,6 +63,13 @@ class Planned:
     command: str  # that runs this job alone
     launcher: str  # the class name of Hydra's launcher
     own_ray: bool = False  # the launcher starts a Ray cluster for this command
+
+
+def first_job(overrides: Sequence[str], config_dir: str | Path | None = None) -> Planned:
+    """The only, or the first, job of a command with these overrides. Raises ConfigError."""
+    flags = ["--config-dir", str(config_dir)] if config_dir is not None else []
+    args = get_args_parser().parse_args([*flags, *overrides])
+    return next(planned(args, overrides, Path.cwd()))
 
 
 def planned(args: argparse.Namespace, words: Sequence[str], home: Path) -> Iterator[Planned]:
