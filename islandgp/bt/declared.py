@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any, Final, NoReturn
 
 from islandgp.bt.builder import MAX_NUMBER
-from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS, Condition, terms
+from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS, Condition
 from islandgp.bt.export.xml_reader import Element, read_xml
 from islandgp.bt.language import domain_of, parse
-from islandgp.bt.node import FAILURE, STATUS_NAMES, SUCCESS, condition_of, walk
+from islandgp.bt.node import FAILURE, STATUS_NAMES, SUCCESS, asked_in
 from islandgp.bt.source import shown
 from islandgp.bt.vocabulary import RESERVED, Action, Key, Vocabulary
 from islandgp.errors import DomainError
@@ -82,9 +82,7 @@ def _asked(tree: str, name: str, folder: Path | None) -> dict[str, Key]:
                 if word not in ("and", "or", "not", "true", "false"):
                     numbers[word] = numbers.get(word, False) or bool(compared)
     else:
-        whole_tree = parse(tree, name=name, folder=folder)
-        guards = (node for node in walk(whole_tree) if node.kind == "when")
-        for term in (term for guard in guards for term in terms(condition_of(guard))):
+        for term in asked_in(parse(tree, name=name, folder=folder)):
             compares = term.operator in OPERATORS
             numbers[term.key] = numbers.get(term.key, False) or compares
     whole = Key("", flag=False, low=-float(MAX_NUMBER), high=float(MAX_NUMBER))
@@ -125,8 +123,9 @@ def _schema(text: str, name: str) -> Vocabulary:
 
 def _action(given: Mapping[str, Any], name: str, at: str) -> Action:
     _only(given, ("meaning", "statuses", "to_start", "to_succeed", "changes"), name, at)
-    statuses = given.get("statuses", [*_STATUSES])
-    if not isinstance(statuses, list) or not statuses or not all(_known(s) for s in statuses):
+    known = [*_STATUSES]
+    statuses = given.get("statuses", known)
+    if not isinstance(statuses, list) or not statuses or any(s not in known for s in statuses):
         _wrong(name, f"{at}.statuses", f"some of {', '.join(_STATUSES)}")
     changes = _mapping(given.get("changes", {}), name, f"{at}.changes")
     if not all(sign in (-1, 1) for sign in changes.values()):
@@ -138,10 +137,6 @@ def _action(given: Mapping[str, Any], name: str, at: str) -> Action:
         _conditions(given, "to_succeed", name, at),
         changes,
     )
-
-
-def _known(status: object) -> bool:
-    return isinstance(status, str) and status in _STATUSES
 
 
 def _conditions(given: Mapping[str, Any], which: str, name: str, at: str) -> tuple[Condition, ...]:

@@ -15,16 +15,16 @@ from typing import Final, TypeAlias
 
 from islandgp.bt import closures
 from islandgp.bt.closures import Observed, Stop, Tick
-from islandgp.bt.condition import Board, condition, terms
+from islandgp.bt.condition import Board, condition
 from islandgp.bt.node import (
     AGAIN,
     FAILURE,
     RUNNING,
     SUCCESS,
     Node,
+    asked_in,
     condition_of,
     count_of,
-    walk,
 )
 
 __all__ = ["ABORTED", "Board", "Tick", "Watch", "compile_tree", "condition", "thresholds"]
@@ -189,9 +189,7 @@ def thresholds(tree: Node, key: str) -> tuple[float, ...]:
     As long as the key's value stays between two neighbours, and on neither of
     them, no condition on it changes its truth.
     """
-    guards = (node for node in walk(tree) if node.kind == "when")
-    asked = (term for guard in guards for term in terms(condition_of(guard)))
-    return tuple(sorted({term.number for term in asked if term.key == key}))
+    return tuple(sorted({term.number for term in asked_in(tree) if term.key == key}))
 
 
 def _ignore(first: int, end: int) -> None:

@@ -169,7 +169,7 @@ def _never_goes_on(node: Node, standing: Standing, at: int) -> Iterator[tuple[in
 def _guard(node: Node, standing: Standing, above: Above, at: int) -> Iterator[tuple[int, str, str]]:
     asked = condition_of(node)
     if never(node, standing):
-        why = _why_never(asked, standing, above)
+        why = _why_not(asked, standing.at_start, above, standing.vocabulary)
         yield at + 1, "unreachable", f"this branch can never run: {why}"
         return
     if implies(standing.at_start, asked):
@@ -184,10 +184,6 @@ def _guard(node: Node, standing: Standing, above: Above, at: int) -> Iterator[tu
     if (same := shorter(asked, whenever_asked(node, standing))) != asked:
         message = f"this condition is the same as a shorter one: {condition_text(same)}"
         yield at, "long-condition", message
-
-
-def _why_never(asked: Asked, standing: Standing, above: Above) -> str:
-    return _why_not(asked, standing.at_start, above, standing.vocabulary)
 
 
 def _action(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, str]]:

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.condition import Asked, Compound, Condition
+from islandgp.bt.condition import Asked, Compound, Condition, terms
 from islandgp.errors import LimitError
 
 # Statuses are plain integers because a tick is the innermost loop of a run.
@@ -98,6 +98,13 @@ def walk(node: Node) -> Iterator[Node]:
     yield node
     for child in node.children:
         yield from walk(child)
+
+
+def asked_in(tree: Node) -> Iterator[Condition]:
+    """The single conditions that the guards of a tree ask, in document order."""
+    for node in walk(tree):
+        if node.kind == "when":
+            yield from terms(condition_of(node))
 
 
 def size(node: Node) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Final, TypeAlias
 
 from islandgp.bt.node import FAILURE, SUCCESS, Node, condition_of
@@ -27,7 +26,7 @@ def ends(node: Node, standing: Standing) -> Ends:
         return frozenset(SUCCESS - end for end in ends(node.children[0], standing))
     if node.kind == "repeater":
         return ends(node.children[0], below(node, standing, 0))
-    each = list(_of_children(node, standing))
+    each = [ends(child, below(node, standing, i)) for i, child in enumerate(node.children)]
     if node.kind == "parallel":
         return _parallel(node, each)
     go_on = HANDS_OVER[node.kind]
@@ -61,11 +60,6 @@ def idle(node: Node, standing: Standing) -> int | None:
         # What it guards never starts, but guards in there could only be observed after a start.
         return FAILURE
     return FAILURE if idle(node.children[0], below(node, standing, 0)) == FAILURE else None
-
-
-def _of_children(node: Node, standing: Standing) -> Iterator[Ends]:
-    for index, child in enumerate(node.children):
-        yield ends(child, below(node, standing, index))
 
 
 def _parallel(node: Node, each: list[Ends]) -> Ends:

@@ -61,17 +61,17 @@ def report(target: RunFolder) -> str:
     best = s["champion"]["record"]
     parts = sorted(best["components"].items(), key=lambda part: -abs(part[1]))
     came_from = ", ".join(f"{name} {points:+,.0f}" for name, points in parts if points)
-    first = [
+    first = "; ".join(
         f"first {title(tier)} Robot: {'never' if g is None else f'generation {g}'}"
         for tier, g in s["first"].items()
-    ]
+    )
     return "\n".join(
         (
             *validated(s["champion"]),
             f"Its fitness in training: {best['fitness']:,.0f} ({came_from})",
             f"Highest fitness in training: {s['fittest']['record']['fitness']:,.0f} in generation"
             f" {s['fittest']['generation']}",
-            _sentence("; ".join(first)),
+            first[:1].upper() + first[1:],
             *_supervision(target, s.get("answers", {})),
             f"Results: {target.path}",
             "",
@@ -135,7 +135,3 @@ def validated(champion: Mapping[str, Any]) -> Iterator[str]:
             f"Against the tree {v['yardstick']} in the same worlds: {v['difference']:+,.0f} points"
             f" (95 %: {v['difference_low']:+,.0f} to {v['difference_high']:+,.0f})"
         )
-
-
-def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:]

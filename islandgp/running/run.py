@@ -279,7 +279,7 @@ def _evolve(
             Progress(
                 settings.progress,
                 settings.gp.generations,
-                _title(settings),
+                f"{settings.name}: {settings.supervisor.name}, seed {settings.seed}",
                 settings.classes.milestones,
                 done=done,
                 keep=keep_display,
@@ -346,7 +346,3 @@ def _yardstick(settings: Settings) -> tuple[str, str] | None:
 def _write(target: RunFolder, step: Step, tracker: Tracker) -> None:
     target.append(step)
     tracker.generation()
-
-
-def _title(settings: Settings) -> str:
-    return f"{settings.name}: {settings.supervisor.name}, seed {settings.seed}"

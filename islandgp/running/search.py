@@ -293,10 +293,7 @@ def _run(
     )
     if not target.finished():
         return nan
-    return _one_or_all(objectives(target.summary(), settings.objectives))
-
-
-def _one_or_all(found: tuple[float, ...]) -> float | tuple[float, ...]:
+    found = objectives(target.summary(), settings.objectives)
     return found[0] if len(found) == 1 else found
 
 

@@ -138,41 +138,33 @@ class Watch:
     def _work(self) -> None:
         if self.how == "auto" and sys.stderr.isatty():
             self._live()
-        else:
-            self._plain()
-
-    def _plain(self) -> None:
-        start = self.look()
-        told = {run.path for run in start.runs() if run.finished()}
-        print(sweep_line(start), file=sys.stderr, flush=True)
-        over = False
-        while not over:
-            over = self._over.wait(PERIOD)
-            start = self.look()
-            ended = [run for run in start.runs() if _ended(start, run) and run.path not in told]
+            return
+        for n, (start, ended) in enumerate(self._looks()):
             for run in ended:
-                told.add(run.path)
                 print(job_line(run), file=sys.stderr, flush=True)
-            if ended:
+            if ended or not n:
                 print(sweep_line(start), file=sys.stderr, flush=True)
 
     def _live(self) -> None:
         from rich.console import Console
         from rich.live import Live
 
-        start = self.look()
-        told = {run.path for run in start.runs() if run.finished()}
-        with Live(sweep_line(start), console=Console(stderr=True), auto_refresh=False) as live:
-            over = False
-            while not over:
-                over = self._over.wait(PERIOD)
-                start = self.look()
-                for run in start.runs():
-                    if _ended(start, run) and run.path not in told:
-                        told.add(run.path)
-                        live.console.print(job_line(run), highlight=False)
+        with Live(console=Console(stderr=True), auto_refresh=False) as live:
+            for start, ended in self._looks():
+                for run in ended:
+                    live.console.print(job_line(run), highlight=False)
                 live.update(sweep_line(start), refresh=True)
 
-
-def _ended(start: Start, run: RunFolder) -> bool:
-    return run.finished() or start.failed(run)
+    def _looks(self) -> Iterator[tuple[Start, list[RunFolder]]]:
+        """The jobs at each look, and those that have ended since the look before."""
+        start = self.look()
+        told = {run.path for run in start.runs() if run.finished()}
+        yield start, []
+        over = False
+        while not over:
+            over = self._over.wait(PERIOD)
+            start = self.look()
+            runs = (run for run in start.runs() if run.finished() or start.failed(run))
+            ended = [run for run in runs if run.path not in told]
+            told.update(run.path for run in ended)
+            yield start, ended

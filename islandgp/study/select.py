@@ -14,9 +14,9 @@ import yaml
 
 from islandgp.errors import RunError, StudyError, brief
 from islandgp.evaluation.recorded import check_version
-from islandgp.evolution.record import Champion, Cost, GenerationRecord, GuidanceRecord
+from islandgp.evolution.record import Champion, Cost
 from islandgp.plain import UNREADABLE
-from islandgp.records.checkpoint import individual_record, snapshot
+from islandgp.records.checkpoint import individual_record
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import flatten
 from islandgp.study.arms import Arm, Run
@@ -79,7 +79,7 @@ def read(found: Found) -> Run:
             path=found.path,
             config=found.config,
             flat=found.flat,
-            records=tuple(_record(plain) for plain in folder.records()),
+            records=tuple(folder.generations()),
             costs=tuple(_cost(plain) for plain in folder.costs()),
             champion=Champion(champion["generation"], individual_record(champion["record"])),
             validation=tuple((champion["validation"] or {"worlds": ()})["worlds"]),
@@ -100,19 +100,6 @@ def read(found: Found) -> Run:
 def _cost(plain: dict[str, Any]) -> Cost:
     known = {field.name for field in fields(Cost)}  # a line also says when it was written
     return Cost(**{name: value for name, value in plain.items() if name in known})
-
-
-def _record(plain: dict[str, Any]) -> GenerationRecord:
-    guidance = plain["guidance"]
-    return GenerationRecord(
-        **{
-            **plain,
-            "snapshot": snapshot(plain["snapshot"]),
-            "worlds": tuple(plain["worlds"]),
-            "individuals": tuple(map(individual_record, plain["individuals"])),
-            "guidance": None if guidance is None else GuidanceRecord(**guidance),
-        }
-    )
 
 
 SHORT: Final = {"supervisor": "supervisor.name", "evaluator": "evaluator.factory"}

@@ -17,6 +17,7 @@ from islandgp.scoring.classes import EXPLORATION, INTEGRATION, RARE
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Pattern, Phase, RunContext
 from islandgp.supervision.library import Library
+from islandgp.supervision.state_json import title
 
 
 class Size(BaseModel, frozen=True, extra="forbid"):
@@ -165,7 +166,7 @@ class Expert:
         target = choose_target(state, how)
         low, high = how.rates[phase]
         name = self.pick(target, state, rng)
-        goal = _title(next(iter(state.reached)))
+        goal = title(next(iter(state.reached)))
         return Guidance(
             mutation_rate=high - (high - low) * calm(state, how),
             tree=self.library.trees[name],
@@ -179,7 +180,3 @@ class Expert:
             f" without a better best, diversity {state.now.diversity:.2f}",
             rationale=f"{target}: tree {name}",
         )
-
-
-def _title(name: str) -> str:
-    return name.replace("_", " ").title()

@@ -15,7 +15,7 @@ from statistics import fmean, median, stdev
 from typing import Any, Final
 
 from islandgp.records.files import fallback_words, score
-from islandgp.records.folder import RunFolder, Status
+from islandgp.records.folder import Status
 from islandgp.records.sweep_folder import SweepFile, SweepFolder, SweepJob
 from islandgp.supervision.state_json import title
 from islandgp.tracking.chart import Line, Panel
@@ -56,10 +56,8 @@ def arms(sweep: SweepFolder, file: SweepFile) -> list[ArmSummary]:
 
 def _arm(sweep: SweepFolder, name: str, jobs: list[SweepJob]) -> ArmSummary:
     finished = [job for job in jobs if sweep.run(job).finished()]
-    runs = [_snapshots(sweep.run(job)) for job in finished]
+    runs = [[record["snapshot"] for record in sweep.run(job).records()] for job in finished]
     length = min((len(run) for run in runs), default=0)
-    for job in finished:
-        sweep.run(job).summary()
     summaries = tuple(sweep.run(job).summary() for job in finished)
     curves = [
         _curve(measure, [[of(run[g]) for run in runs] for g in range(length)])
@@ -81,10 +79,6 @@ def _robots(tiers: Sequence[str]) -> dict[str, Callable[[dict[str, Any]], float]
         return lambda s: float(s["tiers"].get(tier, 0))
 
     return {f"{title(tier).lower()} robots": of(tier) for tier in tiers}
-
-
-def _snapshots(run: RunFolder) -> list[dict[str, Any]]:
-    return [record["snapshot"] for record in run.records()]
 
 
 def _curve(name: str, columns: list[list[float]]) -> Curve:

@@ -27,7 +27,7 @@ from islandgp.bt.export.plan import (
     plan,
     separated,
 )
-from islandgp.bt.node import Argument, Node, condition_of, walk
+from islandgp.bt.node import Argument, Node, asked_in, condition_of, walk
 from islandgp.bt.printer import condition_text, number_text
 from islandgp.bt.vocabulary import NOTHING, Vocabulary
 from islandgp.errors import DomainError
@@ -142,7 +142,7 @@ def to_xml(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = False)
     own = {part.kind for part in parts(whole)} & OWN
     identity = TREE_ID if TREE_ID not in used else f"{TREE_ID}Tree"
     # A SubTree does not see entries of the blackboard above whose names begin with _.
-    shared = not any(key.startswith("_") for key in _asked_keys(tree))
+    shared = not any(term.key.startswith("_") for term in asked_in(tree))
     unfit = {*BUILT_IN, *used, *vocabulary.actions, identity}
     root, subtrees = separated(whole, unfit, keep=shared)
     lines = [f'<root BTCPP_format="4" main_tree_to_execute="{identity}">']
@@ -157,11 +157,6 @@ def to_xml(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = False)
         lines.append(f"    <Action ID={quoteattr(name)}/> {meaning}".rstrip())
     lines += (line for kind in sorted(own) for line in _model(kind))
     return "\n".join([*lines, "  </TreeNodesModel>", "</root>", ""])
-
-
-def _asked_keys(tree: Node) -> set[str]:
-    guards = (node for node in walk(tree) if node.kind == "when")
-    return {term.key for guard in guards for term in terms(condition_of(guard))}
 
 
 def needs_header(tree: Node) -> bool:

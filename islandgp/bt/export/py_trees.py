@@ -29,7 +29,7 @@ from islandgp.bt.export.plan import (
     separated,
 )
 from islandgp.bt.language import to_text
-from islandgp.bt.node import Node, condition_of, walk
+from islandgp.bt.node import Node, asked_in, walk
 from islandgp.bt.printer import condition_text, head, number_text
 from islandgp.bt.vocabulary import NOTHING, Vocabulary
 
@@ -94,8 +94,7 @@ def to_python(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = Fal
     whole = plan(tree) if plain else exact_plan(tree, differs)
     own = _own() if any(part.kind in OWN for part in parts(whole)) else ""
     text = "".join(f"    {line}\n" for line in to_text(tree).splitlines())
-    guards = (node for node in walk(tree) if node.kind == "when")
-    asked = dict.fromkeys(term.key for guard in guards for term in terms(condition_of(guard)))
+    asked = dict.fromkeys(term.key for term in asked_in(tree))
     known = {name: key.meaning for name, key in vocabulary.keys.items()} or dict.fromkeys(asked, "")
     keys = "\n".join(f"    {name}: {meaning}".rstrip(": ") for name, meaning in known.items())
     keys = keys.replace("\\", "\\\\").replace('"""', "'''")  # it stands in a docstring
@@ -126,13 +125,9 @@ def _lines(part: TargetNode, indent: str) -> Iterator[str]:
         yield f"{indent}{before}{behind},"
         return
     yield f"{indent}{before}"
-    for child in _inside(part):
+    for child in part.children[1:] if _is_guard(part) else part.children:
         yield from _lines(child, indent + "    ")
     yield f"{indent}{behind},"
-
-
-def _inside(part: TargetNode) -> tuple[TargetNode, ...]:
-    return part.children[1:] if _is_guard(part) else part.children
 
 
 def _is_guard(part: TargetNode) -> bool:

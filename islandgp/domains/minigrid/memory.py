@@ -6,9 +6,9 @@ directions is four shifts. The field of view is MiniGrid's own (`Grid.process_vi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cache
-from typing import Any, Final
+from typing import Final
 
 VIEW: Final = 7  # places across and ahead, as MiniGrid's `agent_view_size`
 SIDE: Final = VIEW // 2
@@ -137,11 +137,3 @@ def spread(row: int, opaque: int) -> tuple[int, int]:
         clear |= more
     seen = (row | clear | clear << 1 | clear >> 1) & ROW
     return seen, (clear | clear << 1 | clear >> 1) & ROW
-
-
-def places_of(memory: Memory, grid: Any, holds: Callable[[Any], bool]) -> int:
-    """The places of a MiniGrid grid whose content, an object or None, `holds`."""
-    width = grid.width
-    return sum(
-        memory.at(i % width, i // width) for i, thing in enumerate(grid.grid) if holds(thing)
-    )

@@ -60,17 +60,13 @@ def figure_8(study: Comparison) -> Picture | None:
     )
 
 
-def _words(pattern: str) -> str:
-    return pattern.replace("_", " ")
-
-
 def _totals(axes: Axes, arm: Arm) -> None:
     counts = decisions(run.guidance for run in arm.runs)
     for i, pattern in enumerate(Pattern):
         how, share = look(i, PALE), counts.patterns[pattern] / counts.total
         axes.barh(i, share, color=how.colour, hatch=how.hatch, edgecolor="white")
         axes.text(share, i, f" {share:.1%}", va="center", ha="left", fontsize=8)
-    axes.set_yticks(range(len(Pattern)), [_words(p) for p in Pattern])
+    axes.set_yticks(range(len(Pattern)), [p.replace("_", " ") for p in Pattern])
     axes.invert_yaxis()
     most = max(counts.patterns.values()) / counts.total
     axes.set_xlim(0, most * 1.35)

@@ -120,8 +120,10 @@ def _rate_at_first(arm: Arm, tier: str) -> str:
 
 def champion_sources_table(study: Comparison) -> Table:
     """The source of each run's best individual and of its final elite."""
-    best = [_best(arm) for arm in study.arms]
-    elites = [_elites(arm) for arm in study.arms]
+    best, elites = (
+        [Counter(s for run in arm.runs for s in provenance(run, of(run))) for arm in study.arms]
+        for of in (lambda run: [run.champion.record], final_elite)
+    )
     found = sorted({source for counts in (*best, *elites) for source in counts})
     sources = [*EVOLVED, *(s for s in found if s not in EVOLVED)]
     rows: list[tuple[str, ...]] = []
@@ -147,14 +149,6 @@ def champion_sources_table(study: Comparison) -> Table:
             " injected tree or is one, mean over runs.",
         ),
     )
-
-
-def _best(arm: Arm) -> Counter[str]:
-    return Counter(s for run in arm.runs for s in provenance(run, [run.champion.record]))
-
-
-def _elites(arm: Arm) -> Counter[str]:
-    return Counter(s for run in arm.runs for s in provenance(run, final_elite(run)))
 
 
 def _base_rates(arm: Arm) -> tuple[str, str]:

@@ -109,17 +109,13 @@ def find_dialect(calls: Calls, settings: LLMSettings, generation: int = -1) -> D
             return answer
         if answer.kind is not FailureKind.REJECTED or not (structured or temperature is not None):
             raise _hopeless(answer, settings)
-        if structured and settings.output == "auto" and not _about_temperature(answer):
+        if structured and settings.output == "auto" and "temperature" not in answer.message:
             structured = False
         elif temperature is not None:
             temperature = None
         else:
             raise _hopeless(answer, settings)
     raise AssertionError("each turn leaves something out, and there are two things to leave out")
-
-
-def _about_temperature(failure: Failure) -> bool:
-    return "temperature" in failure.message
 
 
 def _hopeless(failure: Failure, settings: LLMSettings) -> SupervisionError:

@@ -19,7 +19,7 @@ import hashlib
 import json
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from threading import Lock
@@ -225,10 +225,10 @@ class Transcript:
         """Writes an attempt down before it returns."""
         with self._lock:
             self.attempts.append(attempt)
-            digest = _sha256(attempt.request.system)
+            text = attempt.request.system
+            digest = hashlib.sha256(text.encode()).hexdigest()
             if digest not in self._systems:
-                self._systems[digest] = attempt.request.system
-                text = attempt.request.system
+                self._systems[digest] = text
                 self._write({"line": "system", "sha256": digest, "text": text})
             self._write({"line": "attempt", **to_line(attempt, digest)})
 
@@ -260,7 +260,7 @@ class Transcript:
 
     def _load(self, data: bytes, path: Path) -> None:
         try:
-            for line in _lines(data):
+            for line in map(read_json, data.splitlines()):
                 kind = line.pop("line")
                 if kind == "start":
                     self.start = line
@@ -300,16 +300,7 @@ def find_transcript(place: Path) -> Path:
     return path
 
 
-def _lines(data: bytes) -> Iterator[dict[str, Any]]:
-    for line in data.splitlines():
-        yield read_json(line)
-
-
 def _checked(found: T) -> T:
     """A noun that was made of a line's values. Raises ValueError where one has another type."""
     must_fit(type(found), json.dumps(asdict(found)))
     return found
-
-
-def _sha256(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
