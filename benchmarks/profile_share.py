@@ -36,7 +36,6 @@ PARTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
         "the loop, the script's cues, the account",
         (
             "island/episode.py",
-            "island/passing.py",
             "island/humanoids.py",
             "island/robot.py",
             "island/events.py",

@@ -111,9 +111,9 @@ def command(
     Writes one page (index.html), Markdown, CSV and figures (SVG, PNG), and keeps
     them as an MLflow run.
     """
-    from islandgp.study.building import build
     from islandgp.study.comparable import compare_arms
     from islandgp.study.plan import check_plan, parse_plan
+    from islandgp.study.report import build
     from islandgp.study.select import parse_arm
     from islandgp.study.writing import write
 

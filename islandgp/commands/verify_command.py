@@ -1,15 +1,110 @@
-"""`islandgp verify`: compares runs with their checksums."""
+"""`islandgp verify`: whether the files of runs are as they were written."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
+from typing import Any
 
 import click
 
 from islandgp.errors import RunError
-from islandgp.records.verify import Verdict, verify
+from islandgp.records.checkpoint import read_checkpoint
+from islandgp.records.folder import RunFolder, generation_lines
+from islandgp.records.lines import digests, read_digests, wrong_record
 from islandgp.tracking.sync import run_folders
+
+
+class Verdict(StrEnum):
+    """What became of a run's files."""
+
+    VERIFIED = "verified"  # all checksums agree
+    UNKNOWN = "not verified"  # there is none: written by an older version
+    DAMAGED = "damaged"
+
+
+@dataclass(frozen=True, slots=True)
+class Verified:
+    """What was found, and a few words about it."""
+
+    verdict: Verdict
+    words: str
+
+
+def verify(folder: RunFolder) -> Verified:
+    """Compares a run's records with their checksums, and its other files with its records."""
+    try:
+        folder.configuration()
+        generations, expected = _end(folder)
+        if wrong := _wrong(folder, generations, expected):
+            return Verified(Verdict.DAMAGED, wrong)
+    except RunError as error:
+        return Verified(Verdict.DAMAGED, str(error))
+    if generations and expected is None:
+        return Verified(Verdict.UNKNOWN, "written by an older version")
+    state = "finished" if folder.finished() else "unfinished"
+    return Verified(Verdict.VERIFIED, f"{generations} generations, {state}")
+
+
+def _end(folder: RunFolder) -> tuple[int, str | None]:
+    """How many records there must be, and the digest of the last; None where none was written.
+
+    Raises:
+        RunError: the summary or the checkpoint is damaged, or there is neither.
+    """
+    if folder.finished():
+        summary = folder.summary()
+        return summary["generations"], summary.get("records")
+    checkpoint = folder.path / "checkpoint.json"
+    if checkpoint.exists():
+        plain = read_checkpoint(checkpoint)
+        return plain["generation"], plain.get("records")
+    n = sum(1 for _ in generation_lines(folder.path).whole())
+    if n > 1:
+        raise RunError(f"there is no {checkpoint.name} beside {n} generations")
+    return 0, None
+
+
+def _wrong(folder: RunFolder, generations: int, expected: str | None) -> str:
+    """What is wrong with the records and what follows from them; "" if nothing is.
+
+    Raises:
+        RunError: there are too few records, or a line holds something else.
+    """
+    records = generation_lines(folder.path)
+    lines = records.head(generations)
+    if expected is not None:
+        sums = folder.path / "generations.sha256"
+        if why := wrong_record(lines, expected, sums):
+            return f"generations.jsonl: {why}"
+        if read_digests(sums)[: len(lines)] != list(digests(lines)):
+            return f"{sums.name}: it differs from the records, which are as they were written"
+    if folder.finished() and records.path.stat().st_size != sum(map(len, lines)):
+        return "generations.jsonl: there is more in it than the run's generations"
+    return _inconsistent(folder, [records.value(line, i) for i, line in enumerate(lines)])
+
+
+def _inconsistent(folder: RunFolder, records: Sequence[dict[str, Any]]) -> str:
+    """Which file does not agree with the records; "" if all do."""
+    for i, record in enumerate(records):
+        if record["snapshot"]["generation"] != i:
+            return f"generations.jsonl: line {i + 1} is not the record of generation {i}"
+    if not records:
+        return ""
+    file = folder.path / "best.bt"
+    if not file.exists():
+        return "best.bt: it is missing; the run's command makes it again"
+    if not folder.finished():
+        return ""  # the best tree may be of a generation that is being written down
+    champion = folder.summary()["champion"]["record"]
+    if not any(champion == one for record in records for one in record["individuals"]):
+        return "summary.json: its champion is not one of the records' individuals"
+    if file.read_bytes() != folder.best_text(champion["tree"]).encode():
+        return "best.bt: it is not the tree of the summary's champion"
+    return ""
 
 
 @click.command()

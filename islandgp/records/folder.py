@@ -119,7 +119,11 @@ class RunFolder:
             RunError: nobody can.
         """
         with usable(self.path):
-            self._take()
+            busy = BusyError(
+                f"Expected to be the only one who writes to {self.path}, found another run at work"
+                " there; wait for it, or give this one another name=..."
+            )
+            take(self._lock, self.path, busy)
             for name in OWN:
                 remove_leftovers(self.path, f"{name}.*")
             if self.finished():
@@ -127,16 +131,6 @@ class RunFolder:
             write_atomic(self.path / "about.json", pretty(asdict(about)))
             write_atomic(self.path / "config.yaml", config.encode())
             (self.path / "error.txt").unlink(missing_ok=True)
-
-    def _take(self) -> None:
-        self.path.mkdir(parents=True, exist_ok=True)
-        try:
-            self._lock.acquire(timeout=1, poll_interval=0.05)  # a look at it may hold it
-        except Timeout:
-            raise BusyError(
-                f"Expected to be the only one who writes to {self.path}, found another run at work"
-                " there; wait for it, or give this one another name=..."
-            ) from None
 
     def close(self) -> None:
         """Gives the folder back."""
@@ -373,6 +367,15 @@ def _write_lineage(path: Path, records: Iterable[Mapping[str, Any]]) -> None:
                 row = {**i, "generation": generation}
                 row["parents"], row["tiers"] = " ".join(i["parents"]), " ".join(i["tiers"])
                 out.writerow([row[name] for name in LINEAGE])
+
+
+def take(lock: FileLock, folder: Path, busy: RunError) -> None:
+    """Makes a folder and takes its lock; raises `busy` where another process holds it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        lock.acquire(timeout=1, poll_interval=0.05)  # a look at it may hold it
+    except Timeout:
+        raise busy from None
 
 
 def locked(path: Path) -> bool:

@@ -14,12 +14,12 @@ from pathlib import Path
 from time import time
 from uuid import uuid4
 
-from filelock import FileLock, Timeout
+from filelock import FileLock
 
 from islandgp.errors import RunError, brief
 from islandgp.plain import UNREADABLE, must_fit, read_json
 from islandgp.records.checkpoint import usable, write_atomic
-from islandgp.records.folder import RunFolder, Status, locked
+from islandgp.records.folder import RunFolder, Status, locked, take
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,23 +74,14 @@ class SweepFolder:
             RunError: another sweep is at work here, or the folder cannot be used.
         """
         with usable(self.path):
-            self._take()
-            self._add(command, jobs)
-
-    def _take(self) -> None:
-        self.path.mkdir(parents=True, exist_ok=True)
-        try:
-            self._lock.acquire(timeout=1, poll_interval=0.05)
-        except Timeout:
-            raise RunError(
+            busy = RunError(
                 f"Expected to be the only sweep in {self.path}, found another one at work there;"
                 " wait for it, or give this one another name=..."
-            ) from None
-
-    def _add(self, command: str, jobs: Sequence[SweepJob]) -> None:
-        old = self.read() or SweepFile(uuid4().hex, int(1000 * time()), (), ())
-        commands = (*(c for c in old.commands if c != command), command)
-        self._write(SweepFile(old.id, old.started, commands, _merged(old.jobs, jobs)))
+            )
+            take(self._lock, self.path, busy)
+            old = self.read() or SweepFile(uuid4().hex, int(1000 * time()), (), ())
+            commands = (*(c for c in old.commands if c != command), command)
+            self._write(SweepFile(old.id, old.started, commands, _merged(old.jobs, jobs)))
 
     def _write(self, file: SweepFile) -> None:
         write_atomic(self.path / "sweep.json", (json.dumps(asdict(file), indent=1) + "\n").encode())

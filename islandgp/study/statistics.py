@@ -142,12 +142,7 @@ def benjamini_hochberg(p: Sequence[float]) -> tuple[float, ...]:
     return tuple(float(q) for q in _stats().false_discovery_control(p, method="bh"))
 
 
-def bootstrap(
-    samples: Sequence[Sequence[float]],
-    statistic: Callable[..., Any],
-    *,
-    seed: int = BOOTSTRAP_SEED,
-) -> Interval:
+def bootstrap(samples: Sequence[Sequence[float]], statistic: Callable[..., Any]) -> Interval:
     """A statistic of one or several samples, each drawn again by itself (percentiles).
 
     `statistic` takes one array a sample and reduces the last axis. Values may be
@@ -157,7 +152,7 @@ def bootstrap(
     if min(map(len, samples)) < FEWEST:
         with np.errstate(invalid="ignore"):
             return Interval(float(statistic(*(np.asarray(s, float) for s in samples))), nan, nan)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(BOOTSTRAP_SEED)
     arrays = [np.asarray(s, float) for s in samples]
     drawn = [a[rng.integers(len(a), size=(RESAMPLES, len(a)))] for a in arrays]
     with np.errstate(invalid="ignore"):  # infinite minus infinite is nan: nothing is known

@@ -1,4 +1,4 @@
-"""A table as a value, and as Markdown, CSV and HTML."""
+"""A table as a value, as Markdown, CSV and HTML, and how numbers are written in it."""
 
 from __future__ import annotations
 
@@ -8,8 +8,18 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
+from math import isinf, isnan
+from typing import Final
 
 from islandgp.study.paper import MARK
+from islandgp.study.statistics import (
+    EXACT,
+    EXACT_TIES,
+    UNTESTED,
+    Interval,
+    PairedTest,
+    RankTest,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,3 +89,89 @@ def _cell(text: str) -> str:
     """Escaped, with the numbers kept in one piece where a line wraps."""
     kept = re.sub(r" (±|%|:) ?", lambda m: m[0].replace(" ", "\N{NO-BREAK SPACE}"), text)
     return escape(kept)
+
+
+MINUS: Final = "\N{MINUS SIGN}"
+NONE: Final = "\N{EN DASH}"
+NEVER: Final = "\N{INFINITY}"
+DIGITS: Final = {"points": 0, "generation": 1, "Eq. (3)": 3, "rate": 3}
+"""Decimals by a measure's unit."""
+
+
+def number(x: float | None, digits: int = 0) -> str:
+    """12,345 or 12,345.6; a dash for nothing, a sign for never."""
+    if x is None or isnan(x):
+        return NONE
+    if isinf(x):
+        return NEVER if x > 0 else f"{MINUS}{NEVER}"
+    text = f"{x:,.{digits}f}"
+    if not text.strip("-0.,"):
+        text = text.lstrip("-")  # no "-0"
+    return text.replace("-", MINUS)
+
+
+def spread(mean: float, sd: float, digits: int = 0) -> str:
+    """Mean ± standard deviation, which is a dash for a single value."""
+    return f"{number(mean, digits)} ± {number(sd, digits)}"
+
+
+def interval(i: Interval, digits: int = 0) -> str:
+    """An estimate with its interval; a dash for what is not known."""
+    if isnan(i.estimate):
+        return NONE
+    ends = NONE if isnan(i.low) else f"{number(i.low, digits)}, {number(i.high, digits)}"
+    return f"{number(i.estimate, digits)} [{ends}]"
+
+
+def percent(share: float | None) -> str:
+    """A signed share in percent."""
+    if share is None or share != share:
+        return NONE
+    return f"{share:+.1%}".replace("-", MINUS).replace("%", " %")
+
+
+def change(a: float, b: float, sd: float = 0.0) -> float | None:
+    """By which share a differs from b; None where a share would say nothing.
+
+    It says nothing unless both are positive, or where b is nearer to zero than its
+    standard deviation over runs.
+    """
+    return (a - b) / b if a >= 0 and b > 0 and b >= sd else None
+
+
+def signed(x: float, digits: int = 0) -> str:
+    """A number with its sign."""
+    return f"{'+' if x > 0 else ''}{number(x, digits)}"
+
+
+def probability(p: float | None) -> str:
+    """A p-value with three decimals, more where it is small."""
+    if p is None:
+        return NONE
+    if p < 1e-4:
+        return "< 0.0001"
+    return f"{p:.3f}" if p >= 0.0095 else f"{p:.4f}"
+
+
+def p_is(test: RankTest | PairedTest) -> str:
+    """A p-value with its kind in a sentence: p = 0.012 (exact), p < 0.0001 (exact)."""
+    text = tested(test)
+    return f"p {text}" if text.startswith("<") else f"p = {text}"
+
+
+_SHORT: Final = {EXACT: "exact", EXACT_TIES: EXACT_TIES, UNTESTED: "all equal"}
+
+
+def kind(test: RankTest | PairedTest) -> str:
+    """Which kind of p-value it is, in a word or two."""
+    return _SHORT.get(test.kind, "asymptotic")
+
+
+def tested(test: RankTest | PairedTest) -> str:
+    """A p-value with its kind."""
+    return f"{probability(test.p)} ({kind(test)})"
+
+
+def effect(r: float) -> str:
+    """The effect size with its sign, as the paper prints it."""
+    return f"{r:+.2f}".replace("-", MINUS)

@@ -41,12 +41,11 @@ class Panel:
     lines: tuple[Line, ...]
 
 
-def svg(panels: Sequence[Panel], columns: int = 2) -> str:
-    """The panels side by side."""
-    rows = -(-len(panels) // columns)
-    width, height = columns * WIDTH, rows * HEIGHT
+def svg(panels: Sequence[Panel]) -> str:
+    """The panels, two side by side."""
+    width, height = 2 * WIDTH, -(-len(panels) // 2) * HEIGHT
     body = "".join(
-        f'<g transform="translate({i % columns * WIDTH} {i // columns * HEIGHT})">{_panel(p)}</g>\n'
+        f'<g transform="translate({i % 2 * WIDTH} {i // 2 * HEIGHT})">{_panel(p)}</g>\n'
         for i, p in enumerate(panels)
     )
     return (

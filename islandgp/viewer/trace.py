@@ -30,6 +30,7 @@ BLOCKS: Final = " \N{LOWER ONE EIGHTH BLOCK}\u2582\u2583\u2584\u2585\u2586\u2587
 ELLIPSIS: Final = "\N{HORIZONTAL ELLIPSIS}"
 MOST_LINES: Final = 5_000  # of a timeline
 MOST_GUARDS: Final = 8  # on such a line
+WIDTH: Final = 60  # letters of a key's course
 _NOT_IDLE: Final = re.compile(b"[^%c]+" % IDLE)
 _WORDS: Final = {RUNS: "runs", SUCCEEDED: "succeeded", FAILED: "failed", STOPPED: "was aborted"}
 _STYLES: Final = {SUCCEEDED: "green", FAILED: "red", STOPPED: "magenta", RUNS: "cyan"}
@@ -187,8 +188,8 @@ def _guards(tree: Node) -> list[str]:
     return found
 
 
-def courses(recording: Recording, width: int = 60) -> Iterator[str]:
-    """The blackboard over time, a line of blocks per key, `width` characters long."""
+def courses(recording: Recording) -> Iterator[str]:
+    """The blackboard over time, a line of blocks per key."""
     keys = recording.schema.vocabulary.keys
     wide = max(map(len, keys), default=0) + 2
     for place, (name, key) in enumerate(keys.items()):
@@ -196,14 +197,14 @@ def courses(recording: Recording, width: int = 60) -> Iterator[str]:
         low = min(*values, 0.0 if key.flag else key.low)
         most = max(*values, 1.0 if key.flag else key.high)
         ends = f"{min(values):g} to {max(values):g}"
-        yield f"{name:<{wide}}{_blocks(values, low, most, width)}  {ends}"
+        yield f"{name:<{wide}}{_blocks(values, low, most)}  {ends}"
 
 
-def _blocks(values: Sequence[float], low: float, most: float, width: int) -> str:
+def _blocks(values: Sequence[float], low: float, most: float) -> str:
     cells = []
-    for i in range(width):
-        begin = i * len(values) // width
-        part = values[begin : max((i + 1) * len(values) // width, begin + 1)]
+    for i in range(WIDTH):
+        begin = i * len(values) // WIDTH
+        part = values[begin : max((i + 1) * len(values) // WIDTH, begin + 1)]
         cells.append(BLOCKS[round(8 * (sum(part) / len(part) - low) / (most - low))])
     return "".join(cells)
 

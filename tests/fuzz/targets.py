@@ -31,6 +31,7 @@ from islandgp.bt.language import parse, to_text
 from islandgp.bt.lint import warnings
 from islandgp.bt.node import Limits, Node
 from islandgp.commands.domain_command import _plain
+from islandgp.commands.verify_command import verify
 from islandgp.config.compose import planned
 from islandgp.domain import Scene, Thing
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
@@ -38,7 +39,6 @@ from islandgp.errors import IslandError
 from islandgp.evaluation.recorded import setting_of
 from islandgp.records.checkpoint import dump
 from islandgp.records.folder import RunFolder
-from islandgp.records.verify import verify
 from islandgp.resources import resource
 from islandgp.results import load
 from islandgp.study.select import find, read

@@ -13,12 +13,11 @@ from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.errors import StudyError
 from islandgp.evaluation.serial import Serial
 from islandgp.study.arms import Arm, Run
-from islandgp.study.building import build
 from islandgp.study.comparable import compare_arms
 from islandgp.study.data import runs_csv
 from islandgp.study.generalise import Generalisation, generalise
 from islandgp.study.library import library_names
-from islandgp.study.report import Report
+from islandgp.study.report import Report, build
 from islandgp.study.writing import markdown, to_page
 from tests.made import CLASSES
 from tests.study.made_runs import config, guidance, individual, made_arm, made_run

@@ -10,7 +10,7 @@ from islandgp.evaluation.base import Job, Problem
 from islandgp.study.comparable import compare_arms
 from islandgp.study.generalise import best_of, controls
 from islandgp.study.library import given
-from islandgp.study.tables.controls import controls_table
+from islandgp.study.tables.champions import controls_table
 from tests.made import outcome
 from tests.study.made_runs import config, made_arm, made_run
 

@@ -13,7 +13,6 @@ from islandgp.bt.language import parse
 from islandgp.errors import StudyError
 from islandgp.study import data
 from islandgp.study.arms import Comparison
-from islandgp.study.building import build
 from islandgp.study.comparable import compare_arms
 from islandgp.study.figures.drawing import COLUMN, DPI, WIDTH
 from islandgp.study.figures.trees import (
@@ -26,7 +25,7 @@ from islandgp.study.figures.trees import (
 from islandgp.study.generalise import Generalisation
 from islandgp.study.library import library_names
 from islandgp.study.plan import NOTHING, check_plan, families, parse_plan
-from islandgp.study.report import Report
+from islandgp.study.report import Report, build
 from islandgp.study.table import Table
 from islandgp.study.writing import to_page, write
 from tests.study.made_runs import TREE, config, guidance, individual, made_arm, made_run

@@ -10,10 +10,20 @@ import pytest
 
 from islandgp.study.findings import examine
 from islandgp.study.measures import TABLE_9, emergence
-from islandgp.study.notation import interval, number, p_is, percent, probability, spread
 from islandgp.study.paper import MARK
 from islandgp.study.statistics import Interval, mean_sd, rank_test
-from islandgp.study.table import Table, to_csv, to_html, to_markdown
+from islandgp.study.table import (
+    Table,
+    interval,
+    number,
+    p_is,
+    percent,
+    probability,
+    spread,
+    to_csv,
+    to_html,
+    to_markdown,
+)
 from islandgp.study.tables import claims
 from islandgp.study.tables.claims import found, verdict
 from islandgp.study.tables.comparisons import difference

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import count
 from typing import Final
 
 from islandgp.bt.node import Node
@@ -24,37 +25,37 @@ def to_dot(tree: Node) -> str:
         '  graph [ordering=out, rankdir=TB, fontname="Helvetica"]',
         '  node [style="filled", fontname="Helvetica", fontsize=11]',
         "  edge [arrowhead=none]",
-        *_dot_lines(tree, iter(range(10**9))),
+        *_dot_lines(tree),
         "}",
     ]
     return "\n".join(lines) + "\n"
 
 
-def _dot_lines(node: Node, places: Iterator[int], parent: str = "") -> Iterator[str]:
+def _dot_lines(tree: Node) -> Iterator[str]:
+    for name, node, parent in _named(tree, count()):
+        fill, stroke = COLOURS[node.kind]
+        look = f'shape={_DOT_SHAPES.get(node.kind, "box")}, fillcolor="{fill}", color="{stroke}"'
+        yield f'  {name} [label="{label(node)}", {look}]'
+        if parent:
+            yield f"  {parent} -> {name}"
+
+
+def _named(node: Node, places: Iterator[int], parent: str = "") -> Iterator[tuple[str, Node, str]]:
+    """Each node in document order with its name, and its parent's ("" for none)."""
     name = f"n{next(places)}"
-    fill, stroke = COLOURS[node.kind]
-    shape = _DOT_SHAPES.get(node.kind, "box")
-    yield (f'  {name} [label="{label(node)}", shape={shape}, fillcolor="{fill}", color="{stroke}"]')
-    if parent:
-        yield f"  {parent} -> {name}"
+    yield name, node, parent
     for child in node.children:
-        yield from _dot_lines(child, places, name)
+        yield from _named(child, places, name)
 
 
 def to_mermaid(tree: Node) -> str:
     """The text of a flowchart; nodes are n0, n1, ... in document order."""
     lines = ["flowchart TD"]
-    lines += _mermaid_lines(tree, iter(range(10**9)))
+    for name, node, parent in _named(tree, count()):
+        left, right = _MERMAID_SHAPES.get(node.kind, ("[", "]"))
+        lines.append(f'  {name}{left}"{label(node).translate(_ESCAPES)}"{right}:::{node.kind}')
+        if parent:
+            lines.append(f"  {parent} --- {name}")
     for kind, (fill, stroke) in COLOURS.items():
         lines.append(f"  classDef {kind} fill:{fill},stroke:{stroke},color:#1b2733")
     return "\n".join(lines) + "\n"
-
-
-def _mermaid_lines(node: Node, places: Iterator[int], parent: str = "") -> Iterator[str]:
-    name = f"n{next(places)}"
-    left, right = _MERMAID_SHAPES.get(node.kind, ("[", "]"))
-    yield f'  {name}{left}"{label(node).translate(_ESCAPES)}"{right}:::{node.kind}'
-    if parent:
-        yield f"  {parent} --- {name}"
-    for child in node.children:
-        yield from _mermaid_lines(child, places, name)

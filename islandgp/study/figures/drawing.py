@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.study.arms import Arm, Comparison
-from islandgp.study.notation import number
+from islandgp.study.table import number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -28,8 +28,8 @@ from islandgp.study.figures.drawing import (
 from islandgp.study.generalise import Generalisation
 from islandgp.study.lineage import alive, newcomers
 from islandgp.study.measures import shown
-from islandgp.study.notation import number
 from islandgp.study.statistics import mean_interval
+from islandgp.study.table import number
 from islandgp.supervision.state_json import title
 
 if TYPE_CHECKING:

@@ -1,17 +1,17 @@
-"""Individuals: how many show a behaviour (Table 13), and the champions of the runs."""
+"""Individuals: how many show a behaviour (Table 13), the champions, and trees nobody evolved."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from statistics import fmean
 
-from islandgp.study.arms import Comparison
-from islandgp.study.generalise import Generalisation
-from islandgp.study.measures import shown
-from islandgp.study.notation import NONE, interval, number, p_is, signed, spread
+from islandgp.evolution.validation import interval as mean_and_ends
+from islandgp.study.arms import Arm, Comparison
+from islandgp.study.generalise import Control, Generalisation, best_of
+from islandgp.study.measures import SPANS, shown
 from islandgp.study.paper import Paper
 from islandgp.study.statistics import mean_interval, mean_sd, rank_test
-from islandgp.study.table import Table
+from islandgp.study.table import NONE, Table, interval, number, p_is, signed, spread
 from islandgp.study.tables.comparisons import footnotes, published
 from islandgp.supervision.state_json import title
 
@@ -140,3 +140,50 @@ def _generalisation_row(arm: str, mine: Sequence[Generalisation]) -> tuple[str, 
         number(min(g.worst for g in mine)),
         *(f"{fmean(g.reached[tier] for g in mine):.0%} of the worlds" for tier in mine[0].reached),
     )
+
+
+HEADINGS = ("Early", "Mid", "Late", "all generations")
+
+
+def controls_table(study: Comparison, found: Sequence[Control]) -> Table:
+    """Highest fitness of each arm, and of the library's trees that nobody evolves."""
+    seeds = sorted(found[0].fitness)
+    best = {seed: best_of(found, seed) for seed in seeds}
+    rows = [_control_arm(arm, best) for arm in study.arms]
+    rows.append(_control_row("best of the library, not evolved", [best[seed] for seed in seeds]))
+    for control in found:
+        what = "library" if control.given else "yardstick"
+        rows.append(
+            _control_row(f"{what}: {control.name}", [control.fitness[seed] for seed in seeds])
+        )
+    return Table(
+        "controls",
+        "What evolution adds (points)",
+        ("Highest fitness of", *HEADINGS, "paired difference to the best of the library"),
+        tuple(rows),
+        (
+            "Means over runs ± SD of the highest fitness of a generation. A tree that is not"
+            " evolved has one episode in each generation's world, under its stage's multipliers."
+            " The best of the library is the highest of its trees for targets in each generation."
+            " The differences are of all generations' means, seed by seed, with their 95 %"
+            " interval (Student's t).",
+        ),
+    )
+
+
+def _control_arm(arm: Arm, best: dict[int, tuple[float, ...]]) -> tuple[str, ...]:
+    runs = [run for run in arm.runs if run.seed in best]
+    series = [[s.best for s in run.snapshots] for run in runs]
+    if not runs or len(runs) < len(arm.runs):
+        return _control_row(arm.name, series or [[]])
+    pairs = [fmean(mine) - fmean(best[run.seed]) for run, mine in zip(runs, series, strict=True)]
+    mean, low, high = mean_and_ends(pairs)
+    return (*_control_row(arm.name, series)[:-1], f"{signed(mean)} [{number(low)}, {number(high)}]")
+
+
+def _control_row(name: str, series: Sequence[Sequence[float]]) -> tuple[str, ...]:
+    """A tree or an arm, by the highest fitness of each generation of each run."""
+    whole = [values for values in series if values]
+    spans = [[fmean(v[g] for g in span.generations(len(v))) for v in whole] for span in SPANS]
+    means = [*spans, [fmean(values) for values in whole]]
+    return (name, *(spread(*mean_sd(m)) if m else NONE for m in means), NONE)

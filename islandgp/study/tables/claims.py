@@ -7,9 +7,12 @@ from math import isnan
 from typing import Final
 
 from islandgp.study.findings import Finding, finding
-from islandgp.study.notation import (
+from islandgp.study.paper import Paper
+from islandgp.study.statistics import LEVEL, PairedTest, mean_sd
+from islandgp.study.table import (
     DIGITS,
     NONE,
+    Table,
     change,
     interval,
     number,
@@ -18,9 +21,6 @@ from islandgp.study.notation import (
     signed,
     tested,
 )
-from islandgp.study.paper import Paper
-from islandgp.study.statistics import LEVEL, PairedTest, mean_sd
-from islandgp.study.table import Table
 from islandgp.study.tables.comparisons import families_note, published
 
 UNDECIDED: Final = "no difference shown (no evidence either way)"

@@ -7,19 +7,6 @@ from typing import Final
 
 from islandgp.study.arms import Comparison
 from islandgp.study.findings import Finding
-from islandgp.study.notation import (
-    DIGITS,
-    NONE,
-    change,
-    effect,
-    interval,
-    number,
-    percent,
-    probability,
-    signed,
-    spread,
-    tested,
-)
 from islandgp.study.paper import MARK, Paper
 from islandgp.study.statistics import (
     FEWEST,
@@ -30,7 +17,20 @@ from islandgp.study.statistics import (
     median_interval,
     smallest_difference,
 )
-from islandgp.study.table import Table
+from islandgp.study.table import (
+    DIGITS,
+    NONE,
+    Table,
+    change,
+    effect,
+    interval,
+    number,
+    percent,
+    probability,
+    signed,
+    spread,
+    tested,
+)
 
 TESTS: Final = ("difference", "U", "z", "p", "p BH", "r")
 

@@ -8,9 +8,8 @@ from itertools import zip_longest
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.emergence import Summary, first, reduction, summary
 from islandgp.study.findings import Finding
-from islandgp.study.notation import NONE, interval, number, percent, probability, spread
 from islandgp.study.paper import Paper
-from islandgp.study.table import Table
+from islandgp.study.table import NONE, Table, interval, number, percent, probability, spread
 from islandgp.study.tables.comparisons import (
     SIGNS,
     TESTS,

@@ -25,8 +25,7 @@ from islandgp.study.lineage import (
     newcomers,
     provenance,
 )
-from islandgp.study.notation import NONE, number
-from islandgp.study.table import Table
+from islandgp.study.table import NONE, Table, number
 from islandgp.supervision.state_json import title
 
 LATER: Final = 5  # generations after which the lineage table asks who is alive

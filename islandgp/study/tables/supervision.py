@@ -11,10 +11,9 @@ from typing import Final
 from islandgp.study.arms import Arm, Comparison, Run
 from islandgp.study.emergence import first, quantile
 from islandgp.study.measures import Bill, bill
-from islandgp.study.notation import NONE, number, percent, spread
 from islandgp.study.paper import MARK, Paper
 from islandgp.study.statistics import mean_sd
-from islandgp.study.table import Table
+from islandgp.study.table import NONE, Table, number, percent, spread
 from islandgp.study.tables.comparisons import footnotes
 from islandgp.supervision.decisions import decisions
 from islandgp.supervision.state_json import title

@@ -154,18 +154,16 @@ class Ledger:
     def _most(self) -> Sums:
         """The most that all attempts so far may have taken."""
         sums = Sums()
-        for a in _sent(self.transcript.attempts):
+        for usage in (
+            *(a.at_most for a in _sent(self.transcript.attempts)),
+            *(sent.at_most for sent in self.transcript.lost()),
+        ):
             sums.requests += 1
-            sums.input += _input(a.at_most)
-            sums.output += a.at_most.output
-            sums.usd += self._usd(a.at_most)
+            sums.input += _input(usage)
+            sums.output += usage.output
+            sums.usd += self._usd(usage)
         # Waiting counts also where a cap ended it.
         sums.seconds = sum(a.seconds + a.waited for a in list(self.transcript.attempts))
-        for sent in self.transcript.lost():
-            sums.requests += 1
-            sums.input += _input(sent.at_most)
-            sums.output += sent.at_most.output
-            sums.usd += self._usd(sent.at_most)
         return sums
 
     def totals(self) -> dict[str, float]:
