@@ -8,13 +8,7 @@ from pathlib import Path
 import click
 
 from islandgp.supervision.base import RunContext
-from islandgp.supervision.llm.estimate import (
-    ANSWER,
-    Bill,
-    as_recorded,
-    at_most,
-    expected,
-)
+from islandgp.supervision.llm.estimate import ANSWER, Bill, as_recorded, at_most, expected
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.transcript import Transcript, find_transcript
 

@@ -13,14 +13,7 @@ from collections.abc import Sequence
 from pydantic import BaseModel, Field, model_validator
 
 from islandgp.bt.node import Node
-from islandgp.evolution.population import (
-    Ancestor,
-    Archive,
-    Evaluated,
-    Individual,
-    Origin,
-    ranked,
-)
+from islandgp.evolution.population import Ancestor, Archive, Evaluated, Individual, Origin, ranked
 from islandgp.evolution.random_trees import TreeSpace, random_tree
 from islandgp.evolution.selection import Selection, pick_parent
 from islandgp.evolution.variation import Crossover

@@ -131,10 +131,7 @@ TABLE_12: Final = (
     ),
 )
 MUTATION: Final = Measure(
-    "mutation_rate",
-    "Mean mutation rate",
-    "rate",
-    lambda r: fmean(s.rate for s in r.snapshots),
+    "mutation_rate", "Mean mutation rate", "rate", lambda r: fmean(s.rate for s in r.snapshots)
 )
 OVERLAPPING: Final = Measure(
     "diversity_overlapping",

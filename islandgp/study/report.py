@@ -159,12 +159,7 @@ def build(
                 METHODS,
                 *said(plan, study),
                 SPLIT,
-                *tables(
-                    median_table,
-                    "medians",
-                    "Medians, intervals and paired tests",
-                    measures,
-                ),
+                *tables(median_table, "medians", "Medians, intervals and paired tests", measures),
                 power_table(study, findings[0].size),
             ),
         ),

@@ -12,14 +12,7 @@ from math import isinf, isnan
 from typing import Final
 
 from islandgp.study.paper import MARK
-from islandgp.study.statistics import (
-    EXACT,
-    EXACT_TIES,
-    UNTESTED,
-    Interval,
-    PairedTest,
-    RankTest,
-)
+from islandgp.study.statistics import EXACT, EXACT_TIES, UNTESTED, Interval, PairedTest, RankTest
 
 
 @dataclass(frozen=True, slots=True)

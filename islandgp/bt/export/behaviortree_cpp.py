@@ -92,10 +92,7 @@ POLICY = Loss(
     "a parallel with success all and failure all fails at the first failure, as it can't succeed"
     " any more",
 )
-EQUAL = Loss(
-    "equal",
-    "== and != take two numbers that differ by no more than 0.00000012 as equal",
-)
+EQUAL = Loss("equal", "== and != take two numbers that differ by no more than 0.00000012 as equal")
 
 
 def losses(tree: Node) -> list[Loss]:

@@ -12,14 +12,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple, NoReturn
 
 from islandgp.bt.condition import Asked, Compound, denied, opposite, terms
-from islandgp.bt.export.behaviortree_cpp import (
-    EQUAL,
-    JUDGED,
-    OWN_TAGS,
-    REPEAT,
-    REST,
-    TAGS,
-)
+from islandgp.bt.export.behaviortree_cpp import EQUAL, JUDGED, OWN_TAGS, REPEAT, REST, TAGS
 from islandgp.bt.export.plan import LEVEL, ORDER, RESUMED, Loss, fresh_name, hands_over
 from islandgp.bt.export.scripts import read_condition
 from islandgp.bt.export.xml_reader import Element, read_xml

@@ -19,14 +19,7 @@ import json
 from typing import Any, Final, NoReturn
 
 from islandgp.bt.builder import MAX_NESTED
-from islandgp.bt.condition import (
-    FLAG_OPERATORS,
-    OPERATORS,
-    Asked,
-    Condition,
-    denied,
-    joined,
-)
+from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS, Asked, Condition, denied, joined
 from islandgp.bt.language import MAX_LEVELS, MAX_NODES, MAX_NUMBER, parse, to_text
 from islandgp.bt.node import ABORTS, KINDS, POLICIES, Argument, Node, condition_of
 from islandgp.bt.source import closest

@@ -33,10 +33,7 @@ from islandgp.bt.node import Node, asked_in, walk
 from islandgp.bt.printer import condition_text, head, number_text
 from islandgp.bt.vocabulary import NOTHING, Vocabulary
 
-POLICY = Loss(
-    "policy",
-    "any failing child fails a Parallel of py_trees; there is no failure all",
-)
+POLICY = Loss("policy", "any failing child fails a Parallel of py_trees; there is no failure all")
 
 _HEAD: Final = '''"""A behaviour tree for py_trees, written by islandgp.
 

@@ -48,11 +48,7 @@ def read_xml(text: str, *, name: str) -> Element:
         open_elements.pop()
 
     def doctype(*_: object) -> None:
-        fail(
-            "expected no document type",
-            parser.CurrentLineNumber,
-            parser.CurrentColumnNumber + 1,
-        )
+        fail("expected no document type", parser.CurrentLineNumber, parser.CurrentColumnNumber + 1)
 
     parser.StartElementHandler = start
     parser.EndElementHandler = end
