@@ -122,7 +122,8 @@ def families(study: Comparison, plan: Plan) -> tuple[Family, ...]:
     asked = frozenset(plan.margins) or paper
     left = [(a.name, b.name) for a, b in study.pairs]
     found = [Family(CLAIMS if study.paper else FIRST, (left.pop(0),), paper)]
-    for name, arms in (plan.families or _by_library(study)).items():
+    injecting = {LIBRARY: tuple(arm.name for arm in study.arms if _injects(arm))}
+    for name, arms in (plan.families or injecting).items():
         mine = tuple(pair for pair in left if set(pair) <= set(arms))
         if mine:
             found.append(Family(name, mine, asked))
@@ -135,10 +136,6 @@ def families(study: Comparison, plan: Plan) -> tuple[Family, ...]:
     if left:
         found.append(Family(REST, tuple(left), asked))
     return tuple(found)
-
-
-def _by_library(study: Comparison) -> dict[str, tuple[str, ...]]:
-    return {LIBRARY: tuple(arm.name for arm in study.arms if _injects(arm))}
 
 
 def _injects(arm: Arm) -> bool:

@@ -131,10 +131,6 @@ class RecordedCalls:
     def learn(self, generation: int, dialect: Mapping[str, Any]) -> None:
         """See `Calls`."""
 
-    def useless_before(self, generation: int) -> int:
-        """See `Calls`."""
-        return self.transcript.useless_before(generation)
-
     def room_for(self, requests: Sequence[Request], repairs: int) -> bool:  # noqa: ARG002 -- the protocol's
         """See `Calls`: nothing is gained by it."""
         return False

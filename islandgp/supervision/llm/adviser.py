@@ -196,7 +196,7 @@ class Adviser:
     def _given_up(self, calls: Calls, generation: int) -> Failure | None:
         """Why the model is not asked any more; None: it is."""
         how = self.settings.useless
-        if how is None or (found := calls.useless_before(generation)) < how.most:
+        if how is None or (found := calls.transcript.useless_before(generation)) < how.most:
             return None
         if how.then == "stop":
             raise SupervisionError(

@@ -73,6 +73,8 @@ _SLOTS: Final = {"probe": 0, "rate": 1, "tree": 2}  # of Stream.NETWORK
 class Calls(Protocol):
     """Whoever answers calls."""
 
+    transcript: Transcript  # what was asked and answered so far
+
     def ask(self, call: Call, request: Request) -> Reply | Failure:
         """The answer to a call, after as many attempts as it takes."""
         ...
@@ -87,10 +89,6 @@ class Calls(Protocol):
 
     def learn(self, generation: int, dialect: Mapping[str, Any]) -> None:
         """Takes note of how requests are made from a generation on."""
-        ...
-
-    def useless_before(self, generation: int) -> int:
-        """How many questions in a row, up to a generation, had answers of no use."""
         ...
 
     def room_for(self, requests: Sequence[Request], repairs: int) -> bool:
@@ -202,10 +200,6 @@ class LiveCalls:
     def learn(self, generation: int, dialect: Mapping[str, Any]) -> None:
         """See `Calls`."""
         self.transcript.learn(generation, dialect)
-
-    def useless_before(self, generation: int) -> int:
-        """See `Calls`."""
-        return self.transcript.useless_before(generation)
 
     def room_for(self, requests: Sequence[Request], repairs: int) -> bool:
         """See `Calls`: as long as no cap could end one of them.
