@@ -109,7 +109,7 @@ def search(
         directions=settings.directions(),
     )
     space = {a.key: a.distribution for a in axes}
-    known: dict[Words, Outcome] = {}
+    known: dict[Words, Returned] = {}
     while (told := len(study.trials)) < settings.n_trials:
         batch = [study.ask(space) for _ in range(min(settings.n_jobs, settings.n_trials - told))]
         jobs = [(*fixed, *(a.override(trial.params[a.key]) for a in axes)) for trial in batch]
@@ -122,7 +122,7 @@ def search(
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class Returned:
     """What a job came to."""
 
     values: tuple[float, ...]  # its objectives; () where it did not come to its end
@@ -131,7 +131,7 @@ class Outcome:
 
 def _launched(
     jobs: Mapping[Words, optuna.Trial], launch: Launch, first: int, prune: bool
-) -> dict[Words, Outcome]:
+) -> dict[Words, Returned]:
     """Launches jobs, which get the numbers from `first` on."""
     trials = {first + n: Pruning(trial) for n, trial in enumerate(jobs.values())}
     if prune:
@@ -141,7 +141,7 @@ def _launched(
     finally:
         AT_WORK.clear()
     return {
-        job: Outcome(_values(result), trial.pruned is not None)
+        job: Returned(_values(result), trial.pruned is not None)
         for job, result, trial in zip(jobs, returned, trials.values(), strict=True)
     }
 
@@ -162,7 +162,7 @@ def _values(returned: JobReturn) -> tuple[float, ...]:
     return values if all(map(isfinite, values)) else ()
 
 
-def _tell(study: optuna.Study, trial: optuna.Trial, outcome: Outcome) -> None:
+def _tell(study: optuna.Study, trial: optuna.Trial, outcome: Returned) -> None:
     if outcome.pruned:
         study.tell(trial, state=TrialState.PRUNED)
     elif outcome.values:

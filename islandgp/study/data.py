@@ -11,7 +11,7 @@ from islandgp.study.arms import Comparison
 from islandgp.study.emergence import quantile
 from islandgp.study.findings import Finding
 from islandgp.study.generalise import Generalisation
-from islandgp.study.measures import FURTHER, bill, main_family
+from islandgp.study.measures import FURTHER, main_family, overhead
 from islandgp.study.statistics import mean_sd
 from islandgp.study.table import to_csv
 
@@ -57,7 +57,7 @@ def runs_csv(study: Comparison) -> str:
     rows = []
     for arm in study.arms:
         for run in arm.runs:
-            costs = asdict(bill(run))
+            costs = asdict(overhead(run))
             numbers = [m.of(run) for m in measures]
             rows.append([arm.name, run.seed, run.supervisor, run.name, *numbers, *costs.values()])
     return to_csv(("arm", "seed", "supervisor", "name", *(m.key for m in measures), *costs), rows)

@@ -154,8 +154,8 @@ def values(measure: Measure, runs: Sequence[Run]) -> tuple[float | None, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class Bill:
-    """One run's bill."""
+class Overhead:
+    """What supervision took in one run."""
 
     decisions: int  # generations after which a supervisor was asked
     injected: int  # trees that it put into a population
@@ -171,10 +171,10 @@ class Bill:
     dollars: float | None  # US dollars; None: the model has no known price
 
 
-def bill(run: Run) -> Bill:
-    """One run's bill."""
+def overhead(run: Run) -> Overhead:
+    """What supervision took in one run."""
     llm = run.costs[-1].llm  # sums since the start, by supervision.llm.ledger; {} offline
-    return Bill(
+    return Overhead(
         decisions=len(run.guidance),
         injected=sum(g.injected for g in run.guidance),
         seconds=sum(c.supervision for c in run.costs),

@@ -10,7 +10,7 @@ from typing import Final
 
 from islandgp.study.arms import Arm, Comparison, Run
 from islandgp.study.emergence import first, quantile
-from islandgp.study.measures import Bill, bill
+from islandgp.study.measures import Overhead, overhead
 from islandgp.study.paper import MARK, Paper
 from islandgp.study.statistics import mean_sd
 from islandgp.study.table import NONE, Table, number, percent, spread
@@ -18,7 +18,7 @@ from islandgp.study.tables.comparisons import footnotes
 from islandgp.supervision.decisions import decisions
 from islandgp.supervision.state_json import title
 
-Bills = Sequence[Bill]
+Overheads = Sequence[Overhead]
 
 
 def decisions_table(study: Comparison) -> Table:
@@ -87,9 +87,9 @@ def _shares(name: str, kinds: Sequence[Counter[str]], totals: Sequence[int]) -> 
 
 def overhead_table(study: Comparison) -> Table:
     """One column an arm."""
-    each = [[bill(run) for run in arm.runs] for arm in study.arms]
+    each = [[overhead(run) for run in arm.runs] for arm in study.arms]
     rows: list[tuple[str, ...]] = [
-        (label, *(value(bills) for bills in each), *_overhead(study.paper, key))
+        (label, *(value(runs) for runs in each), *_overhead(study.paper, key))
         for label, key, value in _ROWS
     ]
     rows += [
@@ -119,31 +119,31 @@ def _overhead(paper: Paper | None, key: str) -> tuple[str, ...]:
     return _beside(paper, paper.overhead.get(key, NONE) if paper else NONE)
 
 
-def _spread(value: Callable[[Bill], float], digits: int = 0) -> Callable[[Bills], str]:
-    return lambda bills: spread(*mean_sd([value(b) for b in bills]), digits)
+def _spread(value: Callable[[Overhead], float], digits: int = 0) -> Callable[[Overheads], str]:
+    return lambda runs: spread(*mean_sd([value(b) for b in runs]), digits)
 
 
-def _part(bills: Bills) -> str:
-    supervised, simulated = fmean(b.seconds for b in bills), fmean(b.simulation for b in bills)
+def _part(runs: Overheads) -> str:
+    supervised, simulated = fmean(b.seconds for b in runs), fmean(b.simulation for b in runs)
     return percent(supervised / simulated if simulated else None).lstrip("+")
 
 
-def _decision(bills: Bills) -> str:
-    decisions = sum(b.decisions for b in bills)
-    return f"{sum(b.seconds for b in bills) / decisions:.2g}" if decisions else NONE
+def _decision(runs: Overheads) -> str:
+    decisions = sum(b.decisions for b in runs)
+    return f"{sum(b.seconds for b in runs) / decisions:.2g}" if decisions else NONE
 
 
-def _response(bills: Bills) -> str:
-    requests = sum(b.requests for b in bills)
-    return f"{sum(b.latency for b in bills) / requests:.3g}" if requests else NONE
+def _response(runs: Overheads) -> str:
+    requests = sum(b.requests for b in runs)
+    return f"{sum(b.latency for b in runs) / requests:.3g}" if requests else NONE
 
 
-def _dollars(bills: Bills) -> str:
-    known = [b.dollars for b in bills if b.dollars is not None]
-    return spread(*mean_sd(known), 4) if len(known) == len(bills) else "price unknown"
+def _dollars(runs: Overheads) -> str:
+    known = [b.dollars for b in runs if b.dollars is not None]
+    return spread(*mean_sd(known), 4) if len(known) == len(runs) else "price unknown"
 
 
-_ROWS: Final[tuple[tuple[str, str, Callable[[Bills], str]], ...]] = (
+_ROWS: Final[tuple[tuple[str, str, Callable[[Overheads], str]], ...]] = (
     ("Decisions", "", _spread(lambda b: b.decisions)),
     ("Requests to a language model", "calls", _spread(lambda b: b.requests, 1)),
     ("Trees injected", "trees", _spread(lambda b: b.injected, 1)),
