@@ -2,6 +2,9 @@
 
 It reads no file and writes none. Each step is a function of the run's state, so
 a run can go on from any of its states and ends in the same bytes.
+
+Lines 4 to 6 of the algorithm come first: episodes, a generation in numbers, and what
+supervisors see.
 """
 
 from __future__ import annotations

@@ -1,4 +1,9 @@
-"""A file of JSON values, one a line, that grows by whole lines."""
+"""A file of JSON values, one a line, that grows by whole lines, and a checksum for each line.
+
+Line i of `generations.sha256` holds the index i and the SHA-256 of the digest before it and
+record i's line. So each digest vouches for all records up to its own. The last one also stands
+in the checkpoint, and at the end of the run in its summary.
+"""
 
 from __future__ import annotations
 

@@ -2,6 +2,8 @@
 
 A `Snapshot` is what one generation measured. The state is a function of the
 snapshots so far, so that it can be made again from a run's history.
+
+The emergency override in a crisis is that of Eq. (7) and (8), section 2.4.3.
 """
 
 from __future__ import annotations

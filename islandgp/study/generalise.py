@@ -1,7 +1,11 @@
-"""How the best trees do on worlds that no run has seen.
+"""How the best trees do on worlds that no run has seen, and the library's in the runs' own.
 
 A run chooses its champion, its best robot, in worlds of its own. Here the champions of all
 runs meet the same unseen worlds, in the last stage.
+
+Whoever injects trees of a library could hand them out as they are. So each of those has one
+episode in each generation's world, under its stage's multipliers, and what evolution adds is
+the difference of a run's highest fitness to the best of these trees.
 """
 
 from __future__ import annotations

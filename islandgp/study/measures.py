@@ -1,4 +1,7 @@
-"""What one run is measured by: the rows of Tables 9, 10 and 11, and diversity (Table 12)."""
+"""What one run is measured by: the rows of Tables 9 to 11, diversity (Table 12), overhead (14).
+
+The overhead is what supervision took, from the run's costs and records (section 3.9).
+"""
 
 from __future__ import annotations
 

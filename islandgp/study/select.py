@@ -1,4 +1,7 @@
-"""Which runs make an arm: `key=value` pairs over the configuration, or a sweep's name."""
+"""Which runs make an arm: `key=value` pairs over the configuration, or a sweep's name.
+
+`find` tells which run folders there are, and `read` what one holds.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """The tests of section 3.1: Mann-Whitney U, Eq. (9) and (10), Benjamini-Hochberg, effect size r.
 
 Beside the paper's: paired tests for arms that share seeds, the log-rank test
-for runs in which something never happened, and 95 % intervals.
+for runs in which something never happened, 95 % intervals, and what a number of seeds can
+show: the smallest difference that a test finds 4 times in 5.
 """
 
 from __future__ import annotations

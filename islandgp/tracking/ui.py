@@ -1,4 +1,9 @@
-"""MLflow's web pages for a store, with a server as light as MLflow has one."""
+"""MLflow's web pages for a store, with a server as light as MLflow has one.
+
+They open on a view of the runs page that shows the arms: charts and columns that matter, by
+arm. MLflow keeps such a view as a tag of the experiment, and opens it by its key in the page's
+address. A page that does not know the key shows all runs.
+"""
 
 from __future__ import annotations
 

@@ -4,6 +4,8 @@ Time goes in steps of a tenth of a second. A step at which nothing can change
 is left to the physics engine alone: everybody who could change something tells
 from which step on, and the loop goes there in one go. `stepwise=True` looks at
 everything in every step instead; the outcome is the same to the last bit.
+
+In `advance` time passes: the physics steps between two looks, with the script's cues.
 """
 
 from __future__ import annotations

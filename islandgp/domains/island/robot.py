@@ -1,8 +1,13 @@
-"""The robot: battery, wheels and load.
+"""The robot: battery, wheels and load, and its straight legs around obstacles.
 
 Charge is counted in whole millionths of a percent, and distance in whole steps
 of driving, so that many steps at once add up to exactly what they add up to
 one by one.
+
+The way to a goal is a chain of straight legs: to the goal itself where nothing
+stands between, else along the tangent of the first obstacle in the way. A leg
+that would run into another obstacle on its way to the tangent point gives way
+to the tangent of that one, and so on.
 """
 
 from __future__ import annotations

@@ -1,4 +1,9 @@
-"""What several figures draw: curves and bars of the arms, epochs, legends."""
+"""What figures have in common: colours and lines of arms and categories, curves, bars, legends.
+
+Arms have strong colours and differ in line and marker as well; categories (classes,
+components, patterns) have pale colours and hatching, and never an arm's colour. So a
+figure reads in grey, and for colour-blind readers.
+"""
 
 from __future__ import annotations
 

@@ -2,6 +2,8 @@
 
 `LiveCalls` asks the network, and what is written down already it does not ask
 again. `recorded.RecordedCalls` asks nobody.
+
+There is one retry layer: how many attempts, and how long to wait between them (section 2.4.5).
 """
 
 from __future__ import annotations

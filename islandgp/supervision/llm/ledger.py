@@ -3,6 +3,8 @@
 The ledger is a sum over the transcript, so a resumed run goes on with the right
 sums. Caps are compared with the most that an attempt can take, before it is
 made: a cap is never passed, not even by an answer that never arrived.
+
+What is known of models and what their tokens cost is the dated table of `conf/prices`.
 """
 
 from __future__ import annotations
