@@ -184,12 +184,8 @@ def _expected(
     if "NAME" in accepted:
         if previous == "(" and len(accepted) == 1:
             return "the name of a parameter", ()
-        if previous == "constant":
-            return "the name of a constant", ()
-        if previous in ("subtree", "use"):
-            return "the name of a subtree", ()
-        if previous == "domain":
-            return "the name of a domain", ()
+        if previous in _NAMING:
+            return f"the name of a {'subtree' if previous == 'use' else previous}", ()
         flags = tuple(name for name, key in vocabulary.keys.items() if key.flag)
         words = ("not", "(", *vocabulary.keys) if "NOT" in accepted else flags
         return f"a key: {', '.join(words)}" if vocabulary.keys else "a key", words

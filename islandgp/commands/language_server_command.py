@@ -86,6 +86,11 @@ def made(words: Callable[[str, str, Path], Vocabulary], domains: list[str]) -> L
         "number": types.CompletionItemKind.Constant,
     }
 
+    def asked(params: Any) -> tuple[TextDocument, int]:
+        """The document of a request about a place, and the offset of that place."""
+        document = server.workspace.get_text_document(params.text_document.uri)
+        return document, document.offset_at_position(params.position)
+
     def known(document: TextDocument) -> Vocabulary:
         """The words of a text's domain; none where it is for one that is not there."""
         try:
@@ -124,12 +129,10 @@ def made(words: Callable[[str, str, Path], Vocabulary], domains: list[str]) -> L
 
     @server.feature(types.TEXT_DOCUMENT_COMPLETION)
     def completion(params: types.CompletionParams) -> list[types.CompletionItem]:
-        document = server.workspace.get_text_document(params.text_document.uri)
-        text = document.source
-        if len(text) > MAX_CHARACTERS:
+        document, at = asked(params)
+        if len(document.source) > MAX_CHARACTERS:
             return []
-        at = document.offset_at_position(params.position)
-        found = offers(text, at, known(document), _folder(document), domains)
+        found = offers(document.source, at, known(document), _folder(document), domains)
         return [
             types.CompletionItem(label=each.text, kind=sorts[each.sort], detail=each.detail)
             for each in found
@@ -137,8 +140,7 @@ def made(words: Callable[[str, str, Path], Vocabulary], domains: list[str]) -> L
 
     @server.feature(types.TEXT_DOCUMENT_HOVER)
     def hover(params: types.HoverParams) -> types.Hover | None:
-        document = server.workspace.get_text_document(params.text_document.uri)
-        at = document.offset_at_position(params.position)
+        document, at = asked(params)
         found = meaning(document.source, at, known(document), _folder(document))
         if found is None:
             return None
@@ -160,14 +162,13 @@ def made(words: Callable[[str, str, Path], Vocabulary], domains: list[str]) -> L
 
     @server.feature(types.TEXT_DOCUMENT_PREPARE_RENAME)
     def prepare_rename(params: types.PrepareRenameParams) -> types.Range | None:
-        document = server.workspace.get_text_document(params.text_document.uri)
-        word = subtree_at(document.source, document.offset_at_position(params.position))
+        document, at = asked(params)
+        word = subtree_at(document.source, at)
         return _range(document, word) if word else None
 
     @server.feature(types.TEXT_DOCUMENT_RENAME, types.RenameOptions(prepare_provider=True))
     def rename(params: types.RenameParams) -> types.WorkspaceEdit:
-        document = server.workspace.get_text_document(params.text_document.uri)
-        at = document.offset_at_position(params.position)
+        document, at = asked(params)
         try:
             places = renamed(document.source, at, params.new_name, _folder(document))
         except TreeError as error:

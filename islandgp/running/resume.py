@@ -134,17 +134,10 @@ def _code_version() -> str:
 def _commit(checkout: Path) -> str:
     if not (checkout / ".git").exists():
         return ""
+    how = ("--always", "--dirty", "--abbrev=12", "--exclude=*")
     try:
         found = subprocess.run(
-            [
-                "git",
-                "--no-optional-locks",
-                "describe",
-                "--always",
-                "--dirty",
-                "--abbrev=12",
-                "--exclude=*",
-            ],
+            ["git", "--no-optional-locks", "describe", *how],
             cwd=checkout,
             capture_output=True,
             text=True,

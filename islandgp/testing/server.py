@@ -14,6 +14,17 @@ from islandgp.testing.mock_model import MockModel
 WAIT: Final = 60.0  # s that a silent or dripping answer goes on at most
 
 
+_ERRORS: Final[dict[Fault, tuple[int, str, str, dict[str, str]]]] = {
+    Fault.RETRY_SOON: (429, "rate_limit_error", "slow down", {"retry-after": "0"}),
+    Fault.RETRY_LATER: (429, "rate_limit_error", "come tomorrow", {"retry-after": "86400"}),
+    Fault.SERVER_ERROR: (500, "api_error", "internal error", {}),
+    Fault.OVERLOADED: (529, "overloaded_error", "overloaded", {}),
+    Fault.BAD_REQUEST: (400, "invalid_request_error", "max_tokens: not today", {}),
+    Fault.UNAUTHORISED: (401, "authentication_error", "invalid key {key}", {}),
+}
+"""Status, kind, message and headers of faults that are an error of the API."""
+
+
 class MessagesServer:
     """The server, as a context manager; `requests` and `keys` hold what came in."""
 
@@ -122,6 +133,10 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _fail(self, fault: Fault, request: Mapping[str, Any], key: str) -> None:
         body = json.dumps(_message(request, json.dumps(self.server.owner.answer(request)))).encode()
+        if fault in _ERRORS:
+            status, kind, said, headers = _ERRORS[fault]
+            self._error(status, kind, said.format(key=key), headers)
+            return
         match fault:
             case Fault.SILENCE:
                 self.server.owner.over.wait(WAIT)
@@ -131,18 +146,6 @@ class _Handler(BaseHTTPRequestHandler):
                 self._drip()
             case Fault.DRIP_HEADERS:
                 self._drip(b"HTTP/1.1 200 OK\r\nX-Slow: ")
-            case Fault.RETRY_SOON:
-                self._error(429, "rate_limit_error", "slow down", {"retry-after": "0"})
-            case Fault.RETRY_LATER:
-                self._error(429, "rate_limit_error", "come tomorrow", {"retry-after": "86400"})
-            case Fault.SERVER_ERROR:
-                self._error(500, "api_error", "internal error")
-            case Fault.OVERLOADED:
-                self._error(529, "overloaded_error", "overloaded")
-            case Fault.BAD_REQUEST:
-                self._error(400, "invalid_request_error", "max_tokens: not today")
-            case Fault.UNAUTHORISED:
-                self._error(401, "authentication_error", f"invalid key {key}")
             case Fault.CUT:
                 self._start(200, len(body))
                 self.wfile.write(body[: len(body) // 2])
