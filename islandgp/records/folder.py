@@ -3,7 +3,7 @@
 config.yaml         the resolved configuration, secrets left out
 about.json          what the run is called and where it was started (RunMetadata)
 generations.jsonl   one generation record a line (evolution.record.GenerationRecord)
-generations.sha256  a checksum for each of these lines (records.checksums)
+generations.sha256  a checksum for each of these lines (records.lines)
 costs.jsonl         what each generation took, and when; differs from machine to machine
 checkpoint.json     the state to go on from, beside the records; gone when the run is finished
 checkpoint.previous.json   the one before it, for the case that it is damaged; gone with it

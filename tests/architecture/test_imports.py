@@ -32,7 +32,6 @@ LAYERS: list[tuple[str, ...]] = [
     ("evaluation",),
     (
         "evolution.plan",
-        "evolution.evaluate",
         "evolution.loop",
         "evolution.single_behaviours",
         "evolution.validation",
