@@ -137,7 +137,7 @@ def field_table() -> dict[str, str]:
 def measured_characters() -> dict[str, int]:
     """Characters of both questions of a generation by prompt set, the mean of a run with the mock.
 
-    They come from the transcript of a short run on the island.
+    They come from the transcript of a run of a few generations on the island.
     """
     found = {}
     for prompts in SETS:
@@ -145,8 +145,8 @@ def measured_characters() -> dict[str, int]:
             words = [
                 "supervisor=llm", f"supervisor.policy.base_url={server.url}",
                 f"supervisor.policy.prompts={prompts}", "gp.generations=8",
-                "gp.population=20", "world.episode.length=100", f"runs='{home}'",
-                "tracking=off", "progress=off", "evaluator=serial",
+                "gp.population=20", f"runs='{home}'", "tracking=off", "progress=off",
+                "evaluator=serial",
             ]  # fmt: skip
             if main(words):
                 raise SystemExit("Expected a run with the mock, found an error; see above.")
