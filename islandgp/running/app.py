@@ -58,6 +58,8 @@ def _main(arguments: Sequence[str] | None) -> int:
         args, words = _parsed(words)
         with printed(), as_ctrl_c("SIGTERM", "SIGHUP"):  # a cluster, a lost terminal
             _must_be_somewhere()
+            if args.run and args.multirun:
+                raise ConfigError("--run: expected it without --multirun, found both; leave it out")
             if args.help or args.hydra_help or args.info or args.cfg or args.shell_completion:
                 _show(args, words)
                 return 0
@@ -145,6 +147,8 @@ def _show(args: argparse.Namespace, words: Sequence[str]) -> None:
         words = ["--hydra-help"]
     try:
         _start(words, lambda _: None)
+    except SystemExit as end:  # Hydra has told what is wrong
+        sys.exit(2 if end.code else 0)
     except MISTAKES as error:  # or options that exclude each other
         if isinstance(error, OSError) and not isinstance(error, HydraException):
             raise  # the output's: the configuration has been read

@@ -168,7 +168,7 @@ ONE_LINE = [
     (["evaluator.factory=islandgp.running.run:run"],
      "evaluator.factory: expected a class with Settings and make, found <function run"),
     (["seed=range(5)"],
-     "seed=range(5): expected one value, found a sweep; add -m to run all of them."),
+     "seed=range(5): expected one value, found a sweep; give one, or add -m to"),
     (["--config-dir", "nope"], "--config-dir: expected a folder of configuration, found none at /"),
     (["--config-path", "nope"],
      "--config-path: expected a folder of configuration, found none at /"),
@@ -183,7 +183,17 @@ ONE_LINE = [
     (["supervisor=glob(x*)", "-m"],
      "supervisor=glob(x*): expected a sweep over at least one value, found none;"),
     (["=3"], "=3: expected KEY=VALUE, found no key; write KEY=VALUE"),
-    (["seed=1,2"], "seed=1,2: expected one value, found a sweep; add -m to run all of them."),
+    (["seed=1,2"], "seed=1,2: expected one value, found a sweep; give one, or add -m to python"),
+    (["+experiment=smoke"],
+     "experiment: expected one option, found another one added to it; write experiment=OPTION,"
+     " without +"),
+    (["supervisor=[expert,baseline]"],
+     "supervisor=[expert,baseline]: expected the name of an option, found a list; write"
+     " supervisor=expert,baseline -m for a run with each"),
+    (["rewards.events={}"],
+     "rewards.events={}: expected keys to put on top of those that are there, found none, which"
+     " changes nothing; take each out by ~rewards.events.NAME."),
+    (["--run", "-m"], "--run: expected it without --multirun, found both; leave it out"),
     (["world.robot.pickup_reach=20"],
      "world.robot.pickup_reach: expected at most robot.perception=15, found 20"),
     (["world.episode.step=1"],
