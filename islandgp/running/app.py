@@ -58,8 +58,6 @@ def _main(arguments: Sequence[str] | None) -> int:
         args, words = _parsed(words)
         with printed(), as_ctrl_c("SIGTERM", "SIGHUP"):  # a cluster, a lost terminal
             _must_be_somewhere()
-            if args.run and args.multirun:
-                raise ConfigError("--run: expected it without --multirun, found both; leave it out")
             if args.help or args.hydra_help or args.info or args.cfg or args.shell_completion:
                 _show(args, words)
                 return 0
@@ -117,6 +115,8 @@ def _must_be_somewhere() -> None:
 
 def _planned(args: argparse.Namespace, words: Sequence[str]) -> list[Planned]:
     """The command's jobs; many take a while, and it says so."""
+    if args.run and args.multirun:
+        raise ConfigError("--run: expected it without --multirun, found both; leave it out")
     jobs: list[Planned] = []
     for job in planned(args, words, Path.cwd()):
         jobs.append(job)

@@ -193,6 +193,8 @@ ONE_LINE = [
     (["rewards.events={}"],
      "rewards.events={}: expected keys to put on top of those that are there, found none, which"
      " changes nothing; take each out by ~rewards.events.NAME."),
+    (["tracking=mlflow", "tracking.policy.uri=sqlite:///p%20.db"],
+     "tracking.policy.uri='sqlite:///p%20.db': string should match pattern"),
     (["--run", "-m"], "--run: expected it without --multirun, found both; leave it out"),
     (["world.robot.pickup_reach=20"],
      "world.robot.pickup_reach: expected at most robot.perception=15, found 20"),
