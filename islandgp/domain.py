@@ -22,7 +22,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, Protocol, Self
 from pydantic import BaseModel
 
 from islandgp.bt.node import Node
-from islandgp.bt.vocabulary import Vocabulary
+from islandgp.bt.vocabulary import Vocabulary, must_be
 from islandgp.errors import DomainError
 
 
@@ -58,7 +58,8 @@ class Schema:
     """What a domain declares of itself. Mappings keep their order in records and tables.
 
     Raises:
-        DomainError: there is no action for a tree's leaves, or no component of the fitness.
+        DomainError: there is no action for a tree's leaves, no component of the fitness, or an
+            entry of another type.
     """
 
     vocabulary: Vocabulary
@@ -78,6 +79,11 @@ class Schema:
                     f"Expected at least one {what} in the domain {self.vocabulary.domain}, found"
                     f" none; declare it in its Schema."
                 )
+        of_domain = f"of the domain {self.vocabulary.domain}"
+        must_be(str, self.components, f"the component {{}} {of_domain}")
+        must_be(Event, self.events, f"the event {{}} {of_domain}")
+        must_be(Counter, self.counters, f"the counter {{}} {of_domain}")
+        must_be(Form, self.forms, f"the form {{}} {of_domain}")
         if not self.counters:
             counted = {name: Counter(event.meaning) for name, event in self.events.items()}
             object.__setattr__(self, "counters", counted)

@@ -70,6 +70,15 @@ def number(
     return Key(meaning, flag=False, low=low, high=high, step=step, most=most)
 
 
+def must_be(kind: type, entries: Mapping[str, object], what: str) -> None:
+    """Raises DomainError for an entry of another type; `what` has {} for its name."""
+    for name, entry in entries.items():
+        if not isinstance(entry, kind):
+            raise DomainError(
+                f"Expected {kind.__name__}(...) for {what.format(name)}, found {entry!r}."
+            )
+
+
 UNKNOWN: Final = Action("")
 """Of an action that no vocabulary declares, nothing is known."""
 
@@ -79,7 +88,8 @@ class Vocabulary:
     """The actions and keys of one domain.
 
     Raises:
-        DomainError: a name is not a word of the language, or a range is empty.
+        DomainError: a name is not a word of the language, an entry is no Action or Key, or a
+            range is empty.
     """
 
     domain: str  # its name, as `domain NAME` in a tree file says it
@@ -94,6 +104,8 @@ class Vocabulary:
                     f"Expected a name of letters, digits and _ that is no word of the language,"
                     f" found {name!r} in the domain {self.domain!r}; rename it."
                 )
+        must_be(Action, self.actions, f"the action {{}} of the domain {self.domain}")
+        must_be(Key, self.keys, f"the key {{}} of the domain {self.domain}")
         if both := self.actions.keys() & self.keys.keys():
             raise DomainError(
                 f"Expected each name once in the domain {self.domain}, found {min(both)!r} as an"

@@ -162,6 +162,7 @@ def _plan(
         del composed["hydra"]  # what it holds is known only when Hydra runs
     config, settings = read(composed)
     ours = [o for o in overrides if _group(o) != "hydra"]
+    _must_change_something(ours, composed)
     return Planned(
         tuple(ours),
         config,
@@ -268,7 +269,8 @@ def _jobs(args: argparse.Namespace, source: ConfigSource) -> Iterator[list[str]]
 def _must_be_no_sweep(sweeps: Sequence[Override]) -> None:
     if sweeps:
         raise ConfigError(
-            f"{sweeps[0].input_line}: expected one value, found a sweep; add -m to run all of them."
+            f"{sweeps[0].input_line}: expected one value, found a sweep; give one, or add -m"
+            " to python -m islandgp to run all of them."
         )
 
 
@@ -320,6 +322,17 @@ def _composed(overrides: list[str], source: ConfigSource) -> DictConfig:
         return source.compose(overrides)
     except MISTAKES as error:
         raise ConfigError(explain(error, overrides, source)) from None
+
+
+def _must_change_something(overrides: Sequence[str], composed: DictConfig) -> None:
+    """Raises ConfigError for `KEY={}` where there are keys already: Hydra keeps them."""
+    for override in overrides:
+        key, _, value = override.partition("=")
+        if value.replace(" ", "") == "{}" and OmegaConf.select(composed, _key(override)):
+            raise ConfigError(
+                f"{override}: expected keys to put on top of those that are there, found none,"
+                f" which changes nothing; take each out by ~{key.lstrip('+')}.NAME."
+            )
 
 
 def _launcher(hydra: DictConfig) -> str:

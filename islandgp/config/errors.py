@@ -114,7 +114,12 @@ def explain(error: Exception, overrides: Sequence[str], source: ConfigSource) ->
     if isinstance(error, UnicodeDecodeError):
         return _no_text(source) or _short(error)
     if "with ListConfig" in text:
-        return _no_mapping(source) or _short(error)
+        return _no_mapping(source) or _many_options(overrides, source) or _short(error)
+    if match := re.search(r"Multiple values for ([^.]+)\. To override", text):
+        return (
+            f"{match[1]}: expected one option, found another one added to it; write"
+            f" {match[1]}=OPTION, without +"
+        )
     if "Config group override must be" in text:
         return _no_option(overrides, source) or _short(error)
     if match := re.search(r"Could not override '([^'@]+)@([^']*)'", text):
@@ -208,6 +213,18 @@ def _no_option(overrides: Sequence[str], source: ConfigSource) -> str:
             return (
                 f"{override.key_or_group}={found}: expected the name of an option, found {found};"
                 f" there are {', '.join(known)}"
+            )
+    return ""
+
+
+def _many_options(overrides: Sequence[str], source: ConfigSource) -> str:
+    """The message for a group of one option that is given a list; "" if none is."""
+    for override in parsed(overrides, source.loader()):
+        if source.options(override.key_or_group) and isinstance(override.value(), list):
+            key, found = override.key_or_group, (override.input_line or "").partition("=")[2]
+            return (
+                f"{key}={found}: expected the name of an option, found a list; write"
+                f" {key}={found.strip('[] ')} -m for a run with each"
             )
     return ""
 

@@ -149,6 +149,11 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
         factory = self.domain.factory
         with blaming(path_of(factory)):
             domain: Domain = factory.make(self.world, self.rewards)
+            if not isinstance(domain.schema, Schema):
+                raise ConfigError(
+                    f"domain.factory: expected {path_of(factory)} with a schema that is a Schema,"
+                    f" found {type(domain.schema).__name__}"
+                )
         return domain
 
     def problem(self) -> Problem:

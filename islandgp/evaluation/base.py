@@ -112,7 +112,7 @@ def simulate(setting: Problem, job: Job) -> Outcome:
     weights = setting.curriculum.multipliers(job.stage)
     try:
         return setting.at(job.stage).run_episode(_tree(job.tree), job.seed, weights)
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # a simulator may call sys.exit
         raise EvaluationError(blame(job, f"{type(error).__name__}: {error}")) from error
 
 

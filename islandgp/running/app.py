@@ -115,6 +115,8 @@ def _must_be_somewhere() -> None:
 
 def _planned(args: argparse.Namespace, words: Sequence[str]) -> list[Planned]:
     """The command's jobs; many take a while, and it says so."""
+    if args.run and args.multirun:
+        raise ConfigError("--run: expected it without --multirun, found both; leave it out")
     jobs: list[Planned] = []
     for job in planned(args, words, Path.cwd()):
         jobs.append(job)
@@ -145,6 +147,8 @@ def _show(args: argparse.Namespace, words: Sequence[str]) -> None:
         words = ["--hydra-help"]
     try:
         _start(words, lambda _: None)
+    except SystemExit as end:  # Hydra has told what is wrong
+        sys.exit(2 if end.code else 0)
     except MISTAKES as error:  # or options that exclude each other
         if isinstance(error, OSError) and not isinstance(error, HydraException):
             raise  # the output's: the configuration has been read

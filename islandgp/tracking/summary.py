@@ -170,7 +170,9 @@ def _row(arm: ArmSummary, tiers: Sequence[str]) -> tuple[str, ...]:
 
 def _emergence(arm: ArmSummary, tier: str) -> str:
     """The median over all finished runs, and how many got there; the others count as never."""
-    firsts = [s["first"].get(tier) for s in arm.summaries]
+    firsts = [s["first"][tier] for s in arm.summaries if tier in s["first"]]
+    if not firsts:  # it is another experiment's, in the same sweep
+        return ""
     came, n = sum(g is not None for g in firsts), len(firsts)
     middle = median(inf if g is None else g for g in firsts)
     text = f"{middle:g}" if middle < inf else "not reached" if came else "never"

@@ -108,3 +108,9 @@ def test_without_a_vocabulary_any_name_will_do() -> None:
     """Records are read so: they were checked when they were written."""
     tree = parse("when height > 3 { sequence { Climb when high { Jump } } }")
     assert tree.args == (Condition("height", ">", 3.0), "both")
+
+
+def test_an_entry_of_another_type_is_refused() -> None:
+    """A text in place of an action, as one writes it by mistake."""
+    with pytest.raises(DomainError, match=r"Expected Action\(\.\.\.\) for the action Step of the"):
+        Vocabulary("maze", {"Step": "goes a step"}, {})  # type: ignore[dict-item] # the mistake

@@ -237,3 +237,15 @@ def test_the_table_s_median_is_over_all_runs(
     (row,) = arm_table(arms(sweep, file_of(sweep))).splitlines()[2:]
     assert row.startswith(f"| baseline | {len(firsts)} of {len(firsts) + 1} |")
     assert f"| {expected} |" in row
+
+
+def test_a_milestone_of_another_domain_s_arm_is_no_cell_of_this_one(tmp_path: Path) -> None:
+    """Where a sweep has several domains, nobody could reach the others' milestones."""
+    sweep = opened(tmp_path / "s", job("here"), job("there", "domain=there"))
+    for name in ("here", "there"):
+        written(tmp_path / "s" / name, tmp_path)
+    folder = sweep.run(job("there", "domain=there"))
+    folder.finish({**folder.summary(), "first": {"solved": 3}})
+    rows = arm_table(arms(sweep, file_of(sweep))).splitlines()
+    assert rows[0].endswith("| Solved | diversity |")
+    assert [row.split(" | ")[-2] for row in rows[2:]] == ["", "3 (1 of 1)"]
