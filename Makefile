@@ -63,7 +63,7 @@ study: $(STAMP)  ## baseline against expert, 60 paired seeds, into docs/study; r
 	  --primary first_complete -o docs/study
 
 # Arms differ in their library as a whole, so each selection names a key of it.
-LIBRARY := library.folder=grammar/examples
+LIBRARY := library.folder=grammar/examples gp.founders=false
 
 ablations: $(STAMP) ## what of the expert helps: its rate, its trees, their choice; takes the study's runs
 	$(BIN)/python -m islandgp experiment=ablation_another_record 'seed=range(6000,6030)' progress=plain -m \
@@ -77,7 +77,7 @@ ablations: $(STAMP) ## what of the expert helps: its rate, its trees, their choi
 	  --arm trees="name=ablation_injection_only seed=range(6000,6030) $(LIBRARY)" \
 	  --arm rate="name=ablation_rate_only seed=range(6000,6030) $(LIBRARY)" \
 	  --arm combined="name=ablation_combined seed=range(6000,6030) $(LIBRARY)" \
-	  --arm founders="name=ablation_founders seed=range(6000,6030) $(LIBRARY)" \
+	  --arm founders="name=ablation_founders seed=range(6000,6030) library.folder=grammar/examples gp.founders=true" \
 	  --primary first_complete --family judgement=expert,blind,yoked,trees --family rate=rate,baseline \
 	  --family library=expert,combined --family founders=founders,baseline \
 	  --margin first_complete=3 --margin diversity_overall=0.03 --margin mean_max=2500 \

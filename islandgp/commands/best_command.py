@@ -93,6 +93,8 @@ def _finished(path: Path) -> list[RunFolder]:
     runs = [run for run in ([one] if one.finished() else below) if run.finished()]
     if not runs:
         raise RunError(f"Expected a finished run in {path}, found none; give a run's own folder.")
+    if left := [run.path.name for run in below if run.about() and not run.finished()]:
+        click.echo(f"islandgp: left out, as they are not finished: {', '.join(left)}", err=True)
     for run in runs:
         _must_be_alike(runs[0], run)
     return runs

@@ -93,6 +93,8 @@ def test_the_best_robots_of_a_sweep(tmp_path: Path) -> None:
     assert rows[0]["evolved"]
     assert rows[0]["difference"] == 0
     assert "a sweep's" in str(best(folder, "--tier", "complete").exception)
+    (folder / f"{rows[0]['name'].partition(',')[0]}/summary.json").unlink()
+    assert "left out, as they are not finished: " in best(folder, "--worlds", "2").output
 
 
 def test_runs_of_different_worlds_have_no_best_robot(tmp_path: Path) -> None:
