@@ -169,7 +169,9 @@ def emergence_curves(study: Comparison) -> Picture:
             axes.set_xlabel("Generation", loc="right")
             axes.set_ylim(-0.03, 1.03)
             axes.set_xlim(0, study.generations - 1)
-            axes.legend(loc="best")
+            axes.legend(
+                loc="best", facecolor="white", framealpha=0.7, frameon=True, edgecolor="none"
+            )
             axes.text(
                 0,
                 TOP,
