@@ -9,13 +9,10 @@ from itertools import combinations
 from typing import Any, Final
 
 from islandgp.errors import StudyError
-from islandgp.records.parameters import MACHINERY
+from islandgp.records.parameters import machinery
 from islandgp.study.arms import Arm, Comparison, Run, cut
 from islandgp.study.paper import Paper, paper_of
 from islandgp.study.select import Selection, in_short, parse_selection
-
-IRRELEVANT: Final = MACHINERY | {"seed", "name"}
-"""Groups that do not change a record, or that are looked at by themselves (the seed)."""
 
 STUDIED: Final = frozenset({"supervisor"})
 """The group in which arms may differ without further ado (section 3.1)."""
@@ -174,8 +171,9 @@ def _vocabulary(run: Run) -> tuple[object, ...]:
 def _inside(arms: Sequence[Arm]) -> list[str]:
     """Differences between the runs of one arm."""
     doubts = []
+    irrelevant = _irrelevant(arms)
     for arm in arms:
-        told = IRRELEVANT
+        told = irrelevant
         mixed = {str(run.flat["supervisor.name"]) for run in arm.runs}
         if len(mixed) > 1:  # then the rest of their settings differs as well
             told |= {"supervisor"}
@@ -213,9 +211,10 @@ def _declared(arms: Sequence[Arm], selections: Sequence[Selection]) -> list[str]
 
 def _differences(arms: Sequence[Arm]) -> list[tuple[str, str]]:
     found = []
+    irrelevant = _irrelevant(arms)
     kinds = {str(run.flat.get("supervisor.factory")) for arm in arms for run in arm.runs}
     for key in sorted({key for arm in arms for run in arm.runs for key in run.flat}):
-        if _group(key) in IRRELEVANT or key == "supervisor.factory":
+        if _group(key) in irrelevant or key == "supervisor.factory":
             continue
         if len(kinds) > 1 and key.startswith("supervisor.policy."):
             continue  # each kind of supervisor has settings of its own
@@ -225,6 +224,11 @@ def _differences(arms: Sequence[Arm]) -> list[tuple[str, str]]:
                 (key, ", ".join(f"{a.name} {v}" for a, v in zip(arms, values, strict=True)))
             )
     return found
+
+
+def _irrelevant(arms: Sequence[Arm]) -> frozenset[str]:
+    """Groups that change no record of these arms, or that are looked at by themselves."""
+    return machinery(*(run.config for arm in arms for run in arm.runs)) | {"seed", "name"}
 
 
 def _may_differ(key: str, selections: Sequence[Selection]) -> bool:

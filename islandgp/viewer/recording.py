@@ -246,8 +246,10 @@ class Camera:
             frames=tuple(self._frames),
         )
         _must_be_numbers("the bounds of a scene", film.bounds)
-        things = {*film.fixed, *(stay.thing for stay in film.items), *chain(*self._movers)}
-        _must_be_numbers("the places and sizes of things", chain(*(t[1:4] for t in things)))
+        things = (*film.fixed, *(stay.thing for stay in film.items))
+        still = chain(*(thing[1:4] for thing in things))
+        moving = chain(*((*m.xs, *m.ys, *(look.size for _, look in m.looks)) for m in film.movers))
+        _must_be_numbers("the places and sizes of things", chain(still, moving))
         if unknown := film.forms() - schema.forms.keys():
             known = ", ".join(schema.forms) or "none"
             raise DomainError(
@@ -271,15 +273,16 @@ class Camera:
 def _must_be_numbers(what: str, found: Iterable[float]) -> None:
     """Raises DomainError for NaN, infinity and what comes near it."""
     for number in found:
-        if not abs(number) < HUGE:
+        if not -HUGE < number < HUGE:
             raise DomainError(f"Expected finite numbers as {what}, found {number!r:.40}.")
 
 
 def _mover(things: tuple[Thing, ...]) -> Mover:
     looks: list[tuple[int, Look]] = []
     last: object = None
-    for tick, (form, _, _, radius, text) in enumerate(things):
-        if (look := (form, radius, text)) != last:
+    forms, xs, ys, sizes, texts = zip(*things, strict=True)
+    for tick, look in enumerate(zip(forms, sizes, texts, strict=True)):
+        if look != last:
             looks.append((tick, Look(*look)))
             last = look
-    return Mover(tuple(t.x for t in things), tuple(t.y for t in things), tuple(looks))
+    return Mover(xs, ys, tuple(looks))

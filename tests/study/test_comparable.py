@@ -52,6 +52,18 @@ def test_another_world_budget_or_gp_is_refused(key: str, value: Any) -> None:
     assert any(dotted in doubt for doubt in compare_arms(arms, force=True).doubts)
 
 
+@pytest.mark.parametrize(("factory", "doubted"), [("theirs:Pool", True), ("", False)])
+def test_an_evaluator_of_ones_own_may_make_a_difference(factory: str, doubted: bool) -> None:
+    """What it is and how it is set is compared; the package's own give the same outcomes."""
+    own = {"evaluator__factory": factory} if factory else {}
+    arms = [
+        _arm("expert", range(2), evaluator__policy__workers=1, **own),
+        _arm("baseline", range(2), evaluator__policy__workers=2),
+    ]
+    found = " ".join(compare_arms(arms, force=True).doubts)
+    assert ("evaluator.policy.workers differs" in found) is doubted
+
+
 @pytest.mark.parametrize(
     ("key", "value", "expected"),
     [
