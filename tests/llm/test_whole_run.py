@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import shutil
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
-from threading import Event
+from threading import Event, Semaphore
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from islandgp.supervision.base import Service
 from islandgp.supervision.decisions import decisions
 from islandgp.supervision.replay import Replay
 from islandgp.testing.faults import Fault, Script, every, no_faults
+from islandgp.testing.mock_model import MockModel
 from islandgp.testing.server import MessagesServer
 from tests.composed import composed
 from tests.evolution.fake import Fake
@@ -173,27 +175,46 @@ def test_timing_never_changes_a_record(tmp_path: Path, lag: int) -> None:
     assert [g["source"] for g in given] == ["none"] * lag + ["llm"] * (8 - lag)
 
 
-@pytest.mark.slow
 def test_answers_hide_behind_episodes(tmp_path: Path) -> None:
-    """With a lag of 1 and answers quicker than a generation, less than 10 % is spent waiting."""
+    """With a lag of 1 the model is asked, and may answer, while episodes of the next run."""
+    evaluating, answered = Event(), Semaphore(0)
+    seen: list[bool] = []  # by answer: whether episodes ran meanwhile
 
-    class Takes(Fake):
+    def answer(request: Mapping[str, Any]) -> Any:
+        seen.append(evaluating.wait(10))
+        answered.release()
+        return MockModel()(request)
+
+    class Waits(Fake):
+        """Episodes that take as long as the two answers to the generation before them."""
+
         def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
-            Event().wait(0.5)
+            evaluating.set()
+            if 0 < self.batches < 8:  # the last one comes too late for advice to be of use
+                assert answered.acquire(timeout=10)
+                assert answered.acquire(timeout=10)
+            evaluating.clear()
+            self.batches += 1
             return super().evaluate(jobs)
 
-    with MessagesServer(delay=0.3) as server:
-        settings = composed("supervisor=llm", *QUICK[:1], "gp.generations=9", "supervisor.lag=1")
+        batches = 0
+
+    with MessagesServer(answer=answer) as server:
+        settings = composed("supervisor=llm", QUICK[0], "gp.generations=9", "supervisor.lag=1")
         part = settings.supervisor
         part = part.model_copy(update={"policy": {**part.policy, "base_url": server.url}})
         made = make_supervisor(settings.model_copy(update={"supervisor": part}), tmp_path)
         assert isinstance(made, Service)
+        evaluating.set()  # for the probe
         made.start()
-        costs = [
-            step.cost for step in evolve(settings.plan(settings.make_domain()), 0, made, Takes())
-        ]
-    assert costs[-1].llm["latency_s"] > 7 * 2 * 0.3
-    assert sum(c.supervision for c in costs) < 0.1 * sum(c.evaluation for c in costs)
+        evaluating.clear()
+        probes = len(seen)
+        while answered.acquire(blocking=False):
+            pass
+        steps = list(evolve(settings.plan(settings.make_domain()), 0, made, Waits()))
+    assert len(steps) == 9
+    assert len(seen) == probes + 2 * 7
+    assert all(seen)
 
 
 def test_a_replay_of_something_else_shows_the_difference(tmp_path: Path) -> None:
