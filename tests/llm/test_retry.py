@@ -105,6 +105,19 @@ def test_a_short_retry_after_is_obeyed() -> None:
     assert clock.slept == [25]
 
 
+def test_the_next_call_waits_as_the_last_one_was_told() -> None:
+    """A call that ended with a wish of the server leaves it to the call behind it."""
+    client = FakeClient([failed(FailureKind.RATE_LIMITED, 25)] * 3 + [said("yes"), said("yes")])
+    live, clock = calls(client)
+    assert isinstance(live.ask(CALL, ASK), Failure)
+    assert clock.slept == [25, 25]
+    clock.now += 5
+    assert isinstance(live.ask(replace(CALL, generation=5), ASK), Reply)
+    assert clock.slept == [25, 25, 20]
+    assert isinstance(live.ask(replace(CALL, generation=6), ASK), Reply)
+    assert clock.slept == [25, 25, 20]
+
+
 def test_an_endless_retry_after_ends_the_call_at_once() -> None:
     """Above the cap there is no wait and no further attempt: it would be refused again."""
     client = FakeClient([failed(FailureKind.RATE_LIMITED, 86400)] * 3)

@@ -12,6 +12,7 @@ import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
+from math import inf
 from typing import Any, Final, Literal, Protocol
 
 import numpy as np
@@ -117,6 +118,7 @@ class LiveCalls:
         self.client, self.transcript, self.ledger, self.retry = client, transcript, ledger, retry
         self.seed, self.on_outage, self.sleep, self.clock = seed, on_outage, sleep, clock
         self._closed = False
+        self._not_before = -inf  # by the clock: when the server lets itself be asked again
 
     def ask(self, call: Call, request: Request) -> Reply | Failure:
         """See `Calls`. An answer that is written down for the same request is given again.
@@ -143,10 +145,13 @@ class LiveCalls:
         pause = 0.0
         while True:
             while answer is None or not final(answer, number - before, self.retry):
-                waited, pause = pause, 0.0
                 if isinstance(answer, Failure):
-                    waited = wait(answer, number - before, self.retry, rng)
-                    self.sleep(waited)
+                    due = wait(answer, number - before, self.retry, rng)
+                else:  # what an earlier call was told holds for this one, too
+                    due = max(0.0, self._not_before - self.clock())
+                if due:
+                    self.sleep(due)
+                waited, pause = pause + due, 0.0
                 number += 1
                 answer = self._attempt(call, number, request, waited)
             if not self._is_outage(call, answer):
@@ -240,6 +245,7 @@ class LiveCalls:
         else:
             self.transcript.announce(Sent(call, number, most))
             answer = self.client.send(request, seconds=self.retry.deadline)
+        self._heed(answer)
         self._check_open()
         usage, price = known_usage(answer), self.ledger.price
         attempt = Attempt(
@@ -256,6 +262,12 @@ class LiveCalls:
         )
         self.transcript.add(attempt)
         return answer
+
+    def _heed(self, answer: Reply | Failure) -> None:
+        """Takes note of how long the server wants to be left alone, if that is not too long."""
+        asked = answer.retry_after if isinstance(answer, Failure) else None
+        if asked is not None and asked <= self.retry.retry_after_most:
+            self._not_before = self.clock() + asked
 
     def _check_open(self) -> None:
         if self._closed:
