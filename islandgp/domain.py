@@ -14,7 +14,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from operator import add
 from typing import Any, ClassVar, Literal, NamedTuple, Protocol, Self
@@ -22,7 +22,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, Protocol, Self
 from pydantic import BaseModel
 
 from islandgp.bt.node import Node
-from islandgp.bt.vocabulary import Vocabulary, must_be
+from islandgp.bt.vocabulary import Action, Vocabulary, must_be
 from islandgp.errors import DomainError
 
 
@@ -87,6 +87,11 @@ class Schema:
         if not self.counters:
             counted = {name: Counter(event.meaning) for name, event in self.events.items()}
             object.__setattr__(self, "counters", counted)
+
+    def with_actions(self, actions: Mapping[str, Action]) -> Schema:
+        """The same schema with further actions."""
+        all_of_them = {**self.vocabulary.actions, **actions}
+        return replace(self, vocabulary=replace(self.vocabulary, actions=all_of_them))
 
 
 def total(values: Iterable[float]) -> float:

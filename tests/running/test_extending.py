@@ -15,14 +15,15 @@ from typing import Any
 
 import pytest
 
-from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.domains.island.vocabulary import SCHEMA
 from tests.running.commands import ROOT
 
 TEXT = (ROOT / "docs/extending.md").read_text(encoding="utf-8")
 COPIED = ("islandgp", "conf", "grammar", "prompts", "tests", "pyproject.toml")
 SMALL = ("gp.generations=3", "gp.population=12", "world.episode.length=20", "progress=off")
 NEAR = ("--set", "world.waypoints=[[150,160],[150,140]]")
-LAPS = "selector { when batteryLevel < 40 { ReturnToStart } PatrolWaypoint }"
+LAPS = "selector { when batteryLevel < 40 { SeekCharger } PatrolWaypoint }"
+HOME = "selector { when batteryLevel < 65 { ReturnToStart } PatrolWaypoint }"
 COLLECT = "selector { when robotCurrentExtraCapacity < 15 { DeliverToClearingPoint } %s }"
 CALL = "from islandgp.cli import main; main()"  # what the command `islandgp` does
 WRITE = (  # the same, after its second word was written to the file of its first
@@ -44,9 +45,10 @@ def commands(kind: str) -> list[list[str]]:
 
 
 def write_files(folder: Path) -> None:
-    """The page's files, each under the name in its first line."""
+    """The page's files, each under the name in its first line, or below its header."""
     for text in [*blocks("yaml"), *blocks("python")]:
-        path = folder / text.splitlines()[0].removeprefix("# ")
+        name = next(line for line in text.splitlines() if not line.startswith("# @"))
+        path = folder / name.removeprefix("# ")
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
 
@@ -97,7 +99,7 @@ def outside(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_files(folder)
     say = sayer(folder, ROOT)
     found = commands("sh")
-    assert len(found) == 7
+    assert len(found) == 9
     for words in found:
         say(*words_of(words))
     return folder
@@ -116,7 +118,7 @@ def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
         else:
             shutil.copy(ROOT / name, folder / name)
     changes = blocks("diff")
-    assert len(changes) == 2
+    assert len(changes) == 1
     for change in changes:
         subprocess.run(["git", "apply", "-"], cwd=folder, input=change, text=True, check=True)
     write_files(folder)
@@ -169,13 +171,23 @@ def test_operators(outside: Path) -> None:
     assert "crossover" in {i["origin"] for r in crossed for i in r["individuals"]}
 
 
-def test_actions_and_events(checkout: Path) -> None:
-    """The action drives, random trees have it, and the event pays by the file's row."""
+def test_an_action(outside: Path) -> None:
+    """Random trees have the action, and it drives the robot home."""
+    (file,) = outside.glob("runs/smoke/*domain=homing*/generations.jsonl")
+    assert "ReturnToStart" in file.read_text(encoding="utf-8")
+    own = ("--config-dir", "mine", "--set", "domain=homing")
+    say = sayer(outside, ROOT)
+    homing, patrolling = played(say, HOME, *own), played(say, "PatrolWaypoint")
+    for a, b in zip(homing, patrolling, strict=True):
+        assert 0 < a["counters"]["distance"] < b["counters"]["distance"] / 2
+
+
+def test_an_event(checkout: Path) -> None:
+    """The event pays by the file's row."""
     say = sayer(checkout, checkout)
     for words in commands("sh checkout"):
         assert "FAILED" not in say(*words_of(words))
-    (file,) = checkout.glob("runs/smoke/*rewards=laps*/generations.jsonl")
-    assert "ReturnToStart" in file.read_text(encoding="utf-8")
+    assert list(checkout.glob("runs/smoke/*rewards=laps*/generations.jsonl"))
     own = played(say, LAPS, *NEAR, "--config-dir", "mine", "--set", "rewards=laps")
     paper = played(say, LAPS, *NEAR)
     for a, b in zip(own, paper, strict=True):
@@ -184,16 +196,9 @@ def test_actions_and_events(checkout: Path) -> None:
         assert gained == 500 * a["counters"]["laps"]
 
 
-def test_the_action_is_in_the_tests(checkout: Path) -> None:
-    """The tests of skipped ticks take it up by themselves, and it passes them."""
-    words = ("-m", "pytest", "tests/domains/island/test_determinism.py", "-k", "ReturnToStart")
-    said = sayer(checkout, checkout)(*words, "-q", "-p", "no:xdist", "-p", "no:cacheprovider")
-    assert "no tests ran" not in said
-
-
 def test_the_page_names_what_there_is() -> None:
     """Files, classes and tables that the page names exist, and the changes are not yet made."""
     named = re.findall(r"`((?:islandgp|tests|docs|conf)/[\w/.]+)`", TEXT)
     assert len(named) > 8
     assert [name for name in named if not (ROOT / name).exists()] == []
-    assert "ReturnToStart" not in VOCABULARY.actions
+    assert "lap" not in SCHEMA.events

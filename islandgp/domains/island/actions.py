@@ -4,13 +4,12 @@ An action is called once a tick while its leaf runs; `fresh` is true on the
 first call. It returns a status and turns the wheels or not. While it is RUNNING
 it says with `wake_at` when its status may change, and where its answer depends on
 the robot's place, with `same_for` how far the robot may drive until a fresh call
-would do something else. A new action is an entry in `vocabulary` and a
-function here.
+would do something else. `docs/extending.md` adds one from outside of the package.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import hypot, inf
 from typing import Final
 
@@ -18,6 +17,9 @@ from islandgp.bt.node import FAILURE, RUNNING, SUCCESS
 from islandgp.domains.island.events import Event
 from islandgp.domains.island.robot import FULL, MICRO, steps_to
 from islandgp.domains.island.state import State
+
+IslandAction = Callable[[State, bool], int]
+"""(island, fresh) to a status."""
 
 AIM_EVERY = 5  # steps: how often MoveToHumanoid aims anew at a walking humanoid
 
@@ -35,7 +37,7 @@ def move_to_garbage(island: State, fresh: bool) -> int:
     item = island.item
     if item is None or not item.there:  # another branch of the tree has taken it
         return FAILURE
-    return _drive(island, item.x, item.y, robot.settings.pickup_reach, lead)
+    return drive(island, item.x, item.y, robot.settings.pickup_reach, lead)
 
 
 def pickup_garbage(island: State, _fresh: bool) -> int:
@@ -58,7 +60,7 @@ def seek_charger(island: State, fresh: bool) -> int:
     robot, chargers, lead = island.robot, island.world.chargers, inf
     if fresh:
         robot.charger, lead = _nearest(island, chargers)
-    return _drive(island, *chargers[robot.charger], robot.settings.station_reach, lead)
+    return drive(island, *chargers[robot.charger], robot.settings.station_reach, lead)
 
 
 def execute_charge(island: State, fresh: bool) -> int:
@@ -111,7 +113,7 @@ def deliver_to_clearing_point(island: State, fresh: bool) -> int:
     if fresh:
         robot.clearing_point, lead = _nearest(island, points)
     here = robot.clearing_point
-    if _drive(island, *points[here], robot.settings.station_reach, lead) == RUNNING:
+    if drive(island, *points[here], robot.settings.station_reach, lead) == RUNNING:
         return RUNNING
     island.same_for(lead / 2)  # then another clearing point may be the nearest
     if robot.load > 0:
@@ -127,7 +129,7 @@ def deliver_to_clearing_point(island: State, fresh: bool) -> int:
 def patrol_waypoint(island: State, _fresh: bool) -> int:
     """Drives to the next waypoint; after the last one a lap is finished."""
     robot, waypoints = island.robot, island.world.waypoints
-    status = _drive(island, *waypoints[robot.waypoint], robot.settings.station_reach)
+    status = drive(island, *waypoints[robot.waypoint], robot.settings.station_reach)
     if status == SUCCESS:
         robot.waypoint = (robot.waypoint + 1) % len(waypoints)
         robot.laps += robot.waypoint == 0
@@ -137,7 +139,7 @@ def patrol_waypoint(island: State, _fresh: bool) -> int:
     return status
 
 
-ACTIONS: Final[dict[str, Callable[[State, bool], int]]] = {
+ACTIONS: Final[Mapping[str, IslandAction]] = {
     "MoveToGarbage": move_to_garbage,
     "PickupGarbage": pickup_garbage,
     "SeekCharger": seek_charger,
@@ -148,7 +150,7 @@ ACTIONS: Final[dict[str, Callable[[State, bool], int]]] = {
 }
 
 
-def _drive(island: State, x: float, y: float, reach: float, lead: float = inf) -> int:
+def drive(island: State, x: float, y: float, reach: float, lead: float = inf) -> int:
     """RUNNING while the wheels turn towards (x, y), SUCCESS within reach; `lead` as `drive_to`."""
     robot = island.robot
     distance = hypot(x - robot.x, y - robot.y)

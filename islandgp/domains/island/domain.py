@@ -11,12 +11,14 @@ from pydantic import BaseModel
 from islandgp.bt.node import Node
 from islandgp.domain import Observer, Outcome, Scene, Schema, Thing
 from islandgp.domains.island import world as settings
+from islandgp.domains.island.actions import ACTIONS, IslandAction
 from islandgp.domains.island.episode import Episode, run_episode
 from islandgp.domains.island.events import Event
 from islandgp.domains.island.garbage import Item
 from islandgp.domains.island.schedule import obstacles
 from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import SCHEMA
+from islandgp.errors import DomainError
 from islandgp.scoring.rewards import RewardTable, Worth, worth
 
 EARNED_BY: Final[Mapping[str, str]] = {
@@ -34,14 +36,20 @@ GOAL_SIZE: Final = 1.5  # m, in pictures
 
 
 class Island:
-    """The island of section 2.2.2, in pymunk."""
+    """The island of section 2.2.2, in pymunk. A subclass may have another schema and actions."""
 
     World: ClassVar[type[BaseModel]] = settings.World
     Rewards: ClassVar[type[BaseModel]] = RewardTable
     schema: ClassVar[Schema] = SCHEMA
+    actions: ClassVar[Mapping[str, IslandAction]] = ACTIONS
 
     def __init__(self, world: settings.World, rewards: RewardTable) -> None:
-        """Raises ConfigError where the obstacles do not fit."""
+        """Raises ConfigError where obstacles do not fit, DomainError where an action lacks."""
+        if lacking := self.schema.vocabulary.actions.keys() - self.actions.keys():
+            raise DomainError(
+                f"Expected a function in {type(self).__name__}.actions for each action of its"
+                f" schema, found none for {min(lacking)}; add it."
+            )
         obstacles(world)
         self.world = world
         self.rewards = rewards
@@ -62,7 +70,13 @@ class Island:
         """See `Domain`. With an observer the tree is ticked in every step."""
         value = worth(self.rewards, weights)
         if observer is None:
-            episode = run_episode(tree, self.world, seed, lambda e, amount: value(e, amount)[1])
+            episode = run_episode(
+                tree,
+                self.world,
+                seed,
+                lambda event, amount: value(event, amount)[1],
+                actions=self.actions,
+            )
             return self._outcome(episode, value)
 
         def award(event: Event, amount: float) -> float:
@@ -77,6 +91,7 @@ class Island:
             self.world,
             seed,
             award,
+            actions=self.actions,
             stepwise=True,
             watch=observer.node,
             observe=lambda island: observer.tick(island.board, self._scene(island, fixed)),

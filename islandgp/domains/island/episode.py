@@ -11,7 +11,7 @@ In `advance` time passes: the physics steps between two looks, with the script's
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
@@ -20,7 +20,7 @@ from math import hypot
 from islandgp.bt.engine import compile_tree, thresholds
 from islandgp.bt.node import AGAIN, RUNNING, Node, walk
 from islandgp.domains.island import engine
-from islandgp.domains.island.actions import ACTIONS
+from islandgp.domains.island.actions import ACTIONS, IslandAction
 from islandgp.domains.island.events import Award, Event
 from islandgp.domains.island.robot import MICRO, steps_to
 from islandgp.domains.island.sensing import look_for_garbage, refresh, sense, visit_left
@@ -154,18 +154,19 @@ def run_episode(
     seed: int,
     award: Award,
     *,
+    actions: Mapping[str, IslandAction] = ACTIONS,
     stepwise: bool = False,
     watch: Callable[[int, int], None] | None = None,
     observe: Callable[[State], None] | None = None,
 ) -> Episode:
-    """Runs `tree` in the world of `seed`; a function of its first four arguments alone.
+    """Runs `tree` in the world of `seed`; a function of the tree, world, seed, award and actions.
 
     `watch(node, status)` sees every ticked node, `observe(island)` the island
     after every tick; both want `stepwise=True` to see each step.
     """
     island = build_island(world, seed, award, thresholds(tree, "batteryLevel"))
-    actions = _actions(tree, island)
-    tick = compile_tree(tree, actions, island.board, VOCABULARY.places, watch=watch)
+    bound = _bound(tree, island, actions)
+    tick = compile_tree(tree, bound, island.board, VOCABULARY.places, watch=watch)
     ticks, due, end = 0, 0, _deadline(island)
     ending: Ending | None = None
     while ending is None:
@@ -186,19 +187,21 @@ def run_episode(
     return _close(island, ending, ticks)
 
 
-def _actions(tree: Node, island: State) -> dict[str, Callable[[bool], int]]:
-    """The actions of the island's robot.
+def _bound(
+    tree: Node, island: State, actions: Mapping[str, IslandAction]
+) -> dict[str, Callable[[bool], int]]:
+    """The actions of this island's robot.
 
     All leaves of one action share its goal: one that starts may change it for another that runs.
     """
     leaves = Counter(node.args[0] for node in walk(tree) if node.kind == "action")
     return {
         name: partial(_shared, island, action) if leaves[name] > 1 else partial(action, island)
-        for name, action in ACTIONS.items()
+        for name, action in actions.items()
     }
 
 
-def _shared(island: State, action: Callable[[State, bool], int], fresh: bool) -> int:
+def _shared(island: State, action: IslandAction, fresh: bool) -> int:
     island.restarted |= fresh
     return action(island, fresh)
 

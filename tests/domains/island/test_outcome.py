@@ -38,7 +38,7 @@ EPISODE = Episode(
 
 def test_outcome_counts_events(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pickups, interactions, deliveries and charges are counted, items are added up."""
-    monkeypatch.setattr("islandgp.domains.island.domain.run_episode", lambda *_: EPISODE)
+    monkeypatch.setattr("islandgp.domains.island.domain.run_episode", lambda *_, **__: EPISODE)
     settings = composed()
     island = Island.make(settings.world, settings.rewards)
     found = island.run_episode(None, 0, settings.curriculum.multipliers(0))  # type: ignore[arg-type]
@@ -70,7 +70,7 @@ def test_outcome_counts_events(monkeypatch: pytest.MonkeyPatch) -> None:
     )
     assert found.fitness == pytest.approx(532.5)
     quiet = replace(EPISODE, events=())
-    monkeypatch.setattr("islandgp.domains.island.domain.run_episode", lambda *_: quiet)
+    monkeypatch.setattr("islandgp.domains.island.domain.run_episode", lambda *_, **__: quiet)
     assert island.run_episode(None, 0, {}).components == dict.fromkeys(SCHEMA.components, 0)  # type: ignore[arg-type]
 
 
