@@ -19,6 +19,9 @@ from islandgp.testing.server import MessagesServer
 
 SETTING: Final = ("gp.population=20", "gp.generations=16", "tracking=off", "progress=off")
 LLM: Final = ("supervisor=llm", "supervisor.policy.retry.first_wait=0.05")
+PORT: Final = 33593
+"""The address is in the runs' configuration: with another one they could not go on."""
+
 INFORMED: Final = "supervisor.policy.prompts=informed"
 ARMS: Final[dict[str, tuple[str, ...]]] = {
     "baseline": ("supervisor=baseline",),
@@ -35,7 +38,12 @@ HEAD: Final = (
 
 def measure(folder: Path, overrides: Sequence[str], *, noise: float, faults: float) -> int:
     """Runs all arms below `folder`, or what is missing of them; returns the exit code."""
-    with MessagesServer(answer=MockModel(noise=noise, faults=faults)) as server:
+    try:
+        mock = MessagesServer(answer=MockModel(noise=noise, faults=faults), port=PORT)
+    except OSError as error:
+        print(f"Expected port {PORT} to be free, found: {error.strerror}.", file=sys.stderr)
+        return 2
+    with mock as server:
         for name, words in ARMS.items():
             where = [f"name={name}", f"runs='{folder}'"]
             if words[0] == LLM[0]:

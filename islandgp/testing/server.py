@@ -37,10 +37,11 @@ class MessagesServer:
         temperature: bool = True,
         usage: bool = True,
         delay: float = 0.0,
+        port: int = 0,
     ) -> None:
         """A server that knows schemas, takes temperatures and counts tokens, or not.
 
-        It thinks `delay` s.
+        It thinks `delay` s, and listens at `port` of this machine; 0: at one that is free.
         """
         self.script, self.answer, self.delay = script, answer, delay
         self.structured, self.temperature, self.usage = structured, temperature, usage
@@ -48,7 +49,7 @@ class MessagesServer:
         self.keys: list[str] = []  # credentials as they were sent
         self.over = threading.Event()
         self._lock = threading.Lock()
-        self._http = _Http(self)
+        self._http = _Http(self, port)
 
     @property
     def url(self) -> str:
@@ -76,8 +77,8 @@ class _Http(ThreadingHTTPServer):
     daemon_threads = True
     block_on_close = False
 
-    def __init__(self, owner: MessagesServer) -> None:
-        super().__init__(("127.0.0.1", 0), _Handler)
+    def __init__(self, owner: MessagesServer, port: int) -> None:
+        super().__init__(("127.0.0.1", port), _Handler)
         self.owner = owner
 
     def handle_error(self, request: object, client_address: object) -> None:
