@@ -6,7 +6,8 @@ import os
 import sys
 from errno import EACCES
 from pathlib import Path
-from typing import Final
+from tempfile import TemporaryFile
+from typing import Any, Final
 
 import click
 
@@ -22,8 +23,82 @@ MAX_BYTES: Final = 2**24
 FILE: Final = click.Path(exists=True, dir_okay=False, allow_dash=True)
 """An argument that names a file; `-` is the standard input."""
 
-OUTPUT: Final = click.Path(dir_okay=False, allow_dash=True)
+
+class _Output(click.Path):
+    """A file to be written. Raises IslandError where it cannot be, before any work is done."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The file, as `click.Path` has it."""
+        found = super().convert(value, param, ctx)
+        if found != STDIN:
+            _must_take_file(Path(os.fspath(found)))
+        return found
+
+
+class _Folder(click.Path):
+    """A folder to write files into. Raises IslandError where none can be made, as `_Output`."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The folder, as `click.Path` has it."""
+        found = super().convert(value, param, ctx)
+        must_take_files(Path(os.fspath(found)))
+        return found
+
+
+OUTPUT: Final = _Output(dir_okay=False, allow_dash=True)
 """An option that names a file to be written; `-` is the standard output."""
+
+FOLDER: Final = _Folder(path_type=Path)
+"""An option that names a folder for files to be written, which is made where it is not there."""
+
+
+def _must_take_file(file: Path) -> None:
+    """Raises IslandError where a file cannot be written."""
+    try:
+        if file.exists():
+            if not os.access(file, os.W_OK):
+                raise PermissionError(EACCES, os.strerror(EACCES))
+            if not file.is_file():  # a device or a pipe: nothing is made beside it
+                return
+        _try_in(file.resolve().parent)
+    except OSError as error:
+        raise IslandError(
+            f"Expected a place for the file {file}, found: {_found(file.parent, error)};"
+            " give another with -o."
+        ) from None
+
+
+def must_take_files(folder: Path) -> None:
+    """Raises IslandError where a folder can neither be made nor written."""
+    try:
+        found = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+        _try_in(found)
+    except OSError as error:
+        raise unusable(folder, error) from None
+
+
+def unusable(folder: Path, error: OSError) -> IslandError:
+    """The error for a folder of `must_take_files` that turns out not to take them."""
+    return IslandError(
+        f"Expected a folder for files in {folder}, found: {_found(folder, error)};"
+        " give another with -o."
+    )
+
+
+def _try_in(folder: Path) -> None:
+    """Makes a file, and removes it. Raises OSError."""
+    with TemporaryFile(dir=folder, prefix=".islandgp-"):
+        pass
+
+
+def _found(folder: Path, error: OSError) -> str:
+    """What is in a folder's way."""
+    for place in (*reversed(folder.absolute().parents), folder):
+        if place.exists() and not place.is_dir():
+            return f"the file {place}"
+    if isinstance(error, FileNotFoundError) and not folder.exists():
+        return f"no folder {folder}"
+    return error.strerror or str(error)
 
 
 def called(file: str) -> str:
