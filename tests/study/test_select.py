@@ -42,6 +42,18 @@ def _found(supervisor: str = "expert", seed: int = 0, **changes: object) -> Foun
         ("gp.mutate_elites=true", True),
         ("gp.mutation_rate=0.4", True),
         ("gp.mutation_rate=0.40", True),
+        ("gp.mutation_rate=4e-1", True),
+        ("gp.mutation_rate=+.4", True),
+        ("gp.mutation_rate=4_0e-2", True),
+        ("gp.mutation_rate=4e-2", False),
+        ("gp.mutation_rate=much", False),
+        ("gp.population=3e1", True),
+        ("gp.trees.depth=[2,3.0]", True),
+        ("gp.trees.depth=[ 2e0, 3 ] seed=3", True),
+        ("gp.trees.depth=[2]", False),
+        ("name='default' seed=3", True),
+        ('name="my sweep"', False),
+        ("name=3e0", False),
         ("default", True),
         ("name=default", True),
         ("other_sweep", False),
@@ -51,6 +63,13 @@ def _found(supervisor: str = "expert", seed: int = 0, **changes: object) -> Foun
 def test_what_people_type(text: str, fits: bool) -> None:
     """Keys of the configuration with YAML values, ranges of seeds, short names, sweep names."""
     assert matches(_found(seed=3), parse_selection(text)) is fits
+
+
+def test_names_are_texts() -> None:
+    """They may hold a space, in quotes; a name that looks like a number is none."""
+    assert matches(_found(name="my sweep"), parse_selection("seed=0 name='my sweep'"))
+    assert matches(_found(name="10"), parse_selection("name=10"))
+    assert not matches(_found(name="10"), parse_selection("name=1e1"))
 
 
 def test_an_arm_has_a_name_and_a_selection() -> None:
