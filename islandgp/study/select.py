@@ -87,7 +87,9 @@ def read(found: Found) -> Run:
             champion=Champion(champion["generation"], individual_record(champion["record"])),
             validation=tuple((champion["validation"] or {"worlds": ()})["worlds"]),
         )
-    except (OSError, RunError, *UNREADABLE) as error:
+    except RunError as error:
+        raise StudyError(str(error)) from error
+    except (OSError, *UNREADABLE) as error:
         raise StudyError(
             f"Expected a finished run's records in {found.path}, found {type(error).__name__}:"
             f" {brief(error)}. They are damaged or from another version: run it again."

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from islandgp.errors import StudyError
+from islandgp.errors import RunError, StudyError
 from islandgp.records.parameters import flatten
+from islandgp.results import load
 from islandgp.study.select import (
     Found,
     find,
@@ -22,6 +23,7 @@ from islandgp.study.select import (
     select,
 )
 from tests.study.made_runs import config, individual, made_run, write_run
+from tests.tracking.folders import written
 
 
 def _found(supervisor: str = "expert", seed: int = 0, **changes: object) -> Found:
@@ -149,8 +151,29 @@ def test_damaged_records_are_named(tmp_path: Path) -> None:
     """A cut-off file is an error that names the folder, not a traceback."""
     write_run(made_run(), tmp_path / "run")
     (tmp_path / "run" / "summary.json").write_text("{")
-    with pytest.raises(StudyError, match="Expected a finished run's records in"):
+    with pytest.raises(StudyError, match="Expected a finished run's summary in"):
         read(find(tmp_path)[0])
+
+
+def test_edited_records_are_refused(tmp_path: Path) -> None:
+    """Digits that were changed by hand, a line too many, a line too few: one line each."""
+    folder = written(tmp_path / "one", tmp_path)
+    (found,) = find(tmp_path)
+    assert len(read(found).records) == 5
+    file = folder.path / "generations.jsonl"
+    sound = file.read_bytes()
+    lines = sound.splitlines(keepends=True)
+    for edited, why in {
+        sound.replace(b'"generation":2,', b'"generation":3,', 1): "the record of generation 2",
+        b"".join([*lines, lines[-1]]): "a record",
+        b"".join(lines[:-1]): "a record",
+    }.items():
+        file.write_bytes(edited)
+        with pytest.raises(StudyError, match=f"{why} differs from its checksum") as error:
+            read(found)
+        assert "\n" not in str(error.value)
+        with pytest.raises(RunError, match=f"{why} differs from its checksum"):
+            _ = load(tmp_path).generations
 
 
 def test_runs_of_version_0_1_are_refused_in_a_line(tmp_path: Path) -> None:
