@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import atexit
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import count
 from pathlib import Path
 from threading import Condition
@@ -176,10 +176,14 @@ class MLflow:
         return Order(next(numbers), str(self._folder.path.absolute()), status, self.place, again)
 
 
-def send_sweeps(folders: Sequence[Path], patience: float) -> str:
-    """Sends what is missing of sweeps and their jobs; returns "", or why not all was sent."""
+def send_sweeps(folders: Sequence[Path], patience: float, places: Iterable[Place]) -> str:
+    """Sends what is missing of sweeps and their jobs; returns "", or why not all was sent.
+
+    `places` are those of the jobs' configurations, whose credentials the folders lack.
+    """
     line = shared_line(MLflow.sender)
-    orders = [Order(next(numbers), str(folder.absolute())) for folder in folders]
+    several = tuple(dict.fromkeys(places))
+    orders = [Order(next(numbers), str(f.absolute()), places=several) for f in folders]
     for order in orders:
         line.give(order)
     reason = line.wait(orders, patience, "the sweep's records")
