@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 import yaml
 
-from islandgp.commands.files import FOLDER, must_take_files, unusable
+from islandgp.commands.files import FOLDER, check_folder, unusable
 from islandgp.resources import resource
 
 if TYPE_CHECKING:
@@ -127,7 +127,7 @@ def command(
     study = compare_arms(chosen, force=force, notes=notes, sources=looked_in)
     check_plan(plan, study)
     folder = out or Path("study") / "-".join(arm.name for arm in study.arms)
-    must_take_files(folder)
+    check_folder(folder)
     unseen = _unseen(study, worlds, workers) if worlds else ()
     report = build(study, unseen, worlds, _controls(study, workers) if controls else (), plan)
     try:

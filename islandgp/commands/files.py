@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-from errno import EACCES
+from errno import EACCES, ENOENT
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import Any, Final
 
 import click
@@ -31,7 +30,7 @@ class _Output(click.Path):
         """The file, as `click.Path` has it."""
         found = super().convert(value, param, ctx)
         if found != STDIN:
-            _must_take_file(Path(os.fspath(found)))
+            _check_file(Path(os.fspath(found)))
         return found
 
 
@@ -41,7 +40,7 @@ class _Folder(click.Path):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The folder, as `click.Path` has it."""
         found = super().convert(value, param, ctx)
-        must_take_files(Path(os.fspath(found)))
+        check_folder(Path(os.fspath(found)))
         return found
 
 
@@ -52,15 +51,19 @@ FOLDER: Final = _Folder(path_type=Path)
 """An option that names a folder for files to be written, which is made where it is not there."""
 
 
-def _must_take_file(file: Path) -> None:
+def _check_file(file: Path) -> None:
     """Raises IslandError where a file cannot be written."""
+    from islandgp.records.checkpoint import must_take_files
+
     try:
         if file.exists():
             if not os.access(file, os.W_OK):
                 raise PermissionError(EACCES, os.strerror(EACCES))
             if not file.is_file():  # a device or a pipe: nothing is made beside it
                 return
-        _try_in(file.resolve().parent)
+        elif not file.parent.exists():
+            raise FileNotFoundError(ENOENT, os.strerror(ENOENT))
+        must_take_files(file.resolve().parent)
     except OSError as error:
         raise IslandError(
             f"Expected a place for the file {file}, found: {_found(file.parent, error)};"
@@ -68,27 +71,22 @@ def _must_take_file(file: Path) -> None:
         ) from None
 
 
-def must_take_files(folder: Path) -> None:
+def check_folder(folder: Path) -> None:
     """Raises IslandError where a folder can neither be made nor written."""
+    from islandgp.records.checkpoint import must_take_files
+
     try:
-        found = next(place for place in (folder, *folder.absolute().parents) if place.exists())
-        _try_in(found)
+        must_take_files(folder)
     except OSError as error:
         raise unusable(folder, error) from None
 
 
 def unusable(folder: Path, error: OSError) -> IslandError:
-    """The error for a folder of `must_take_files` that turns out not to take them."""
+    """The error for a folder that turns out not to take files."""
     return IslandError(
         f"Expected a folder for files in {folder}, found: {_found(folder, error)};"
         " give another with -o."
     )
-
-
-def _try_in(folder: Path) -> None:
-    """Makes a file, and removes it. Raises OSError."""
-    with TemporaryFile(dir=folder, prefix=".islandgp-"):
-        pass
 
 
 def _found(folder: Path, error: OSError) -> str:

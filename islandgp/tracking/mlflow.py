@@ -18,7 +18,7 @@ from typing import ClassVar, Final
 from islandgp.records.folder import RunFolder, Status
 from islandgp.resources import program
 from islandgp.tracking.sender import InProcess, Kind, Order, Report, Sender, Tell
-from islandgp.tracking.store import MLflowSettings, Place
+from islandgp.tracking.store import MLflowSettings, Place, check_place
 
 PREPARATION: Final = 600.0  # s that loading MLflow or making a store may take
 SILENT: Final = 2.0  # s of waiting before the user is told
@@ -141,6 +141,11 @@ class MLflow:
     def make(cls, settings: MLflowSettings, home: Path) -> MLflow:
         """See `Tracker`."""
         return cls(Place.of(settings, home), settings.patience)
+
+    @classmethod
+    def ready(cls, settings: MLflowSettings, home: Path) -> None:
+        """Raises TrackingError where nothing can ever be kept there."""
+        check_place(Place.of(settings, home))
 
     def __init__(self, place: Place, patience: float) -> None:
         """`patience`: s without a word of the store that `finish` waits, >= 0."""

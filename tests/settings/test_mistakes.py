@@ -267,6 +267,36 @@ def test_a_deleted_working_folder_is_one_line(capsys: pytest.CaptureFixture[str]
     )
 
 
+PORT = "tracking.policy.uri: expected http://HOST:PORT with a port from 1 to 65535"
+FILE = "tracking.policy.uri: expected a SQLite file that can be written, found"
+
+
+@pytest.mark.parametrize(
+    ("uri", "line"),
+    [
+        ("http://127.0.0.1:99999", PORT),
+        ("http://me:pass@127.0.0.1:0", PORT),
+        ("https://:5000", PORT),
+        ("http://[::1:5000", PORT),
+        ("http://me:p/ss@host", PORT),
+        ("sqlite:////proc/x/y.db", f"{FILE} /proc/x/y.db: No such file or directory;"),
+        ("sqlite:////dev/null/y.db", f"{FILE} /dev/null/y.db: Not a directory;"),
+        ("sqlite:///.", f"{FILE} "),
+    ],
+)
+def test_a_store_that_can_never_be_is_told_before_the_start(
+    uri: str, line: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No run waits for it at its end, and no piece of a password is shown."""
+    words = ["evaluator=serial", "progress=off", "tracking=mlflow"]
+    assert main([*words, f"tracking.policy.uri='{uri}'"]) == 2
+    found = capsys.readouterr().err
+    assert found.startswith(f"islandgp: {line}")
+    assert found.count("\n") == 1
+    assert "me:" not in found
+    assert list(Path.cwd().iterdir()) == []
+
+
 @pytest.mark.parametrize(
     ("words", "line"), ONE_LINE, ids=[" ".join(words) for words, _ in ONE_LINE]
 )
