@@ -30,7 +30,7 @@ class _Output(click.Path):
         """The file, as `click.Path` has it."""
         found = super().convert(value, param, ctx)
         if found != STDIN:
-            _check_file(Path(os.fspath(found)))
+            _check_file(Path(os.fsdecode(found)))
         return found
 
 
@@ -40,7 +40,7 @@ class _Folder(click.Path):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The folder, as `click.Path` has it."""
         found = super().convert(value, param, ctx)
-        check_folder(Path(os.fspath(found)))
+        check_folder(Path(os.fsdecode(found)))
         return found
 
 

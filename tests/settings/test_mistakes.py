@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import shlex
+import subprocess
+import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
+from islandgp.errors import in_the_way
 from islandgp.running.app import main
+from tests.running.commands import ROOT
 from tests.settings.test_composing import options
 
 OFF = ("tracking=off", "evaluator=serial", "progress=off")
@@ -34,6 +40,8 @@ def errors(capsys: pytest.CaptureFixture[str], *words: str) -> list[str]:
 ONE_LINE = [
     # words, the line
     (["gp.populaton=3"], "gp.populaton: unknown key; did you mean gp.population?"),
+    (["domain.factory=json:Json"],
+     "domain.factory: expected a module of yours, found 'json', which is one of Python's own;"),
     (["wrld.side=3"], "wrld.side: unknown key; did you mean world.side?"),
     (["evaluator.policy.workers=-1"],
      "evaluator.policy.workers: unknown key; evaluator.policy has no keys"),
@@ -265,6 +273,30 @@ def test_a_deleted_working_folder_is_one_line(capsys: pytest.CaptureFixture[str]
         "islandgp: Expected a folder to work in, found that it was deleted; change to another"
         " one.\n"
     )
+
+
+def test_the_version_is_that_of_this_package(capsys: pytest.CaptureFixture[str]) -> None:
+    """Hydra's stands beside it."""
+    assert main(["gp.population=3", "--version"]) == 0
+    said = capsys.readouterr().out
+    assert said == f"islandgp, version {version('islandgp')}; Hydra {version('hydra-core')}\n"
+
+
+def test_a_file_in_the_place_of_python_s_own_is_named() -> None:
+    """Whatever breaks because of it, the program says which file it is."""
+    assert in_the_way(Path.cwd()) == ""
+    Path("inspect.py").touch()
+    Path("mine.py").touch()
+    done = subprocess.run(
+        [sys.executable, "-m", "islandgp", "experiment=smoke"],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == f"islandgp: {in_the_way(Path.cwd())}\n"
+    assert "found inspect.py in" in done.stderr
 
 
 PORT = "tracking.policy.uri: expected http://HOST:PORT with a port from 1 to 65535"
