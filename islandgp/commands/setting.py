@@ -177,8 +177,8 @@ def _for_tree(text: str, chosen: Chosen, name: str) -> tuple[str, ...]:
         known = ", ".join(configured_domains(chosen.config_dir))
         raise DomainError(
             f"{domain_place(text, name)}: expected a tree for a domain that is configured"
-            f" ({known}), found one for {domain!r}; give --config-dir FOLDER with a file domain/{domain}.yaml in it, or"
-            " choose a domain by --set domain=NAME."
+            f" ({known}), found one for {domain!r}; give --config-dir FOLDER with a file"
+            f" domain/{domain}.yaml in it, or choose a domain by --set domain=NAME."
         )
     return (*chosen.overrides, f"domain={domain}")
 

@@ -120,9 +120,9 @@ def simulate(setting: Problem, job: Job) -> Outcome:
         raise EvaluationError(blame(job, what)) from error
 
 
-KNOWN: Final = tuple(
-    Path(folder)
-    for folder in (Path(__file__).parents[1], *map(get_path, ("stdlib", "purelib", "platlib")))
+KNOWN: Final = (
+    Path(__file__).parents[1],
+    *(Path(get_path(name)) for name in ("stdlib", "purelib", "platlib")),
 )
 """Folders of code that is not the user's own."""
 
