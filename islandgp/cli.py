@@ -11,7 +11,7 @@ from typing import Final
 
 import click
 
-from islandgp.errors import IslandError
+from islandgp.errors import IslandError, in_the_way
 from islandgp.running.printing import printed, shown
 
 COMMANDS: Final[dict[str, str]] = {
@@ -104,3 +104,8 @@ def _main() -> None:
     except click.Abort:
         print("islandgp: stopped", file=sys.stderr)
         sys.exit(130)
+    except (ImportError, AttributeError):
+        if not (why := in_the_way(Path.cwd())):
+            raise
+        print(f"islandgp: {why}", file=sys.stderr)
+        sys.exit(2)

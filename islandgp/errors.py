@@ -17,6 +17,9 @@ IslandError            one clear message: expected, found, remedy; exit code 2 a
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
 
 class IslandError(Exception):
     """The root: its text is shown to the user as it is, without a traceback."""
@@ -84,3 +87,18 @@ def brief(error: Exception) -> str:
     """The first line that says something, at most 200 characters."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     return (lines[0] if lines else type(error).__name__)[:200]
+
+
+def in_the_way(folder: Path) -> str:
+    """What to say of files that stand in the way of Python's own modules; "" if there are none.
+
+    For errors of imports: whatever is first on the path takes a module's place.
+    """
+    files = sorted(f.name for f in folder.glob("*.py") if f.stem in sys.stdlib_module_names)
+    if not files:
+        return ""
+    named = ", ".join(files)
+    return (
+        f"Expected Python's own modules, found {named} in {folder}, which takes the place of one;"
+        " give it another name."
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
@@ -34,6 +35,12 @@ class Plugin(BaseModel, frozen=True, extra="forbid"):
     @field_validator("factory", mode="wrap")
     @classmethod
     def _imported(cls, path: Any, proceed: ValidatorFunctionWrapHandler) -> Any:
+        top = path.partition(":")[0].partition(".")[0] if isinstance(path, str) else ""
+        if top in sys.stdlib_module_names:
+            raise ValueError(
+                f"expected a module of yours, found {top!r}, which is one of Python's own; give the"
+                " file another name"
+            )
         with blaming(str(path)):
             return proceed(path)
 

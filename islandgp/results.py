@@ -128,7 +128,7 @@ class Results:
             config = folder.configuration()
             with reading("a run's configuration", folder.path / "config.yaml"):
                 labels = self._labels(folder, config)
-            for record in folder.records():
+            for record in folder.checked_records():
                 for row in of(record):
                     yield {**labels, **row}
 

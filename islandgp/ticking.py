@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping
 from inspect import isgeneratorfunction
+from math import isfinite
 from typing import Any, ClassVar, Protocol, Self, TypeAlias
 
 from pydantic import BaseModel
@@ -25,6 +26,7 @@ from pydantic import BaseModel
 from islandgp.bt.closures import Tick
 from islandgp.bt.engine import compile_tree
 from islandgp.bt.node import RUNNING, Node
+from islandgp.bt.vocabulary import Key
 from islandgp.domain import Observer, Outcome, Scene, Schema
 from islandgp.errors import DomainError
 from islandgp.scoring.rewards import RewardTable, worth
@@ -159,7 +161,8 @@ def run_ticks(
         The outcome. Its ending is "time", or what `step` returned.
 
     Raises:
-        DomainError: a leaf returned no status, or a key or counter is missing.
+        DomainError: a leaf returned no status, a key or counter is missing, or a key's value is
+            no finite number.
     """
     places = schema.vocabulary.places
     board = [0.0] * len(places)
@@ -171,7 +174,9 @@ def run_ticks(
         for key, place in places.items():
             if key not in values:
                 raise DomainError(f"Expected a value of the key {key} from `sense`, found none.")
-            board[place] = float(values[key])
+            board[place] = value = float(values[key])
+            if not isfinite(value):
+                raise DomainError(_no_number(key, schema.vocabulary.keys[key], value))
         tick()
         done += 1
         if observer is not None:
@@ -183,6 +188,13 @@ def run_ticks(
         seconds=done * step_s,
         endings=(ending or "time",),
     )
+
+
+def _no_number(name: str, key: Key, found: float) -> str:
+    """What to say of a value that no condition can ask for."""
+    most = "" if key.most is None else f" and at most {key.most:g}"
+    expected = "True or False" if key.flag else f"a number of at least {key.low:g}{most}"
+    return f"Expected {expected} as the value of the key {name} from `sense`, found {found}."
 
 
 def _counters(

@@ -33,6 +33,7 @@ __all__ = [
     "MAX_NUMBER",
     "built",
     "domain_of",
+    "domain_place",
     "files_of",
     "following",
     "parse",
@@ -180,6 +181,13 @@ def domain_of(text: str) -> str:
     """The domain that a text says it is for; "" where it says none, or is not a tree."""
     found = _DOMAIN.match(plain(text))
     return found[1] if found else ""
+
+
+def domain_place(text: str, name: str) -> str:
+    """Where the text of a file says which domain it is for: NAME:LINE:COLUMN."""
+    found = _DOMAIN.match(plain(text))
+    before = plain(text)[: found.start(1) if found else 0]
+    return f"{name}:{before.count(chr(10)) + 1}:{len(before) - before.rfind(chr(10))}"
 
 
 def _check_domain(source: Source, name: Token, vocabulary: Vocabulary | None) -> None:

@@ -173,7 +173,7 @@ def _best_robots(runs: Sequence[RunFolder], tier: str) -> list[Candidate]:
 
 def _used(run: RunFolder) -> Iterator[int]:
     """The worlds that trained a run's trees or chose among them."""
-    for record in run.records():
+    for record in run.checked_records():
         yield from record["worlds"]
     if (validation := run.summary()["champion"]["validation"]) is not None:
         yield from validation["worlds"]

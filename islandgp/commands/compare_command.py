@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 import yaml
 
-from islandgp.errors import StudyError
+from islandgp.commands.files import FOLDER, check_folder, unusable
 from islandgp.resources import resource
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ A bare word is a sweep's name; mlflow: takes an MLflow filter string instead.
 @click.option(
     "-o",
     "--out",
-    type=click.Path(path_type=Path),
+    type=FOLDER,
     default=None,
     help="Folder for the report.  [default: study/<arms>]",
 )
@@ -119,8 +119,6 @@ def command(
 
     plan = parse_plan(families, primary, margins)
     place = _place(uri, experiment)
-    if out is not None:
-        _check_folder(out)
     wanted = [parse_arm(arm) for arm in arms]
     with TemporaryDirectory(prefix="islandgp-compare-") as scratch:
         chosen, notes = _select(wanted, runs, name, place, Path(scratch))
@@ -128,36 +126,20 @@ def command(
     looked_in += [place.uri] if any(s.startswith("mlflow:") for _, s in wanted) else []
     study = compare_arms(chosen, force=force, notes=notes, sources=looked_in)
     check_plan(plan, study)
+    folder = out or Path("study") / "-".join(arm.name for arm in study.arms)
+    check_folder(folder)
     unseen = _unseen(study, worlds, workers) if worlds else ()
     report = build(study, unseen, worlds, _controls(study, workers) if controls else (), plan)
-    folder = out or Path("study") / "-".join(arm.name for arm in study.arms)
-    _check_folder(folder)
     try:
         files = write(report, study, folder)
     except OSError as error:
-        raise _unusable(folder, error.strerror or str(error)) from error
+        raise unusable(folder, error) from error
     said = [f"not comparable: {doubt}" for doubt in study.doubts]
     said += [f"note: {note}" for note in study.notes]
     click.echo("\n".join([*said, *_results(report)]))
     click.echo(f"\n{folder / 'index.html'}: the page; beside it report.md, tables/, figures/")
     if mlflow:
         click.echo(_publish(report, study, place, folder, files))
-
-
-def _check_folder(folder: Path) -> None:
-    """Raises StudyError where a file is in the folder's way: it must not cost the comparison."""
-    try:
-        found = next(place for place in (folder, *folder.absolute().parents) if place.exists())
-    except OSError as error:
-        raise _unusable(folder, error.strerror or str(error)) from error
-    if not found.is_dir():
-        raise _unusable(folder, f"the file {found}")
-
-
-def _unusable(folder: Path, found: str) -> StudyError:
-    return StudyError(
-        f"Expected a folder for the report in {folder}, found: {found}; give another with -o."
-    )
 
 
 def _place(uri: str | None, experiment: str | None) -> Place:

@@ -11,12 +11,12 @@ from typing import Final
 import click
 
 from islandgp.bt.compare import MOST_NODES, Mark, compare
-from islandgp.bt.language import parse, to_text
+from islandgp.bt.language import domain_of, parse, to_text
 from islandgp.bt.node import Node, size
 from islandgp.bt.render.label import label
 from islandgp.bt.simplify import simplify
 from islandgp.bt.vocabulary import Vocabulary
-from islandgp.commands.files import FILE, called, folder_of, read_text, read_tree
+from islandgp.commands.files import FILE, called, folder_of, read_text
 from islandgp.commands.setting import Chosen, vocabulary_of, with_vocabulary_options
 from islandgp.errors import DomainError
 
@@ -31,23 +31,28 @@ COLOURS: Final = {Mark.DELETED: "red", Mark.INSERTED: "green", Mark.CHANGED: "ye
 def command(old: str, new: str, whole: bool, chosen: Chosen) -> None:
     """Compare the trees in OLD and NEW, node by node.
 
-    Marks: - deleted, + inserted, ~ changed. Exit code 1 when they differ.
+    Marks: - deleted, + inserted, ~ changed. Exit code 1 when they differ, also in their domain.
     """
-    text = read_text(new)
-    a, b = read_tree(old), parse(text, name=called(new), folder=folder_of(new))
+    before, text = read_text(old), read_text(new)
+    a = parse(before, name=called(old), folder=folder_of(old))
+    b = parse(text, name=called(new), folder=folder_of(new))
+    domains = [name for name in (domain_of(before), domain_of(text)) if name]
+    several = len(set(domains)) > 1
 
     def words() -> Vocabulary:
         return vocabulary_of(text, chosen, name=called(new), folder=folder_of(new))
 
     if chosen.declaration is not None:
         words()  # a wrong declaration is told before anything else
+    if several:
+        click.echo("They are for two domains: {} and {}.".format(*domains))
     if a == b:
-        click.echo("The same tree.")
-        return
+        click.echo("The same nodes." if several else "The same tree.")
+        sys.exit(int(several))
     for line in _by_nodes(a, b, whole) if max(size(a), size(b)) <= MOST_NODES else _by_text(a, b):
         click.echo(line)
 
-    if _do_the_same(a, b, words):
+    if not several and _do_the_same(a, b, words):
         click.echo("Written differently, but they do the same.")
     sys.exit(1)
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from islandgp.commands.files import FOLDER, unusable
 from islandgp.errors import StudyError
 from islandgp.records.folder import RunFolder
 from islandgp.study.distill import Case, Shape, distil, told
@@ -17,9 +18,7 @@ from islandgp.supervision.distilled import NAME, features, rules
 
 @click.command()
 @click.argument("runs", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
-@click.option(
-    "-o", "--out", type=click.Path(path_type=Path), required=True, help="Folder for the policy."
-)
+@click.option("-o", "--out", type=FOLDER, required=True, help="Folder for the policy.")
 @click.option(
     "--depth", type=click.IntRange(1, 20), default=6, show_default=True, help="Questions in a row."
 )
@@ -53,11 +52,14 @@ def command(runs: tuple[Path, ...], out: Path, depth: int, cases: int) -> None:
             " domain and the same classes."
         )
     policy = distil(found, teachers.pop(), Shape(depth, cases))
-    out.mkdir(parents=True, exist_ok=True)
     file = out / NAME
-    file.write_text(policy.model_dump_json(indent=1) + "\n", encoding="utf-8")
     lines = ["The target:", *rules(policy.target), "", "The rate:", *rules(policy.rate)]
-    (out / "rules.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        file.write_text(policy.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        (out / "rules.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise unusable(out, error) from error
     for line in told(policy):
         click.echo(line)
     click.echo(f"The policy: {file}; in words: {out / 'rules.txt'}")

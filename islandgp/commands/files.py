@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 import sys
-from errno import EACCES
+from errno import EACCES, ENOENT
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import click
 
@@ -22,8 +22,81 @@ MAX_BYTES: Final = 2**24
 FILE: Final = click.Path(exists=True, dir_okay=False, allow_dash=True)
 """An argument that names a file; `-` is the standard input."""
 
-OUTPUT: Final = click.Path(dir_okay=False, allow_dash=True)
+
+class _Output(click.Path):
+    """A file to be written. Raises IslandError where it cannot be, before any work is done."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The file, as `click.Path` has it."""
+        found = super().convert(value, param, ctx)
+        if found != STDIN:
+            _check_file(Path(os.fsdecode(found)))
+        return found
+
+
+class _Folder(click.Path):
+    """A folder to write files into. Raises IslandError where none can be made, as `_Output`."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The folder, as `click.Path` has it."""
+        found = super().convert(value, param, ctx)
+        check_folder(Path(os.fsdecode(found)))
+        return found
+
+
+OUTPUT: Final = _Output(dir_okay=False, allow_dash=True)
 """An option that names a file to be written; `-` is the standard output."""
+
+FOLDER: Final = _Folder(path_type=Path)
+"""An option that names a folder for files to be written, which is made where it is not there."""
+
+
+def _check_file(file: Path) -> None:
+    """Raises IslandError where a file cannot be written."""
+    from islandgp.records.checkpoint import must_take_files
+
+    try:
+        if file.exists():
+            if not os.access(file, os.W_OK):
+                raise PermissionError(EACCES, os.strerror(EACCES))
+            if not file.is_file():  # a device or a pipe: nothing is made beside it
+                return
+        elif not file.parent.exists():
+            raise FileNotFoundError(ENOENT, os.strerror(ENOENT))
+        must_take_files(file.resolve().parent)
+    except OSError as error:
+        raise IslandError(
+            f"Expected a place for the file {file}, found: {_found(file.parent, error)};"
+            " give another with -o."
+        ) from None
+
+
+def check_folder(folder: Path) -> None:
+    """Raises IslandError where a folder can neither be made nor written."""
+    from islandgp.records.checkpoint import must_take_files
+
+    try:
+        must_take_files(folder)
+    except OSError as error:
+        raise unusable(folder, error) from None
+
+
+def unusable(folder: Path, error: OSError) -> IslandError:
+    """The error for a folder that turns out not to take files."""
+    return IslandError(
+        f"Expected a folder for files in {folder}, found: {_found(folder, error)};"
+        " give another with -o."
+    )
+
+
+def _found(folder: Path, error: OSError) -> str:
+    """What is in a folder's way."""
+    for place in (*reversed(folder.absolute().parents), folder):
+        if place.exists() and not place.is_dir():
+            return f"the file {place}"
+    if isinstance(error, FileNotFoundError) and not folder.exists():
+        return f"no folder {folder}"
+    return error.strerror or str(error)
 
 
 def called(file: str) -> str:

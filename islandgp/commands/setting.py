@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from islandgp.bt.language import domain_of, parse
+from islandgp.bt.language import domain_of, domain_place, parse
 from islandgp.commands.files import called, folder_of, read_text
 from islandgp.errors import ConfigError, DomainError
 from islandgp.resources import resource
@@ -176,9 +176,9 @@ def _for_tree(text: str, chosen: Chosen, name: str) -> tuple[str, ...]:
     if _domain_file(domain, chosen.config_dir) is None:
         known = ", ".join(configured_domains(chosen.config_dir))
         raise DomainError(
-            f"{name}: expected a tree for a domain that is configured ({known}), found one for"
-            f" {domain!r}; give --config-dir FOLDER with a file domain/{domain}.yaml in it, or"
-            " choose a domain by --set domain=NAME."
+            f"{domain_place(text, name)}: expected a tree for a domain that is configured"
+            f" ({known}), found one for {domain!r}; give --config-dir FOLDER with a file"
+            f" domain/{domain}.yaml in it, or choose a domain by --set domain=NAME."
         )
     return (*chosen.overrides, f"domain={domain}")
 

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Protocol, Self
+from pathlib import Path
+from sysconfig import get_path
+from traceback import extract_tb
+from typing import Any, Final, Protocol, Self
 
 from pydantic import BaseModel
 
@@ -113,7 +116,22 @@ def simulate(setting: Problem, job: Job) -> Outcome:
     try:
         return setting.at(job.stage).run_episode(_tree(job.tree), job.seed, weights)
     except (Exception, SystemExit) as error:  # a simulator may call sys.exit
-        raise EvaluationError(blame(job, f"{type(error).__name__}: {error}")) from error
+        what = f"{type(error).__name__}: {str(error).rstrip('.')}{_raised_in(error)}"
+        raise EvaluationError(blame(job, what)) from error
+
+
+KNOWN: Final = (
+    Path(__file__).parents[1],
+    *(Path(get_path(name)) for name in ("stdlib", "purelib", "platlib")),
+)
+"""Folders of code that is not the user's own."""
+
+
+def _raised_in(error: BaseException) -> str:
+    """The place in the user's own code that an error came from, ", in FILE, line N"; or ""."""
+    frames = extract_tb(error.__traceback__)
+    own = [f for f in frames if not any(Path(f.filename).is_relative_to(k) for k in KNOWN)]
+    return f", in {own[-1].filename}, line {own[-1].lineno}" if own else ""
 
 
 def blame(job: Job, what: str) -> str:

@@ -15,6 +15,7 @@ from dataclasses import asdict, dataclass, fields
 from itertools import islice
 from pathlib import Path
 from shutil import copymode
+from tempfile import TemporaryFile
 from typing import Annotated, Any
 
 from pydantic import Field
@@ -64,6 +65,17 @@ def write_atomic(path: Path, data: bytes, *, previous: Path | None = None) -> No
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+
+
+def must_take_files(folder: Path) -> None:
+    """Makes a file in a folder, or where it would be made, and removes it.
+
+    Raises:
+        OSError: that is not possible.
+    """
+    there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    with TemporaryFile(dir=there, prefix=".islandgp-"):
+        pass
 
 
 def remove_leftovers(folder: Path, pattern: str = "*") -> None:

@@ -328,9 +328,25 @@ class RunFolder:
         """The generation records from the `first` on, as plain JSON values. Raises RunError."""
         return self._generations.read(first)
 
+    def checked_records(self) -> Iterator[dict[str, Any]]:
+        """All generation records; those of a finished run are compared with their checksum.
+
+        Raises:
+            RunError: a line holds something else; or, after the last one, the records are not
+                those that the run wrote. There is no checksum of the oldest versions' runs.
+        """
+        expected = self.summary().get("records") if self.finished() else None
+        digest = ""
+        for i, line in enumerate(self._generations.whole()):
+            digest = chained(digest, line)
+            yield self._generations.value(line, i)
+        if expected is not None and digest != expected:
+            why = wrong_record(list(self._generations.whole()), expected, self._sums)
+            raise damaged(self._generations.what, self._generations.path, why)
+
     def generations(self) -> Iterator[GenerationRecord]:
-        """The same from the first on, as the loop made them."""
-        return map(generation_record, self.records())
+        """The same, as the loop made them. Raises RunError."""
+        return map(generation_record, self.checked_records())
 
     def costs(self, first: int = 0) -> Iterator[dict[str, Any]]:
         """What the generations took, from the `first` on; `at` is ms since 1970."""

@@ -14,6 +14,7 @@ import os
 import sys
 import traceback
 from collections.abc import Callable, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
@@ -55,6 +56,9 @@ def _main(arguments: Sequence[str] | None) -> int:
     atexit.register(gc.freeze)
     try:
         words = without_key(sys.argv[1:] if arguments is None else arguments)
+        if "--version" in words:
+            say(f"islandgp, version {version('islandgp')}; Hydra {version('hydra-core')}")
+            return 0
         args, words = _parsed(words)
         with printed(), as_ctrl_c("SIGTERM", "SIGHUP"):  # a cluster, a lost terminal
             _must_be_somewhere()

@@ -152,8 +152,13 @@ def make_supervisor(settings: Settings, folder: Path | None) -> Supervisor:
 def check_ready(settings: Settings, coming: frozenset[Path] = frozenset()) -> None:
     """Raises SupervisionError where the supervisor could not work, e.g. without a key.
 
-    `coming` are the folders of the runs that the same command makes before this one.
+    A tracker that could not raises TrackingError. `coming` are the folders of the runs that the
+    same command makes before this one.
     """
+    tracking = settings.tracking
+    if hasattr(tracking.factory, "ready"):
+        with blaming(path_of(tracking.factory)):
+            tracking.factory.ready(tracking.settings(), Path.cwd())
     part = settings.supervisor
     if hasattr(part.factory, "ready"):
         with blaming(path_of(part.factory)):

@@ -190,9 +190,11 @@ def _send(entries: Entries, settings: Sequence[Settings]) -> None:
     patience = max(float(s.tracking.policy.get("patience", 20)) for s in settings)
     from islandgp.tracking.mlflow import MLflow, send_sweeps
 
-    if all(s.tracking.factory is not MLflow for s in settings):
+    parts = [s.tracking for s in settings if s.tracking.factory is MLflow]
+    if not parts:
         return
-    if reason := send_sweeps([sweep.path for sweep in entries], patience):
+    places = [MLflow.make(part.settings(), Path.cwd()).place for part in parts]
+    if reason := send_sweeps([sweep.path for sweep in entries], patience, places):
         paths = " ".join(str(sweep.path) for sweep in entries)
         print(
             f"MLflow has not got all records ({reason}). They are safe; this sends them:\n"

@@ -87,7 +87,9 @@ def read(found: Found) -> Run:
             champion=Champion(champion["generation"], individual_record(champion["record"])),
             validation=tuple((champion["validation"] or {"worlds": ()})["worlds"]),
         )
-    except (OSError, RunError, *UNREADABLE) as error:
+    except RunError as error:
+        raise StudyError(str(error)) from error
+    except (OSError, *UNREADABLE) as error:
         raise StudyError(
             f"Expected a finished run's records in {found.path}, found {type(error).__name__}:"
             f" {brief(error)}. They are damaged or from another version: run it again."
@@ -112,6 +114,8 @@ MLFLOW: Final = "mlflow:"
 """What an MLflow filter string begins with instead; `tracking.fetch` takes care of it."""
 
 _RANGE = re.compile(r"range\((\d+)(?:,\s*(\d+))?\)")
+_PART = re.compile(r"""(?:\([^)]*\)|\[[^]]*\]|'[^']*'|"[^"]*"|\S)+""")
+"""A part of a selection; spaces inside of brackets and quotes belong to it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +154,7 @@ def parse_selection(text: str) -> Selection:
     if text.startswith(MLFLOW):
         return Selection(text, ())
     wanted = []
-    for part in re.findall(r"(?:[^\s(]|\([^)]*\))+", text):
+    for part in _PART.findall(text):
         key, equals, value = part.partition("=")
         if not equals:
             key, value = "name", part
@@ -176,12 +180,24 @@ def matches(found: Found, selection: Selection) -> bool:
         if key not in found.flat:
             return False
         have = found.flat[key]
-        if isinstance(value, range):
-            if have not in value:
-                return False
-        elif have != value and str(have) != str(value):
+        if not (have in value if isinstance(value, range) else _equal(have, value)):
             return False
     return True
+
+
+def _equal(have: Any, wanted: Any) -> bool:
+    """Whether a recorded value is the one that a user wrote, however that spells a number.
+
+    YAML takes `1e-1` for a text; beside a recorded number it is a number.
+    """
+    if isinstance(have, list) and isinstance(wanted, list):
+        return len(have) == len(wanted) and all(map(_equal, have, wanted))
+    if isinstance(have, int | float) and isinstance(wanted, str):
+        try:
+            return have == float(wanted)
+        except ValueError:
+            return str(have) == wanted
+    return have == wanted or str(have) == str(wanted)
 
 
 def select(name: str, text: str, runs: Sequence[Found]) -> tuple[Arm, tuple[str, ...]]:

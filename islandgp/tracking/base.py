@@ -14,7 +14,8 @@ class Tracker(Protocol):
     patience, and never raises because a server is away. A tracker that
     configuration can choose has two class attributes more: `Settings`, a
     pydantic model, and `make(settings, home)` with the folder in which the
-    command was given.
+    command was given. It may have a third: `ready(settings, home)` is called before
+    anything starts, and raises TrackingError where it could never keep a run.
     """
 
     def start(self, folder: RunFolder) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import atexit
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import count
 from pathlib import Path
 from threading import Condition
@@ -18,7 +18,7 @@ from typing import ClassVar, Final
 from islandgp.records.folder import RunFolder, Status
 from islandgp.resources import program
 from islandgp.tracking.sender import InProcess, Kind, Order, Report, Sender, Tell
-from islandgp.tracking.store import MLflowSettings, Place
+from islandgp.tracking.store import MLflowSettings, Place, check_place
 
 PREPARATION: Final = 600.0  # s that loading MLflow or making a store may take
 SILENT: Final = 2.0  # s of waiting before the user is told
@@ -142,6 +142,11 @@ class MLflow:
         """See `Tracker`."""
         return cls(Place.of(settings, home), settings.patience)
 
+    @classmethod
+    def ready(cls, settings: MLflowSettings, home: Path) -> None:
+        """Raises TrackingError where nothing can ever be kept there."""
+        check_place(Place.of(settings, home))
+
     def __init__(self, place: Place, patience: float) -> None:
         """`patience`: s without a word of the store that `finish` waits, >= 0."""
         self.place = place
@@ -176,10 +181,14 @@ class MLflow:
         return Order(next(numbers), str(self._folder.path.absolute()), status, self.place, again)
 
 
-def send_sweeps(folders: Sequence[Path], patience: float) -> str:
-    """Sends what is missing of sweeps and their jobs; returns "", or why not all was sent."""
+def send_sweeps(folders: Sequence[Path], patience: float, places: Iterable[Place]) -> str:
+    """Sends what is missing of sweeps and their jobs; returns "", or why not all was sent.
+
+    `places` are those of the jobs' configurations, whose credentials the folders lack.
+    """
     line = shared_line(MLflow.sender)
-    orders = [Order(next(numbers), str(folder.absolute())) for folder in folders]
+    several = tuple(dict.fromkeys(places))
+    orders = [Order(next(numbers), str(f.absolute()), places=several) for f in folders]
     for order in orders:
         line.give(order)
     reason = line.wait(orders, patience, "the sweep's records")

@@ -25,7 +25,8 @@ def place_from(uri: str, experiment: str) -> Place:
         if not experiment:
             raise TrackingError("Expected the name of an experiment, found none.") from None
         raise TrackingError(
-            f"Expected a store as sqlite:///FILE or http://..., found {without_credentials(uri)!r}."
+            "Expected a store as sqlite:///FILE or http://HOST:PORT, with a port from 1 to 65535,"
+            f" found {without_credentials(uri)!r}."
         ) from None
     return Place.of(settings, Path.cwd())
 

@@ -46,11 +46,24 @@ class Order:
     status: Status = Status.RUNNING
     place: Place | None = None
     again: bool = True  # whether it is tried until it succeeds
+    places: tuple[Place, ...] = ()  # with credentials, which no folder holds
 
     @property
     def waits(self) -> bool:
         """Whether a command waits for it: all but the generations of a run that goes on."""
         return self.place is None or self.status is not Status.RUNNING
+
+
+def read_order(line: str) -> Order:
+    """The order that `asdict` and JSON have made a line of."""
+    plain = json.loads(line)
+    place = plain["place"]
+    typed = {
+        "status": Status(plain["status"]),
+        "place": None if place is None else Place(**place),
+        "places": tuple(Place(**each) for each in plain["places"]),
+    }
+    return Order(**{**plain, **typed})
 
 
 class Kind(StrEnum):
@@ -127,7 +140,7 @@ class Worker:
 
     def _carried_out(self, order: Order) -> bool:
         try:
-            trouble = "" if order.place else self._sync(Path(order.folder))
+            trouble = "" if order.place else self._sync(order)
             if order.place:
                 self._send(order, order.place)
         except Exception as error:  # a store may fail in any way, and a folder be damaged
@@ -147,8 +160,9 @@ class Worker:
         if order.waits:
             del self._mirrors[order.folder]
 
-    def _sync(self, root: Path) -> str:
-        found = sync(root, alive=self._sent, preparing=self._preparing)
+    def _sync(self, order: Order) -> str:
+        root, places = Path(order.folder), order.places
+        found = sync(root, places=places, alive=self._sent, preparing=self._preparing)
         lines = [f"{path}: {brief(error)}" for path, error in found.failed.items()]
         return lines[0] if lines else ""
 
@@ -261,7 +275,5 @@ def main() -> None:
 
     Thread(target=work, daemon=True).start()
     for line in sys.stdin:
-        plain = json.loads(line)
-        place = None if plain["place"] is None else Place(**plain["place"])
-        worker.add(Order(**{**plain, "status": Status(plain["status"]), "place": place}))
+        worker.add(read_order(line))
     os._exit(0)  # whatever it is doing

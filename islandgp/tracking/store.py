@@ -12,15 +12,17 @@ import os
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from errno import EACCES, EISDIR, ENOSPC
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
-from urllib.parse import unquote
+from urllib.parse import unquote, urlsplit
 
 from filelock import FileLock
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, field_validator
 
 from islandgp.errors import TrackingError
+from islandgp.records.checkpoint import must_take_files
 from islandgp.records.parameters import CREDENTIALS, HIDDEN
 
 if TYPE_CHECKING:
@@ -53,6 +55,20 @@ class MLflowSettings(BaseModel, frozen=True, extra="forbid"):
     experiment: str = Field(min_length=1)  # of MLflow, where runs are kept
     patience: float = Field(ge=0, le=3600)  # s of silence that the end of a run waits for
 
+    @field_validator("uri")
+    @classmethod
+    def _can_be_asked(cls, uri: str) -> str:
+        if uri.startswith(SQLITE):
+            return uri
+        try:
+            parts = urlsplit(uri)
+            sound = bool(parts.hostname) and parts.port != 0
+        except ValueError:  # the port is out of range or no number
+            sound = False
+        if not sound:
+            raise ValueError("expected http://HOST:PORT with a port from 1 to 65535")
+        return uri
+
 
 @dataclass(frozen=True, slots=True)
 class Place:
@@ -79,6 +95,29 @@ class Place:
     def file(self) -> Path | None:
         """The SQLite file; None for a server."""
         return Path(self.uri.removeprefix(SQLITE)) if self.uri.startswith(SQLITE) else None
+
+
+def check_place(place: Place) -> None:
+    """Raises TrackingError where a SQLite file can never be made or written.
+
+    A disk may have room again at the end of a run: that is not looked at.
+    """
+    file = place.file
+    if file is None:
+        return
+    try:
+        if file.is_dir():
+            raise IsADirectoryError(EISDIR, os.strerror(EISDIR))
+        if file.exists() and not os.access(file, os.R_OK | os.W_OK):
+            raise PermissionError(EACCES, os.strerror(EACCES))
+        must_take_files(file.parent)
+    except OSError as error:
+        if error.errno == ENOSPC:
+            return
+        raise TrackingError(
+            f"tracking.policy.uri: expected a SQLite file that can be written, found {file}:"
+            f" {error.strerror or error}; choose another, or tracking=off"
+        ) from None
 
 
 class Store:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -37,15 +37,18 @@ def sync(
     root: Path,
     place: Place | None = None,
     *,
+    places: Sequence[Place] = (),
     alive: Callable[[], None] = lambda: None,
     preparing: Preparing = lambda _: None,
 ) -> Synced:
     """Sends what is missing of all runs and sweeps below `root`, to `place` if it is given.
 
-    A store that is away, or a folder that cannot be sent, is in the result. `alive` is
-    called whenever something has arrived, or was there; `preparing` as `Store` does.
+    A store that is away, or a folder that cannot be sent, is in the result. `places` are
+    those whose credentials are known: the folders hold none. `alive` is called whenever
+    something has arrived, or was there; `preparing` as `Store` does.
     """
     done = Synced()
+    known = {place: place for place in places}
     stores: dict[Place, Store | IslandError | Exception] = {}
     sweeps: dict[Path, Place] = {}
     for folder in run_folders(root.resolve()):
@@ -54,6 +57,7 @@ def sync(
             if where is None:
                 done.untracked.append(folder.path)
                 continue
+            where = known.get(where, where)
             sweeps[folder.path.parent] = where
             if up_to_date(folder, where) and _kept(folder, stores, where, preparing):
                 alive()

@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from islandgp.bt.format import format_text
-from islandgp.bt.language import domain_of, parse, to_text
+from islandgp.bt.language import domain_of, domain_place, parse, to_text
 from islandgp.bt.node import Node
+from islandgp.commands.setting import Chosen, vocabulary_of
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import DomainError, TreeError
 from tests.strategies import nodes
@@ -127,3 +128,19 @@ def test_hostile_text(text: str) -> None:
     start = time.process_time()
     assert domain_of(text) == domain_of("domain" + text) == ""
     assert time.process_time() - start < 1
+
+
+@pytest.mark.parametrize(
+    ("text", "place"),
+    [
+        ("domain mars PatrolWaypoint", "a.bt:1:8"),
+        ("# mine\r\n\r\n  domain  mars\r\n PatrolWaypoint", "a.bt:3:11"),
+        ("PatrolWaypoint", "a.bt:1:1"),
+    ],
+)
+def test_where_the_line_is(text: str, place: str) -> None:
+    """Messages about a domain that is not configured begin with it."""
+    assert domain_place(text, "a.bt") == place
+    if domain_of(text):
+        with pytest.raises(DomainError, match=f"^{place}: expected a tree for a domain that is"):
+            vocabulary_of(text, Chosen((), None), name="a.bt")

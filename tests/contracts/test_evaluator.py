@@ -14,13 +14,14 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from threading import Thread, Timer
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from islandgp.domain import Outcome
-from islandgp.errors import EvaluationError
-from islandgp.evaluation.base import Cached, Evaluator, Job, Problem
+from islandgp.errors import DomainError, EvaluationError
+from islandgp.evaluation.base import Cached, Evaluator, Job, Problem, simulate
 from islandgp.evaluation.processes import Processes
 from islandgp.evaluation.ray import Ray, own_token
 from islandgp.evaluation.serial import Serial
@@ -363,3 +364,24 @@ def test_a_cluster_of_a_runs_own_leaves_no_token(
     monkeypatch.setattr(os, "environ", {})
     own_token()
     assert os.environ == {}
+
+
+class Broken:
+    """A domain of a user's that fails."""
+
+    def run_episode(self, *_: object) -> Outcome:
+        """Divides by zero, and not in this line."""
+        return self._worked_out()
+
+    def _worked_out(self) -> Outcome:
+        raise DomainError("Expected a wheel, found none.")
+
+
+def test_an_error_names_the_line_of_the_user_s_own_code() -> None:
+    """Where it was raised, among all that the program itself called."""
+    setting: Any = SimpleNamespace(
+        curriculum=SimpleNamespace(multipliers=lambda _: {}), at=lambda _: Broken()
+    )
+    line = Broken._worked_out.__code__.co_firstlineno + 1
+    with pytest.raises(EvaluationError, match=f"found none, in {__file__}, line {line}. The run"):
+        simulate(setting, Job("PatrolWaypoint", 0, 1))

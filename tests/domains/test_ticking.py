@@ -157,3 +157,20 @@ def test_counters_default_to_the_events() -> None:
     """A schema without counters counts every event."""
     schema = Schema(SCHEMA.vocabulary, SCHEMA.components, SCHEMA.events, "Counts.")
     assert {name: c.meaning for name, c in schema.counters.items()} == {"done": "something is done"}
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "expected"),
+    [
+        ("n", float("nan"), "a number of at least 0 "),
+        ("n", float("inf"), "a number of at least 0 "),
+        ("ready", float("nan"), "True or False "),
+    ],
+)
+def test_a_key_that_is_no_number_is_named(key: str, value: float, expected: str) -> None:
+    """No condition could ask for it: every comparison would be false."""
+    values = {"ready": 0.0, "n": 1.0, key: value}
+    log = EventLog(REWARDS, SCHEMA, {})
+    leaves = dict.fromkeys(SCHEMA.vocabulary.actions, lambda: True)
+    with pytest.raises(DomainError, match=f"Expected {expected}.*key {key} .*found {value}"):
+        run_ticks(parse("Yes"), SCHEMA, leaves, lambda: values, log, ticks=3, step_s=1)

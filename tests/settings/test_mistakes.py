@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import shlex
+import subprocess
+import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
+from islandgp.errors import in_the_way
 from islandgp.running.app import main
+from tests.running.commands import ROOT
 from tests.settings.test_composing import options
 
 OFF = ("tracking=off", "evaluator=serial", "progress=off")
@@ -34,6 +40,8 @@ def errors(capsys: pytest.CaptureFixture[str], *words: str) -> list[str]:
 ONE_LINE = [
     # words, the line
     (["gp.populaton=3"], "gp.populaton: unknown key; did you mean gp.population?"),
+    (["domain.factory=json:Json"],
+     "domain.factory: expected a module of yours, found 'json', which is one of Python's own;"),
     (["wrld.side=3"], "wrld.side: unknown key; did you mean world.side?"),
     (["evaluator.policy.workers=-1"],
      "evaluator.policy.workers: unknown key; evaluator.policy has no keys"),
@@ -265,6 +273,60 @@ def test_a_deleted_working_folder_is_one_line(capsys: pytest.CaptureFixture[str]
         "islandgp: Expected a folder to work in, found that it was deleted; change to another"
         " one.\n"
     )
+
+
+def test_the_version_is_that_of_this_package(capsys: pytest.CaptureFixture[str]) -> None:
+    """Hydra's stands beside it."""
+    assert main(["gp.population=3", "--version"]) == 0
+    said = capsys.readouterr().out
+    assert said == f"islandgp, version {version('islandgp')}; Hydra {version('hydra-core')}\n"
+
+
+def test_a_file_in_the_place_of_python_s_own_is_named() -> None:
+    """Whatever breaks because of it, the program says which file it is."""
+    assert in_the_way(Path.cwd()) == ""
+    Path("inspect.py").touch()
+    Path("mine.py").touch()
+    done = subprocess.run(
+        [sys.executable, "-m", "islandgp", "experiment=smoke"],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == f"islandgp: {in_the_way(Path.cwd())}\n"
+    assert "found inspect.py in" in done.stderr
+
+
+PORT = "tracking.policy.uri: expected http://HOST:PORT with a port from 1 to 65535"
+FILE = "tracking.policy.uri: expected a SQLite file that can be written, found"
+
+
+@pytest.mark.parametrize(
+    ("uri", "line"),
+    [
+        ("http://127.0.0.1:99999", PORT),
+        ("http://me:pass@127.0.0.1:0", PORT),
+        ("https://:5000", PORT),
+        ("http://[::1:5000", PORT),
+        ("http://me:p/ss@host", PORT),
+        ("sqlite:////proc/x/y.db", f"{FILE} /proc/x/y.db: No such file or directory;"),
+        ("sqlite:////dev/null/y.db", f"{FILE} /dev/null/y.db: Not a directory;"),
+        ("sqlite:///.", f"{FILE} "),
+    ],
+)
+def test_a_store_that_can_never_be_is_told_before_the_start(
+    uri: str, line: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No run waits for it at its end, and no piece of a password is shown."""
+    words = ["evaluator=serial", "progress=off", "tracking=mlflow"]
+    assert main([*words, f"tracking.policy.uri='{uri}'"]) == 2
+    found = capsys.readouterr().err
+    assert found.startswith(f"islandgp: {line}")
+    assert found.count("\n") == 1
+    assert "me:" not in found
+    assert list(Path.cwd().iterdir()) == []
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from islandgp.commands.compare_command import command
-from islandgp.errors import StudyError
+from islandgp.errors import IslandError, StudyError
 from islandgp.running import app
 from islandgp.study.select import find
 from tests.composed import plain
@@ -80,8 +80,8 @@ def test_a_report_that_cannot_be_written_is_told(
     (tmp_path / "file").touch()
     words = [*SMALL[2:], "--worlds", "0", "--no-mlflow", "-o", str(tmp_path / out)]
     error = _compare(home, words, monkeypatch).exception
-    assert isinstance(error, StudyError)
-    assert f"Expected a folder for the report in {tmp_path / out}, found: " in str(error)
+    assert isinstance(error, IslandError)
+    assert f"Expected a folder for files in {tmp_path / out}, found: " in str(error)
     assert str(error).endswith("give another with -o.")
 
 

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from islandgp.errors import StudyError
+from islandgp.errors import RunError, StudyError
 from islandgp.records.parameters import flatten
+from islandgp.results import load
 from islandgp.study.select import (
     Found,
     find,
@@ -22,6 +23,7 @@ from islandgp.study.select import (
     select,
 )
 from tests.study.made_runs import config, individual, made_run, write_run
+from tests.tracking.folders import written
 
 
 def _found(supervisor: str = "expert", seed: int = 0, **changes: object) -> Found:
@@ -42,6 +44,18 @@ def _found(supervisor: str = "expert", seed: int = 0, **changes: object) -> Foun
         ("gp.mutate_elites=true", True),
         ("gp.mutation_rate=0.4", True),
         ("gp.mutation_rate=0.40", True),
+        ("gp.mutation_rate=4e-1", True),
+        ("gp.mutation_rate=+.4", True),
+        ("gp.mutation_rate=4_0e-2", True),
+        ("gp.mutation_rate=4e-2", False),
+        ("gp.mutation_rate=much", False),
+        ("gp.population=3e1", True),
+        ("gp.trees.depth=[2,3.0]", True),
+        ("gp.trees.depth=[ 2e0, 3 ] seed=3", True),
+        ("gp.trees.depth=[2]", False),
+        ("name='default' seed=3", True),
+        ('name="my sweep"', False),
+        ("name=3e0", False),
         ("default", True),
         ("name=default", True),
         ("other_sweep", False),
@@ -51,6 +65,13 @@ def _found(supervisor: str = "expert", seed: int = 0, **changes: object) -> Foun
 def test_what_people_type(text: str, fits: bool) -> None:
     """Keys of the configuration with YAML values, ranges of seeds, short names, sweep names."""
     assert matches(_found(seed=3), parse_selection(text)) is fits
+
+
+def test_names_are_texts() -> None:
+    """They may hold a space, in quotes; a name that looks like a number is none."""
+    assert matches(_found(name="my sweep"), parse_selection("seed=0 name='my sweep'"))
+    assert matches(_found(name="10"), parse_selection("name=10"))
+    assert not matches(_found(name="10"), parse_selection("name=1e1"))
 
 
 def test_an_arm_has_a_name_and_a_selection() -> None:
@@ -130,8 +151,29 @@ def test_damaged_records_are_named(tmp_path: Path) -> None:
     """A cut-off file is an error that names the folder, not a traceback."""
     write_run(made_run(), tmp_path / "run")
     (tmp_path / "run" / "summary.json").write_text("{")
-    with pytest.raises(StudyError, match="Expected a finished run's records in"):
+    with pytest.raises(StudyError, match="Expected a finished run's summary in"):
         read(find(tmp_path)[0])
+
+
+def test_edited_records_are_refused(tmp_path: Path) -> None:
+    """Digits that were changed by hand, a line too many, a line too few: one line each."""
+    folder = written(tmp_path / "one", tmp_path)
+    (found,) = find(tmp_path)
+    assert len(read(found).records) == 5
+    file = folder.path / "generations.jsonl"
+    sound = file.read_bytes()
+    lines = sound.splitlines(keepends=True)
+    for edited, why in {
+        sound.replace(b'"generation":2,', b'"generation":3,', 1): "the record of generation 2",
+        b"".join([*lines, lines[-1]]): "a record",
+        b"".join(lines[:-1]): "a record",
+    }.items():
+        file.write_bytes(edited)
+        with pytest.raises(StudyError, match=f"{why} differs from its checksum") as error:
+            read(found)
+        assert "\n" not in str(error.value)
+        with pytest.raises(RunError, match=f"{why} differs from its checksum"):
+            _ = load(tmp_path).generations
 
 
 def test_runs_of_version_0_1_are_refused_in_a_line(tmp_path: Path) -> None:

@@ -23,7 +23,9 @@ from islandgp.tracking.sent import read_sent
 from islandgp.tracking.store import MLflowSettings, Place, Store
 from islandgp.tracking.sync import sync
 from tests.composed import plain
-from tests.running.commands import finish, start
+from tests.running.commands import TINY, fake, finish, group_members, start
+from tests.running.histories import store as open_store
+from tests.running.histories import tracked
 from tests.tracking import servers
 from tests.tracking.folders import SMALL, begun, finished, history, place, steps, written
 from tests.trees.shell import Cli
@@ -186,6 +188,42 @@ def test_a_run_whose_process_was_killed_does_not_stay_running(home: Path, store:
     folder.close()
     sync(home / "runs")
     assert store.client.get_run(run).info.status == "KILLED"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("which", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_leaves_a_server_that_does_not_answer(which: signal.Signals, tmp_path: Path) -> None:
+    """The run is done: exit code 0, the command that sends the rest, and no process stays."""
+    with servers.stalling() as address:
+        uri = f"tracking.policy.uri={address}"
+        run = start(tmp_path, *TINY, *fake("Instant"), uri, "tracking.policy.patience=300")
+        assert run.stdout is not None
+        said = ""
+        while "Ctrl-C leaves" not in said and (line := run.stdout.readline()):
+            said += line
+        os.killpg(run.pid, which)
+        code, rest = finish(run)
+    assert code == 0, said + rest
+    assert "has not got all records (you did not wait for them)" in rest
+    assert " sync " in rest
+    assert "Traceback" not in said + rest
+    assert group_members(run.pid) == []
+
+
+@pytest.mark.slow
+def test_two_runs_share_a_store_that_neither_finds(tmp_path: Path) -> None:
+    """Both make it at once, and each has all of its points, once."""
+    runs = [
+        start(tmp_path, *TINY, *fake("Instant"), "tracking.policy.patience=120", f"name={name}")
+        for name in ("a", "b")
+    ]
+    ends = [finish(run) for run in runs]
+    assert [code for code, _ in ends] == [0, 0], ends
+    found = tracked(open_store(tmp_path))
+    assert [run.status for run in found] == ["FINISHED"] * 2
+    for run in found:
+        assert [step for step, _ in run.points["fitness/max"]] == list(range(6))
+    assert found[0].points == found[1].points
 
 
 @pytest.mark.slow

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import json
 from base64 import b64encode
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
+import yaml
 
 from islandgp.records.parameters import redacted, without_credentials
+from islandgp.tracking.sender import Order, Report, Worker, read_order
 from islandgp.tracking.store import MLflowSettings, Place
 from tests.running.commands import TINY, fake, finish, start
 from tests.tracking import servers
+from tests.tracking.folders import written
 
 PASSWORD = "s3cret-w%40rd"
 PIECE = "s3cret"
+BASIC = "Basic " + b64encode(b"me:s3cret-w@rd").decode()
 
 
 @pytest.mark.parametrize(
@@ -21,6 +27,7 @@ PIECE = "s3cret"
     [
         pytest.param("command", marks=pytest.mark.slow),
         pytest.param("sweep", marks=pytest.mark.slow),
+        pytest.param("joblib", marks=pytest.mark.slow),
         "file",
     ],
 )
@@ -35,8 +42,10 @@ def test_only_the_server_gets_the_password(how: str, tmp_path: Path) -> None:
         if how == "file":
             (conf / "mine.yaml").write_text(f"defaults: [mlflow]\npolicy: {{uri: {uri!r}}}\n")
             words = ["tracking=mine", "--config-dir", "conf"]
-        if how == "sweep":
+        if how in ("sweep", "joblib"):
             words += ["seed=0,1", "-m"]
+        if how == "joblib":  # the jobs' processes send, and at the end this one
+            words += ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
         home = tmp_path / "home"
         home.mkdir()
         (home / "conf").symlink_to(tmp_path / "conf")
@@ -44,10 +53,39 @@ def test_only_the_server_gets_the_password(how: str, tmp_path: Path) -> None:
             start(home, *TINY, *fake("Instant"), *words, "tracking.policy.patience=15")
         )
     assert code == 0, said
-    assert b"Basic " + b64encode(b"me:s3cret-w@rd") in {line.encode() for line in asked}
+    assert set(asked) == {BASIC}
     assert PIECE not in said
     assert "***@127.0.0.1" in (next(home.rglob("config.yaml"))).read_text()
     assert [f for f in home.rglob("*") if f.is_file() and PIECE in f.read_text()] == []
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_a_sweep_s_end_knows_what_the_folders_lack(
+    given: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The jobs' processes may have sent nothing: each request of the last one has the password."""
+    for name in ("USERNAME", "PASSWORD"):
+        monkeypatch.setenv(f"MLFLOW_TRACKING_{name}", "")
+    folder = written(tmp_path / "sweep/one", tmp_path)
+    asked: list[str] = []
+    with servers.broken(asked) as address:
+        hidden = address.replace("://", "://***@")
+        config = folder.configuration()
+        config["tracking"]["policy"]["uri"] = hidden
+        (folder.path / "config.yaml").write_text(yaml.safe_dump(config))
+        own = MLflowSettings(
+            uri=address.replace("://", f"://me:{PASSWORD}@"),
+            artifacts="a",
+            experiment="islandgp",
+            patience=0,
+        )
+        order = Order(0, str(tmp_path), places=(Place.of(own, tmp_path),) if given else ())
+        told: list[Report] = []
+        worker = Worker(lambda report: (told.append(report), worker.end())[0])
+        worker.add(read_order(json.dumps(asdict(order))))
+        worker.work()
+    assert set(asked) == ({BASIC} if given else {""})
+    assert [PIECE in repr(place) for place in order.places] == [False] * given
 
 
 @pytest.mark.usefixtures("home")

@@ -80,3 +80,18 @@ def test_large_trees_are_compared_as_text(islandgp: Cli, tmp_path: Path) -> None
     said = islandgp("diff", a, b)
     assert said.code == 1
     assert "+  PatrolWaypoint" in said.out.splitlines()
+
+
+def test_equal_trees_of_two_domains_are_not_the_same(tmp_path: Path, islandgp: Cli) -> None:
+    """Each domain gives the words meanings of its own; one that is not named is no other."""
+    for name in ("", "domain island\n", "domain moon\n"):
+        (tmp_path / (name.split()[-1] if name else "none")).write_text(f"{name}PatrolWaypoint\n")
+    (tmp_path / "other").write_text("domain moon selector { PatrolWaypoint }")
+    said = islandgp("diff", tmp_path / "island", tmp_path / "moon")
+    assert (said.code, said.err) == (1, "")
+    assert said.out == "They are for two domains: island and moon.\nThe same nodes.\n"
+    assert islandgp("diff", tmp_path / "island", tmp_path / "none").out == "The same tree.\n"
+    said = islandgp("diff", tmp_path / "island", tmp_path / "other")
+    assert said.code == 1
+    assert "two domains" in said.out
+    assert "they do the same" not in said.out

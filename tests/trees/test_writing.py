@@ -100,3 +100,40 @@ def test_a_pipe_is_written_as_it_is(tree: Path, islandgp: Cli) -> None:
     finally:
         os.close(reader)
     assert pipe.is_fifo()
+
+
+@pytest.mark.parametrize(
+    ("output", "found"),
+    [
+        ("no dir/x", "no folder no dir"),
+        ("mine.bt/x", "the file mine.bt"),
+        ("/proc/x", "No such file or directory"),
+    ],
+)
+@pytest.mark.parametrize("command", [["simplify"], ["replay"], ["best"], ["tune"]])
+def test_a_place_that_takes_no_file_is_told_before_any_work(
+    command: list[str],
+    output: str,
+    found: str,
+    tree: Path,
+    islandgp: Cli,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Also where what is to be worked on is not there."""
+    monkeypatch.chdir(tree.parent)
+    said = islandgp(*command, tree.name, "-o", output)
+    assert (said.code, said.out) == (2, "")
+    assert said.err.startswith(f"islandgp: Expected a place for the file {output}, found: ")
+    assert found in said.err
+    assert said.err.count("\n") == 1
+    assert list(tree.parent.iterdir()) == [tree]
+
+
+def test_a_place_that_is_tried_keeps_its_file(tree: Path, islandgp: Cli) -> None:
+    """Where the work then fails, nothing has been written."""
+    tree.write_text("selector {")
+    other = tree.with_name("other.bt")
+    other.write_text(TREE)
+    assert islandgp("simplify", tree, "-o", other).code == 2
+    assert islandgp("distill", tree.parent, "-o", tree.with_name("new")).code == 2
+    assert (sorted(tree.parent.iterdir()), other.read_text()) == ([tree, other], TREE)

@@ -8,7 +8,6 @@ const player = (() => {
   const one = id => document.getElementById(id);
   const state = {tick: 0, playing: false, speed: 10};
   let before = 0, stale = true;
-  const frames = [];  // ms of the last frames, and what drawing them took
 
   const perSecond = () => state.speed / episode.step;
   function draw() {
@@ -30,10 +29,7 @@ const player = (() => {
     }
     if (stale) {
       stale = false;
-      const began = performance.now();
       draw();
-      frames.push([passed, performance.now() - began]);
-      if (frames.length > 240) frames.shift();
     }
     requestAnimationFrame(frame);
   }
@@ -185,5 +181,5 @@ const player = (() => {
   if (asked.has("play")) { if (SPEEDS.includes(Number(asked.get("play")))) speed(Number(asked.get("play"))); play(true); }
   anew();
   requestAnimationFrame(now => { before = now; frame(now); });
-  return {state, frames, play, seek, speed, step, follow};
+  return {state, play, seek, speed, step, follow};
 })();

@@ -1,0 +1,44 @@
+"""The files that go with a run into MLflow."""
+
+from __future__ import annotations
+
+import json
+import tracemalloc
+from dataclasses import asdict
+from pathlib import Path
+
+from islandgp.tracking.artifacts import TABLE, artifacts, curves, table
+from islandgp.tracking.chart import svg
+from tests.tracking.folders import begun, steps, written
+
+GENERATIONS = 20
+COMMENT = 10_000  # characters of each tree
+
+
+def test_table_and_curves_need_no_individuals(tmp_path: Path) -> None:
+    """The memory that they take is a part of what the individuals of the run would take."""
+    folder = begun(tmp_path / "run", tmp_path)
+    record = json.dumps(asdict(steps()[0].record) | {"guidance": None})
+    line = json.loads(record)
+    for individual in line["individuals"]:
+        individual["tree"] += "#" + COMMENT * "x"
+    (folder.path / "generations.jsonl").write_text(GENERATIONS * (json.dumps(line) + "\n"))
+    folder.close()
+    tracemalloc.start()
+    try:
+        found = {a.name: a.content for a in artifacts(folder)}
+        texts = [found[name]() for name in (TABLE, "curves.svg")]  # type: ignore[operator] # made
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert len(json.loads(texts[0])["data"]) == GENERATIONS
+    assert peak < GENERATIONS * len(line["individuals"]) * COMMENT / 2
+
+
+def test_table_and_curves_are_those_of_whole_records(tmp_path: Path) -> None:
+    """Nothing of a record is missing that they show."""
+    folder = written(tmp_path / "run", tmp_path)
+    found = {a.name: a.content for a in artifacts(folder)}
+    whole = list(folder.records())
+    assert found[TABLE]() == json.dumps(table(whole))  # type: ignore[operator] # a text is made
+    assert found["curves.svg"]() == svg(curves(whole))  # type: ignore[operator] # as above
