@@ -12,10 +12,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from islandgp.bt.comments import Comment
 from islandgp.bt.language import MAX_CHARACTERS, parse
 from islandgp.bt.printer import INDENT, INLINE_LEVELS, WIDTH, head
-from islandgp.bt.syntax import Definition, File, Line, Written, read
+from islandgp.bt.syntax import Comment, Definition, File, Line, Written, read
 from islandgp.errors import LimitError
 
 
