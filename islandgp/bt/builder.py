@@ -10,7 +10,7 @@ from typing import Any, Final, TypeAlias
 
 from islandgp.bt.condition import OPERATORS, Asked, Condition, denied, joined
 from islandgp.bt.diagnosis import unknown_key, unknown_node
-from islandgp.bt.includes import Part
+from islandgp.bt.includes import ParsedFile
 from islandgp.bt.node import ABORTS, REPEATS, Argument, Node, Used
 from islandgp.bt.printer import Named, use_text
 from islandgp.bt.source import Source, closest, shown
@@ -81,7 +81,7 @@ class Builder:
         self._name = ""  # of the subtree that is being built
         self._terms = 0  # of the condition that is being built
 
-    def build(self, parts: Sequence[Part]) -> Node:
+    def build(self, parts: Sequence[ParsedFile]) -> Node:
         """The Node of the last part's tree; raises TreeError for whatever is wrong in the text."""
         for part in parts:
             self._source = part.source

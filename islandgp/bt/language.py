@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 from islandgp.bt.builder import MAX_LEVELS, MAX_NODES, MAX_NUMBER, Builder
 from islandgp.bt.condition import Asked
 from islandgp.bt.diagnosis import syntax_error
-from islandgp.bt.includes import Part, gathered
+from islandgp.bt.includes import ParsedFile, gathered
 from islandgp.bt.node import Node
 from islandgp.bt.printer import to_text
 from islandgp.bt.source import Source, shown
@@ -87,7 +87,7 @@ def files_of(
     folder: Path | None,
     start: str = "start",
     placed: bool = False,
-) -> list[Part]:
+) -> list[ParsedFile]:
     """What a text and the files that it includes say, the text last. Raises as `parse`.
 
     `placed`: each tree of the grammar knows where it begins and ends.
@@ -111,7 +111,7 @@ def files_of(
     return parts
 
 
-def built(builder: Builder, parts: Sequence[Part]) -> Node:
+def built(builder: Builder, parts: Sequence[ParsedFile]) -> Node:
     """The tree of `files_of`. Raises as `parse`."""
     node = builder.build(parts)
     size = builder.nodes * builder.levels

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from islandgp.bt.builder import Builder
 from islandgp.bt.condition import Compound, Condition
-from islandgp.bt.includes import Part
+from islandgp.bt.includes import ParsedFile
 from islandgp.bt.language import built, files_of, words
 from islandgp.bt.node import Argument, Node
 from islandgp.bt.printer import Named, number_text
@@ -62,7 +62,7 @@ class Definition:
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class Statement:
     """`domain NAME`, `include "FILE"` or `constant NAME = NUMBER`."""
 
     text: str
@@ -75,8 +75,8 @@ class Line:
 class File:
     """A whole file."""
 
-    head: tuple[Line, ...]  # the domain and the files that it includes
-    definitions: tuple[Definition | Line, ...]  # subtrees and constants
+    head: tuple[Statement, ...]  # the domain and the files that it includes
+    definitions: tuple[Definition | Statement, ...]  # subtrees and constants
     root: Written | None  # None: it only holds definitions
     at_end: tuple[Comment, ...]
     included: Mapping[str, Definition]  # subtrees of the files that it includes
@@ -165,7 +165,7 @@ class _Word(NamedTuple):
 class _Reader:
     """Puts the comments and blank lines of one file to what the grammar has found in it."""
 
-    def __init__(self, part: Part, builder: Builder) -> None:
+    def __init__(self, part: ParsedFile, builder: Builder) -> None:
         """`builder` has built the file."""
         self._tree, self._builder = part.tree, builder
         self._words = list(_words(part.source.text))
@@ -174,8 +174,8 @@ class _Reader:
 
     def file(self, included: Mapping[str, Definition]) -> File:
         """The file, which uses these subtrees of others."""
-        head: list[Line] = []
-        definitions: list[Definition | Line] = []
+        head: list[Statement] = []
+        definitions: list[Definition | Statement] = []
         root = None
         for tree in self._tree.children:
             if tree.data in ("domain", "include"):
@@ -192,13 +192,13 @@ class _Reader:
         """The index of a tree's first word, and the index behind its last."""
         return self._first[tree.meta.start_pos], self._behind[tree.meta.end_pos]
 
-    def _line(self, tree: Any) -> Line:
+    def _line(self, tree: Any) -> Statement:
         first, behind = self._span(tree)
         found = self._words[first:behind]
         texts = [str(word.token) for word in found]
         if found[-1].token.type == "NUMBER":
             texts[-1] = number_text(float(texts[-1]) + 0.0)  # no -0
-        return Line(" ".join(texts), *_above(found), found[-1].behind)
+        return Statement(" ".join(texts), *_above(found), found[-1].behind)
 
     def _definition(self, tree: Any) -> Definition:
         name, *more, body = tree.children

@@ -9,9 +9,7 @@ from typing import Final
 import click
 
 from islandgp.bt.node import Node
-from islandgp.bt.render.graphs import to_dot, to_mermaid
-from islandgp.bt.render.svg import to_svg
-from islandgp.bt.render.terminal import to_lines, to_rich
+from islandgp.bt.render import to_dot, to_lines, to_mermaid, to_rich, to_svg
 from islandgp.commands.files import FILE, OUTPUT, STDIN, read_tree, write_text
 
 FORMATS: Final[dict[str, Callable[[Node], str]]] = {

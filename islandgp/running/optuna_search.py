@@ -26,8 +26,7 @@ from optuna.distributions import (
 from optuna.trial import FrozenTrial, TrialState
 
 from islandgp.records.checkpoint import write_atomic
-from islandgp.running.pruning import AT_WORK
-from islandgp.running.pruning import Trial as Pruning
+from islandgp.running.pruning import AT_WORK, LiveTrial
 
 Direction = Literal["minimize", "maximize"]
 
@@ -133,7 +132,7 @@ def _launched(
     jobs: Mapping[Words, optuna.Trial], launch: Launch, first: int, prune: bool
 ) -> dict[Words, Returned]:
     """Launches jobs, which get the numbers from `first` on."""
-    trials = {first + n: Pruning(trial) for n, trial in enumerate(jobs.values())}
+    trials = {first + n: LiveTrial(trial) for n, trial in enumerate(jobs.values())}
     if prune:
         AT_WORK.update(trials)
     try:

@@ -202,7 +202,19 @@ def run(
         target.open(yaml.safe_dump(config, sort_keys=False), about)
         if target.finished():  # by the process that had the folder until now
             return _complete(target, tracker)
-        where = _tracked(settings, target, supervisor, tracker, keep_display, judge)
+        status = Status.FAILED
+        tracker.start(target)
+        try:
+            _evolve(settings, target, supervisor, tracker, keep_display, judge)
+            status = Status.FINISHED
+        except (KeyboardInterrupt, Pruned):
+            status = Status.KILLED
+            raise
+        except Exception as error:
+            target.fail(error)
+            raise
+        finally:
+            where = tracker.finish(status)
     finally:
         target.close()
     return _end(target, where)
@@ -220,31 +232,6 @@ def _complete(target: RunFolder, tracker: Tracker) -> End:
     where = tracker.finish(Status.FINISHED)
     again = "This run was complete already; resume=never runs it again."
     return _end(target, again, where)
-
-
-def _tracked(
-    settings: Settings,
-    target: RunFolder,
-    supervisor: Supervisor,
-    tracker: Tracker,
-    keep_display: bool,
-    judge: Judge | None,
-) -> str:
-    """Evolves, and lets the tracker follow; returns where the tracker says to look."""
-    status, where = Status.FAILED, ""
-    tracker.start(target)
-    try:
-        _evolve(settings, target, supervisor, tracker, keep_display, judge)
-        status = Status.FINISHED
-    except (KeyboardInterrupt, Pruned):
-        status = Status.KILLED
-        raise
-    except Exception as error:
-        target.fail(error)
-        raise
-    finally:
-        where = tracker.finish(status)
-    return where
 
 
 def _evolve(

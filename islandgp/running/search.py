@@ -31,7 +31,7 @@ from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import redacted, without_credentials
 from islandgp.records.sweep_folder import SweepFolder, SweepJob
 from islandgp.running.printing import say, shown
-from islandgp.running.pruning import AT_WORK, Trial, follow
+from islandgp.running.pruning import AT_WORK, LiveTrial, follow
 from islandgp.running.resume import choose
 from islandgp.running.sweep import Launch, end_ray, finish_sweep, prepare
 from islandgp.running.sweep_job import attempt, fitted
@@ -265,7 +265,7 @@ def _run(
     config: dict[str, Any],
     settings: Settings,
     home: Path,
-    trial: Trial | None,
+    trial: LiveTrial | None,
 ) -> float | tuple[float, ...]:
     sweep = SweepFolder(search.folder)
     sweep.enter(entry)

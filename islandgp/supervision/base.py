@@ -42,6 +42,15 @@ class Pattern(StrEnum):
     STAGNATION = "stagnation"
 
 
+def check_ranges(key: str, ranges: Mapping[Phase, tuple[float, float]]) -> None:
+    """Raises ValueError unless each phase has a range of mutation rates; `key` is its name."""
+    if missing := [phase.value for phase in Phase if phase not in ranges]:
+        raise ValueError(f"{key}: expected a range for each phase, missing {', '.join(missing)}")
+    for phase, (low, high) in ranges.items():
+        if not 0 <= low <= high <= 1:
+            raise ValueError(f"{key}.{phase}: expected 0 <= low <= high <= 1")
+
+
 @dataclass(frozen=True, slots=True)
 class Guidance:
     """A supervisor's answer. `None` means that it says nothing to that."""

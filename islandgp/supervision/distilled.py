@@ -194,8 +194,14 @@ def _check(policy: Policy, setup: RunContext) -> None:
 
 
 def _fields(setup: RunContext) -> set[str]:
+    """The names in `features`: the history, and what is no number, are not among them."""
     classes: Classes = setup.classes
-    return {*field_meanings(setup.schema, classes), *(f"ahead.{n}" for n in classes.behaviours)}
+    numbers = (
+        name
+        for name in field_meanings(setup.schema, classes)
+        if not name.startswith(("history[]", "behaviours."))
+    )
+    return {*numbers, *(f"ahead.{name}" for name in classes.behaviours)}
 
 
 def _walk(rule: Rule) -> Iterator[Answer | Question]:

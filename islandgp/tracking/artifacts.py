@@ -58,7 +58,7 @@ def artifacts(folder: RunFolder) -> Iterator[Artifact]:
 
 
 def _picture(tree: str) -> str:
-    from islandgp.bt.render.svg import to_svg
+    from islandgp.bt.render import to_svg
 
     return to_svg(parse(tree))
 

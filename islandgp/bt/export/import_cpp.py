@@ -67,11 +67,6 @@ class Imported(NamedTuple):
     text: str  # the tree with its SubTrees as named subtrees
 
 
-def from_xml(text: str, vocabulary: Vocabulary, *, name: str = "<xml>") -> Node:
-    """The main tree of `read_tree`, whatever is lost."""
-    return read_tree(text, vocabulary, name=name).tree
-
-
 def read_tree(
     text: str, vocabulary: Vocabulary, *, name: str = "<xml>", tree: str | None = None
 ) -> Imported:

@@ -21,7 +21,6 @@ from islandgp.bt.export.plan import (
     OWN,
     Loss,
     TargetNode,
-    exact_plan,
     guard_losses,
     own_nodes,
     parts,
@@ -88,7 +87,7 @@ def to_python(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = Fal
 
     Plain: only behaviours of the library; what is not the same then is told by `losses`.
     """
-    whole = plan(tree) if plain else exact_plan(tree, differs)
+    whole = plan(tree, None if plain else differs)
     own = _own() if any(part.kind in OWN for part in parts(whole)) else ""
     text = "".join(f"    {line}\n" for line in to_text(tree).splitlines())
     asked = dict.fromkeys(term.key for term in asked_in(tree))

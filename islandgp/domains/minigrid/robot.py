@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Generator, Mapping
 from functools import cache
+from threading import local
 from typing import TYPE_CHECKING, Any, Final
 
 from islandgp.domain import Scene, png
@@ -37,17 +38,21 @@ def levels() -> dict[str, str]:
     return found
 
 
-@cache
+_MADE: Final = local()  # by level
+
+
 def environment(level: str) -> Any:
-    """The environment of a level, one for all episodes of a process; `reset` makes it anew.
+    """The environment of a level, one for all episodes of a thread; `reset` makes it anew.
 
     It draws no observation: the robot's own memory sees the same, forty times as fast.
     """
     import gymnasium
 
-    env = gymnasium.make(levels()[level], disable_env_checker=True).unwrapped
-    env.gen_obs = lambda: None  # type: ignore[attr-defined]
-    return env
+    made: dict[str, Any] = vars(_MADE)
+    if level not in made:
+        made[level] = gymnasium.make(levels()[level], disable_env_checker=True).unwrapped
+        made[level].gen_obs = lambda: None
+    return made[level]
 
 
 class Robot:

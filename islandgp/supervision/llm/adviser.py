@@ -129,7 +129,7 @@ class Adviser:
         else:
             rate, tree = self._both(state, calls, how)
             if episodes := self._told(state).episodes:
-                calls.play(Played(generation, "traces", episodes))
+                calls.transcript.play(Played(generation, "traces", episodes))
         asked = [outcome for outcome in (rate, tree) if outcome is not None]
         missing = sum(outcome.value is None for outcome in asked)
         backup = ask(self.fallback, state, rng) if missing else None
@@ -251,7 +251,8 @@ class Adviser:
         if found.value is None or not found.value.others:
             return found
         trial = try_out(found.value, state, self.setup)
-        calls.play(Played(state.now.generation, "trial", trial.episodes, trial.gain))
+        generation = state.now.generation
+        calls.transcript.play(Played(generation, "trial", trial.episodes, trial.gain))
         return replace(found, value=trial.chosen, trial=trial.note)
 
     def _ask(

@@ -1,7 +1,7 @@
 """Calls: a request goes out, is tried again if that may help, and is written down.
 
 `LiveCalls` asks the network, and what is written down already it does not ask
-again. `recorded.RecordedCalls` asks nobody.
+again. `supervision.replay.RecordedCalls` asks nobody.
 
 There is one retry layer: how many attempts, and how long to wait between them (section 2.4.5).
 """
@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from math import inf
-from typing import Any, Final, Literal, Protocol
+from typing import Final, Literal, Protocol
 
 import numpy as np
 from pydantic import BaseModel, Field
@@ -31,7 +31,7 @@ from islandgp.supervision.llm.message import (
     Request,
     Usage,
 )
-from islandgp.supervision.llm.transcript import Attempt, Call, Conclusion, Played, Sent, Transcript
+from islandgp.supervision.llm.transcript import Attempt, Call, Sent, Transcript
 
 
 class RetrySettings(BaseModel, frozen=True, extra="forbid"):
@@ -76,22 +76,10 @@ _SLOTS: Final = {"probe": 0, "rate": 1, "tree": 2}  # of Stream.NETWORK
 class Calls(Protocol):
     """Whoever answers calls."""
 
-    transcript: Transcript  # what was asked and answered so far
+    transcript: Transcript  # what was asked and answered so far, and what came of it
 
     def ask(self, call: Call, request: Request) -> Reply | Failure:
         """The answer to a call, after as many attempts as it takes."""
-        ...
-
-    def conclude(self, part: Conclusion) -> None:
-        """Takes note of what became of a part of the guidance."""
-        ...
-
-    def play(self, played: Played) -> None:
-        """Takes note of episodes that supervision ran for itself."""
-        ...
-
-    def learn(self, generation: int, dialect: Mapping[str, Any]) -> None:
-        """Takes note of how requests are made from a generation on."""
         ...
 
     def room_for(self, requests: Sequence[Request], repairs: int) -> bool:
@@ -195,18 +183,6 @@ class LiveCalls:
         )
         self.sleep(pause)
         return pause
-
-    def conclude(self, part: Conclusion) -> None:
-        """See `Calls`."""
-        self.transcript.conclude(part)
-
-    def play(self, played: Played) -> None:
-        """See `Calls`."""
-        self.transcript.play(played)
-
-    def learn(self, generation: int, dialect: Mapping[str, Any]) -> None:
-        """See `Calls`."""
-        self.transcript.learn(generation, dialect)
 
     def room_for(self, requests: Sequence[Request], repairs: int) -> bool:
         """See `Calls`: as long as no cap could end one of them.

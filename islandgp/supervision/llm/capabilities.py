@@ -68,7 +68,7 @@ class Dialects:
             return known
         found = find_dialect(self.calls, self.settings, generation)
         if isinstance(found, Dialect) and self.transcript.learnt is None:
-            self.calls.learn(generation, asdict(found))
+            self.transcript.learn(generation, asdict(found))
         return found
 
     def _known(self, generation: int) -> Dialect | None:

@@ -74,5 +74,6 @@ def unasked(calls: Calls, generation: int, part: str, why: Failure) -> Conversat
 def _concluded(
     calls: Calls, generation: int, part: str, outcome: Conversation[T]
 ) -> Conversation[T]:
-    calls.conclude(Conclusion(generation, part, outcome.source, outcome.why, outcome.rejected))
+    found = Conclusion(generation, part, outcome.source, outcome.why, outcome.rejected)
+    calls.transcript.conclude(found)
     return outcome

@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 from pydantic import BaseModel, Field, SecretStr, field_validator, model_validator
 
 from islandgp.plugin import Part
-from islandgp.supervision.base import SUPERVISES, Phase
+from islandgp.supervision.base import SUPERVISES, Phase, check_ranges
 from islandgp.supervision.llm.calls import RetrySettings
 from islandgp.supervision.llm.informed import InformedSettings
 from islandgp.supervision.llm.ledger import Caps, Facts, Price, Prices
@@ -109,10 +109,7 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
 
     @model_validator(mode="after")
     def _whole(self) -> LLMSettings:
-        if missing := [phase.value for phase in Phase if phase not in self.phases]:
-            raise ValueError(
-                f"phases: expected a range for each phase, missing {', '.join(missing)}"
-            )
+        check_ranges("phases", self.phases)
         if self.caps.usd is not None and self.price is None:
             raise ValueError(
                 f"caps.usd: expected a model with a known price, found {self.model_name!r}; the"

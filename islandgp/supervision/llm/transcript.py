@@ -152,13 +152,15 @@ T = TypeVar("T", Sent, Attempt, Played, Conclusion)
 class Transcript:
     """A transcript's lines, in memory and in a file that only grows."""
 
-    def __init__(self, path: Path | None) -> None:
+    def __init__(self, path: Path | None, *, fixed: bool = False) -> None:
         """Reads what is there; a last line that was cut off by a kill is dropped.
+
+        A fixed one stays as it is, whatever it is told.
 
         Raises:
             SupervisionError: the file is no transcript.
         """
-        self.path = path
+        self.path, self.fixed = path, fixed
         self.start: dict[str, Any] | None = None
         self.attempts: list[Attempt] = []
         self.parts: list[Conclusion] = []
@@ -187,8 +189,9 @@ class Transcript:
     def learn(self, generation: int, dialect: Mapping[str, Any]) -> None:
         """Writes down how requests are made from a generation on."""
         with self._lock:
-            self.learnt = (generation, dict(dialect))
-            self._write({"line": "dialect", "generation": generation, "dialect": self.learnt[1]})
+            if not self.fixed:
+                self.learnt = (generation, dict(dialect))
+                self._write({"line": "dialect", "generation": generation, "dialect": dialect})
 
     def useless_before(self, generation: int) -> int:
         """How many questions in a row, up to a generation, had answers of no use.
@@ -234,17 +237,17 @@ class Transcript:
 
     def conclude(self, part: Conclusion) -> None:
         """Writes down what became of a part, once."""
-        with self._lock:
-            if part not in self.parts:
-                self.parts.append(part)
-                self._write({"line": "part", **asdict(part)})
+        self._once(self.parts, part, "part")
 
     def play(self, played: Played) -> None:
         """Writes down episodes of supervision's own, once."""
+        self._once(self.played, played, "played")
+
+    def _once(self, kept: list[T], found: T, line: str) -> None:
         with self._lock:
-            if played not in self.played:
-                self.played.append(played)
-                self._write({"line": "played", **asdict(played)})
+            if not self.fixed and found not in kept:
+                kept.append(found)
+                self._write({"line": line, **asdict(found)})
 
     def _write(self, line: Mapping[str, Any]) -> None:
         if self.path is None:
