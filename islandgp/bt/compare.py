@@ -59,7 +59,7 @@ class _Ordered:
     """A tree's nodes in postorder, from 1, with what the algorithm asks for."""
 
     def __init__(self, tree: Node) -> None:
-        self.nodes: list[Node] = [tree]  # place 0 is nobody's
+        self.nodes: list[Node] = [tree]  # place 0 is not used
         self.first_leaf = [0]  # the leftmost leaf below each node
         self.place = [0]  # of each node in document order, from 0
         self.levels = [0]

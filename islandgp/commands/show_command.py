@@ -29,7 +29,7 @@ ENDINGS: Final = {
     ".dot": "dot",
     ".gv": "dot",
 }
-"""The format that the ending of a file's name stands for."""
+"""The format by the ending of a file's name."""
 
 
 @click.command()

@@ -1,4 +1,4 @@
-"""A search by Optuna: trials are asked for, launched as jobs, and told what they came to.
+"""A search by Optuna: trials are asked for, launched as jobs, and told their results.
 
 With a seed in the sampler the same command asks for the same trials: finished runs are
 taken as they are, so a search that was stopped goes on.
@@ -122,7 +122,7 @@ def search(
 
 @dataclass(frozen=True, slots=True)
 class Returned:
-    """What a job came to."""
+    """The result of a job."""
 
     values: tuple[float, ...]  # its objectives; () where it did not come to its end
     pruned: bool

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Final, Protocol
 
 
-class Judge(Protocol):
+class OptunaTrial(Protocol):
     """What Optuna's LiveTrial gives to a run."""
 
     def report(self, value: float, step: int) -> None:
@@ -24,7 +24,7 @@ class Judge(Protocol):
 class LiveTrial:
     """A trial that is at work in this process."""
 
-    judge: Judge
+    judge: OptunaTrial
     pruned: int | None = None  # the generation in which it was stopped
 
 

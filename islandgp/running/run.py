@@ -47,7 +47,7 @@ Judge = Callable[[int, float], None]
 class End:
     """How a finished run ended."""
 
-    text: str  # what it came to, for people
+    text: str  # its result, for people
     mostly_fallback: bool  # its fallback gave more of the answers than its settings allow
 
 
@@ -66,7 +66,17 @@ def setup_of(settings: Settings, domain: Domain, folder: Path | None) -> RunCont
         crisis=settings.gp.crisis,
         adapt_mutation=settings.supervisor.adapt_mutation,
         inject=settings.supervisor.inject,
+        staged=_staged(settings),
     )
+
+
+def _staged(settings: Settings) -> Callable[[int], Domain] | None:
+    """The domain by generation; None where no stage of the curriculum changes the world."""
+    curriculum = settings.curriculum
+    if not any(stage.world for stage in curriculum.stages):
+        return None
+    problem = settings.problem()
+    return lambda generation: problem.at(curriculum.stage(generation))
 
 
 def make_library(settings: Settings, domain: Domain) -> Library:
@@ -291,7 +301,7 @@ def _evolve(
 
 
 def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> Best:
-    """The run's best robot: its most promising trees race in worlds that trained nobody.
+    """The run's best robot: its most promising trees race in worlds that trained no tree.
 
     With gp.validation=0 it is the fittest individual of the last stage.
     """

@@ -225,23 +225,19 @@ def _questions(
 
 
 def _compared(study: Comparison) -> Iterator[Item]:
-    yield Table(
-        "arms",
-        "Arms",
-        ("Arm", "selection", "runs", "seeds", "supervisor", "generations", "population"),
-        tuple(
-            (
-                arm.name,
-                arm.selection,
-                str(len(arm.runs)),
-                in_short(sorted(set(arm.seeds))),
-                ", ".join(sorted({run.supervisor for run in arm.runs})),
-                str(arm.generations),
-                ", ".join(sorted({str(run.flat.get("gp.population")) for run in arm.runs})),
-            )
-            for arm in study.arms
-        ),
-    )
+    rows = [
+        {
+            "Arm": arm.name,
+            "selection": arm.selection,
+            "runs": str(len(arm.runs)),
+            "seeds": in_short(sorted(set(arm.seeds))),
+            "supervisor": ", ".join(sorted({run.supervisor for run in arm.runs})),
+            "generations": str(arm.generations),
+            "population": ", ".join(sorted({str(r.flat.get("gp.population")) for r in arm.runs})),
+        }
+        for arm in study.arms
+    ]
+    yield Table.of("arms", "Arms", rows)
     if all(paired(a, b) for a, b in study.pairs):
         yield (
             "All arms ran on the same seeds and from the same start: runs of one seed share their"

@@ -27,7 +27,7 @@ LARGEST: Final = 5_000_000  # bytes of a policy's file
 
 
 class Answer(BaseModel, frozen=True, extra="forbid"):
-    """A leaf: what the policy says, and how many decisions of the teacher it stands for."""
+    """A leaf: what the policy says, and the number of the teacher's decisions behind it."""
 
     answer: str | FiniteFloat
     cases: int

@@ -94,7 +94,7 @@ def classify_pattern(state: PopulationState, how: ExpertSettings) -> Pattern:
 def choose_target(state: PopulationState, how: ExpertSettings) -> str:
     """Table 7: what the next tree is for.
 
-    What nobody does comes first, then a crisis, then what few do. Until a robot of the first
+    What no individual does comes first, then a crisis, then what few do. Until a robot of the first
     milestone has existed the rarest behaviour always is too rare: putting behaviours together
     is left to evolution.
     """

@@ -24,7 +24,7 @@ from islandgp.supervision.base import Guidance, Pattern, Phase, RunContext
 class YokedSettings(BaseModel, frozen=True, extra="forbid"):
     """Whose record it is."""
 
-    record: str = Field(min_length=1)  # a run's folder; {seed} stands for the other seed
+    record: str = Field(min_length=1)  # a run's folder; {seed} is replaced by the other seed
     first: int = Field(ge=0)  # the sweep's least seed
     seeds: int = Field(ge=2)  # how many there are from it on
 

@@ -159,8 +159,6 @@ ONE_LINE = [
      "supervisor.policy.rates: expected 0 <= least <= most <= 1, found [0.5, 0.1]"),
     (["supervisor.policy.rates.refinement=[0.3,0.2]"],
      "supervisor.policy.rates.refinement: expected 0 <= low <= high <= 1"),
-    (["supervisor=llm", "supervisor.policy.phases.refinement=[0.3,0.2]"],
-     "supervisor.policy.phases.refinement: expected 0 <= low <= high <= 1"),
     (["world.episode.length=1000000", "world.humanoids.turn_every=[0.1,1]"],
      "world.humanoids.turn_every: expected at most 1,000,000 of these in an episode, found"),
     (["world.episode.length=1000000", "world.garbage.every=0.1"],

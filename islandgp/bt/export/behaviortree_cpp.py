@@ -32,7 +32,7 @@ from islandgp.bt.vocabulary import NOTHING, Vocabulary
 from islandgp.errors import DomainError
 
 TREE_ID: Final = "Robot"
-REST: Final = "rest"  # the name of a node that stands for the later branches of the one above it
+REST: Final = "rest"  # the name of a node that holds the later branches of the one above it
 HEADER: Final = "islandgp_nodes.hpp"
 
 TAGS: Final[dict[str, str]] = {

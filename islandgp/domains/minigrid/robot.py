@@ -55,6 +55,22 @@ def environment(level: str) -> Any:
     return made[level]
 
 
+def beside(what: str) -> Callable[[Robot], Skill]:
+    """The skill to go to a place beside the nearest of these things seen, and to face it."""
+
+    def skill(self: Robot) -> Skill:
+        places = self._places[what] & self.memory.seen
+        if not places:
+            return False
+        if not (yield from self._go(self.memory.around(places))):
+            return False
+        ahead = self.memory.around(self.here) & places
+        yield from self._face(ahead & -ahead)
+        return True
+
+    return skill
+
+
 class Robot:
     """One episode: a method for each action. `step` lets the environment take the step."""
 
@@ -129,20 +145,11 @@ class Robot:
 
     # Skills
 
-    def GoToKey(self) -> Skill:
-        return (yield from self._go_beside("key"))
-
-    def GoToDoor(self) -> Skill:
-        return (yield from self._go_beside("door"))
-
-    def GoToLockedDoor(self) -> Skill:
-        return (yield from self._go_beside("locked"))
-
-    def GoToObject(self) -> Skill:
-        return (yield from self._go_beside("object"))
-
-    def GoToThing(self) -> Skill:
-        return (yield from self._go_beside("thing"))
+    GoToKey = beside("key")
+    GoToDoor = beside("door")
+    GoToLockedDoor = beside("locked")
+    GoToObject = beside("object")
+    GoToThing = beside("thing")
 
     def GoToGoal(self) -> Skill:
         return (yield from self._go(self._places["goal"] & self.memory.seen))
@@ -183,17 +190,6 @@ class Robot:
                 yield from self._do(PUT)
                 return self.env.carrying is None
         return False
-
-    def _go_beside(self, what: str) -> Skill:
-        """Goes to a place beside the nearest of these things that it has seen, and faces it."""
-        places = self._places[what] & self.memory.seen
-        if not places:
-            return False
-        if not (yield from self._go(self.memory.around(places))):
-            return False
-        beside = self.memory.around(self.here) & places
-        yield from self._face(beside & -beside)
-        return True
 
     def _go(self, ends: int) -> Skill:
         way = self.memory.way(self.here, ends)

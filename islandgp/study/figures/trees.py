@@ -87,7 +87,7 @@ def late_evolved(study: Comparison) -> Specimen:
 
 
 def _last_stage(run: Run) -> range:
-    """The generations under the last multipliers that the run came to."""
+    """The generations in the last stage that the run reached."""
     last = run.snapshots[-1].stage
     start = next(s.generation for s in run.snapshots if s.stage == last)
     return range(start, len(run.records))

@@ -80,7 +80,7 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     exploit_from: str | None  # milestone whose first robot begins phase 2; None: the last one
     candidates: int = Field(default=1, ge=1, le=10)  # trees of an answer; the best is injected
     rare: float = Field(ge=0, le=1)  # share of the population below which a behaviour is rare
-    on_outage: Literal["fallback", "wait", "stop"] = "fallback"  # where nobody answers
+    on_outage: Literal["fallback", "wait", "stop"] = "fallback"  # where no server answers
     useless: Useless | None = None  # None: asked to the end, whatever the answers are
     most_fallback: float | None = Field(default=None, ge=0, le=1)  # share; None: any
     caps: Caps
@@ -141,12 +141,12 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
 
     @property
     def price(self) -> Price | None:
-        """The model's price, None where nobody knows it."""
+        """The model's price, None where it is unknown."""
         return self.prices.models.get(self.model_name)
 
     @property
     def model_name(self) -> str:
-        """The model as the server knows it: what an alias stands for."""
+        """The name that the server knows the model by: aliases are resolved."""
         return self.prices.aliases.get(self.model, self.model)
 
     @property

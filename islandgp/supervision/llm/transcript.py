@@ -7,9 +7,9 @@ objects with a field `line` that says of which sort they are:
 start    the settings and the dialect that the requests were made with; null: not yet known
 dialect  the dialect, and the generation from which on it was known
 system   a system prompt, once, under its hash
-sent     an attempt is about to be made; without its attempt line, nobody knows what it came to
+sent     an attempt is about to be made; without its attempt line, its outcome is unknown
 attempt  one attempt at a call: where, request, reply or failure, tokens, dollars, seconds
-part     what became of one part of the guidance: its source, and the stages that rejected it
+part     the result for one part of the guidance: its source, and the stages that rejected it
 played   episodes that supervision ran for itself: for which generation, what for, how many
 """
 
@@ -60,7 +60,7 @@ class Attempt:
     number: int  # from 1
     request: Request
     answer: Reply | Failure
-    usage: Usage | None  # tokens; None: nobody knows
+    usage: Usage | None  # tokens; None: unknown
     at_most: Usage  # tokens that it may have taken; `usage` where that is known
     usd: float | None  # of `usage`; None: unknown tokens or an unknown price
     seconds: float  # until the answer
@@ -70,7 +70,7 @@ class Attempt:
 
 @dataclass(frozen=True, slots=True)
 class Conclusion:
-    """What became of one part of the guidance of a generation."""
+    """The result for one part of the guidance of a generation."""
 
     generation: int
     part: str
@@ -196,7 +196,7 @@ class Transcript:
     def useless_before(self, generation: int) -> int:
         """How many questions in a row, up to a generation, had answers of no use.
 
-        One that nobody answered is passed over.
+        One without an answer is passed over.
         """
         count = 0
         for part in sorted(self.parts, key=lambda part: (part.generation, part.part)):
@@ -236,7 +236,7 @@ class Transcript:
             self._write({"line": "attempt", **to_line(attempt, digest)})
 
     def conclude(self, part: Conclusion) -> None:
-        """Writes down what became of a part, once."""
+        """Writes down the result for a part, once."""
         self._once(self.parts, part, "part")
 
     def play(self, played: Played) -> None:
