@@ -30,7 +30,7 @@ from islandgp.bt.condition import OPERATORS
 from islandgp.bt.includes import MAX_FILES
 from islandgp.bt.language import MAX_CHARACTERS, parse, to_text
 from islandgp.bt.node import ABORTS, KINDS, POLICIES, REPEATS
-from islandgp.bt.render.label import SYMBOLS
+from islandgp.bt.render import SYMBOLS
 from islandgp.commands.setting import configured
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.evaluation.base import Job, Problem, simulate

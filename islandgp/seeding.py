@@ -2,7 +2,7 @@
 
 A stream is a function of (run seed, purpose, generation, slot) and keeps no
 state between generations. So a resumed run, another number of workers, or a
-supervisor that decides otherwise never shifts anybody else's draws.
+supervisor that decides otherwise never shifts other draws.
 """
 
 from __future__ import annotations

@@ -10,9 +10,9 @@ from typing import Any, Final, TypeAlias
 
 from islandgp.bt.condition import OPERATORS, Asked, Condition, denied, joined
 from islandgp.bt.diagnosis import unknown_key, unknown_node
-from islandgp.bt.includes import Part
+from islandgp.bt.includes import ParsedFile
 from islandgp.bt.node import ABORTS, REPEATS, Argument, Node, Used
-from islandgp.bt.printer import use_text
+from islandgp.bt.printer import Named, use_text
 from islandgp.bt.source import Source, closest, shown
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.errors import LimitError, TreeError, UnknownNameError
@@ -65,6 +65,7 @@ class Builder:
         Marked: the root of a subtree that is used is a `Used`.
         """
         self._marked = marked
+        self._named = False  # whether numbers of constants and parameters keep their names
         self._source = source
         self._vocabulary = vocabulary
         self._subtrees: dict[str, _Subtree] = {}
@@ -80,7 +81,7 @@ class Builder:
         self._name = ""  # of the subtree that is being built
         self._terms = 0  # of the condition that is being built
 
-    def build(self, parts: Sequence[Part]) -> Node:
+    def build(self, parts: Sequence[ParsedFile]) -> Node:
         """The Node of the last part's tree; raises TreeError for whatever is wrong in the text."""
         for part in parts:
             self._source = part.source
@@ -177,20 +178,39 @@ class Builder:
         if kind == "use":
             return self._use(parts[0], parts[1].children if parts[1:] else [], level)
         self._count(parts[0], nodes=1, deepest=level)
+        node, below = self._head(tree)
+        return node._replace(children=tuple([self._node(part, level + 1) for part in below]))
+
+    def _head(self, tree: _Tree) -> tuple[Node, Sequence[_Tree]]:
+        """A node without its children, and the trees of these."""
+        kind, parts = str(tree.data), tree.children
+        args: tuple[Argument, ...] = ()
+        first = 1  # of the parts that are children
         if kind == "action":
             words = self._vocabulary
             if words is not None and parts[0] not in words.actions:
                 raise unknown_node(self._source, parts[0], self._subtrees, words)
-            return Node("action", (str(parts[0]),))
-        args: tuple[Argument, ...] = ()
-        first = 1  # of the parts that are children
-        if kind == "when":
+            args = (str(parts[0]),)
+        elif kind == "when":
             args, first = self._condition(parts)
         elif kind == "parallel":
             args, first = _policies(parts)
         elif kind == "repeater":
             args, first = (self._repeats(parts[1]),), 2
-        return Node(kind, args, tuple([self._node(part, level + 1) for part in parts[first:]]))
+        return Node(kind, args), parts[first:]
+
+    def written(self, tree: _Tree, parameters: Sequence[str]) -> tuple[Node, Sequence[_Tree]]:
+        """A node of what has been built, as it is written, and the trees of its children.
+
+        It stands in a subtree with these parameters. The number of a constant or a parameter is
+        a `Named`, and a `use` is a node of the kind "use" with the subtree's name and numbers.
+        """
+        self._named, self._values = True, dict.fromkeys(parameters, 1.0)
+        if tree.data != "use":
+            return self._head(tree)
+        name, *given = tree.children
+        numbers = [self._number(each) for part in given for each in part.children]
+        return Node("use", (str(name), *numbers)), ()
 
     def _use(self, name: _Token, given: Sequence[_Token], level: int) -> Node:
         if name in self._templates:
@@ -279,7 +299,7 @@ class Builder:
             value = self._values.get(token, self._constants.get(token))
             if value is None:
                 raise self._unknown_number(token)
-            return value
+            return Named(str(token), value) if self._named else value
         if not _NUMBER.fullmatch(token):
             raise self._source.error_at(
                 token,
@@ -295,11 +315,13 @@ class Builder:
             )
         return value
 
-    def _repeats(self, token: _Token) -> int:
+    def _repeats(self, token: _Token) -> float:
         fewest, most = REPEATS
         count = 0
         if token.type == "NAME":
             value = self._number(token)
+            if self._named:
+                return value
             count = int(value) if value == int(value) else 0
         elif token.isdecimal() and len(token) < 10:
             count = int(token)

@@ -95,7 +95,7 @@ def repeater(child: Tick, count: int) -> Tick:
     return tick
 
 
-class Observation(NamedTuple):
+class ObservedGuard(NamedTuple):
     """A `when` that a composite observes while a later branch runs."""
 
     branch: int
@@ -110,13 +110,13 @@ class Observed:
 
     def __init__(self) -> None:
         self.branch = 0  # that is being compiled
-        self.guards: list[Observation] = []  # in document order
+        self.guards: list[ObservedGuard] = []  # in document order
         self.truth: list[bool | None] = []  # last known, a slot per guard
 
     def add(self, holds: Callable[[], bool]) -> int:
         """Observes one more guard of the branch; gives the slot where its truth is kept."""
         slot = len(self.guards)
-        self.guards.append(Observation(self.branch, slot, holds))
+        self.guards.append(ObservedGuard(self.branch, slot, holds))
         self.truth.append(None)
         return slot
 

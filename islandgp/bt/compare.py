@@ -29,7 +29,7 @@ class Mark(StrEnum):
     CHANGED = "~"
 
 
-class Line(NamedTuple):
+class DiffLine(NamedTuple):
     """A node of either tree, in document order of both."""
 
     mark: Mark
@@ -38,7 +38,7 @@ class Line(NamedTuple):
     new: Node | None  # None: deleted
 
 
-def compare(old: Node, new: Node) -> list[Line]:
+def compare(old: Node, new: Node) -> list[DiffLine]:
     """The nodes of both trees with what happened to them; a node is told without its children.
 
     Raises:
@@ -59,7 +59,7 @@ class _Ordered:
     """A tree's nodes in postorder, from 1, with what the algorithm asks for."""
 
     def __init__(self, tree: Node) -> None:
-        self.nodes: list[Node] = [tree]  # place 0 is nobody's
+        self.nodes: list[Node] = [tree]  # place 0 is not used
         self.first_leaf = [0]  # the leftmost leaf below each node
         self.place = [0]  # of each node in document order, from 0
         self.levels = [0]
@@ -142,7 +142,7 @@ def _price(old: Node, new: Node) -> int:
     return _NEVER if "action" in (old.kind, new.kind) else _KIND
 
 
-def _lines(a: _Ordered, b: _Ordered, partners: dict[int, int]) -> Iterator[Line]:
+def _lines(a: _Ordered, b: _Ordered, partners: dict[int, int]) -> Iterator[DiffLine]:
     by_place_a = sorted(range(1, len(a.nodes)), key=a.place.__getitem__)
     by_place_b = sorted(range(1, len(b.nodes)), key=b.place.__getitem__)
     back = {j: i for i, j in partners.items()}
@@ -150,14 +150,14 @@ def _lines(a: _Ordered, b: _Ordered, partners: dict[int, int]) -> Iterator[Line]
     for j in by_place_b:
         new = b.nodes[j]
         if j not in back:
-            yield Line(Mark.INSERTED, b.levels[j], None, new)
+            yield DiffLine(Mark.INSERTED, b.levels[j], None, new)
             continue
         for i in deleted:
             if i == back[j]:
                 break
-            yield Line(Mark.DELETED, a.levels[i], a.nodes[i], None)
+            yield DiffLine(Mark.DELETED, a.levels[i], a.nodes[i], None)
         old = a.nodes[back[j]]
         same = (old.kind, old.args) == (new.kind, new.args)
-        yield Line(Mark.SAME if same else Mark.CHANGED, b.levels[j], old, new)
+        yield DiffLine(Mark.SAME if same else Mark.CHANGED, b.levels[j], old, new)
     for i in deleted:
-        yield Line(Mark.DELETED, a.levels[i], a.nodes[i], None)
+        yield DiffLine(Mark.DELETED, a.levels[i], a.nodes[i], None)

@@ -9,26 +9,27 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final, NoReturn
+from typing import Final, Literal
+
+from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 
 from islandgp.bt.builder import MAX_NUMBER
-from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS, Condition
+from islandgp.bt.condition import OPERATORS, Condition
 from islandgp.bt.export.xml_reader import Element, read_xml
 from islandgp.bt.language import domain_of, parse
 from islandgp.bt.node import FAILURE, STATUS_NAMES, SUCCESS, asked_in
 from islandgp.bt.source import shown
 from islandgp.bt.vocabulary import RESERVED, Action, Key, Vocabulary
 from islandgp.errors import DomainError
+from islandgp.plain import read_json
 
 UNNAMED: Final = "model"
 """The domain of a vocabulary from a TreeNodesModel, which names none."""
 
 _SCRIPTS: Final = ("code", "condition")  # attributes that ask the blackboard
 _WORD: Final = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)\s*([<>=!]=|[<>])?")
-_NUMBERS: Final = ("low", "high", "step", "most")  # entries of a key that is a number
-_STATUSES: Final = {name: status for status, name in enumerate(STATUS_NAMES[:3])}
 
 
 def declared(
@@ -97,92 +98,70 @@ def _scripts(element: Element) -> Iterator[str]:
         waiting += each.children
 
 
+_Condition = tuple[str, Literal["<", "<=", ">", ">=", "==", "!=", "is", "not"], FiniteFloat]
+
+
+class _Action(BaseModel, extra="forbid"):
+    """An entry of `actions`."""
+
+    meaning: str = ""
+    statuses: list[Literal["FAILURE", "SUCCESS", "RUNNING"]] = Field(
+        default=["FAILURE", "SUCCESS", "RUNNING"], min_length=1
+    )
+    to_start: list[_Condition] = []
+    to_succeed: list[_Condition] = []
+    changes: dict[str, Literal[-1, 1]] = {}
+
+    def action(self) -> Action:
+        return Action(
+            self.meaning,
+            frozenset(map(STATUS_NAMES.index, self.statuses)),
+            tuple(Condition(*each) for each in self.to_start),
+            tuple(Condition(*each) for each in self.to_succeed),
+            self.changes,
+        )
+
+
+class _Key(BaseModel, extra="forbid"):
+    """An entry of `keys`; one with a range is a number unless it says otherwise."""
+
+    meaning: str = ""
+    flag: bool = True
+    low: FiniteFloat = 0.0
+    high: FiniteFloat = 1.0
+    step: FiniteFloat = 1.0
+    most: FiniteFloat | None = None
+
+    def key(self) -> Key:
+        given = self.model_fields_set
+        return Key(**{**dict(self), "flag": self.flag if "flag" in given else given <= {"meaning"}})
+
+
+class _Words(BaseModel):
+    """A vocabulary; a schema's other entries are passed over."""
+
+    domain: str
+    actions: dict[str, _Action]
+    keys: dict[str, _Key] = {}
+
+
 def _schema(text: str, name: str) -> Vocabulary:
     try:
-        found = json.loads(text.removeprefix("\ufeff"))
-    except (ValueError, RecursionError):
-        _wrong(name, "the file", "JSON of `islandgp domain NAME --json`, or BehaviorTree.CPP XML")
-    words = _mapping(found, name, "the file").get("vocabulary", found)
-    words = _mapping(words, name, "vocabulary")
-    actions = {
-        action: _action(_mapping(given, name, f"actions.{action}"), name, f"actions.{action}")
-        for action, given in _mapping(words.get("actions"), name, "actions").items()
-    }
-    keys = {
-        key: _key(_mapping(given, name, f"keys.{key}"), name, f"keys.{key}")
-        for key, given in _mapping(words.get("keys", {}), name, "keys").items()
-    }
-    domain = words.get("domain")
-    if not isinstance(domain, str):
-        _wrong(name, "domain", "a name")
-    try:
-        return Vocabulary(domain, actions, keys)
+        found = read_json(text.removeprefix("\ufeff"))
+        words = found.get("vocabulary", found) if isinstance(found, dict) else found
+        given = _Words.model_validate_json(json.dumps(words), strict=True)
+        actions = {action: entry.action() for action, entry in given.actions.items()}
+        return Vocabulary(given.domain, actions, {k: e.key() for k, e in given.keys.items()})
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False)[0]
+        at, why = ".".join(map(str, first["loc"])) or "the file", first["msg"]
+        raise DomainError(
+            f"{name}: {at:.100}: {why[0].lower()}{why[1:]}; see `islandgp domain --json`."
+        ) from None
     except DomainError as error:
         raise DomainError(f"{name}: {error}") from None
-
-
-def _action(given: Mapping[str, Any], name: str, at: str) -> Action:
-    _only(given, ("meaning", "statuses", "to_start", "to_succeed", "changes"), name, at)
-    known = [*_STATUSES]
-    statuses = given.get("statuses", known)
-    if not isinstance(statuses, list) or not statuses or any(s not in known for s in statuses):
-        _wrong(name, f"{at}.statuses", f"some of {', '.join(_STATUSES)}")
-    changes = _mapping(given.get("changes", {}), name, f"{at}.changes")
-    if not all(sign in (-1, 1) for sign in changes.values()):
-        _wrong(name, f"{at}.changes", "-1 or 1 for each key")
-    return Action(
-        _meaning(given, name, at),
-        frozenset(_STATUSES[status] for status in statuses),
-        _conditions(given, "to_start", name, at),
-        _conditions(given, "to_succeed", name, at),
-        changes,
-    )
-
-
-def _conditions(given: Mapping[str, Any], which: str, name: str, at: str) -> tuple[Condition, ...]:
-    found = given.get(which, [])
-    for each in found if isinstance(found, list) else [""]:
-        right = isinstance(each, list) and len(each) == 3 and isinstance(each[0], str)
-        if not right or each[1] not in (*OPERATORS, *FLAG_OPERATORS) or not _number(each[2]):
-            _wrong(name, f"{at}.{which}", 'a list of conditions such as ["charge", "<", 25]')
-    return tuple(Condition(key, operator, float(number)) for key, operator, number in found)
-
-
-def _key(given: Mapping[str, Any], name: str, at: str) -> Key:
-    _only(given, ("meaning", "flag", *_NUMBERS), name, at)
-    numbers = {key: given[key] for key in _NUMBERS if key in given}
-    flag = given.get("flag", not numbers)
-    if not isinstance(flag, bool):
-        _wrong(name, f"{at}.flag", "true or false")
-    if numbers.get("most", 0) is None:
-        del numbers["most"]
-    for key, value in numbers.items():
-        if not _number(value):
-            _wrong(name, f"{at}.{key}", "a number")
-    return Key(_meaning(given, name, at), flag, **{k: float(v) for k, v in numbers.items()})
-
-
-def _only(given: Mapping[str, Any], known: Sequence[str], name: str, at: str) -> None:
-    if unknown := sorted(set(given) - set(known)):
-        _wrong(name, at, f"no other entries than {', '.join(known)}, found {shown(unknown[0])}")
-
-
-def _number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
-
-
-def _meaning(given: Mapping[str, Any], name: str, at: str) -> str:
-    meaning = given.get("meaning", "")
-    if not isinstance(meaning, str):
-        _wrong(name, f"{at}.meaning", "a text")
-    return meaning
-
-
-def _mapping(value: object, name: str, at: str) -> Mapping[str, Any]:
-    if not isinstance(value, dict):
-        _wrong(name, at, "a JSON object")
-    return value
-
-
-def _wrong(name: str, at: str, expected: str) -> NoReturn:
-    raise DomainError(f"{name}: {at}: expected {expected}; see `islandgp domain --json`.")
+    except ValueError:
+        raise DomainError(
+            f"{name}: the file: expected JSON of `islandgp domain NAME --json`, or"
+            " BehaviorTree.CPP XML."
+        ) from None

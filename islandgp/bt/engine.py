@@ -2,7 +2,7 @@
 
 What each node does is told in `docs/semantics.md`. Two ideas keep this small
 and fast. A node is a function of `fresh`: True starts it anew, False resumes it
-where it was RUNNING. So an abort needs no walk through the subtree: whoever
+where it was RUNNING. So an abort needs no walk through the subtree: the node that
 aborts forgets that the subtree was running, and starts it fresh the next time.
 And because the blackboard doesn't change within a tick, checking guards on the
 way down from the root is the same as checking all of them when the tick starts.
@@ -130,7 +130,7 @@ class _Compiler:
         for branch, child in enumerate(node.children):
             places.append(len(self._running))
             observed.branch = branch
-            # Nothing stands behind the last branch, so nobody observes its guards.
+            # Nothing stands behind the last branch, so its guards are not observed.
             branches.append(self.compile(child, observed if branch < last else None))
         places.append(len(self._running))
         if observed.guards:
@@ -193,4 +193,4 @@ def thresholds(tree: Node, key: str) -> tuple[float, ...]:
 
 
 def _ignore(first: int, end: int) -> None:
-    """Nobody watches."""
+    """Without a watch."""

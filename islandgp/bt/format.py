@@ -12,10 +12,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from islandgp.bt.comments import Comment
 from islandgp.bt.language import MAX_CHARACTERS, parse
 from islandgp.bt.printer import INDENT, INLINE_LEVELS, WIDTH, head
-from islandgp.bt.syntax import Definition, File, Line, Written, read
+from islandgp.bt.syntax import Comment, Definition, File, Statement, Written, read
 from islandgp.errors import LimitError
 
 
@@ -45,7 +44,7 @@ def _file(file: File) -> Iterator[str]:
         yield from _line(line)
         following = file.head[index + 1 : index + 2] or file.definitions[:1]
         rest = following[0] if following else file.root
-        if isinstance(rest, Line) and rest.text.startswith("include") == line.text.startswith(
+        if isinstance(rest, Statement) and rest.text.startswith("include") == line.text.startswith(
             "include"
         ):
             continue
@@ -55,7 +54,7 @@ def _file(file: File) -> Iterator[str]:
         ):
             yield ""
     for definition in file.definitions:
-        if isinstance(definition, Line):
+        if isinstance(definition, Statement):
             yield from _line(definition)
             continue
         lead = f"subtree {definition.name}"
@@ -70,7 +69,7 @@ def _file(file: File) -> Iterator[str]:
     yield from _comments(file.at_end, "")
 
 
-def _line(line: Line) -> Iterator[str]:
+def _line(line: Statement) -> Iterator[str]:
     yield from _comments(line.before, "")
     if line.blank_before:
         yield ""

@@ -17,7 +17,7 @@ MAX_FILES: Final = 50  # that a file includes, however indirectly
 MAX_READ: Final = 100_000  # characters of a file that `mentioned` reads; no tree has more
 
 
-class Part(NamedTuple):
+class ParsedFile(NamedTuple):
     """One file: what it says, and what the grammar makes of it."""
 
     source: Source
@@ -31,7 +31,7 @@ def gathered(
     most: int,
     *,
     start: str = "start",
-) -> list[Part]:
+) -> list[ParsedFile]:
     """The included files, each before those that include it, and then the main one.
 
     Args:
@@ -46,7 +46,7 @@ def gathered(
             in the language; the message names the place of the include.
         LimitError: there are too many files, or too much is in them.
     """
-    parts: list[Part] = []
+    parts: list[ParsedFile] = []
     done: set[Path] = set()
     left = most - len(main.text)
 
@@ -74,7 +74,7 @@ def gathered(
             left -= len(text)
             done.add(path)
             visit(Source(text, _shown(path, folder)), "library", path.parent, (*above, path))
-        parts.append(Part(source, tree))
+        parts.append(ParsedFile(source, tree))
 
     visit(main, start, folder, ())
     return parts

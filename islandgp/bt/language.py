@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 from islandgp.bt.builder import MAX_LEVELS, MAX_NODES, MAX_NUMBER, Builder
 from islandgp.bt.condition import Asked
 from islandgp.bt.diagnosis import syntax_error
-from islandgp.bt.includes import Part, gathered
+from islandgp.bt.includes import ParsedFile, gathered
 from islandgp.bt.node import Node
 from islandgp.bt.printer import to_text
 from islandgp.bt.source import Source, shown
@@ -77,7 +77,7 @@ def parse(
             limit on trees could allow.
     """
     parts = files_of(text, vocabulary, name=name, folder=folder)
-    return built(parts, vocabulary, marked=marked)
+    return built(Builder(parts[-1].source, vocabulary, marked=marked), parts)
 
 
 def files_of(
@@ -87,8 +87,12 @@ def files_of(
     name: str,
     folder: Path | None,
     start: str = "start",
-) -> list[Part]:
-    """What a text and the files that it includes say, the text last. Raises as `parse`."""
+    placed: bool = False,
+) -> list[ParsedFile]:
+    """What a text and the files that it includes say, the text last. Raises as `parse`.
+
+    `placed`: each tree of the grammar knows where it begins and ends.
+    """
     if len(text) > MAX_CHARACTERS:
         raise Source(text[:MAX_CHARACTERS], name).error(
             f"the text has {len(text)} characters",
@@ -99,7 +103,7 @@ def files_of(
         )
 
     def grammar(source: Source, rule: str) -> Any:
-        return _parsed(source, rule, vocabulary)
+        return _parsed(source, rule, vocabulary, placed)
 
     parts = gathered(Source(plain(text), name), folder, grammar, MAX_CHARACTERS, start=start)
     for source, tree in parts:
@@ -108,11 +112,8 @@ def files_of(
     return parts
 
 
-def built(
-    parts: Sequence[Part], vocabulary: Vocabulary | None = None, *, marked: bool = False
-) -> Node:
+def built(builder: Builder, parts: Sequence[ParsedFile]) -> Node:
     """The tree of `files_of`. Raises as `parse`."""
-    builder = Builder(parts[-1].source, vocabulary, marked=marked)
     node = builder.build(parts)
     size = builder.nodes * builder.levels
     alone = len(parts) == 1 and len(parts[0].tree.children) == 1
@@ -120,11 +121,11 @@ def built(
     return node
 
 
-def _parsed(source: Source, rule: str, vocabulary: Vocabulary | None) -> Any:
+def _parsed(source: Source, rule: str, vocabulary: Vocabulary | None, placed: bool) -> Any:
     """The lark.Tree of a text by a rule of the grammar. Raises TreeError."""
     from lark.exceptions import UnexpectedInput
 
-    parser = _parser()
+    parser = _parser(placed)
     try:
         return parser.parse(source.text, start=rule)
     except UnexpectedInput as error:
@@ -211,11 +212,18 @@ def words(text: str) -> Iterator[Token]:
 
 
 @cache
-def _parser() -> Lark:
+def _parser(placed: bool = False) -> Lark:  # to know all places takes a tenth longer
     from lark import Lark
 
     grammar = (resource("grammar") / "bt.lark").read_text(encoding="utf-8")
     # The basic lexer knows every word everywhere; a contextual one would read
     # `selfish` as `self` and `ish` where only abort rules are expected.
     starts = ["start", "library", "disjunction"]
-    return Lark(grammar, parser="lalr", lexer="basic", maybe_placeholders=False, start=starts)
+    return Lark(
+        grammar,
+        parser="lalr",
+        lexer="basic",
+        maybe_placeholders=False,
+        propagate_positions=placed,
+        start=starts,
+    )

@@ -49,7 +49,7 @@ CODES: Final = {
 
 
 @dataclass(frozen=True, slots=True, order=True)
-class Finding:
+class LintWarning:
     """A doubtful place in a file."""
 
     line: int  # from 1
@@ -78,7 +78,7 @@ class _Place(NamedTuple):
 
 def warnings(
     text: str, vocabulary: Vocabulary, *, name: str = "<tree>", folder: Path | None = None
-) -> list[Finding]:
+) -> list[LintWarning]:
     """The doubtful places of a file, in its order, each once.
 
     What is doubtful in an included subtree is told where that is used. `folder`: as `parse`.
@@ -96,7 +96,7 @@ def warnings(
         if index in cold:
             continue
         for at, code, message in _about(place, index, course):
-            found.add(Finding(written[at].line, written[at].column, message, code))
+            found.add(LintWarning(written[at].line, written[at].column, message, code))
             if code == "unreachable":
                 cold.update(range(at, at + size(places[at].node)))
     return sorted(found)
@@ -119,12 +119,12 @@ def _places(node: Node, standing: Standing, above: Above) -> Iterator[_Place]:
         yield from _places(child, below(node, standing, index), (*above, (node, index)))
 
 
-def _unused(file: File) -> Iterator[Finding]:
+def _unused(file: File) -> Iterator[LintWarning]:
     used = {w.node.args[0] for w in _all(file) if w.node.kind == "use"}
     for definition in file.definitions:
         if isinstance(definition, Definition) and definition.name not in used:
             message = f"subtree {definition.name!r} is never used"
-            yield Finding(definition.line, definition.column, message, "unused-subtree")
+            yield LintWarning(definition.line, definition.column, message, "unused-subtree")
 
 
 def _all(file: File) -> Iterator[Written]:

@@ -11,7 +11,7 @@ from islandgp.bt.condition import OPERATORS, terms
 from islandgp.bt.language import plain, words
 from islandgp.bt.node import condition_of
 from islandgp.bt.printer import Named, number_text
-from islandgp.bt.syntax import Definition, File, Line, Written, read
+from islandgp.bt.syntax import Definition, File, Statement, Written, read
 from islandgp.bt.vocabulary import Vocabulary
 
 REPEATS: Final = "repeater"
@@ -78,7 +78,7 @@ def _slots(file: File) -> list[tuple[str, Purposes]]:
         list(_defined(definition, taken))
     slots: list[_Slot] = []
     for part in file.definitions:
-        slots += [_constant(part)] if isinstance(part, Line) else _defined(part, taken)
+        slots += [_constant(part)] if isinstance(part, Statement) else _defined(part, taken)
     if file.root is not None:
         slots += _inside(file.root, taken)
     of_constants: dict[str, Purposes] = {}
@@ -93,7 +93,7 @@ def _slots(file: File) -> list[tuple[str, Purposes]]:
     return found[::-1]
 
 
-def _constant(line: Line) -> _Slot:
+def _constant(line: Statement) -> _Slot:
     """`constant low = 20`, or with the name of another constant."""
     _, name, _, value = line.text.split()
     named = value if value[0].isalpha() or value[0] == "_" else ""

@@ -46,7 +46,7 @@ def never(guard: Node, standing: Standing) -> bool:
 def idle(node: Node, standing: Standing) -> int | None:
     """With what a node ends at once, whenever it starts, without doing anything; else None.
 
-    Such a node calls no action and stops nobody: it does nothing but this.
+    Such a node calls no action and stops no other node.
     """
     if node.kind == "inverter":
         end = idle(node.children[0], standing)

@@ -42,7 +42,7 @@ def to_text(node: Node) -> str:
 def with_subtrees(tree: Node) -> str:
     """The text of a tree with its named subtrees (`Used`) defined above it.
 
-    A name stands for the first tree that bears it; one that differs is written where it is used.
+    A name defines the first tree that bears it; one that differs is written where it is used.
     """
     bodies: dict[str, Node] = {}
     texts: list[str] = []

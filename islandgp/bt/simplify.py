@@ -35,15 +35,15 @@ Rewrite: TypeAlias = tuple[Node, str] | None  # the shorter node, and why; None:
 
 
 def hidden(branch: Node) -> Node:
-    """The branch with guards that nobody observes, and that are otherwise the same."""
+    """The branch with guards that are not observed, and that are otherwise the same."""
     return with_aborts(branch, {"both": "self", "lower": "none"})
 
 
 def _only_child(node: Node, standing: Standing) -> Rewrite:
-    # With one child there is nothing to go on to and nobody to judge: its status is the status.
+    # With one child there is nothing to go on to and no policy to apply: its status is the status.
     if len(node.children) > 1:
         return None
-    # But its guards, which nobody observed, must not become ones that somebody does.
+    # But its guards, which were not observed, must not become observed ones.
     child = node.children[0]
     moved = child if standing.observer is None else hidden(child)
     return moved, f"{head(node)} has one child"
@@ -144,7 +144,7 @@ def _double_repeater(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001
 
 
 def _holds_anyway(node: Node, standing: Standing) -> Rewrite:
-    # It lets every start through, stops nothing below it, and nobody behind it.
+    # It lets every start through, stops nothing below it, and no later branch.
     holds = condition_of(node)
     if not implies(standing.at_start, holds) or may_interrupt(node, standing):
         return None
@@ -181,7 +181,7 @@ def _weaker_guard(node: Node, standing: Standing) -> Rewrite:
 
 
 def _shorter_condition(node: Node, standing: Standing) -> Rewrite:
-    # It is the same in every tick in which it is asked, so nobody can tell the two apart.
+    # It is the same in every tick in which it is asked, so the two behave alike.
     asked = condition_of(node)
     found = shorter(asked, whenever_asked(node, standing))
     if found == asked:

@@ -1,28 +1,38 @@
 """A tree file as it is written: places, comments, blank lines and named subtrees.
 
 `language.parse` gives the tree that a file means, with every `use` expanded;
-this module gives what stands in the file. It reads the same words in the same
-order, and only files that `parse` accepts.
+this module gives what stands in the file. It reads only files that `parse` accepts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from islandgp.bt.comments import Comment, Word, above, commented
-from islandgp.bt.condition import OPERATORS, Asked, Compound, Condition, denied, joined
-from islandgp.bt.language import built, files_of
-from islandgp.bt.node import ABORTS, KINDS, Argument, Node
+from islandgp.bt.builder import Builder
+from islandgp.bt.condition import Compound, Condition
+from islandgp.bt.includes import ParsedFile
+from islandgp.bt.language import built, files_of, words
+from islandgp.bt.node import Argument, Node
 from islandgp.bt.printer import Named, number_text
 from islandgp.bt.vocabulary import Vocabulary
 
 if TYPE_CHECKING:
     from lark import Token
 
-_INNER = frozenset(KINDS) - {"action"}  # kinds with a brace
+_BETWEEN: Final = re.compile(r"\n|#[^\n]*")  # what matters between two words
+
+
+@dataclass(frozen=True, slots=True)
+class Comment:
+    """A comment on a line of its own."""
+
+    text: str  # with its #
+    blank_before: bool  # a blank line stands before it
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +62,7 @@ class Definition:
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class Statement:
     """`domain NAME`, `include "FILE"` or `constant NAME = NUMBER`."""
 
     text: str
@@ -65,8 +75,8 @@ class Line:
 class File:
     """A whole file."""
 
-    head: tuple[Line, ...]  # the domain and the files that it includes
-    definitions: tuple[Definition | Line, ...]  # subtrees and constants
+    head: tuple[Statement, ...]  # the domain and the files that it includes
+    definitions: tuple[Definition | Statement, ...]  # subtrees and constants
     root: Written | None  # None: it only holds definitions
     at_end: tuple[Comment, ...]
     included: Mapping[str, Definition]  # subtrees of the files that it includes
@@ -85,14 +95,14 @@ def read(
     `folder` is that of `parse`. `library`: the text need not hold a tree.
     """
     start = "library" if library else "start"
-    parts = files_of(text, vocabulary, name=name, folder=folder, start=start)
-    built(parts, vocabulary)
+    parts = files_of(text, vocabulary, name=name, folder=folder, start=start, placed=True)
+    builder = Builder(parts[-1].source, vocabulary)
+    built(builder, parts)
     included: dict[str, Definition] = {}
-    constants: dict[str, float] = {}
-    for source, _ in parts[:-1]:
-        of_file = _Reader(source.text, constants, included).file()
+    for part in parts[:-1]:
+        of_file = _Reader(part, builder).file({})
         included |= {d.name: d for d in of_file.definitions if isinstance(d, Definition)}
-    return _Reader(parts[-1].source.text, constants, included).file()
+    return _Reader(parts[-1], builder).file(included)
 
 
 def expanded(file: File) -> Iterator[Written]:
@@ -143,133 +153,125 @@ def _as_number(value: Argument) -> float:
     return value
 
 
+class _Word(NamedTuple):
+    """A word with what stands around it."""
+
+    token: Token
+    before: tuple[Comment, ...]  # own lines above it
+    blank_before: bool
+    behind: str  # comment on its line, before the next word
+
+
 class _Reader:
-    """Reads words one after the other. The text is known to be right."""
+    """Puts the comments and blank lines of one file to what the grammar has found in it."""
 
-    def __init__(
-        self, text: str, constants: dict[str, float], included: Mapping[str, Definition]
-    ) -> None:
-        """`constants` are those of included files; the file's own are added."""
-        self._words = list(commented(text))
-        self._next = 0
-        self._constants = constants
-        self._included = included
-        self._parameters: tuple[str, ...] = ()
+    def __init__(self, part: ParsedFile, builder: Builder) -> None:
+        """`builder` has built the file."""
+        self._tree, self._builder = part.tree, builder
+        self._words = list(_words(part.source.text))
+        self._first = {word.token.start_pos: i for i, word in enumerate(self._words)}
+        self._behind = {word.token.end_pos: i for i, word in enumerate(self._words, 1)}
 
-    def file(self) -> File:
-        head: list[Line] = []
-        while self._peek() in ("domain", "include"):
-            head.append(self._line(2))
-        definitions: list[Definition | Line] = []
-        while (word := self._peek()) in ("subtree", "constant"):
-            definitions.append(self._definition() if word == "subtree" else self._constant())
-        root = self._node(()) if self._peek() else None
-        at_end = self._words[-1].before
-        return File(tuple(head), tuple(definitions), root, at_end, self._included)
+    def file(self, included: Mapping[str, Definition]) -> File:
+        """The file, which uses these subtrees of others."""
+        head: list[Statement] = []
+        definitions: list[Definition | Statement] = []
+        root = None
+        for tree in self._tree.children:
+            if tree.data in ("domain", "include"):
+                head.append(self._line(tree))
+            elif tree.data == "constant":
+                definitions.append(self._line(tree))
+            elif tree.data == "subtree":
+                definitions.append(self._definition(tree))
+            else:
+                root = self._node(tree, ())
+        return File(tuple(head), tuple(definitions), root, self._words[-1].before, included)
 
-    def _peek(self) -> str:
-        return str(self._words[self._next].token)
+    def _span(self, tree: Any) -> tuple[int, int]:
+        """The index of a tree's first word, and the index behind its last."""
+        return self._first[tree.meta.start_pos], self._behind[tree.meta.end_pos]
 
-    def _take(self) -> Word:
-        word = self._words[self._next]
-        self._next += 1
-        return word
+    def _line(self, tree: Any) -> Statement:
+        first, behind = self._span(tree)
+        found = self._words[first:behind]
+        texts = [str(word.token) for word in found]
+        if found[-1].token.type == "NUMBER":
+            texts[-1] = number_text(float(texts[-1]) + 0.0)  # no -0
+        return Statement(" ".join(texts), *_above(found), found[-1].behind)
 
-    def _line(self, count: int) -> Line:
-        words = [self._take() for _ in range(count)]
-        text = " ".join(str(word.token) for word in words)
-        return Line(text, *above(words), words[-1].behind)
+    def _definition(self, tree: Any) -> Definition:
+        name, *more, body = tree.children
+        parameters = tuple(str(token) for each in more for token in each.children)
+        lead = self._words[self._span(tree)[0] : self._span(body)[0]]
+        written = self._node(body, parameters, lead)
+        return Definition(str(name), parameters, written, name.line, name.column)
 
-    def _constant(self) -> Line:
-        name, value = (str(self._words[self._next + at].token) for at in (1, 3))
-        number = self._number(value)
-        self._constants[name] = float(number)
-        line = self._line(4)
-        return replace(line, text=f"constant {name} = {number_text(number)}")
-
-    def _definition(self) -> Definition:
-        first, name = self._take(), self._take()
-        lead = [first, name]
-        lead += self._up_to("=")
-        lead.append(self._take())
-        self._parameters = tuple(str(word.token) for word in lead[3:-2:2])
-        body = self._node(tuple(lead))
-        found = Definition(str(name.token), self._parameters, body, *_place(name.token))
-        self._parameters = ()
-        return found
-
-    def _node(self, lead: tuple[Word, ...]) -> Written:
+    def _node(self, tree: Any, parameters: Sequence[str], lead: Sequence[_Word] = ()) -> Written:
         """A node; comments in `lead` and among the words of its head are put above it."""
-        head = [self._take()]
-        kind, first = str(head[0].token), head[0].token
-        if kind == "use":
-            head.append(self._take())
-            if self._peek() == "(":
-                head += [*self._up_to(")"), self._take()]
-        elif kind in _INNER:
-            head += self._up_to("{")
-        node = self._node_of(head)
-        if kind not in _INNER:
-            before = above([*lead, *head])
-            return Written(node, (), *_place(first), *before, "", (), head[-1].behind)
-        brace = self._take()
-        children = []
-        while self._peek() != "}":
-            children.append(self._node(()))
-        end = self._take()
-        before = above([*lead, *head, brace])
+        first, behind = self._span(tree)
+        node, below = self._builder.written(tree, parameters)
+        brace = self._span(below[0])[0] - 1 if below else behind - 1
+        before = _above([*lead, *self._words[first : brace + 1]])
+        last = self._words[behind - 1]
         return Written(
-            node, tuple(children), *_place(first), *before, brace.behind, end.before, end.behind
+            node,
+            tuple(self._node(each, parameters) for each in below),
+            tree.meta.line,
+            tree.meta.column,
+            *before,
+            self._words[brace].behind if below else "",
+            last.before if below else (),
+            last.behind,
         )
 
-    def _up_to(self, end: str) -> Iterator[Word]:
-        while self._peek() != end:
-            yield self._take()
 
-    def _number(self, word: str) -> float:
-        """A number; of a constant or a parameter one that remembers its name."""
-        if word in self._parameters:
-            return Named(word, 1.0)
-        if word in self._constants:
-            return Named(word, self._constants[word])
-        return float(word) + 0.0
+def _words(text: str) -> Iterator[_Word]:
+    """The words of a text that `parse` accepts; last an empty word for the end of the text."""
+    from lark import Token
 
-    def _node_of(self, head: list[Word]) -> Node:
-        """Kind and arguments of a head."""
-        kind, *rest = (str(word.token) for word in head)
-        if kind == "use":
-            return Node("use", (rest[0], *map(self._number, rest[2:-1:2])))
-        if kind == "repeater":
-            return Node(kind, (self._number(rest[0]),))
-        if kind == "parallel":
-            found = dict(zip(rest[::2], rest[1::2], strict=True))
-            return Node(kind, (found.get("success", "all"), found.get("failure", "one")))
-        if kind == "when":
-            abort = ABORTS[-1]
-            if "abort" in rest:
-                *rest, _, abort = rest
-            return Node(kind, (self._joined_by("or", rest[::-1]), abort))
-        return Node(kind) if kind in KINDS else Node("action", (kind,))
-
-    def _joined_by(self, word: str, rest: list[str]) -> Asked:
-        """A condition from the words of `rest`, which it takes from the end of that list."""
-        parts: list[Asked] = []
-        while not parts or (rest and rest[-1] == word and rest.pop()):
-            parts.append(self._joined_by("and", rest) if word == "or" else self._term(rest))
-        return joined(word, parts)
-
-    def _term(self, rest: list[str]) -> Asked:
-        word = rest.pop()
-        if word == "not":
-            return denied(self._term(rest))
-        if word == "(":
-            inside = self._joined_by("or", rest)
-            rest.pop()
-            return inside
-        if rest and rest[-1] in OPERATORS:
-            return Condition(word, rest.pop(), self._number(rest.pop()))
-        return Condition(word, "is", 0.0)
+    tokens = [*words(text), Token("END", "", start_pos=len(text), end_pos=len(text))]
+    end = 0
+    held: tuple[Token, tuple[Comment, ...], bool] | None = None
+    for token in tokens:
+        start = token.start_pos or 0
+        behind, before, blank = _comments(text[end:start], first=held is None)
+        if held is not None:
+            yield _Word(*held, behind)
+        held = (token, before, blank)
+        end = start + len(token)
+    if held is not None:
+        yield _Word(*held, "")
 
 
-def _place(token: Token) -> tuple[int, int]:
-    return token.line or 1, token.column or 1
+def _comments(gap: str, *, first: bool) -> tuple[str, tuple[Comment, ...], bool]:
+    """Between two words: the comment on the line of the first one, those on own lines, and
+    whether a blank line stands before the second word."""
+    behind = ""
+    own: list[Comment] = []
+    ends = 1 if first else 0  # line ends since the last word or comment; a text begins a line
+    blank = False
+    for match in _BETWEEN.finditer(gap):
+        if match[0] == "\n":
+            ends += 1
+            blank = ends > 1 and not (first and not own)
+        elif ends == 0:
+            behind = match[0].rstrip()
+        else:
+            own.append(Comment(match[0].rstrip(), blank))
+            ends, blank = 0, False
+    return behind, tuple(own), blank
+
+
+def _above(head: Sequence[_Word]) -> tuple[tuple[Comment, ...], bool]:
+    """All comments before the last word of a head ends, and whether a blank line precedes it."""
+    loose: list[str] = []
+    for before, word in pairwise(head):
+        loose += [before.behind] if before.behind else []
+        loose += [comment.text for comment in word.before]
+    blank = head[0].blank_before
+    if not loose:
+        return head[0].before, blank
+    first, *others = loose
+    moved = (Comment(first, blank), *(Comment(text, False) for text in others))
+    return (*head[0].before, *moved), False

@@ -41,7 +41,7 @@ def checks_itself(guard: Node) -> bool:
 
 
 def interrupts(guard: Node) -> bool:
-    """Whether a `when` stops later branches, if anybody observes it."""
+    """Whether a `when` stops later branches, if a composite observes it."""
     return guard.args[1] in ("lower", "both")
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from islandgp.bt.language import parse, plain
-from islandgp.bt.lint import Finding, warnings
+from islandgp.bt.lint import LintWarning, warnings
 from islandgp.bt.node import Limits, Node, check_limits, depth, size
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.commands.files import FILE, called, folder_of, read_text
@@ -74,7 +74,7 @@ def command(
 
 def checked(
     text: str, vocabulary: Vocabulary, name: str, folder: Path, limits: Limits
-) -> tuple[Node, list[Finding]]:
+) -> tuple[Node, list[LintWarning]]:
     """The tree of a text and its doubtful places. Raises TreeError."""
     tree = parse(text, vocabulary, name=name, folder=folder)
     check_limits(tree, limits)
@@ -100,7 +100,7 @@ def plain_error(error: TreeError, name: str) -> dict[str, Any]:
     }
 
 
-def plain_finding(finding: Finding, text: str, name: str) -> dict[str, Any]:
+def plain_finding(finding: LintWarning, text: str, name: str) -> dict[str, Any]:
     """A warning as JSON values."""
     line = plain(text).split("\n")[finding.line - 1]
     place = _plain_place(finding.line, finding.column, line)

@@ -13,7 +13,7 @@ import click
 from islandgp.bt.compare import MOST_NODES, Mark, compare
 from islandgp.bt.language import domain_of, parse, to_text
 from islandgp.bt.node import Node, size
-from islandgp.bt.render.label import label
+from islandgp.bt.render import label
 from islandgp.bt.simplify import simplify
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.commands.files import FILE, called, folder_of, read_text

@@ -59,7 +59,7 @@ def command(chosen: Chosen) -> None:
     server = made(words, configured_domains(chosen.config_dir))
     stream = sys.stdout.buffer
     sys.stdout = sys.stderr  # what a domain's code prints is no message of the protocol
-    # What a request came to is the editor's to show; pygls logs it with a traceback.
+    # The editor shows errors of a request; pygls would log them with a traceback.
     logging.getLogger("pygls").setLevel(logging.CRITICAL)
     server.start_io(stdout=stream)
 

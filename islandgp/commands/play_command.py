@@ -113,7 +113,8 @@ def _print_comparison(names: Sequence[str], points: Sequence[Sequence[float]]) -
     """A row for each tree; where names leave no room for numbers, they stand above the table."""
     rows = [_compared(own, points[0]) for own in points]
     worlds = len(points[0])
-    better = [f"{_won(own, points[0])} of {worlds}" for own in points]
+    won = [sum(a > b for a, b in zip(own, points[0], strict=True)) for own in points]
+    better = [f"{count} of {worlds}" for count in won]
     columns = [
         Column("tree", tuple(names), right=False),
         Column("fitness (95 %)", _with_intervals(rows, "fitness", worlds), right=False),
@@ -147,10 +148,6 @@ def _with_intervals(rows: Sequence[dict[str, float]], what: str, worlds: int) ->
         f"{a:>{mean}} ({b:>{low}} to {c:>{high}})" if worlds > 1 else a
         for a, b, c in zip(*columns, strict=True)
     )
-
-
-def _won(own: Sequence[float], first: Sequence[float]) -> int:
-    return sum(a > b for a, b in zip(own, first, strict=True))
 
 
 def _plain(outcome: Outcome) -> dict[str, Any]:

@@ -9,9 +9,7 @@ from typing import Final
 import click
 
 from islandgp.bt.node import Node
-from islandgp.bt.render.graphs import to_dot, to_mermaid
-from islandgp.bt.render.svg import to_svg
-from islandgp.bt.render.terminal import to_lines, to_rich
+from islandgp.bt.render import to_dot, to_lines, to_mermaid, to_rich, to_svg
 from islandgp.commands.files import FILE, OUTPUT, STDIN, read_tree, write_text
 
 FORMATS: Final[dict[str, Callable[[Node], str]]] = {
@@ -31,7 +29,7 @@ ENDINGS: Final = {
     ".dot": "dot",
     ".gv": "dot",
 }
-"""The format that the ending of a file's name stands for."""
+"""The format by the ending of a file's name."""
 
 
 @click.command()

@@ -27,7 +27,7 @@ from islandgp.errors import ConfigError, IslandError
 if TYPE_CHECKING:
     from islandgp.config.settings import Settings
     from islandgp.evaluation.base import Evaluator
-    from islandgp.running.tuning import Standing
+    from islandgp.running.tuning import RaceState
 
 MOST: Final = 100  # numbers of a file that are tuned at a time
 
@@ -150,7 +150,7 @@ def _raced(
     stage: int,
     trials: int,
     seed: int,
-) -> tuple[Standing, bool]:
+) -> tuple[RaceState, bool]:
     """How the race ended, and whether it was stopped by Ctrl-C.
 
     Raises:
@@ -161,7 +161,7 @@ def _raced(
 
     from islandgp.running.tuning import race
 
-    standing: Standing | None = None
+    standing: RaceState | None = None
     console = Console(stderr=True)
     columns = (BarColumn(20), MofNCompleteColumn(), TextColumn("{task.description}"))
     progress = Progress(*columns, console=console, disable=not console.is_terminal, transient=True)
@@ -189,7 +189,7 @@ def _raced(
 
 
 def _tell_race(
-    standing: Standing, worlds: int, numbers: Sequence[Number], best: Sequence[float]
+    standing: RaceState, worlds: int, numbers: Sequence[Number], best: Sequence[float]
 ) -> None:
     """What was tried, and a line for each number."""
     click.echo(

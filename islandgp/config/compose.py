@@ -384,7 +384,7 @@ def _must_leave_folders(hydra: DictConfig) -> None:
 
 
 def _resolved(config: DictConfig) -> dict[str, Any]:
-    """As plain values. Raises ConfigError where one stands for another that is not there."""
+    """As plain values. Raises ConfigError when an interpolation cannot be resolved."""
     try:
         plain = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
     except OmegaConfBaseException as error:

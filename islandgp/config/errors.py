@@ -154,7 +154,7 @@ def explain(error: Exception, overrides: Sequence[str], source: ConfigSource) ->
 
 
 def unresolved(error: OmegaConfBaseException) -> str:
-    """The message for a value that stands for another one, which is not there."""
+    """The message for an interpolation that cannot be resolved."""
     key, why = error.full_key or "", _short(error)
     if match := re.search(r'"(.+)"$', why):  # what a resolver said
         why = match[1]

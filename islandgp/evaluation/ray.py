@@ -190,7 +190,7 @@ def _refused(address: str, error: Exception) -> EvaluationError:
 
 
 def _reach(address: str) -> None:
-    """Raises OSError where nobody listens: Ray would wait for minutes, or end the process."""
+    """Raises OSError where no server listens: Ray would wait for minutes, or end the process."""
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if port.isdigit():
         socket.create_connection((host, int(port)), timeout=10).close()

@@ -20,7 +20,7 @@ from islandgp.domain import Outcome, total
 from islandgp.evaluation.base import Evaluator, Job
 from islandgp.evolution.allocation import next_population, remember
 from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import Evaluated, Individual, Origin
+from islandgp.evolution.population import Archive, Evaluated, Individual, Origin
 from islandgp.evolution.random_trees import random_tree
 from islandgp.evolution.record import (
     Cost,
@@ -191,7 +191,6 @@ def _generation(
 ) -> Step:
     """Lines 4 to 15 of Algorithm 1; `led` is the guidance that made the population."""
     gp, g, meter = plan.gp, state.generation, Meter(evaluator)
-    behaviours = plan.classes.kept
     texts = [to_text(i.tree) for i in state.population]
     worlds = worlds_of(plan, seed, g)
     with meter.part("evaluation"):
@@ -199,43 +198,20 @@ def _generation(
     now = snapshot(plan, g, population, state.rate)
     history = (*state.history, now)
     seen = view(plan, history)
-    archive = remember(state.archive, population, behaviours, now.stage)
+    archive = remember(state.archive, population, plan.classes.kept, now.stage)
     lines = tuple(line(e, text) for e, text in zip(population, texts, strict=True))
     champion = fittest(state.champion, g, lines)
     guidance = following = None
     if g + 1 < gp.generations:
         with meter.part("supervision"):
-            if g + plan.switches.lag + 1 < gp.generations:  # else nobody waits for the answer
+            if g + plan.switches.lag + 1 < gp.generations:  # else the answer would come too late
                 multipliers = plan.curriculum.multipliers(now.stage)
                 queue.ask(seen, Seen(now, worlds, multipliers, lines, led))
             answer = queue.answer(g)
         guidance, tree = decide(plan, seen, answer, state.rate)
-        children = next_population(
-            population,
-            seed=seed,
-            generation=g + 1,
-            injected=tree,
-            archive=archive,
-            behaviours=behaviours,
-            diversity=now.diversity,
-            allocation=plan.allocation,
-            space=plan.space,
-            select=function(gp.selection, SELECTIONS),
-            entrants=gp.tournament,
-            cross=function(gp.crossover, CROSSOVERS),
-            crossover_rate=gp.crossover_rate,
-        )
         rate = guidance.applied_rate
-        mutated = mutate_population(
-            children,
-            seed=seed,
-            generation=g + 1,
-            rate=rate,
-            elites_too=gp.mutate_elites,
-            space=plan.space,
-            how=gp.mutation,
-        )
-        following = RunState(g + 1, mutated, rate, history, archive, champion)
+        children = offspring(plan, seed, g + 1, population, archive, now.diversity, tree, rate)
+        following = RunState(g + 1, children, rate, history, archive, champion)
     record = GenerationRecord(
         snapshot=now,
         worlds=worlds,
@@ -248,6 +224,44 @@ def _generation(
     return Step(record, following, champion, cost)
 
 
+def offspring(
+    plan: Plan,
+    seed: int,
+    generation: int,
+    population: Sequence[Evaluated],
+    archive: Archive,
+    diversity: float,
+    injected: Node | None,
+    rate: float,
+) -> tuple[Individual, ...]:
+    """Table 1, and line 15: the population of `generation`, mutated at `rate`."""
+    gp = plan.gp
+    children = next_population(
+        population,
+        seed=seed,
+        generation=generation,
+        injected=injected,
+        archive=archive,
+        behaviours=plan.classes.kept,
+        diversity=diversity,
+        allocation=plan.allocation,
+        space=plan.space,
+        select=function(gp.selection, SELECTIONS),
+        entrants=gp.tournament,
+        cross=function(gp.crossover, CROSSOVERS),
+        crossover_rate=gp.crossover_rate,
+    )
+    return mutate_population(
+        children,
+        seed=seed,
+        generation=generation,
+        rate=rate,
+        elites_too=gp.mutate_elites,
+        space=plan.space,
+        how=gp.mutation,
+    )
+
+
 def decide(
     plan: Plan, state: PopulationState, answer: Guidance | None, rate: float
 ) -> tuple[GuidanceRecord, Node | None]:
@@ -257,7 +271,7 @@ def decide(
     """
     given = answer or Guidance(None, None, "none", reasoning="no answer is due yet")
     wanted = given.mutation_rate if plan.switches.adapt_mutation else None
-    # An emergency does not outlast its crisis where nobody adapts the rate.
+    # An emergency does not outlast its crisis where the rate is not adapted.
     held = rate if plan.switches.adapt_mutation else plan.gp.mutation_rate
     refused = ""
     if given.tree is not None:

@@ -1,4 +1,4 @@
-"""A tree for each single behaviour, found by a short search: a library where nobody wrote one.
+"""A tree for each single behaviour, found by a short search: a library for domains without one.
 
 The search maximises the behaviour's counter and nothing else, then takes away what the
 counter does not need. It is the same for every seed of a sweep.

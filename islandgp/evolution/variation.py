@@ -247,7 +247,7 @@ def mutate_population(
     space: TreeSpace,
     how: MutationSettings,
 ) -> tuple[Individual, ...]:
-    """Mutation after construction; with `elites_too` it spares nobody (section 2.4.3)."""
+    """Mutation after construction; with `elites_too` it spares none (section 2.4.3)."""
     new = []
     for slot, i in enumerate(population):
         if elites_too or i.origin not in SPARED:

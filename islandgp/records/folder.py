@@ -91,7 +91,7 @@ class Status(StrEnum):
     """How far a run is, in MLflow's words."""
 
     RUNNING = "RUNNING"  # a process is at work on it
-    FINISHED = "FINISHED"  # it came to its end
+    FINISHED = "FINISHED"  # it has ended
     FAILED = "FAILED"  # an error stopped it
     KILLED = "KILLED"  # it was stopped, or its process died
 
@@ -116,7 +116,7 @@ class RunFolder:
 
         Raises:
             BusyError: another process is writing here.
-            RunError: nobody can.
+            RunError: the folder cannot be written.
         """
         with usable(self.path):
             busy = BusyError(
@@ -159,7 +159,7 @@ class RunFolder:
         return "" if not lines else lines[-1] if lines[0].startswith("Traceback") else lines[0]
 
     def status(self) -> Status:
-        """How far the run is, whatever became of the process that was at work on it."""
+        """How far the run is, also where the process that worked on it has died."""
         if self.finished():
             return Status.FINISHED
         if locked(self.path / ".lock"):
@@ -171,7 +171,7 @@ class RunFolder:
         return read_about(self.path / "about.json")
 
     def begun(self) -> bool:
-        """Whether there was a run here before. Raises RunError where nobody may look."""
+        """Whether there was a run here before. Raises RunError where the folder cannot be read."""
         with usable(self.path):
             return (self.path / "config.yaml").exists()
 
@@ -185,7 +185,7 @@ class RunFolder:
         return read_configuration(self.path / "config.yaml")
 
     def finished(self) -> bool:
-        """Whether the run came to its end."""
+        """Whether the run has ended."""
         return (self.path / "summary.json").exists()
 
     def resume(self, tell: Callable[[str], None] = lambda _: None) -> RunState | None:

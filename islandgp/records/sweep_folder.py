@@ -87,7 +87,7 @@ class SweepFolder:
         write_atomic(self.path / "sweep.json", (json.dumps(asdict(file), indent=1) + "\n").encode())
 
     def enter(self, job: SweepJob) -> None:
-        """Adds a trial of a search, or says anew what became of it; any process may."""
+        """Adds a trial of a search, or replaces its entry; any process may."""
         with usable(self.path), FileLock(self.path / ".entering"):
             file = self.read()
             assert file is not None, "the search has opened the folder"

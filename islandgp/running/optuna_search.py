@@ -1,4 +1,4 @@
-"""A search by Optuna: trials are asked for, launched as jobs, and told what they came to.
+"""A search by Optuna: trials are asked for, launched as jobs, and told their results.
 
 With a seed in the sampler the same command asks for the same trials: finished runs are
 taken as they are, so a search that was stopped goes on.
@@ -26,8 +26,7 @@ from optuna.distributions import (
 from optuna.trial import FrozenTrial, TrialState
 
 from islandgp.records.checkpoint import write_atomic
-from islandgp.running.pruning import AT_WORK
-from islandgp.running.pruning import Trial as Pruning
+from islandgp.running.pruning import AT_WORK, LiveTrial
 
 Direction = Literal["minimize", "maximize"]
 
@@ -123,7 +122,7 @@ def search(
 
 @dataclass(frozen=True, slots=True)
 class Returned:
-    """What a job came to."""
+    """The result of a job."""
 
     values: tuple[float, ...]  # its objectives; () where it did not come to its end
     pruned: bool
@@ -133,7 +132,7 @@ def _launched(
     jobs: Mapping[Words, optuna.Trial], launch: Launch, first: int, prune: bool
 ) -> dict[Words, Returned]:
     """Launches jobs, which get the numbers from `first` on."""
-    trials = {first + n: Pruning(trial) for n, trial in enumerate(jobs.values())}
+    trials = {first + n: LiveTrial(trial) for n, trial in enumerate(jobs.values())}
     if prune:
         AT_WORK.update(trials)
     try:

@@ -1,7 +1,7 @@
 """The standard streams, which may be full, closed, or in an encoding that lacks characters.
 
 What goes to the standard output is a result: where it cannot arrive, that is an error. What
-goes to the error stream is for people who look on: where nobody can, the work goes on.
+goes to the error stream is for people who look on: where it cannot be written, the work goes on.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def printed() -> Iterator[None]:
 
     Raises:
         IslandError: the output takes no more.
-        SystemExit: nobody reads any more, as behind `| head`.
+        SystemExit: the output has no reader any more, as behind `| head`.
     """
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")
@@ -56,7 +56,7 @@ def _drop(stream: TextIO) -> None:
 
 
 def say(text: str) -> None:
-    """Prints what is also kept elsewhere: that nobody reads it any more is no error."""
+    """Prints what is also kept elsewhere: an output without a reader is no error."""
     try:
         print(text, flush=True)
     except BrokenPipeError:
@@ -106,7 +106,7 @@ def shown() -> Iterator[None]:
             yield
         finally:
             display.flush()
-            if sys.stderr is display:  # else somebody has put another one there
+            if sys.stderr is display:  # else another one has been put there
                 sys.stderr = before
 
 

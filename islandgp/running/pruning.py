@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Final, Protocol
 
 
-class Judge(Protocol):
-    """What Optuna's Trial gives to a run."""
+class OptunaTrial(Protocol):
+    """What Optuna's LiveTrial gives to a run."""
 
     def report(self, value: float, step: int) -> None:
         """Takes a generation's highest fitness."""
@@ -21,10 +21,10 @@ class Judge(Protocol):
 
 
 @dataclass(slots=True)
-class Trial:
+class LiveTrial:
     """A trial that is at work in this process."""
 
-    judge: Judge
+    judge: OptunaTrial
     pruned: int | None = None  # the generation in which it was stopped
 
 
@@ -32,11 +32,11 @@ class Pruned(Exception):
     """A run was stopped because other trials are better."""
 
 
-AT_WORK: Final[dict[int, Trial]] = {}
+AT_WORK: Final[dict[int, LiveTrial]] = {}
 """The trials that may be stopped, by the number of their job in Hydra's count."""
 
 
-def follow(trial: Trial, generation: int, best: float) -> None:
+def follow(trial: LiveTrial, generation: int, best: float) -> None:
     """Reports a generation. Raises Pruned where the run is to be stopped."""
     trial.judge.report(best, generation)
     if trial.judge.should_prune():

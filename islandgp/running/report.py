@@ -1,4 +1,4 @@
-"""What a run came to: for its folder, and in a few lines for people."""
+"""The result of a run: for its folder, and in a few lines for people."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def summary(
     milestones: Sequence[str],
     most_fallback: float | None = None,
 ) -> dict[str, Any]:
-    """What a run came to, from its records; `seconds` are those spent in its generations.
+    """The result of a run, from its records; `seconds` are those spent in its generations.
 
     `most_fallback` is the largest share of the fallback's answers that is in order, None: any.
     """
@@ -117,7 +117,7 @@ def _dollars(spent: Mapping[str, float]) -> str:
 
 
 def validated(champion: Mapping[str, Any]) -> Iterator[str]:
-    """What the run's best robot is worth in worlds that trained nobody, in lines for people."""
+    """What the run's best robot is worth in worlds that trained no tree, in lines for people."""
     best = f"Best robot: individual {champion['record']['id']}"
     v = champion["validation"]
     if v is None:

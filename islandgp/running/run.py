@@ -47,7 +47,7 @@ Judge = Callable[[int, float], None]
 class End:
     """How a finished run ended."""
 
-    text: str  # what it came to, for people
+    text: str  # its result, for people
     mostly_fallback: bool  # its fallback gave more of the answers than its settings allow
 
 
@@ -66,7 +66,17 @@ def setup_of(settings: Settings, domain: Domain, folder: Path | None) -> RunCont
         crisis=settings.gp.crisis,
         adapt_mutation=settings.supervisor.adapt_mutation,
         inject=settings.supervisor.inject,
+        staged=_staged(settings),
     )
+
+
+def _staged(settings: Settings) -> Callable[[int], Domain] | None:
+    """The domain by generation; None where no stage of the curriculum changes the world."""
+    curriculum = settings.curriculum
+    if not any(stage.world for stage in curriculum.stages):
+        return None
+    problem = settings.problem()
+    return lambda generation: problem.at(curriculum.stage(generation))
 
 
 def make_library(settings: Settings, domain: Domain) -> Library:
@@ -207,7 +217,19 @@ def run(
         target.open(yaml.safe_dump(config, sort_keys=False), about)
         if target.finished():  # by the process that had the folder until now
             return _complete(target, tracker)
-        where = _tracked(settings, target, supervisor, tracker, keep_display, judge)
+        status = Status.FAILED
+        tracker.start(target)
+        try:
+            _evolve(settings, target, supervisor, tracker, keep_display, judge)
+            status = Status.FINISHED
+        except (KeyboardInterrupt, Pruned):
+            status = Status.KILLED
+            raise
+        except Exception as error:
+            target.fail(error)
+            raise
+        finally:
+            where = tracker.finish(status)
     finally:
         target.close()
     return _end(target, where)
@@ -225,31 +247,6 @@ def _complete(target: RunFolder, tracker: Tracker) -> End:
     where = tracker.finish(Status.FINISHED)
     again = "This run was complete already; resume=never runs it again."
     return _end(target, again, where)
-
-
-def _tracked(
-    settings: Settings,
-    target: RunFolder,
-    supervisor: Supervisor,
-    tracker: Tracker,
-    keep_display: bool,
-    judge: Judge | None,
-) -> str:
-    """Evolves, and lets the tracker follow; returns where the tracker says to look."""
-    status, where = Status.FAILED, ""
-    tracker.start(target)
-    try:
-        _evolve(settings, target, supervisor, tracker, keep_display, judge)
-        status = Status.FINISHED
-    except (KeyboardInterrupt, Pruned):
-        status = Status.KILLED
-        raise
-    except Exception as error:
-        target.fail(error)
-        raise
-    finally:
-        where = tracker.finish(status)
-    return where
 
 
 def _evolve(
@@ -309,7 +306,7 @@ def _evolve(
 
 
 def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> Best:
-    """The run's best robot: its most promising trees race in worlds that trained nobody.
+    """The run's best robot: its most promising trees race in worlds that trained no tree.
 
     With gp.validation=0 it is the fittest individual of the last stage.
     """

@@ -31,7 +31,7 @@ from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import redacted, without_credentials
 from islandgp.records.sweep_folder import SweepFolder, SweepJob
 from islandgp.running.printing import say, shown
-from islandgp.running.pruning import AT_WORK, Trial, follow
+from islandgp.running.pruning import AT_WORK, LiveTrial, follow
 from islandgp.running.resume import choose
 from islandgp.running.sweep import Launch, end_ray, finish_sweep, prepare
 from islandgp.running.sweep_job import attempt, fitted
@@ -113,8 +113,9 @@ def run_search(searched: Searched, command: str, launch: Launch) -> int:
     except KeyboardInterrupt:
         interrupted = True
     except Exception as error:
+        cause = error.__cause__ if isinstance(error.__cause__, Exception) else error
         raise RunError(
-            f"Expected the sweeper to search, found that it cannot: {brief(_cause(error))};"
+            f"Expected the sweeper to search, found that it cannot: {brief(cause)};"
             " change hydra.sweeper or hydra.launcher. Trials that are finished are kept."
         ) from error
     finally:
@@ -167,7 +168,8 @@ def check(searched: Searched) -> None:
         settings = SweeperSettings(**sweeper)
     except ValidationError as error:
         lines = {
-            e["loc"][0]: f"hydra.sweeper.{e['loc'][0]}={e['input']!r}: {_small(e['msg'])}"
+            e["loc"][0]: f"hydra.sweeper.{e['loc'][0]}={e['input']!r}:"
+            f" {e['msg'][:1].lower()}{e['msg'][1:]}"
             for e in reversed(error.errors())
         }
         raise ConfigError("\n".join(lines.values())) from None
@@ -206,15 +208,6 @@ def check(searched: Searched) -> None:
                 f"{override.input_line}: expected values to search, found that Optuna cannot:"
                 f" {brief(error)}"
             ) from None
-
-
-def _cause(error: Exception) -> Exception:
-    """What Hydra's error was made from, if from any."""
-    return error.__cause__ if isinstance(error.__cause__, Exception) else error
-
-
-def _small(text: str) -> str:
-    return f"{text[:1].lower()}{text[1:]}"
 
 
 def _must_be_whole(override: Override, settings: Settings) -> None:
@@ -265,7 +258,7 @@ def _run(
     config: dict[str, Any],
     settings: Settings,
     home: Path,
-    trial: Trial | None,
+    trial: LiveTrial | None,
 ) -> float | tuple[float, ...]:
     sweep = SweepFolder(search.folder)
     sweep.enter(entry)

@@ -50,7 +50,7 @@ def as_ctrl_c(*names: str) -> Iterator[None]:
 def nothing_begun() -> Iterator[None]:
     """Ctrl-C ends the process at once: for imports, in which an exception may be lost."""
     old = signal.getsignal(signal.SIGINT)
-    if old is not signal.default_int_handler:  # ignored, or somebody's own
+    if old is not signal.default_int_handler:  # ignored, or replaced
         yield
         return
 

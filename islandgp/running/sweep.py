@@ -1,6 +1,6 @@
-"""A sweep: many jobs, whoever launches them, and one account of them at the end.
+"""A sweep: many jobs, by any launcher, and one account of them at the end.
 
-What a job came to is read from its folder: so it is known however the job was
+The result of a job is read from its folder: so it is known however the job was
 launched, and also when its process died.
 """
 

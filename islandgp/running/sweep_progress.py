@@ -95,7 +95,7 @@ def _error_file(run: RunFolder) -> tuple[int, int] | None:
 
 
 def job_line(run: RunFolder) -> str:
-    """What one job came to."""
+    """The result of one job in a line."""
     if not run.finished():
         if run.status() is Status.RUNNING:
             return f"{run.path.name}: another process is at work on it"

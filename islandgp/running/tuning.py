@@ -62,7 +62,7 @@ def choices(number: Number, vocabulary: Vocabulary, repeats: int) -> tuple[float
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
+class RaceState:
     """How far a race has come."""
 
     trials: int  # proposed, the written numbers being the first
@@ -92,7 +92,7 @@ def race(
     stage: int,
     trials: int,
     seed: int,
-) -> Iterator[Standing]:
+) -> Iterator[RaceState]:
     """How the race stands, after each batch and within it.
 
     Args:
@@ -118,10 +118,10 @@ def race(
     best: _Entry | None = None
     episodes = 0
 
-    def standing() -> Standing:
+    def standing() -> RaceState:
         whole = [entry for entry in known.values() if not entry.dropped]
         order = sorted(whole, key=lambda entry: -fmean(entry.points))
-        return Standing(
+        return RaceState(
             len(study.trials),
             len(known),
             len(known) - len(whole),

@@ -38,7 +38,7 @@ def diversity(specialists: Sequence[str]) -> float:
 
 
 def overlapping(doing: Mapping[str, int]) -> float:
-    """Eq. (3) over categories that overlap: D = 1 - max_b n_b / sum_b n_b; 0 when nobody does any.
+    """Eq. (3) over categories that overlap: D = 1 - max_b n_b / sum_b n_b; 0 when none is done.
 
     Table 12 fits the numbers of Table 13 in this reading alone.
     """

@@ -129,7 +129,7 @@ def cut(run: Run, generations: int) -> Run:
     if len(run.records) <= generations:
         return run
     *before, last = run.records[:generations]
-    records = (*before, replace(last, guidance=None))  # nobody is asked after the last one
+    records = (*before, replace(last, guidance=None))  # there is no guidance after the last one
     champion = None
     for generation, record in enumerate(records):
         if record.snapshot.stage == last.snapshot.stage:

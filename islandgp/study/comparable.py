@@ -192,7 +192,7 @@ def _inside(arms: Sequence[Arm]) -> list[str]:
 
 
 def _between(arms: Sequence[Arm], selections: Sequence[Selection]) -> list[str]:
-    """Differences between arms that nobody asked for."""
+    """Differences between arms that the selections do not ask for."""
     return [
         f"{key} differs: {values}"
         for key, values in _differences(arms)

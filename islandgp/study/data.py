@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from math import isnan
 from statistics import fmean
@@ -14,41 +14,6 @@ from islandgp.study.generalise import Generalisation
 from islandgp.study.measures import FURTHER, main_family, overhead
 from islandgp.study.statistics import mean_sd
 from islandgp.study.table import to_csv
-
-TEST_COLUMNS = (
-    "first",
-    "second",
-    "measure",
-    "unit",
-    "family",  # what the adjusted p-values belong to, and its comparisons
-    "family_size",
-    "n_first",
-    "n_second",
-    "mean_first",
-    "sd_first",
-    "mean_second",
-    "sd_second",
-    "median_first",
-    "median_second",
-    "censored_first",
-    "censored_second",
-    "U",
-    "z",
-    "p",
-    "kind",
-    "p_bh",
-    "r",
-    "paired_p",
-    "paired_kind",
-    "paired_p_bh",
-    "log_rank_p",
-    "log_rank_p_bh",
-    "without_first",  # these two, for emergence: mean generations lived through without one
-    "without_second",
-    "difference",  # of the means, or of the two before; with its 95 % interval
-    "difference_low",
-    "difference_high",
-)
 
 
 def runs_csv(study: Comparison) -> str:
@@ -93,36 +58,58 @@ def tests_csv(findings: Sequence[Finding]) -> str:
 
     Its median is left empty when half of the runs or more are censored.
     """
-    return to_csv(TEST_COLUMNS, [_row(f) for f in findings])
+    rows = [_row(f) for f in findings]
+    return to_csv([*rows[0]], [[*row.values()] for row in rows])
 
 
-def _row(f: Finding) -> list[object]:
-    sides: list[tuple[float | None, float | None, float | None, int]] = []
-    for sample in f.samples:
-        known = [v for v in sample if v is not None]
-        left = len(sample) - len(known)
-        mean, sd = (None, None) if left else map(_known, mean_sd(known))
-        sides.append((mean, sd, quantile(sample, 0.5), left))
-    (m1, s1, d1, c1), (m2, s2, d2, c2) = sides
+def _row(f: Finding) -> dict[str, object]:
     t, p, shift = f.rank, f.paired, f.shift
+    known = [[v for v in sample if v is not None] for sample in f.samples]
+    left = [len(sample) - len(values) for sample, values in zip(f.samples, known, strict=True)]
+    means: list[tuple[float | None, float | None]] = []
+    for values, censored in zip(known, left, strict=True):
+        mean, sd = (None, None) if censored else map(_known, mean_sd(values))
+        means.append((mean, sd))
     without = map(fmean, f.numbers) if f.measure.emergence else (None, None)
-    return [
-        *f.arms,
-        f.measure.key,
-        f.measure.unit,
-        f.family,
-        f.size,
-        *t.n,
-        *(m1, s1, m2, s2, d1, d2, c1, c2),
-        *(t.u, t.z, t.p, t.kind, f.rank_q, t.r),
-        *(None if p is None else p.p, None if p is None else p.kind, f.paired_q),
-        *(f.log_rank, f.log_rank_q),
-        *(*without, *map(_known, (shift.estimate, shift.low, shift.high))),
-    ]
+    return {
+        "first": f.arms[0],
+        "second": f.arms[1],
+        "measure": f.measure.key,
+        "unit": f.measure.unit,
+        "family": f.family,  # what the adjusted p-values belong to, and its comparisons
+        "family_size": f.size,
+        **_two("n", t.n),
+        "mean_first": means[0][0],
+        "sd_first": means[0][1],
+        "mean_second": means[1][0],
+        "sd_second": means[1][1],
+        **_two("median", (quantile(sample, 0.5) for sample in f.samples)),
+        **_two("censored", left),
+        "U": t.u,
+        "z": t.z,
+        "p": t.p,
+        "kind": t.kind,
+        "p_bh": f.rank_q,
+        "r": t.r,
+        "paired_p": None if p is None else p.p,
+        "paired_kind": None if p is None else p.kind,
+        "paired_p_bh": f.paired_q,
+        "log_rank_p": f.log_rank,
+        "log_rank_p_bh": f.log_rank_q,
+        **_two("without", without),  # for emergence: mean generations lived through without one
+        # Of the means, or of the two before, with its 95 % interval.
+        "difference": _known(shift.estimate),
+        "difference_low": _known(shift.low),
+        "difference_high": _known(shift.high),
+    }
+
+
+def _two(name: str, values: Iterable[object]) -> dict[str, object]:
+    return dict(zip((f"{name}_first", f"{name}_second"), values, strict=True))
 
 
 def _known(x: float) -> float | None:
-    """An empty cell stands for what one run cannot tell."""
+    """None, which is an empty cell, for NaN."""
     return None if isnan(x) else x
 
 

@@ -3,9 +3,9 @@
 A run chooses its champion, its best robot, in worlds of its own. Here the champions of all
 runs meet the same unseen worlds, in the last stage.
 
-Whoever injects trees of a library could hand them out as they are. So each of those has one
-episode in each generation's world, under its stage's multipliers, and what evolution adds is
-the difference of a run's highest fitness to the best of these trees.
+A supervisor that injects trees of a library could hand them out as they are. So each of those
+has one episode in each generation's world, under its stage's multipliers, and what evolution
+adds is the difference of a run's highest fitness to the best of these trees.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class Generalisation:
 def unseen_worlds(study: Comparison, n: int) -> tuple[int, ...]:
     """The first n world seeds of a stream of their own that no run of the study used.
 
-    Nobody tunes a tree on them: `islandgp play` counts its worlds from 0.
+    No tree is tuned on them: `islandgp play` counts its worlds from 0.
     """
     runs = [run for arm in study.arms for run in arm.runs]
     used = {world for run in runs for record in run.records for world in record.worlds}
@@ -172,7 +172,7 @@ def _summary(
 
 @dataclass(frozen=True, slots=True)
 class Control:
-    """A tree that nobody evolves, in the worlds of the runs."""
+    """A tree that is not evolved, in the worlds of the runs."""
 
     name: str  # of the library's tree
     given: bool  # it is one that supervisors inject, not only a yardstick

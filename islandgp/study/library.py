@@ -49,7 +49,7 @@ def _names(folder: Path) -> Mapping[str, str]:
     for file in sorted(folder.glob("*.bt")):
         try:
             found[to_text(parse(file.read_text(encoding="utf-8"), name=str(file)))] = file.stem
-        except TreeError:  # a file that somebody is at work on is no tree of the run's
+        except TreeError:  # a file that is being edited is no tree of the run's
             continue
     return found
 

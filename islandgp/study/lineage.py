@@ -1,4 +1,4 @@
-"""Descent: what became of newcomers, and where the best individuals come from (section 2.4.2).
+"""Descent: how long newcomers' lines last, where the best individuals come from (section 2.4.2).
 
 A newcomer is a supervisor's tree, or a random tree of a diversity slot, which
 is what stands in the same slot without injection. An individual descends from
@@ -31,7 +31,7 @@ GIVEN: Final = "injected, as it is: "  # and whose tree it is
 
 @dataclass(frozen=True, slots=True)
 class Newcomer:
-    """One tree that came from outside, and what became of it."""
+    """A tree that was injected or drawn at random, and its descendants."""
 
     id: str
     origin: Origin  # INJECTED or RANDOM

@@ -20,7 +20,7 @@ REST: Final = "other pairs"
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class AnalysisPlan:
     """What the user wants to know."""
 
     families: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # arms by question
@@ -28,7 +28,7 @@ class Plan:
     margins: Mapping[str, float] = field(default_factory=dict)  # by measure, in its unit, > 0
 
 
-NOTHING: Final = Plan()
+NOTHING: Final = AnalysisPlan()
 """No question beyond the default families."""
 
 
@@ -68,7 +68,9 @@ def parse_margin(text: str) -> tuple[str, float]:
     return name.strip(), value
 
 
-def parse_plan(families: Sequence[str], primary: str | None, margins: Sequence[str]) -> Plan:
+def parse_plan(
+    families: Sequence[str], primary: str | None, margins: Sequence[str]
+) -> AnalysisPlan:
     """A plan as the command line words it. Raises StudyError where it cannot be read."""
     named = list(map(parse_family, families))
     bounds = list(map(parse_margin, margins))
@@ -80,7 +82,7 @@ def parse_plan(families: Sequence[str], primary: str | None, margins: Sequence[s
             f"Expected other names for families than {CLAIMS!r}, {FIRST!r} and {REST!r}, which are"
             " there already."
         )
-    return Plan(dict(named), primary, dict(bounds))
+    return AnalysisPlan(dict(named), primary, dict(bounds))
 
 
 def all_measures(study: Comparison) -> tuple[Measure, ...]:
@@ -88,7 +90,7 @@ def all_measures(study: Comparison) -> tuple[Measure, ...]:
     return (*main_family(study.milestones), *FURTHER)
 
 
-def check_plan(plan: Plan, study: Comparison) -> None:
+def check_plan(plan: AnalysisPlan, study: Comparison) -> None:
     """Raises StudyError where a plan names arms or measures that there are not."""
     arms = [arm.name for arm in study.arms]
     for name, wanted in plan.families.items():
@@ -107,7 +109,7 @@ def check_plan(plan: Plan, study: Comparison) -> None:
     families(study, plan)
 
 
-def families(study: Comparison, plan: Plan) -> tuple[Family, ...]:
+def families(study: Comparison, plan: AnalysisPlan) -> tuple[Family, ...]:
     """The families of a comparison; every pair of arms is in one of them.
 
     The first pair answers the paper's claims, by Tables 9 to 12. The plan's families follow; where
@@ -142,7 +144,7 @@ def _injects(arm: Arm) -> bool:
     return any(g.injected for run in arm.runs for g in run.guidance)
 
 
-def said(plan: Plan, study: Comparison) -> Iterator[str]:
+def said(plan: AnalysisPlan, study: Comparison) -> Iterator[str]:
     """The plan in sentences."""
     labels = {m.key: m for m in all_measures(study)}
     if plan.primary is not None:

@@ -18,7 +18,7 @@ from islandgp.study.figures.drawing import Picture
 from islandgp.study.findings import Finding, examine_all, finding
 from islandgp.study.generalise import Control, Generalisation
 from islandgp.study.measures import FURTHER, TABLE_9, TABLE_10, Measure
-from islandgp.study.plan import NOTHING, Family, Plan, all_measures, families, said
+from islandgp.study.plan import NOTHING, AnalysisPlan, Family, all_measures, families, said
 from islandgp.study.select import in_short
 from islandgp.study.table import Table
 from islandgp.study.tables.champions import (
@@ -92,7 +92,7 @@ def build(
     unseen: Sequence[Generalisation],
     worlds: int,
     controls: Sequence[Control] = (),
-    plan: Plan = NOTHING,
+    plan: AnalysisPlan = NOTHING,
 ) -> Report:
     """The report; `unseen` and `controls` are empty where they were left out."""
     measures, groups = all_measures(study), families(study, plan)
@@ -203,43 +203,41 @@ class PairTables:
             )
 
 
-def _primary(study: Comparison, plan: Plan, findings: Sequence[Finding]) -> Iterator[Item]:
+def _primary(study: Comparison, plan: AnalysisPlan, findings: Sequence[Finding]) -> Iterator[Item]:
     if plan.primary is not None:
         a, b = study.pairs[0]
         f = finding(findings, plan.primary, (a.name, b.name))
         yield primary_table(f, plan.margins.get(plan.primary))
 
 
-def _claims(study: Comparison, plan: Plan, findings: Sequence[Finding]) -> Iterator[Item]:
+def _claims(study: Comparison, plan: AnalysisPlan, findings: Sequence[Finding]) -> Iterator[Item]:
     if study.paper is not None and study.paper.claims:
         a, b = study.pairs[0]
         yield claims_table(findings, (a.name, b.name), study.paper, plan.margins)
 
 
-def _questions(plan: Plan, groups: Sequence[Family], findings: Sequence[Finding]) -> Iterator[Item]:
+def _questions(
+    plan: AnalysisPlan, groups: Sequence[Family], findings: Sequence[Finding]
+) -> Iterator[Item]:
     for k, group in enumerate(groups[1:], 1):
         mine = [f for f in findings if f.family == group.name]
         yield questions_table(f"questions-{k}", group.name, mine, plan.margins)
 
 
 def _compared(study: Comparison) -> Iterator[Item]:
-    yield Table(
-        "arms",
-        "Arms",
-        ("Arm", "selection", "runs", "seeds", "supervisor", "generations", "population"),
-        tuple(
-            (
-                arm.name,
-                arm.selection,
-                str(len(arm.runs)),
-                in_short(sorted(set(arm.seeds))),
-                ", ".join(sorted({run.supervisor for run in arm.runs})),
-                str(arm.generations),
-                ", ".join(sorted({str(run.flat.get("gp.population")) for run in arm.runs})),
-            )
-            for arm in study.arms
-        ),
-    )
+    rows = [
+        {
+            "Arm": arm.name,
+            "selection": arm.selection,
+            "runs": str(len(arm.runs)),
+            "seeds": in_short(sorted(set(arm.seeds))),
+            "supervisor": ", ".join(sorted({run.supervisor for run in arm.runs})),
+            "generations": str(arm.generations),
+            "population": ", ".join(sorted({str(r.flat.get("gp.population")) for r in arm.runs})),
+        }
+        for arm in study.arms
+    ]
+    yield Table.of("arms", "Arms", rows)
     if all(paired(a, b) for a, b in study.pairs):
         yield (
             "All arms ran on the same seeds and from the same start: runs of one seed share their"

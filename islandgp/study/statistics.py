@@ -147,7 +147,7 @@ def bootstrap(samples: Sequence[Sequence[float]], statistic: Callable[..., Any])
     """A statistic of one or several samples, each drawn again by itself (percentiles).
 
     `statistic` takes one array a sample and reduces the last axis. Values may be
-    infinite; a draw whose statistic is nan stands for any value, and widens the interval.
+    infinite; a draw whose statistic is nan may have any value, and widens the interval.
     Where a sample has fewer than FEWEST values there is no interval, but nan.
     """
     if min(map(len, samples)) < FEWEST:

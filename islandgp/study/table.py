@@ -5,11 +5,11 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from math import isinf, isnan
-from typing import Final
+from typing import Final, Self
 
 from islandgp.study.paper import MARK
 from islandgp.study.statistics import EXACT, EXACT_TIES, UNTESTED, Interval, PairedTest, RankTest
@@ -24,6 +24,13 @@ class Table:
     columns: tuple[str, ...]  # those that begin with paper.MARK hold the paper's figures
     rows: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls, key: str, title: str, rows: Sequence[Mapping[str, str]], notes: tuple[str, ...] = ()
+    ) -> Self:
+        """A table of one row or more, whose cells are by column."""
+        return cls(key, title, tuple(rows[0]), tuple(tuple(row.values()) for row in rows), notes)
 
 
 def to_markdown(table: Table) -> str:

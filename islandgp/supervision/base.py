@@ -1,4 +1,4 @@
-"""The seam between evolution and whoever supervises it: Eq. (5), advise(state) -> guidance."""
+"""The interface between evolution and supervisors: Eq. (5), advise(state) -> guidance."""
 
 from __future__ import annotations
 
@@ -42,6 +42,15 @@ class Pattern(StrEnum):
     STAGNATION = "stagnation"
 
 
+def check_ranges(key: str, ranges: Mapping[Phase, tuple[float, float]]) -> None:
+    """Raises ValueError unless each phase has a range of mutation rates; `key` is its name."""
+    if missing := [phase.value for phase in Phase if phase not in ranges]:
+        raise ValueError(f"{key}: expected a range for each phase, missing {', '.join(missing)}")
+    for phase, (low, high) in ranges.items():
+        if not 0 <= low <= high <= 1:
+            raise ValueError(f"{key}.{phase}: expected 0 <= low <= high <= 1")
+
+
 @dataclass(frozen=True, slots=True)
 class Guidance:
     """A supervisor's answer. `None` means that it says nothing to that."""
@@ -71,7 +80,7 @@ class RunContext:
     limits: Limits  # of trees
     folder: Path | None  # where the run keeps its files, None when it keeps none
     schema: Schema  # of the domain
-    domain: Domain  # for episodes of the supervisor's own
+    domain: Domain  # as `world` says; stages may change it, see `domain_in`
     rewards: BaseModel  # the domain's Rewards
     classes: Classes
     library: Callable[[], Library]  # trees to inject; may take seconds; raises ConfigError
@@ -79,6 +88,11 @@ class RunContext:
     adapt_mutation: bool = True  # False: rates are not used, and need not be worked out
     inject: bool = True  # False: trees are not used, and need not be worked out
     coming: frozenset[Path] = frozenset()  # folders of runs that the same command makes before
+    staged: Callable[[int], Domain] | None = None  # by generation, where stages change the world
+
+    def domain_in(self, generation: int) -> Domain:
+        """The domain as it is in a generation, for episodes of the supervisor's own."""
+        return self.domain if self.staged is None else self.staged(generation)
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +128,7 @@ class Supervisor(Protocol):
 
 @runtime_checkable
 class Witness(Protocol):
-    """What a supervisor has besides `advise` that goes by more than the state."""
+    """What a supervisor that uses more than the state has besides `advise`."""
 
     def see(self, generation: Seen) -> None:
         """Is told of each generation, in order, before `advise` is asked about its state.
@@ -126,7 +140,7 @@ class Witness(Protocol):
 
 @runtime_checkable
 class Service(Protocol):
-    """What a supervisor that needs somebody else's help has besides `advise`."""
+    """What a supervisor that needs an external service has besides `advise`."""
 
     def start(self) -> str:
         """Gets ready, before generation 0; returns a line for the person who started the run.

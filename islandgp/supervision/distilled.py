@@ -27,7 +27,7 @@ LARGEST: Final = 5_000_000  # bytes of a policy's file
 
 
 class Answer(BaseModel, frozen=True, extra="forbid"):
-    """A leaf: what the policy says, and how many decisions of the teacher it stands for."""
+    """A leaf: what the policy says, and the number of the teacher's decisions behind it."""
 
     answer: str | FiniteFloat
     cases: int
@@ -194,8 +194,14 @@ def _check(policy: Policy, setup: RunContext) -> None:
 
 
 def _fields(setup: RunContext) -> set[str]:
+    """The names in `features`: the history, and what is no number, are not among them."""
     classes: Classes = setup.classes
-    return {*field_meanings(setup.schema, classes), *(f"ahead.{n}" for n in classes.behaviours)}
+    numbers = (
+        name
+        for name in field_meanings(setup.schema, classes)
+        if not name.startswith(("history[]", "behaviours."))
+    )
+    return {*numbers, *(f"ahead.{name}" for name in classes.behaviours)}
 
 
 def _walk(rule: Rule) -> Iterator[Answer | Question]:

@@ -15,7 +15,7 @@ from islandgp.bt.node import Node, depth, size
 from islandgp.errors import ConfigError
 from islandgp.scoring.classes import EXPLORATION, INTEGRATION, RARE
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, Pattern, Phase, RunContext
+from islandgp.supervision.base import Guidance, Pattern, Phase, RunContext, check_ranges
 from islandgp.supervision.library import Library
 from islandgp.supervision.state_json import title
 
@@ -47,13 +47,7 @@ class ExpertSettings(BaseModel, frozen=True, extra="forbid"):
 
     @model_validator(mode="after")
     def _complete(self) -> ExpertSettings:
-        if missing := [p.value for p in Phase if p not in self.rates]:
-            raise ValueError(
-                f"rates: expected a range for each phase, missing {', '.join(missing)}"
-            )
-        for phase, (low, high) in self.rates.items():
-            if not 0 <= low <= high <= 1:
-                raise ValueError(f"rates.{phase}: expected 0 <= low <= high <= 1")
+        check_ranges("rates", self.rates)
         return self
 
 
@@ -100,7 +94,7 @@ def classify_pattern(state: PopulationState, how: ExpertSettings) -> Pattern:
 def choose_target(state: PopulationState, how: ExpertSettings) -> str:
     """Table 7: what the next tree is for.
 
-    What nobody does comes first, then a crisis, then what few do. Until a robot of the first
+    What no individual does comes first, then a crisis, then what few do. Until a robot of the first
     milestone has existed the rarest behaviour always is too rare: putting behaviours together
     is left to evolution.
     """

@@ -43,7 +43,7 @@ class SupervisorQueue:
         self._asked: dict[int, Future[Guidance]] = {}  # by generation
         self._waiting: SimpleQueue[Question | None] = SimpleQueue()
         if lag:
-            # A daemon: a slow answer that nobody waits for must not keep the process from ending.
+            # A daemon: a slow answer that is not waited for must not keep the process from ending.
             Thread(target=self._work, name="supervisor", daemon=True).start()
 
     def recall(self, seen: Seen) -> None:

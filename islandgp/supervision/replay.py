@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import difflib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
@@ -23,13 +22,7 @@ from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.capabilities import Dialect, Dialects
 from islandgp.supervision.llm.message import Failure, Reply, Request
 from islandgp.supervision.llm.settings import LLMSettings
-from islandgp.supervision.llm.transcript import (
-    Call,
-    Conclusion,
-    Played,
-    Transcript,
-    find_transcript,
-)
+from islandgp.supervision.llm.transcript import Call, Transcript, find_transcript
 
 
 class ReplaySettings(BaseModel, frozen=True, extra="forbid"):
@@ -62,7 +55,7 @@ class Replay:
     def make(cls, settings: ReplaySettings, setup: RunContext) -> Replay:
         """See `Supervisor`."""
         path = settings.path()
-        transcript = Transcript(path)
+        transcript = Transcript(path, fixed=True)
         try:
             start = transcript.start or {}
             recorded = LLMSettings.model_validate(start["settings"])
@@ -94,7 +87,7 @@ class Replay:
 
 
 class RecordedCalls:
-    """Answers from a transcript, which stays as it is."""
+    """Answers from a transcript."""
 
     def __init__(self, transcript: Transcript) -> None:
         self.transcript = transcript
@@ -121,15 +114,6 @@ class RecordedCalls:
                 " recorded run."
             )
         return same[-1].answer
-
-    def conclude(self, part: Conclusion) -> None:
-        """See `Calls`."""
-
-    def play(self, played: Played) -> None:
-        """See `Calls`."""
-
-    def learn(self, generation: int, dialect: Mapping[str, Any]) -> None:
-        """See `Calls`."""
 
     def room_for(self, requests: Sequence[Request], repairs: int) -> bool:  # noqa: ARG002 -- the protocol's
         """See `Calls`: nothing is gained by it."""

@@ -7,14 +7,14 @@ the supervisor beats this; if its schedule alone helps, the two are alike.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, Field
 
 from islandgp.bt.language import parse
-from islandgp.errors import SupervisionError
+from islandgp.errors import SupervisionError, TreeError, brief
 from islandgp.evolution.record import GenerationRecord
 from islandgp.plain import must_fit, read_json
 from islandgp.scoring.state import PopulationState
@@ -24,7 +24,7 @@ from islandgp.supervision.base import Guidance, Pattern, Phase, RunContext
 class YokedSettings(BaseModel, frozen=True, extra="forbid"):
     """Whose record it is."""
 
-    record: str = Field(min_length=1)  # a run's folder; {seed} stands for the other seed
+    record: str = Field(min_length=1)  # a run's folder; {seed} is replaced by the other seed
     first: int = Field(ge=0)  # the sweep's least seed
     seeds: int = Field(ge=2)  # how many there are from it on
 
@@ -62,12 +62,13 @@ class Yoked:
     def make(cls, settings: YokedSettings, setup: RunContext) -> Yoked:
         """See `Supervisor`. Raises SupervisionError as `ready` does."""
         try:
-            return cls([_guidance(line) for line in cls._lines(settings, setup)])
-        except ValueError as error:
+            return cls([repeated(line) for line in cls._lines(settings, setup)])
+        except (ValueError, TreeError) as error:
             folder = settings.folder(setup.seed)
             raise SupervisionError(
-                f"Expected the record of another run in {folder}, found a damaged one ({error});"
-                " run it again under another name, or set supervisor.policy.record."
+                f"Expected the record of another run in {folder}, found a damaged one"
+                f" ({brief(error)}); run it again under another name, or set"
+                " supervisor.policy.record."
             ) from None
 
     @classmethod
@@ -87,32 +88,31 @@ class Yoked:
             )
         return lines
 
-    def __init__(self, given: list[dict[str, Any] | None]) -> None:
-        """`given` is the guidance of each generation's record."""
+    def __init__(self, given: Sequence[Guidance]) -> None:
+        """`given` is what to say after each generation."""
         self.given = given
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:  # noqa: ARG002 -- the protocol's
         """What was said after the same generation of the other run."""
-        said = self.given[state.now.generation]
-        if said is None:
-            return Guidance(None, None, self.name, reasoning="the other run ended here")
-        return Guidance(
-            mutation_rate=said["wanted_rate"],
-            tree=None if said["tree"] is None else parse(said["tree"]),
-            source=self.name,
-            phase=None if said["phase"] is None else Phase(said["phase"]),
-            pattern=None if said["pattern"] is None else Pattern(said["pattern"]),
-            target=said["target"],
-            intervention=said["intervention"],
-            risk=said["risk"],
-            reasoning=said["reasoning"],
-            rationale=said["rationale"],
-            notes={"led_by": said["source"]},
-        )
+        return self.given[state.now.generation]
 
 
-def _guidance(line: bytes) -> dict[str, Any] | None:
-    """What a record's line says of the guidance. Raises ValueError where it is no record."""
+def repeated(line: bytes) -> Guidance:
+    """The guidance of a generation's record. Raises ValueError or TreeError where it has none."""
     must_fit(GenerationRecord, line)
-    found: dict[str, Any] | None = read_json(line)["guidance"]
-    return found
+    said = read_json(line)["guidance"]
+    if said is None:
+        return Guidance(None, None, Yoked.name, reasoning="the other run ended here")
+    return Guidance(
+        mutation_rate=said["wanted_rate"],
+        tree=None if said["tree"] is None else parse(said["tree"]),
+        source=Yoked.name,
+        phase=None if said["phase"] is None else Phase(said["phase"]),
+        pattern=None if said["pattern"] is None else Pattern(said["pattern"]),
+        target=said["target"],
+        intervention=said["intervention"],
+        risk=said["risk"],
+        reasoning=said["reasoning"],
+        rationale=said["rationale"],
+        notes={"led_by": said["source"]},
+    )

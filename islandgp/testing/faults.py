@@ -33,7 +33,7 @@ class Fault(StrEnum):
     TOO_LARGE = "too_large"  # a tree over the limits
     BRACKETS = "brackets"  # a megabyte of opening brackets
     SURROGATES = "surrogates"  # text that is no Unicode, and control characters
-    INJECTION = "injection"  # an answer that gives orders to whoever reads it
+    INJECTION = "injection"  # an answer that gives orders to its reader
 
 
 ANSWER_FAULTS: Final = frozenset(

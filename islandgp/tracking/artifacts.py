@@ -63,7 +63,7 @@ def _small(record: dict[str, Any]) -> dict[str, Any]:
 
 
 def _picture(tree: str) -> str:
-    from islandgp.bt.render.svg import to_svg
+    from islandgp.bt.render import to_svg
 
     return to_svg(parse(tree))
 

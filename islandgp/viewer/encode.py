@@ -10,8 +10,7 @@ from typing import Any, Final
 
 from islandgp.bt.engine import thresholds
 from islandgp.bt.node import walk
-from islandgp.bt.render.label import label
-from islandgp.bt.render.svg import lay_out
+from islandgp.bt.render import label, lay_out
 from islandgp.bt.vocabulary import Key
 from islandgp.domain import Thing
 from islandgp.viewer.recording import Film, Look, Mover, Recording, digits

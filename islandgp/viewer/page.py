@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from islandgp.bt.node import Node
-from islandgp.bt.render.svg import drawing, lay_out
+from islandgp.bt.render import drawing, lay_out
 from islandgp.evaluation.base import Problem
 from islandgp.viewer.encode import encode
 from islandgp.viewer.recording import Recording, record

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 from islandgp.bt.node import Node, condition_of, walk
 from islandgp.bt.printer import condition_text
-from islandgp.bt.render.terminal import to_rich
+from islandgp.bt.render import to_rich
 from islandgp.viewer.recording import FAILED, IDLE, RUNS, STOPPED, SUCCEEDED, Credit, Recording
 
 if TYPE_CHECKING:

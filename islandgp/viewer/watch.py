@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Final
 
-from islandgp.bt.render.terminal import to_rich
+from islandgp.bt.render import to_rich
 from islandgp.viewer.recording import FAILED, RUNS, STOPPED, SUCCEEDED, Film, Mover, Recording
 
 if TYPE_CHECKING:

@@ -60,19 +60,9 @@ class Recorder:
 
 
 def yoked() -> Yoked:
-    given = {
-        "wanted_rate": 0.25,
-        "tree": "PatrolWaypoint\n",
-        "phase": "refinement",
-        "pattern": None,
-        "target": "pickup",
-        "intervention": False,
-        "risk": "",
-        "reasoning": "",
-        "rationale": "",
-        "source": "expert",
-    }
-    return Yoked([*[given] * 40, None])
+    tree = parse("PatrolWaypoint")
+    given = Guidance(0.25, tree, "yoked", Phase.REFINEMENT, None, "pickup", notes={"led_by": "x"})
+    return Yoked([given] * 41)
 
 
 def distilled() -> Distilled:

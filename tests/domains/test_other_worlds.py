@@ -6,6 +6,7 @@ import json
 import re
 import shlex
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -18,6 +19,8 @@ import pytest
 from islandgp.bt.language import parse
 from islandgp.config.settings import read_settings
 from islandgp.domain import Domain, Scene
+from islandgp.domains.gymnasium.domain import environment as gymnasium_environment
+from islandgp.domains.minigrid.robot import environment as minigrid_environment
 from islandgp.errors import ConfigError, IslandError
 from islandgp.evaluation.base import Job
 from islandgp.evaluation.processes import Processes
@@ -211,6 +214,22 @@ def test_processes_run_an_environment() -> None:
         assert evaluator.evaluate([job]) == Serial(problem).evaluate([job])
     finally:
         evaluator.close()
+
+
+@pytest.mark.parametrize("world", ["minigrid", "cartpole"])
+def test_threads_have_environments_of_their_own(world: str) -> None:
+    """A supervisor may run episodes in a thread while the evaluator runs others."""
+
+    def env() -> Any:
+        if world == "minigrid":
+            return minigrid_environment("Empty-5x5")
+        return gymnasium_environment("CartPole-v1", "{}", False)
+
+    with ThreadPoolExecutor(1) as other:
+        there = other.submit(env).result()
+        assert other.submit(env).result() is there
+    assert env() is env()
+    assert env() is not there
 
 
 def test_random_search_inherits_nothing() -> None:

@@ -9,6 +9,7 @@ import pytest
 from islandgp.config.settings import read_settings
 from islandgp.errors import ConfigError
 from islandgp.evaluation.base import Job, simulate
+from islandgp.running.run import setup_of
 from tests.composed import plain
 
 EARLY = {"episode": {"length": 10}}
@@ -29,6 +30,17 @@ def test_each_stage_has_its_own_world() -> None:
     lasted = [simulate(problem, Job(job.tree, stage, job.seed)).seconds for stage in (0, 1)]
     assert lasted == [10, 20]
     assert problem.at(0).world.humanoids == problem.domain.world.humanoids  # type: ignore[attr-defined]
+
+
+def test_supervisors_have_the_world_of_a_generation() -> None:
+    """For episodes of their own, as those of the population in that generation."""
+    settings = read_settings(staged(EARLY, {"episode": {"length": 20}}))
+    given = setup_of(settings, settings.make_domain(), None)
+    lengths = [given.domain_in(g).world.episode.length for g in (0, 5, 6)]  # type: ignore[attr-defined]
+    assert lengths == [10, 10, 20]
+    plainly = read_settings(plain())
+    given = setup_of(plainly, plainly.make_domain(), None)
+    assert given.domain_in(9) is given.domain
 
 
 def test_without_changes_there_is_one_domain() -> None:

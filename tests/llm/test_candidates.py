@@ -94,6 +94,15 @@ def test_worlds_of_trials_are_their_own() -> None:
     assert first == again != later
 
 
+def test_a_trial_has_the_world_of_the_stage_that_the_tree_will_join() -> None:
+    """That of the next generation, not the one that `world` gives."""
+    given, domain = scripted()
+    asked: list[int] = []
+    staged = replace(given, staged=lambda g: asked.append(g) or domain)  # type: ignore[func-returns-value,arg-type,return-value] # it makes no other
+    try_out(Proposal(TREES[0], "pickup", "r", TREES[1:2]), state(3), staged)
+    assert asked == [4]
+
+
 def checked(*trees: object, candidates: int = 3) -> Accepted[Proposal] | Rejection:
     check = check_proposal(Limits(3, 5), VOCABULARY, CLASSES.targets, candidates=candidates)
     return check(said({"trees": list(trees), "target": "rare", "rationale": "r"}))

@@ -25,7 +25,7 @@ from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.chronicle import Chronicle
 from islandgp.supervision.llm.informed import most_lacking
 from islandgp.supervision.llm.prompts import Prompt, render
-from islandgp.supervision.llm.story import LINE, SPANS, Span, spans, story
+from islandgp.supervision.llm.story import LINE, SPANS, Stretch, spans, story
 from islandgp.testing.faults import Fault, every
 from islandgp.testing.server import MessagesServer
 from tests.composed import composed
@@ -237,10 +237,10 @@ def test_spans_are_cut_where_the_actions_change() -> None:
     """Two halves are two spans; one action is one; there are never more than SPANS."""
     halves = ["a"] * 300 + ["b"] * 300
     assert spans(halves) == [
-        Span(0, 300, Counter({"a": 300})),
-        Span(300, 600, Counter({"b": 300})),
+        Stretch(0, 300, Counter({"a": 300})),
+        Stretch(300, 600, Counter({"b": 300})),
     ]
-    assert spans(["a"] * 7) == [Span(0, 7, Counter({"a": 7}))]
+    assert spans(["a"] * 7) == [Stretch(0, 7, Counter({"a": 7}))]
     assert spans([]) == []
     many = [f"{i // 10}" for i in range(600)]
     assert len(spans(many)) == SPANS

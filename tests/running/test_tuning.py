@@ -13,7 +13,7 @@ from islandgp.bt.numbers import REPEATS, Number, numbers_of, with_numbers
 from islandgp.bt.vocabulary import Action, Vocabulary, flag, number
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Job
-from islandgp.running.tuning import FINALISTS, Standing, Values, choices, choose, race
+from islandgp.running.tuning import FINALISTS, RaceState, Values, choices, choose, race
 from tests.made import outcome
 
 WORDS = Vocabulary(
@@ -152,7 +152,7 @@ def text_of(values: Values) -> str:
     return to_text(parse(with_numbers(TREE, NUMBERS, values)))
 
 
-def raced(evaluator: Hilly, trials: int = 40, seed: int = 1) -> list[Standing]:
+def raced(evaluator: Hilly, trials: int = 40, seed: int = 1) -> list[RaceState]:
     """All standings of a race from the numbers of TREE."""
     found = race(text_of, (95, 5), ALLOWED, range(20), evaluator, stage=0, trials=trials, seed=seed)
     return list(found)
@@ -202,7 +202,7 @@ def test_what_an_interrupted_race_knows() -> None:
     """The standing before Ctrl-C is there, with the best of those that had met every world."""
     whole = raced(Hilly(), 20)
     going = race(text_of, (95, 5), ALLOWED, range(20), Hilly(ends=150), stage=0, trials=20, seed=1)
-    kept: list[Standing] = []
+    kept: list[RaceState] = []
     with pytest.raises(KeyboardInterrupt):
         kept.extend(going)  # what came before the interruption stays
     assert kept == whole[: len(kept)]

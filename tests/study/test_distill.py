@@ -182,6 +182,17 @@ def _expert(settings: object, given: object) -> object:
             },
             "asks for 'moon'",
         ),
+        (
+            {
+                "rate": {
+                    "feature": "history[].best",
+                    "at_most": 1,
+                    "yes": {"answer": 0.1, "cases": 1},
+                    "no": {"answer": 0.2, "cases": 1},
+                }
+            },
+            r"asks for 'history\[\].best'",
+        ),
         ({"format": 2}, "found another file"),
         ("[" * 100_000, "found another file"),
         ("", "found another file"),

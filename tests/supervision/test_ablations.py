@@ -168,6 +168,23 @@ def test_a_leader_that_lacks_or_is_unfinished_is_told(tmp_path: Path) -> None:
         Yoked.make(how, setup(None))
 
 
+@pytest.mark.parametrize(
+    ("field", "value"), [("phase", "bored"), ("tree", "selector {"), ("wanted_rate", "high")]
+)
+def test_a_leader_whose_record_is_damaged_is_told(
+    tmp_path: Path, field: str, value: object
+) -> None:
+    """Before the run starts, not in the generation in which it would be repeated."""
+    led(tmp_path / "expert-seed1")
+    file = tmp_path / "expert-seed1" / "generations.jsonl"
+    lines = [json.loads(line) for line in file.read_text().splitlines()]
+    lines[3]["guidance"][field] = value
+    file.write_text("".join(f"{json.dumps(line)}\n" for line in lines))
+    how = YokedSettings(record=str(tmp_path / "expert-seed{seed}"), first=0, seeds=5)
+    with pytest.raises(SupervisionError, match="found a damaged one"):
+        Yoked.make(how, replace(setup(None), generations=8))
+
+
 def test_without_a_leader_nothing_starts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -16,7 +16,7 @@ from islandgp.errors import ConfigError
 from islandgp.running.run import setup_of
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Pattern, Phase, RunContext
+from islandgp.supervision.base import Pattern, Phase, RunContext, check_ranges
 from islandgp.supervision.expert import (
     Expert,
     ExpertSettings,
@@ -346,3 +346,13 @@ def test_policies_that_cannot_be(key: str, value: object, message: str) -> None:
     policy = {**plain("supervisor=expert")["supervisor"]["policy"], key: value}
     with pytest.raises(ValidationError, match=message):
         ExpertSettings.model_validate(policy)
+
+
+def test_ranges_of_rates_are_checked() -> None:
+    """For the expert's own and for those that prompts tell a language model."""
+    ranges = {**dict.fromkeys(Phase, (0.1, 0.2)), Phase.REFINEMENT: (0.3, 0.2)}
+    with pytest.raises(ValueError, match=r"phases\.refinement: expected 0 <= low <= high <= 1"):
+        check_ranges("phases", ranges)
+    del ranges[Phase.EXPLOITATION]
+    with pytest.raises(ValueError, match="phases: expected a range for each phase, missing expl"):
+        check_ranges("phases", ranges)

@@ -17,6 +17,7 @@ import pytest
 
 from islandgp.bt.engine import ABORTED, compile_tree
 from islandgp.bt.export import behaviortree_cpp, py_trees
+from islandgp.bt.export.import_cpp import read_tree
 from islandgp.bt.node import FAILURE, RUNNING, STATUS_NAMES, SUCCESS, Node, walk
 from islandgp.bt.vocabulary import Vocabulary
 
@@ -25,6 +26,11 @@ Trace: TypeAlias = list[str]
 
 BUILT: Final = Path(__file__).parents[2] / "build" / "behaviortree_cpp"
 """Where `build_btcpp.py` puts the library, unless BEHAVIORTREE_CPP names a folder."""
+
+
+def main_tree(text: str, vocabulary: Vocabulary, *, name: str = "<xml>") -> Node:
+    """The main tree of an XML file, whatever is lost."""
+    return read_tree(text, vocabulary, name=name).tree
 
 
 def with_own_names(node: Node, numbers: Iterator[int]) -> Node:

@@ -92,22 +92,27 @@ selector {
     ("text", "words"),
     [
         ("", "expected JSON of"),
-        ("[]", "the file: expected a JSON object"),
-        ("{}", "actions: expected a JSON object"),
-        ('{"actions": {}}', "domain: expected a name"),
+        ("[]", "the file: input should be an object"),
+        ('{"domain": "d"}', "actions: field required"),
+        ('{"actions": {}}', "domain: field required"),
         ('{"domain": "a b", "actions": {}}', "found 'a b'"),
-        ('{"actions": {"A": {"statuses": ["DONE"]}}}', "actions.A.statuses: expected some of"),
         (
-            '{"actions": {"A": {"to_start": [["x", "~", 1]]}}}',
-            "actions.A.to_start: expected a list",
+            '{"domain": "d", "actions": {"A": {"statuses": ["DONE"]}}}',
+            "actions.A.statuses.0: input should be 'FAILURE', 'SUCCESS' or 'RUNNING'",
         ),
-        ('{"actions": {}, "keys": {"k": {"low": "1"}}}', "keys.k.low: expected a number"),
         (
-            '{"actions": {"A": {"meanin": "acts"}}}',
-            "actions.A: expected no other entries than meaning, statuses, to_start, to_succeed,"
-            " changes, found 'meanin'",
+            '{"domain": "d", "actions": {"A": {"to_start": [["x", "~", 1]]}}}',
+            "actions.A.to_start.0.1: input should be '<', '<=',",
         ),
-        ('{"actions": {}, "keys": {"k": {"max": 3}}}', "keys.k: expected no other entries than"),
+        (
+            '{"domain": "d", "actions": {}, "keys": {"k": {"low": "1"}}}',
+            "keys.k.low: input should be a valid number",
+        ),
+        (
+            '{"domain": "d", "actions": {"A": {"meanin": "acts"}}}',
+            "actions.A.meanin: extra inputs are not permitted",
+        ),
+        ('{"domain": "d", "actions": {}, "keys": {"k": {"low": NaN}}}', "expected JSON of"),
         ("<root/>", "expected a <TreeNodesModel> with actions"),
         ('<TreeNodesModel><Action ID="a b"/></TreeNodesModel>', "1:17: expected an ID of letters"),
         ("<root>", "not XML"),

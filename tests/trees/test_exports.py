@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from islandgp.bt.engine import compile_tree
 from islandgp.bt.export import behaviortree_cpp, py_trees
-from islandgp.bt.export.import_cpp import from_xml
 from islandgp.bt.export.json import from_json, to_json
 from islandgp.bt.language import parse
 from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, walk
@@ -25,7 +24,7 @@ from tests.bt.stage import short_tree
 from tests.composed import composed
 from tests.strategies import few_boards, few_numbers, nodes
 from tests.trees.shell import Cli
-from tests.trees.targets import leaves, with_own_names
+from tests.trees.targets import leaves, main_tree, with_own_names
 from tests.trees.worlds import random_trees
 from tests.viewer.episodes import recorded
 
@@ -220,7 +219,7 @@ def test_500_random_trees() -> None:
         for name, key in VOCABULARY.keys.items():
             (board.set_bool if key.flag else board.set_double)(name, 1)
         made.tick_exactly_once()
-        assert behaviortree_cpp.to_xml(from_xml(xml, VOCABULARY), VOCABULARY, plain=True) == xml
+        assert behaviortree_cpp.to_xml(main_tree(xml, VOCABULARY), VOCABULARY, plain=True) == xml
 
 
 @FEW
@@ -231,7 +230,7 @@ def test_import_of_an_export_does_the_same(
     """What comes back from XML does what the tree did, where no guard was lost on the way."""
     lost = {loss.about for loss in behaviortree_cpp.losses(tree)}
     assume(not lost & {"dropped", "inner", "policy"})
-    back = from_xml(behaviortree_cpp.to_xml(tree, VOCABULARY, plain=True), VOCABULARY)
+    back = main_tree(behaviortree_cpp.to_xml(tree, VOCABULARY, plain=True), VOCABULARY)
     assert ours(back, boards, results) == ours(tree, boards, results)
 
 
@@ -346,7 +345,7 @@ def test_wrong_xml(text: str) -> None:
     if text in WRONG_NODES:
         text = f'<root BTCPP_format="4">\n<BehaviorTree ID="Robot">\n{text}</BehaviorTree></root>'
     with pytest.raises(TreeError) as caught:
-        from_xml(text, VOCABULARY, name="t.xml")
+        main_tree(text, VOCABULARY, name="t.xml")
     assert words in str(caught.value)
     if "Robot" in text:
         assert str(caught.value).startswith("t.xml:3:")
@@ -354,7 +353,7 @@ def test_wrong_xml(text: str) -> None:
 
 def test_foreign_xml() -> None:
     """Files as Groot writes them: explicit forms, subtrees, several conditions, names."""
-    tree = from_xml(
+    tree = main_tree(
         """<?xml version="1.0"?>
         <root BTCPP_format="4" main_tree_to_execute="Main">
           <BehaviorTree ID="Main">
@@ -410,7 +409,7 @@ def test_wrong_json(text: str) -> None:
 def test_hostile_files() -> None:
     """A hundred thousand nested levels are an error like any other."""
     with pytest.raises(TreeError):
-        from_xml("<Sequence>" * 100_000, VOCABULARY)
+        main_tree("<Sequence>" * 100_000, VOCABULARY)
     with pytest.raises(TreeError):
         from_json('{"format": "islandgp-tree", "version": 1, "tree": ' + "[" * 100_000)
 

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 
 from islandgp.bt.export.behaviortree_cpp import to_xml
-from islandgp.bt.export.import_cpp import from_xml, read_tree
+from islandgp.bt.export.import_cpp import read_tree
 from islandgp.bt.export.json import from_json, to_json
 from islandgp.bt.format import format_text
 from islandgp.bt.language import parse, to_text
@@ -24,6 +24,7 @@ from islandgp.errors import LimitError, TreeError
 from tests.bt.stage import short_tree
 from tests.strategies import nodes
 from tests.trees.shell import Cli
+from tests.trees.targets import main_tree
 
 A, B = list(VOCABULARY.actions)[:2]
 LIMIT = 6.0  # seconds; measured: below 2 for each
@@ -80,17 +81,17 @@ def test_guards_that_nobody_observes() -> None:
     """A When in a composite of the library interrupts nothing there, so it does not here."""
     guard = "<When condition='foundGarbage'><A/></When>"
     text = short_xml(xml_of(f"<Fallback>{guard}<B/></Fallback>"))
-    assert from_xml(text, VOCABULARY) == short_tree("selector { when p abort self { A } B }")
+    assert main_tree(text, VOCABULARY) == short_tree("selector { when p abort self { A } B }")
     behind = f"<Sequence><ScriptCondition code='lap &lt; 1'/>{guard}</Sequence>"
     text = short_xml(xml_of(f"<InterruptibleFallback>{behind}<B/></InterruptibleFallback>"))
-    tree = from_xml(text, VOCABULARY)
+    tree = main_tree(text, VOCABULARY)
     assert [n.args[1] for n in walk(tree) if n.kind == "when"] == ["none", "self"]
 
 
 def test_a_parallel_that_fails_at_the_first_failure() -> None:
     """With success_count -1 any failure fails it over there, whatever failure_count says."""
     text = short_xml(xml_of('<Parallel success_count="-1" failure_count="2"><A/><B/></Parallel>'))
-    assert from_xml(text, VOCABULARY) == short_tree("parallel { A B }")
+    assert main_tree(text, VOCABULARY) == short_tree("parallel { A B }")
 
 
 def test_subtree_with_a_blackboard_of_its_own() -> None:
@@ -201,7 +202,7 @@ def test_wrong_xml(case: str) -> None:
     """Each is refused in a message that is short and points into the file."""
     text, words = WRONG[case]
     with pytest.raises(TreeError) as caught:
-        from_xml(short_xml(text), VOCABULARY, name="t.xml")
+        main_tree(short_xml(text), VOCABULARY, name="t.xml")
     assert words in str(caught.value)
     assert str(caught.value).startswith("t.xml:1:")
     assert len(str(caught.value)) < 500
@@ -306,20 +307,20 @@ def quick(act: object, *arguments: object) -> object:
 
 def test_subtrees_that_double() -> None:
     """20 trees in 2 kB are refused before they are expanded; few are read."""
-    assert isinstance(quick(from_xml, doubled(20), VOCABULARY), LimitError)
-    assert isinstance(quick(from_xml, doubled(90), VOCABULARY), LimitError)
-    assert isinstance(quick(from_xml, doubled(8), VOCABULARY), Node)
+    assert isinstance(quick(main_tree, doubled(20), VOCABULARY), LimitError)
+    assert isinstance(quick(main_tree, doubled(90), VOCABULARY), LimitError)
+    assert isinstance(quick(main_tree, doubled(8), VOCABULARY), Node)
 
 
 def test_many_children() -> None:
     """5,000 children are read; 200,000 are refused."""
     for tag in ("Sequence", "Fallback", "JudgedParallel", "InterruptibleSequence"):
         text = short_xml(xml_of(f"<{tag}>{'<A/>' * 5000}</{tag}>"))
-        found = quick(from_xml, text, VOCABULARY)
+        found = quick(main_tree, text, VOCABULARY)
         assert isinstance(found, Node)
         assert len(found.children) == 5000
     text = short_xml(xml_of(f"<Sequence>{'<A/>' * 200_000}</Sequence>"))
-    assert isinstance(quick(from_xml, text, VOCABULARY), LimitError)
+    assert isinstance(quick(main_tree, text, VOCABULARY), LimitError)
 
 
 def guarded(levels: int, actions: Sequence[str]) -> str:

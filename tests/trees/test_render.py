@@ -11,10 +11,7 @@ from hypothesis import given, settings
 
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node, size, walk
-from islandgp.bt.render.graphs import to_dot, to_mermaid
-from islandgp.bt.render.label import label
-from islandgp.bt.render.svg import BOX, lay_out, to_svg
-from islandgp.bt.render.terminal import to_lines
+from islandgp.bt.render import BOX, label, lay_out, to_dot, to_lines, to_mermaid, to_svg
 from islandgp.resources import resource
 from tests.strategies import nodes
 from tests.trees.shell import Cli

@@ -20,7 +20,6 @@ from islandgp.bt.export.plan import (
     OWN,
     Loss,
     TargetNode,
-    exact_plan,
     guard_losses,
     own_nodes,
     parts,
@@ -33,7 +32,7 @@ from islandgp.bt.vocabulary import NOTHING, Vocabulary
 from islandgp.errors import DomainError
 
 TREE_ID: Final = "Robot"
-REST: Final = "rest"  # the name of a node that stands for the later branches of the one above it
+REST: Final = "rest"  # the name of a node that holds the later branches of the one above it
 HEADER: Final = "islandgp_nodes.hpp"
 
 TAGS: Final[dict[str, str]] = {
@@ -55,7 +54,7 @@ OWN_TAGS: Final[dict[str, str]] = {
     "judged_parallel": "JudgedParallel",
     "repeat_per_tick": "RepeatPerTick",
 }
-"""Our names of `exact`, and the nodes of ours for this library."""
+"""Our names of `plan`, and the nodes of ours for this library."""
 
 _PORTS: Final[dict[str, tuple[str, ...]]] = {
     "when": ("condition", "abort"),
@@ -135,7 +134,7 @@ def to_xml(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = False)
             f"Expected action names that are no nodes of BehaviorTree.CPP, found {min(taken)!r};"
             " rename the action in the domain."
         )
-    whole = plan(tree) if plain else exact_plan(tree, differs)
+    whole = plan(tree, None if plain else differs)
     own = {part.kind for part in parts(whole)} & OWN
     identity = TREE_ID if TREE_ID not in used else f"{TREE_ID}Tree"
     # A SubTree does not see entries of the blackboard above whose names begin with _.
@@ -158,7 +157,7 @@ def to_xml(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = False)
 
 def needs_header(tree: Node) -> bool:
     """Whether the file of a tree, unless it is plain, names nodes of ours."""
-    return any(part.kind in OWN for part in parts(exact_plan(tree, differs)))
+    return any(part.kind in OWN for part in parts(plan(tree, differs)))
 
 
 def header() -> str:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, NamedTuple, NoReturn
 
-from islandgp.bt.condition import Asked, Compound, denied, opposite, terms
+from islandgp.bt.condition import Compound, denied, opposite, terms
 from islandgp.bt.export.behaviortree_cpp import EQUAL, JUDGED, OWN_TAGS, REPEAT, REST, TAGS
 from islandgp.bt.export.plan import LEVEL, ORDER, RESUMED, Loss, fresh_name, hands_over
 from islandgp.bt.export.scripts import read_condition
@@ -25,7 +25,7 @@ from islandgp.bt.vocabulary import RESERVED, Vocabulary
 from islandgp.errors import LimitError, TreeError
 
 _EXPLICIT: Final = ("Action", "Condition", "Control", "Decorator")  # <Action ID="X"/> is <X/>
-_HIDDEN: Final = {"both": "self", "lower": "none"}  # abort rules of a guard that nobody observes
+_HIDDEN: Final = {"both": "self", "lower": "none"}  # abort rules of a guard that is not observed
 _ATTRIBUTES: Final[dict[str, tuple[str, ...]]] = {
     "ScriptCondition": ("code",),
     "Repeat": ("num_cycles",),
@@ -65,11 +65,6 @@ class Imported(NamedTuple):
     tree: Node
     differences: tuple[Difference, ...]  # in the order of the file
     text: str  # the tree with its SubTrees as named subtrees
-
-
-def from_xml(text: str, vocabulary: Vocabulary, *, name: str = "<xml>") -> Node:
-    """The main tree of `read_tree`, whatever is lost."""
-    return read_tree(text, vocabulary, name=name).tree
 
 
 def read_tree(
@@ -269,7 +264,7 @@ class _Importer:
             if _tag(each) == "ScriptCondition":
                 parts.append(self._guarding(each, element, elements[index + 1 :], "none"))
                 break
-            # Over there nobody observes the guards of this branch.
+            # In that library no composite observes the guards of this branch.
             parts.append(with_aborts(self._node(each), _HIDDEN))
         else:
             last = elements[-1]
@@ -299,7 +294,7 @@ class _Importer:
         else:
             inner = self._reactive(element, behind)
         self._level -= 1
-        # Over there nobody observes a guard behind a condition.
+        # In that library no composite observes a guard behind a condition.
         return self._guard(condition, with_aborts(inner, _HIDDEN), abort, inverted=inverted)
 
     def _interrupting(self, kind: str, element: Element, elements: Sequence[Element]) -> Node:
@@ -327,7 +322,10 @@ class _Importer:
         """Runs its child where a condition holds; inverted: succeeds there, else runs the child."""
         self._check_attributes(element, "ScriptCondition")
         self._asks = True
-        asked = self._asked(element)
+        try:
+            asked = read_condition(element.attributes.get("code", ""), self._vocabulary)
+        except ValueError as error:
+            self._fail(element, str(error))
         if any(term.operator in ("==", "!=") for term in terms(asked)):
             self._differs(element, EQUAL)
         if not inverted:
@@ -335,12 +333,6 @@ class _Importer:
         against = denied(asked) if isinstance(asked, Compound) else opposite(asked)
         guard = Node("when", (against, abort), (Node("inverter", (), (child,)),))
         return Node("inverter", (), (guard,))
-
-    def _asked(self, element: Element) -> Asked:
-        try:
-            return read_condition(element.attributes.get("code", ""), self._vocabulary)
-        except ValueError as error:
-            self._fail(element, str(error))
 
     def _own_guard(self, element: Element) -> Node:
         self._asks = True

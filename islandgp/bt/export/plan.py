@@ -9,9 +9,9 @@ memory:
 
     selector { A  when p { B }  C }    ->    fallback(A, reactive_fallback(guard(p, B), C))
 
-`exact_plan` uses our own nodes for the library (`nodes/`), without any loss, where the library's
-own differ: a selector or sequence that observes guards is an interruptible one, its guards are
-`When` nodes, and a library says for itself which other kinds it needs ours for.
+With `differs` it uses our own nodes for the library (`nodes/`), without any loss, where the
+library's own differ: a selector or sequence that observes guards is an interruptible one, its
+guards are `When` nodes, and a library says for itself which other kinds it needs ours for.
 """
 
 from __future__ import annotations
@@ -72,16 +72,80 @@ INNER = Loss(
 )
 
 
-def plan(node: Node) -> TargetNode:
-    """A tree in those terms."""
-    return in_subtrees(node, _part(node))
+OWN: Final = frozenset({
+    "when", "interruptible_fallback", "interruptible_sequence", "judged_parallel",
+    "repeat_per_tick",
+})  # fmt: skip
+"""Kinds of parts that are nodes of ours, beside those of `plan`."""
+
+Differs: TypeAlias = Callable[[Node], bool]
+"""Whether a library's node for a parallel, a repeater or a `when` does something else."""
+
+_KINDS: Final = {
+    "inverter": ("inverter", "inverter"),
+    "repeater": ("repeat", "repeat_per_tick"),
+    "parallel": ("parallel", "judged_parallel"),
+}
+"""By kind the library's node and ours."""
 
 
-def in_subtrees(node: Node, part: TargetNode) -> TargetNode:
-    """A part with the names of the subtrees whose root its node is."""
+def plan(node: Node, differs: Differs | None = None, *, observed: bool = False) -> TargetNode:
+    """A tree in those terms.
+
+    Args:
+        node: the tree.
+        differs: where the library's own nodes are not the same, ours are taken; None: nowhere.
+        observed: a composite above looks for guards here, through decorators.
+    """
+    part = _part(node, differs, observed)
     for name in reversed(names_of(node)):
         part = TargetNode("subtree", (name,), (part,))
     return part
+
+
+def _part(node: Node, differs: Differs | None, observed: bool) -> TargetNode:
+    """The same without the names of subtrees."""
+    kind, args = node.kind, node.args
+    if kind == "action":
+        return TargetNode("action", args)
+    if kind in ("selector", "sequence"):
+        return _composite(node) if differs is None else _observing(node, differs)
+    observed = observed and kind != "parallel"
+    children = tuple(plan(child, differs, observed=observed) for child in node.children)
+    if kind == "when":
+        if differs is not None and (observed or exposes(node) or differs(node)):
+            return TargetNode("when", args, children)
+        kind = "reactive_sequence" if checks_itself(node) else "sequence"
+        return TargetNode(kind, args, (TargetNode("check", args[:1]), *children))
+    theirs, ours = _KINDS[kind]
+    exact = differs is not None and theirs != ours and differs(node)
+    return TargetNode(ours if exact else theirs, args, children)
+
+
+def _composite(node: Node) -> TargetNode:
+    """Runs of reactive branches and of plain ones, each run nested in the one before it."""
+    plain = "fallback" if node.kind == "selector" else "sequence"
+    branches = [(plan(b), _reacts(b, node.kind)) for b in node.children[:-1]]
+    held: list[TargetNode] = [plan(node.children[-1])]
+    reactive = False  # whether `held` is a run of reactive branches and its last child
+    for part, reacts in reversed(branches):
+        if reacts != reactive and len(held) > 1:
+            held = [TargetNode(_kind(plain, reactive), (), tuple(held), rest=True)]
+        reactive = reacts
+        held.insert(0, part)
+    return TargetNode(_kind(plain, reactive), (), tuple(held))
+
+
+def _observing(node: Node, differs: Differs) -> TargetNode:
+    """A selector or sequence: ours where it observes guards of a branch."""
+    plain = "fallback" if node.kind == "selector" else "sequence"
+    *earlier, last = node.children
+    observes = [exposes(branch) for branch in earlier]
+    children = [
+        plan(branch, differs, observed=o) for branch, o in zip(earlier, observes, strict=True)
+    ]
+    kind = f"interruptible_{plain}" if any(observes) else plain
+    return TargetNode(kind, (), (*children, plan(last, differs)))
 
 
 def separated(
@@ -129,20 +193,6 @@ def fresh_name(name: str, unfit: set[str]) -> str:
     return found
 
 
-def _part(node: Node) -> TargetNode:
-    kind, children = node.kind, node.children
-    if kind == "action":
-        return TargetNode("action", node.args)
-    if kind == "when":
-        check = TargetNode("check", node.args[:1])
-        kind = "reactive_sequence" if checks_itself(node) else "sequence"
-        return TargetNode(kind, node.args, (check, plan(children[0])))
-    if kind in ("selector", "sequence"):
-        return _composite(node)
-    other = {"inverter": "inverter", "repeater": "repeat", "parallel": "parallel"}[kind]
-    return TargetNode(other, node.args, tuple(map(plan, children)))
-
-
 def guard_losses(tree: Node) -> set[Loss]:
     """What `plan` changes in the meaning of guards."""
     found: set[Loss] = set()
@@ -156,20 +206,6 @@ def guard_losses(tree: Node) -> set[Loss]:
     for child in tree.children:
         found |= guard_losses(child)
     return found
-
-
-def _composite(node: Node) -> TargetNode:
-    """Runs of reactive branches and of plain ones, each run nested in the one before it."""
-    plain = "fallback" if node.kind == "selector" else "sequence"
-    branches = [(plan(b), _reacts(b, node.kind)) for b in node.children[:-1]]
-    held: list[TargetNode] = [plan(node.children[-1])]
-    reactive = False  # whether `held` is a run of reactive branches and its last child
-    for part, reacts in reversed(branches):
-        if reacts != reactive and len(held) > 1:
-            held = [TargetNode(_kind(plain, reactive), (), tuple(held), rest=True)]
-        reactive = reacts
-        held.insert(0, part)
-    return TargetNode(_kind(plain, reactive), (), tuple(held))
 
 
 def _kind(plain: str, reactive: bool) -> str:
@@ -201,21 +237,6 @@ def hands_over(branch: Node, composite: str) -> bool:
     return False
 
 
-OWN: Final = frozenset({
-    "when", "interruptible_fallback", "interruptible_sequence", "judged_parallel",
-    "repeat_per_tick",
-})  # fmt: skip
-"""Kinds of parts that are nodes of ours, beside those of `plan`."""
-
-Differs: TypeAlias = Callable[[Node], bool]
-"""Whether a library's node for a parallel, a repeater or a `when` does something else."""
-
-
-def exact_plan(node: Node, differs: Differs) -> TargetNode:
-    """A tree in those terms."""
-    return _exact_part(node, differs, observed=False)
-
-
 def parts(part: TargetNode) -> Iterator[TargetNode]:
     """The parts of a plan in document order."""
     yield part
@@ -226,45 +247,3 @@ def parts(part: TargetNode) -> Iterator[TargetNode]:
 def own_nodes(name: str) -> str:
     """The text of a file with our nodes: islandgp_nodes.hpp or islandgp_nodes.py."""
     return (Path(__file__).parent / "nodes" / name).read_text(encoding="utf-8")
-
-
-def _exact_part(node: Node, differs: Differs, *, observed: bool) -> TargetNode:
-    """A node; observed: a composite above looks for guards here, through decorators."""
-    return in_subtrees(node, _bare(node, differs, observed=observed))
-
-
-def _bare(node: Node, differs: Differs, *, observed: bool) -> TargetNode:
-    """The same without the names of subtrees."""
-    kind = node.kind
-    if kind == "action":
-        return TargetNode("action", node.args)
-    if kind in ("when", "inverter", "repeater"):
-        child = _exact_part(node.children[0], differs, observed=observed)
-        if kind == "when":
-            return _when(node, child, ours=observed or exposes(node) or differs(node))
-        if kind == "inverter":
-            return TargetNode("inverter", (), (child,))
-        return TargetNode("repeat_per_tick" if differs(node) else "repeat", node.args, (child,))
-    if kind == "parallel":
-        children = tuple(_exact_part(child, differs, observed=False) for child in node.children)
-        return TargetNode("judged_parallel" if differs(node) else "parallel", node.args, children)
-    return _exact_composite(node, differs)
-
-
-def _when(node: Node, child: TargetNode, *, ours: bool) -> TargetNode:
-    if ours:
-        return TargetNode("when", node.args, (child,))
-    kind = "reactive_sequence" if checks_itself(node) else "sequence"
-    return TargetNode(kind, node.args, (TargetNode("check", node.args[:1]), child))
-
-
-def _exact_composite(node: Node, differs: Differs) -> TargetNode:
-    plain = "fallback" if node.kind == "selector" else "sequence"
-    *earlier, last = node.children
-    observes = [exposes(branch) for branch in earlier]
-    children = [
-        _exact_part(branch, differs, observed=observed)
-        for branch, observed in zip(earlier, observes, strict=True)
-    ]
-    children.append(_exact_part(last, differs, observed=False))
-    return TargetNode(f"interruptible_{plain}" if any(observes) else plain, (), tuple(children))

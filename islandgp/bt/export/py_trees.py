@@ -21,7 +21,6 @@ from islandgp.bt.export.plan import (
     OWN,
     Loss,
     TargetNode,
-    exact_plan,
     guard_losses,
     own_nodes,
     parts,
@@ -88,7 +87,7 @@ def to_python(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = Fal
 
     Plain: only behaviours of the library; what is not the same then is told by `losses`.
     """
-    whole = plan(tree) if plain else exact_plan(tree, differs)
+    whole = plan(tree, None if plain else differs)
     own = _own() if any(part.kind in OWN for part in parts(whole)) else ""
     text = "".join(f"    {line}\n" for line in to_text(tree).splitlines())
     asked = dict.fromkeys(term.key for term in asked_in(tree))
@@ -131,34 +130,39 @@ def _is_guard(part: TargetNode) -> bool:
     return part.kind == "reactive_sequence" and part.children[0].kind == "check"
 
 
+_AROUND: Final = {
+    "interruptible_fallback": "InterruptibleSelector('selector', children=[",
+    "interruptible_sequence": "InterruptibleSequence('sequence', children=[",
+    "fallback": "Selector('selector', memory=True, children=[",
+    "reactive_fallback": "Selector('selector', memory=False, children=[",
+    "sequence": "Sequence('sequence', memory=True, children=[",
+    "reactive_sequence": "Sequence('sequence', memory=False, children=[",
+    "inverter": "Inverter('inverter', child=",
+}
+"""What stands before the children of nodes without arguments."""
+
+
 def _around(part: TargetNode) -> tuple[str, str]:
     """The Python text before and behind a node's children."""
-    kind = part.kind
+    kind, args = part.kind, part.args
     if kind == "subtree":
-        return f"{part.args[0]}(action", ")"
+        return f"{args[0]}(action", ")"
     if kind == "action":
-        return f"action({str(part.args[0])!r}", ")"
+        return f"action({str(args[0])!r}", ")"
     if _is_guard(part):
         return f"EternalGuard({_condition(part)}, child=", ")"
     if kind == "when":
-        return f"When({_condition(part)}, abort={str(part.args[1])!r}, child=", ")"
-    if kind in ("interruptible_fallback", "interruptible_sequence"):
-        word = "selector" if kind == "interruptible_fallback" else "sequence"
-        return f"Interruptible{word.title()}({word!r}, children=[", "])"
-    if kind in ("fallback", "reactive_fallback"):
-        return f"Selector('selector', memory={kind == 'fallback'}, children=[", "])"
-    if kind in ("sequence", "reactive_sequence"):
-        return f"Sequence('sequence', memory={kind == 'sequence'}, children=[", "])"
+        return f"When({_condition(part)}, abort={str(args[1])!r}, child=", ")"
     if kind == "judged_parallel":
-        success, failure = map(str, part.args)
-        return f"JudgedParallel('parallel', {success!r}, {failure!r}, children=[", "])"
+        return f"JudgedParallel('parallel', {args[0]!r}, {args[1]!r}, children=[", "])"
     if kind == "parallel":
-        node = Node("parallel", part.args)
-        policy = "SuccessOnOne()" if part.args[0] == "one" else "SuccessOnAll(synchronise=True)"
-        return f"Parallel({head(node)!r}, ParallelPolicy.{policy}, children=[", "])"
-    if kind == "inverter":
-        return "Inverter('inverter', child=", ")"
-    return "Repeat('repeater', num_success=" + f"{part.args[0]:.0f}, child=", ")"
+        policy = "SuccessOnOne()" if args[0] == "one" else "SuccessOnAll(synchronise=True)"
+        name = head(Node("parallel", args))
+        return f"Parallel({name!r}, ParallelPolicy.{policy}, children=[", "])"
+    if kind == "repeat":
+        return f"Repeat('repeater', num_success={args[0]:.0f}, child=", ")"
+    before = _AROUND[kind]
+    return before, "])" if before.endswith("[") else ")"
 
 
 def _asked(part: TargetNode) -> Asked:

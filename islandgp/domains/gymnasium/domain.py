@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable, Mapping
-from functools import cache
 from importlib.util import find_spec
 from json import dumps, loads
+from threading import local
 from typing import Any, ClassVar, Final, Self
 
 from pydantic import BaseModel
@@ -24,15 +24,21 @@ HELPERS: Final = ("TimeLimit", "OrderEnforcing", "PassiveEnvChecker")
 """Wrappers of `gymnasium.make` that the domain does without: `ticks` limits the time."""
 
 
-@cache
+_MADE: Final = local()  # by the arguments of `environment`
+
+
 def environment(name: str, options: str, render: bool) -> Any:
-    """An environment, one for all episodes of a process; `reset` makes it anew.
+    """An environment, one for all episodes of a thread; `reset` makes it anew.
 
     Args:
         name: as `gymnasium.make` takes it.
         options: further arguments, as JSON.
         render: whether pictures will be asked for.
     """
+    made: dict[str, Any] = vars(_MADE)
+    key = f"{name} {options} {render}"
+    if key in made:
+        return made[key]
     with warnings.catch_warnings():
         # Importing Box2D warns of its own types; where warnings are errors, it crashes.
         warnings.simplefilter("ignore")
@@ -44,6 +50,7 @@ def environment(name: str, options: str, render: bool) -> Any:
         env = gymnasium.make(name, disable_env_checker=True, **loads(options), **more)
     while type(env).__name__ in HELPERS:
         env = env.env  # type: ignore[attr-defined]
+    made[key] = env
     return env
 
 
@@ -72,7 +79,7 @@ class Gymnasium:
         return domain
 
     def environment(self, *, render: bool) -> Any:
-        """The environment of this process. Raises ConfigError where it cannot be made."""
+        """The environment of this thread. Raises ConfigError where it cannot be made."""
         world = self.world
         try:
             return environment(world.environment, dumps(world.options), render)

@@ -63,7 +63,7 @@ def advance(island: State, until: int) -> None:
 
 
 def _touch(island: State) -> None:
-    """Counts new collisions with humanoids; whoever is touched steps aside."""
+    """Counts new collisions with humanoids; those that are touched step aside."""
     contacts, robot = island.physics.contacts, island.robot
     for _ in contacts.begun:
         island.log(Event.COLLISION, 1)

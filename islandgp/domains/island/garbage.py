@@ -27,8 +27,8 @@ class Ground:
         self.cell = cell
         self.columns = _columns(side, cell)
         self._items = [Item(z.real, z.imag) for z in start]  # all that ever came, in their order
-        # The numbers of what came into a cell and into the eight around it, and, once somebody
-        # has looked there, those of them that are left.
+        # The numbers of what came into a cell and into the eight around it, and, after the first
+        # look there, those of them that are left.
         self._came = list(_near(start, side, cell))
         self._near: list[list[Item] | None] = [None] * len(self._came)
         self.room = most - len(start)  # how many items more may come

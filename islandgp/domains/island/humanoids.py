@@ -64,7 +64,7 @@ class Humanoids:
         engine.steer(self.bodies[h], (away.real, away.imag))
 
     def nearest_asking(self, positions: list[complex], robot: complex) -> int:
-        """The nearest humanoid that asks, or -1 if nobody does."""
+        """The nearest humanoid that asks, or -1 if none does."""
         best, least = -1, inf
         for h, at in enumerate(positions):
             if self.asks(h) and abs(at - robot) < least:

@@ -95,7 +95,7 @@ class Robot:
         rocks: tuple[Circle, ...],
         thresholds: tuple[float, ...],
     ) -> None:
-        """`thresholds`: levels in percent at which somebody wants to look at the battery."""
+        """`thresholds`: battery levels in percent that the tree compares with."""
         step, self.settings = world.episode.step, world.robot
         self.body = engine.handle(body)
         self.x, self.y = world.start  # m, as last looked at

@@ -1,8 +1,8 @@
 """Perception: camera and LiDAR with a range of 15 m, and the blackboard (section 2.2.3).
 
-Whoever looks also says how soon a look could give something else, from the
+A look also gives the step from which another one could differ, from the
 distance to the nearest thing that matters and the speed at which it can come
-nearer. Until then nobody needs to look again; this is exact, not a guess.
+nearer. Until then no look is needed; this is exact, not a guess.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ ROBOT_MASS, HUMANOID_MASS = 50.0, 70.0  # kg
 HUMANOID_GROUP = 1  # shapes of one group do not collide
 
 
-class Kind(IntEnum):
+class CollisionType(IntEnum):
     """Chipmunk's collision types."""
 
     ROBOT = 1
@@ -101,14 +101,14 @@ def build_space(world: World, script: Script) -> Space:
     static += [pymunk.Circle(space.static_body, r, (x, y)) for x, y, r in script.obstacles]
     for i, shape in enumerate(static):
         shape.elasticity = 1.0
-        shape.collision_type = Kind.STATIC
+        shape.collision_type = CollisionType.STATIC
         index[shape] = -1 - i
     space.add(*static)
 
     robot = pymunk.Body(ROBOT_MASS, float("inf"))
     robot.position = world.start
     hull = pymunk.Circle(robot, world.robot.radius)
-    hull.collision_type = Kind.ROBOT
+    hull.collision_type = CollisionType.ROBOT
     space.add(robot, hull)
 
     humanoids = []
@@ -118,7 +118,7 @@ def build_space(world: World, script: Script) -> Space:
         body.velocity = (vx, vy)
         shape = pymunk.Circle(body, world.humanoids.radius)
         shape.elasticity = 1.0
-        shape.collision_type = Kind.HUMANOID
+        shape.collision_type = CollisionType.HUMANOID
         shape.filter = pymunk.ShapeFilter(group=HUMANOID_GROUP)
         space.add(body, shape)
         index[shape] = i
@@ -141,5 +141,5 @@ def _watch_contacts(
         # When a space is thrown away the engine separates everything, maybe after the index.
         contacts.touching.discard(index.get(arbiter.shapes[1], 0))
 
-    for kind in (Kind.HUMANOID, Kind.STATIC):
-        space.on_collision(Kind.ROBOT, kind, begin=begin, separate=separate)
+    for kind in (CollisionType.HUMANOID, CollisionType.STATIC):
+        space.on_collision(CollisionType.ROBOT, kind, begin=begin, separate=separate)

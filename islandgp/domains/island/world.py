@@ -17,7 +17,8 @@ Percent = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
 WALL = 1.0  # m, half the thickness of a wall, outside the island
 ROCK_MARGIN = 0.3  # m between the robot's hull and an obstacle it drives around
 MOST_CELLS = 100_000  # of ground: as many are 15 ms and 10 MB for each world
-FAR = 1 << 29  # a step that no episode comes to
+MOST_CUES = 1_000_000  # items of garbage, and turns of humanoids, that a script holds
+FAR = 1 << 29  # a step that no episode reaches
 Point = tuple[NotNegative, NotNegative]  # metres from the south-west corner
 
 
@@ -121,6 +122,27 @@ class World(BaseModel, frozen=True, extra="forbid"):
         return ceil(self.side / self.cell) ** 2
 
     @model_validator(mode="after")
+    def _fits_into_memory(self) -> Self:
+        if self.cells > MOST_CELLS:
+            raise ValueError(
+                f"side: expected at most {MOST_CELLS:,} cells of {self.cell:g} m, in which garbage"
+                f" is looked for, found {self.cells:,} on an island of {self.side:g} m; take"
+                " a smaller side or a larger robot.perception"
+            )
+        length, step = self.episode.length, self.episode.step
+        often = self.humanoids.count
+        for name, found in (
+            ("garbage.every", length / max(self.garbage.every, step)),
+            ("humanoids.turn_every", often * length / max(self.humanoids.turn_every[0], step)),
+        ):
+            if found > MOST_CUES:
+                raise ValueError(
+                    f"{name}: expected at most {MOST_CUES:,} of these in an episode, found"
+                    f" {found:,.0f}; raise it, or shorten episode.length"
+                )
+        return self
+
+    @model_validator(mode="after")
     def _fits_together(self) -> Self:
         for name, points in (
             ("start", (self.start,)),
@@ -134,12 +156,6 @@ class World(BaseModel, frozen=True, extra="forbid"):
                         f"{name}: expected points at least 2 m inside the {self.side:g} m island,"
                         f" found ({x:g}, {y:g})"
                     )
-        if self.cells > MOST_CELLS:
-            raise ValueError(
-                f"side: expected at most {MOST_CELLS:,} cells of {self.cell:g} m, in which garbage"
-                f" is looked for, found {self.cells:,} on an island of {self.side:g} m; take"
-                " a smaller side or a larger robot.perception"
-            )
         if self.garbage.initial > self.garbage.most:
             raise ValueError(
                 f"garbage.initial: expected at most garbage.most={self.garbage.most},"

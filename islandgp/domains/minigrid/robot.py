@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Generator, Mapping
 from functools import cache
+from threading import local
 from typing import TYPE_CHECKING, Any, Final
 
 from islandgp.domain import Scene, png
@@ -37,17 +38,37 @@ def levels() -> dict[str, str]:
     return found
 
 
-@cache
+_MADE: Final = local()  # by level
+
+
 def environment(level: str) -> Any:
-    """The environment of a level, one for all episodes of a process; `reset` makes it anew.
+    """The environment of a level, one for all episodes of a thread; `reset` makes it anew.
 
     It draws no observation: the robot's own memory sees the same, forty times as fast.
     """
     import gymnasium
 
-    env = gymnasium.make(levels()[level], disable_env_checker=True).unwrapped
-    env.gen_obs = lambda: None  # type: ignore[attr-defined]
-    return env
+    made: dict[str, Any] = vars(_MADE)
+    if level not in made:
+        made[level] = gymnasium.make(levels()[level], disable_env_checker=True).unwrapped
+        made[level].gen_obs = lambda: None
+    return made[level]
+
+
+def beside(what: str) -> Callable[[Robot], Skill]:
+    """The skill to go to a place beside the nearest of these things seen, and to face it."""
+
+    def skill(self: Robot) -> Skill:
+        places = self._places[what] & self.memory.seen
+        if not places:
+            return False
+        if not (yield from self._go(self.memory.around(places))):
+            return False
+        ahead = self.memory.around(self.here) & places
+        yield from self._face(ahead & -ahead)
+        return True
+
+    return skill
 
 
 class Robot:
@@ -124,20 +145,11 @@ class Robot:
 
     # Skills
 
-    def GoToKey(self) -> Skill:
-        return (yield from self._go_beside("key"))
-
-    def GoToDoor(self) -> Skill:
-        return (yield from self._go_beside("door"))
-
-    def GoToLockedDoor(self) -> Skill:
-        return (yield from self._go_beside("locked"))
-
-    def GoToObject(self) -> Skill:
-        return (yield from self._go_beside("object"))
-
-    def GoToThing(self) -> Skill:
-        return (yield from self._go_beside("thing"))
+    GoToKey = beside("key")
+    GoToDoor = beside("door")
+    GoToLockedDoor = beside("locked")
+    GoToObject = beside("object")
+    GoToThing = beside("thing")
 
     def GoToGoal(self) -> Skill:
         return (yield from self._go(self._places["goal"] & self.memory.seen))
@@ -178,17 +190,6 @@ class Robot:
                 yield from self._do(PUT)
                 return self.env.carrying is None
         return False
-
-    def _go_beside(self, what: str) -> Skill:
-        """Goes to a place beside the nearest of these things that it has seen, and faces it."""
-        places = self._places[what] & self.memory.seen
-        if not places:
-            return False
-        if not (yield from self._go(self.memory.around(places))):
-            return False
-        beside = self.memory.around(self.here) & places
-        yield from self._face(beside & -beside)
-        return True
 
     def _go(self, ends: int) -> Skill:
         way = self.memory.way(self.here, ends)

@@ -95,7 +95,7 @@ class Picture:
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class Style:
     """How an arm is drawn everywhere."""
 
     colour: str
@@ -104,15 +104,15 @@ class Look:
     hatch: str
 
 
-def looks(study: Comparison) -> Iterator[tuple[Arm, Look]]:
+def looks(study: Comparison) -> Iterator[tuple[Arm, Style]]:
     """The arms in order, each with its look."""
     for i, arm in enumerate(study.arms):
         yield arm, look(i)
 
 
-def look(i: int, palette: tuple[str, ...] = PALETTE) -> Look:
+def look(i: int, palette: tuple[str, ...] = PALETTE) -> Style:
     """The look of the i-th arm, or with PALE of the i-th category."""
-    return Look(
+    return Style(
         palette[i % len(palette)],
         LINES[i % len(LINES)],
         MARKERS[i % len(MARKERS)],
@@ -151,7 +151,7 @@ def curves(axes: Axes, study: Comparison, of: Callable[[Snapshot], float]) -> No
     axes.set_xlabel("Generation")
 
 
-def _band(axes: Axes, arm: Arm, how: Look, rows: Sequence[Sequence[float]]) -> None:
+def _band(axes: Axes, arm: Arm, how: Style, rows: Sequence[Sequence[float]]) -> None:
     import numpy as np
 
     a = np.asarray(rows, float)  # runs x generations
@@ -179,7 +179,7 @@ def named(arm: Arm) -> str:
     return f"{arm.name} (n = {len(arm.runs)})"
 
 
-def groups(study: Comparison, n: int) -> Iterator[tuple[Arm, Look, int, float, float]]:
+def groups(study: Comparison, n: int) -> Iterator[tuple[Arm, Style, int, float, float]]:
     """The arms side by side in each of `n` groups: arm, look, group, place on the x axis, width."""
     width = 0.8 / len(study.arms)
     for i, (arm, how) in enumerate(looks(study)):
@@ -198,7 +198,7 @@ def bar(
     height: float,
     width: float,
     error: float | list[list[float]],
-    how: Look,
+    how: Style,
     label: str | None = None,
 ) -> None:
     """A bar with whiskers: `error` is their length, or [[down], [up]]."""

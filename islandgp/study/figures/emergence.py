@@ -9,8 +9,8 @@ from islandgp.study.arms import Arm, Comparison
 from islandgp.study.emergence import Summary, band, first, quantile, ranks, still_without, summary
 from islandgp.study.figures.drawing import (
     INK,
-    Look,
     Picture,
+    Style,
     bar,
     groups,
     legend,
@@ -106,7 +106,7 @@ def box(firsts: Sequence[int | None], never: float) -> dict[str, float]:
     return {name: never if g is None else g for name, g in found.items()}
 
 
-def _box(axes: Axes, at: float, numbers: dict[str, float], width: float, how: Look) -> None:
+def _box(axes: Axes, at: float, numbers: dict[str, float], width: float, how: Style) -> None:
     axes.bxp(
         [numbers],
         positions=[at],
@@ -196,7 +196,7 @@ def emergence_curves(study: Comparison) -> Picture:
     )
 
 
-def _curve(axes: Axes, study: Comparison, arm: Arm, tier: str, how: Look) -> None:
+def _curve(axes: Axes, study: Comparison, arm: Arm, tier: str, how: Style) -> None:
     firsts = [first(run, tier) for run in arm.runs]
     share = [1 - s for s in still_without(firsts, study.generations)]
     s: Summary = summary(firsts, study.generations)
@@ -216,7 +216,7 @@ def _curve(axes: Axes, study: Comparison, arm: Arm, tier: str, how: Look) -> Non
     )
 
 
-def _at_risk(axes: Axes, study: Comparison, arm: Arm, tier: str, how: Look, row: int) -> None:
+def _at_risk(axes: Axes, study: Comparison, arm: Arm, tier: str, how: Style, row: int) -> None:
     """Below the axes: how many runs had none before a tick's generation."""
     firsts = [first(run, tier) for run in arm.runs]
     beside = axes.get_xaxis_transform()

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node, depth, size
-from islandgp.bt.render.label import label
-from islandgp.bt.render.svg import COLOURS
+from islandgp.bt.render import COLOURS, label
 from islandgp.study.arms import Comparison, Run
 from islandgp.study.figures.drawing import COLUMN, FAINT, WIDTH, Picture, picture
 from islandgp.study.library import library_names
@@ -88,7 +87,7 @@ def late_evolved(study: Comparison) -> Specimen:
 
 
 def _last_stage(run: Run) -> range:
-    """The generations under the last multipliers that the run came to."""
+    """The generations in the last stage that the run reached."""
     last = run.snapshots[-1].stage
     start = next(s.generation for s in run.snapshots if s.stage == last)
     return range(start, len(run.records))
@@ -116,7 +115,7 @@ def _size(tree: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class OutlineRow:
     """A node's line in an outline."""
 
     node: Node
@@ -124,16 +123,16 @@ class Row:
     last: int  # row of its last child; its own where it has none
 
 
-def outline(tree: Node) -> list[Row]:
+def outline(tree: Node) -> list[OutlineRow]:
     """The nodes in document order, as a table of contents shows them."""
-    rows: list[Row] = []
+    rows: list[OutlineRow] = []
 
     def visit(node: Node, level: int) -> int:
         place = last = len(rows)
-        rows.append(Row(node, level, last))
+        rows.append(OutlineRow(node, level, last))
         for child in node.children:
             last = visit(child, level + 1)
-        rows[place] = Row(node, level, last)
+        rows[place] = OutlineRow(node, level, last)
         return place
 
     visit(tree, 0)
@@ -167,7 +166,7 @@ def drawn(key: str, heading: str, specimen: Specimen) -> Picture:
     return picture(key, heading, caption, draw, height=height, width=wide, layout=None)
 
 
-def _column(axes: Axes, rows: list[Row], shown: range, scale: float) -> None:
+def _column(axes: Axes, rows: list[OutlineRow], shown: range, scale: float) -> None:
     """The rows of one column, and the parts in it of all lines from parents to children."""
     for place, row in enumerate(rows):
         x = INDENT * (row.level + 0.4)
@@ -181,7 +180,7 @@ def _column(axes: Axes, rows: list[Row], shown: range, scale: float) -> None:
             _node(axes, row, place, scale)
 
 
-def _node(axes: Axes, row: Row, place: int, scale: float) -> None:
+def _node(axes: Axes, row: OutlineRow, place: int, scale: float) -> None:
     from matplotlib.patches import FancyBboxPatch
 
     fill, _ = COLOURS[row.node.kind]  # its line has an arm's colour

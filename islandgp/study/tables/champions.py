@@ -1,4 +1,4 @@
-"""Individuals: how many show a behaviour (Table 13), the champions, and trees nobody evolved."""
+"""Individuals: how many show a behaviour (Table 13), the champions, and trees without evolution."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ HEADINGS = ("Early", "Mid", "Late", "all generations")
 
 
 def controls_table(study: Comparison, found: Sequence[Control]) -> Table:
-    """Highest fitness of each arm, and of the library's trees that nobody evolves."""
+    """Highest fitness of each arm, and of the library's trees, which are not evolved."""
     seeds = sorted(found[0].fitness)
     best = {seed: best_of(found, seed) for seed in seeds}
     rows = [_control_arm(arm, best) for arm in study.arms]

@@ -19,6 +19,7 @@ from islandgp.study.table import (
     percent,
     probability,
     signed,
+    spread,
     tested,
 )
 from islandgp.study.tables.comparisons import families_note, published
@@ -115,31 +116,20 @@ def primary_table(f: Finding, margin: float | None) -> Table:
         pairs = f"{f.test.lower} : {equal} : {f.test.higher}"
     else:
         pairs = NONE
-    return Table(
+    row = {
+        f"{a}, mean ± SD": spread(mean_a, sd_a, digits),
+        f"{b}, mean ± SD": spread(mean_b, sd_b, digits),
+        **dict(zip(ESTIMATE, estimate_cells(f), strict=True)),
+        "width of the interval / |difference|": number(wide, 2),
+        f"pairs: {a} lower : equal : higher": pairs,
+        "test": test_name(f),
+        "p, not adjusted": tested(f.test),
+        "verdict": _words(f, f.test.p, margin),
+    }
+    return Table.of(
         "primary",
         f"Primary endpoint: {f.measure.label}, {a} minus {b}",
-        (
-            f"{a}, mean ± SD",
-            f"{b}, mean ± SD",
-            *ESTIMATE,
-            "width of the interval / |difference|",
-            f"pairs: {a} lower : equal : higher",
-            "test",
-            "p, not adjusted",
-            "verdict",
-        ),
-        (
-            (
-                f"{number(mean_a, digits)} ± {number(sd_a, digits)}",
-                f"{number(mean_b, digits)} ± {number(sd_b, digits)}",
-                *estimate_cells(f),
-                number(wide, 2),
-                pairs,
-                test_name(f),
-                tested(f.test),
-                _words(f, f.test.p, margin),
-            ),
-        ),
+        [row],
         (READING, f"'Shown': p < {LEVEL:g}, two-sided. {ALIKE}"),
     )
 

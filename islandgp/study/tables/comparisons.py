@@ -195,28 +195,21 @@ def power_table(study: Comparison, family: int) -> Table:
     for n1, n2 in dict.fromkeys((len(a.runs), len(b.runs)) for a, b in study.pairs):
         for label, level in ((f"{LEVEL:g}", LEVEL), (f"{LEVEL:g} / {family}", LEVEL / family)):
             p = smallest_difference(n1, n2, level)
+            better = NONE if p.superiority is None else f"{p.superiority:.0%}"
             rows.append(
-                (
-                    f"{n1} and {n2}",
-                    label,
-                    "none" if p.shift is None else number(p.shift, 2),
-                    NONE if p.superiority is None else f"{p.superiority:.0%}",
-                    NONE if p.r is None else number(p.r, 2),
-                    probability(p.least_p),
-                )
+                {
+                    "Runs": f"{n1} and {n2}",
+                    "level of one test": label,
+                    "shift (SD)": "none" if p.shift is None else number(p.shift, 2),
+                    "chance that the better arm's run is better": better,
+                    "|r|": number(p.r, 2),
+                    "least p possible": probability(p.least_p),
+                }
             )
-    return Table(
+    return Table.of(
         "power",
         "Smallest difference that is found with 80 % power",
-        (
-            "Runs",
-            "level of one test",
-            "shift (SD)",
-            "chance that the better arm's run is better",
-            "|r|",
-            "least p possible",
-        ),
-        tuple(rows),
+        rows,
         (
             "By simulation of the exact Mann-Whitney test on normal values that differ by a shift"
             " (4,000 pairs of samples a step, seeded). The second level is the strictest one of"

@@ -1,4 +1,4 @@
-"""Descent: what became of newcomers, where the first robots and the champions come from."""
+"""Descent: how long newcomers' lines last, where the first robots and the champions come from."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ EVOLVED: Final = (RANDOM, BRED, HEIR)
 
 
 def lineage_table(study: Comparison) -> Table:
-    """What became of injected trees, beside the random ones of the diversity slots."""
+    """How long the lines of injected trees last, beside the random ones of the diversity slots."""
     rows = []
     for arm in study.arms:
         found = [n for run in arm.runs for n in newcomers(run)]

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import replace
 from threading import Thread
-from typing import Final, TypeVar
+from typing import Final, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -31,10 +31,9 @@ from islandgp.supervision.llm.answers import (
     reasons_first,
     schema,
 )
-from islandgp.supervision.llm.calls import Calls
+from islandgp.supervision.llm.calls import Calls, Conversation, converse, unasked
 from islandgp.supervision.llm.capabilities import Dialect
 from islandgp.supervision.llm.chronicle import Chronicle
-from islandgp.supervision.llm.conversation import Conversation, converse, unasked
 from islandgp.supervision.llm.informed import LATER, UNTOLD, Told, standing_values, told
 from islandgp.supervision.llm.message import Failure, FailureKind, Request
 from islandgp.supervision.llm.prompts import (
@@ -57,6 +56,7 @@ from islandgp.supervision.llm.validation import (
 from islandgp.supervision.state_json import state_text
 
 T = TypeVar("T")
+Shape: TypeAlias = Mapping[str, FieldType]
 NEAR: Final = 1.2  # times a prompt's least length; tokens are only guessed here
 REASON: Final = 600  # characters of a fallback's reason that the record keeps
 _FILES: Final = ("mutation_rate", "tree_explore", "tree_exploit", "repair")
@@ -97,7 +97,7 @@ class Adviser:
                 " found none; write them there, or set candidates=1."
             )
         first = "reasoning" in used and settings.informed.reasoning
-        self._order = reasons_first if first else _as_is
+        self._order: Callable[[Shape], Shape] = reasons_first if first else dict
         self.tells_of_run = bool(used.intersection(LATER))
         self._run = Chronicle()
         self._last: tuple[PopulationState, Told] | None = None
@@ -129,7 +129,7 @@ class Adviser:
         else:
             rate, tree = self._both(state, calls, how)
             if episodes := self._told(state).episodes:
-                calls.play(Played(generation, "traces", episodes))
+                calls.transcript.play(Played(generation, "traces", episodes))
         asked = [outcome for outcome in (rate, tree) if outcome is not None]
         missing = sum(outcome.value is None for outcome in asked)
         backup = ask(self.fallback, state, rng) if missing else None
@@ -209,7 +209,7 @@ class Adviser:
     def _unasked(
         self, calls: Calls, generation: int, why: Failure
     ) -> tuple[Conversation[Decision] | None, Conversation[Proposal] | None]:
-        """Nobody can be asked: the fallback answers what would be asked."""
+        """No model can be asked: the fallback answers what would be asked."""
         rate: Conversation[Decision] | None = None
         tree: Conversation[Proposal] | None = None
         if self.setup.adapt_mutation:
@@ -251,7 +251,8 @@ class Adviser:
         if found.value is None or not found.value.others:
             return found
         trial = try_out(found.value, state, self.setup)
-        calls.play(Played(state.now.generation, "trial", trial.episodes, trial.gain))
+        generation = state.now.generation
+        calls.transcript.play(Played(generation, "trial", trial.episodes, trial.gain))
         return replace(found, value=trial.chosen, trial=trial.note)
 
     def _ask(
@@ -278,7 +279,7 @@ class Adviser:
         name: str,
         state: PopulationState,
         dialect: Dialect,
-        shape: Mapping[str, FieldType],
+        shape: Shape,
         values: Mapping[str, str],
     ) -> Request:
         how = self.settings
@@ -367,10 +368,6 @@ def _rates(settings: LLMSettings) -> dict[str, str]:
     ranges = {f"rate.{p}": f"{low:.2f} to {high:.2f}" for p, (low, high) in settings.phases.items()}
     how = settings.rate
     return {**ranges, "rate.least": f"{how.least:g}", "rate.most": f"{how.most:g}"}
-
-
-def _as_is(shape: Mapping[str, FieldType]) -> Mapping[str, FieldType]:
-    return shape
 
 
 def _size(size: TreeSize) -> dict[str, str]:

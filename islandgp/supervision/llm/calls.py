@@ -1,19 +1,22 @@
 """Calls: a request goes out, is tried again if that may help, and is written down.
 
 `LiveCalls` asks the network, and what is written down already it does not ask
-again. `recorded.RecordedCalls` asks nobody.
+again. `supervision.replay.RecordedCalls` reads a transcript.
 
 There is one retry layer: how many attempts, and how long to wait between them (section 2.4.5).
+`converse` asks one question with its repairs: where an answer cannot be used, it says what was
+wrong, for the model to mend it.
 """
 
 from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from math import inf
-from typing import Any, Final, Literal, Protocol
+from typing import Final, Generic, Literal, Protocol, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, Field
@@ -31,7 +34,10 @@ from islandgp.supervision.llm.message import (
     Request,
     Usage,
 )
-from islandgp.supervision.llm.transcript import Attempt, Call, Conclusion, Played, Sent, Transcript
+from islandgp.supervision.llm.transcript import Attempt, Call, Conclusion, Sent, Transcript
+from islandgp.supervision.llm.validation import Check, Rejection, RejectionStage
+
+T = TypeVar("T")
 
 
 class RetrySettings(BaseModel, frozen=True, extra="forbid"):
@@ -68,30 +74,18 @@ def wait(failure: Failure, attempt: int, how: RetrySettings, rng: np.random.Gene
 
 
 Outage = Literal["fallback", "wait", "stop"]
-"""What happens where nobody answers: the fallback stands in, the run waits, or it stops."""
+"""What happens where no server answers: the fallback stands in, the run waits, or it stops."""
 
 _SLOTS: Final = {"probe": 0, "rate": 1, "tree": 2}  # of Stream.NETWORK
 
 
 class Calls(Protocol):
-    """Whoever answers calls."""
+    """What answers calls: the network, or a transcript."""
 
-    transcript: Transcript  # what was asked and answered so far
+    transcript: Transcript  # what was asked and answered so far, and what came of it
 
     def ask(self, call: Call, request: Request) -> Reply | Failure:
         """The answer to a call, after as many attempts as it takes."""
-        ...
-
-    def conclude(self, part: Conclusion) -> None:
-        """Takes note of what became of a part of the guidance."""
-        ...
-
-    def play(self, played: Played) -> None:
-        """Takes note of episodes that supervision ran for itself."""
-        ...
-
-    def learn(self, generation: int, dialect: Mapping[str, Any]) -> None:
-        """Takes note of how requests are made from a generation on."""
         ...
 
     def room_for(self, requests: Sequence[Request], repairs: int) -> bool:
@@ -124,7 +118,7 @@ class LiveCalls:
         """See `Calls`. An answer that is written down for the same request is given again.
 
         Raises:
-            SupervisionError: nobody answers, and an outage is to stop the run.
+            SupervisionError: no server answers, and an outage is to stop the run.
         """
         done = [a for a in self.transcript.of(call) if a.request.digest == request.digest]
         rng = stream(
@@ -172,7 +166,7 @@ class LiveCalls:
         return answer.kind in TRANSIENT and self.on_outage != "fallback"
 
     def _is_outage(self, call: Call, answer: Reply | Failure) -> bool:
-        """Whether nobody answers and the fallback must not stand in."""
+        """Whether no server answers and the fallback must not stand in."""
         if isinstance(answer, Reply) or answer.kind not in TRANSIENT:
             return False
         never_there = call.generation < 0 and answer.kind is FailureKind.UNREACHABLE
@@ -195,18 +189,6 @@ class LiveCalls:
         )
         self.sleep(pause)
         return pause
-
-    def conclude(self, part: Conclusion) -> None:
-        """See `Calls`."""
-        self.transcript.conclude(part)
-
-    def play(self, played: Played) -> None:
-        """See `Calls`."""
-        self.transcript.play(played)
-
-    def learn(self, generation: int, dialect: Mapping[str, Any]) -> None:
-        """See `Calls`."""
-        self.transcript.learn(generation, dialect)
 
     def room_for(self, requests: Sequence[Request], repairs: int) -> bool:
         """See `Calls`: as long as no cap could end one of them.
@@ -272,3 +254,68 @@ class LiveCalls:
     def _check_open(self) -> None:
         if self._closed:
             raise SupervisionError("The run is over; nobody waits for this answer.")
+
+
+@dataclass(frozen=True, slots=True)
+class Conversation(Generic[T]):
+    """The result of a question and its repairs."""
+
+    value: T | None  # None: no usable answer
+    source: str  # "llm", "llm, repaired", "llm, clamped from 0.8", "fallback"
+    why: str  # of the fallback, else ""
+    rejected: tuple[RejectionStage, ...]  # stages that turned an answer away, in order
+    prompts: tuple[str, ...]  # SHA-256 of each rendered prompt, hexadecimal
+    trial: str = ""  # which of several candidates was chosen, and why
+
+
+def converse(
+    calls: Calls,
+    generation: int,
+    part: str,
+    request: Request,
+    check: Check[T],
+    *,
+    repairs: int,
+    repair: Callable[[Rejection], str],
+) -> Conversation[T]:
+    """Asks, with at most `repairs` turns more; `repair` words what is wrong."""
+    rejected: list[RejectionStage] = []
+    prompts: list[str] = []
+    why = ""
+    for turn in range(1 + repairs):
+        prompts.append(request.prompt_digest)
+        answer = calls.ask(Call(generation, part, turn), request)
+        if isinstance(answer, Failure):
+            why = f"{answer.kind}: {answer.message}"
+            break
+        found = check(answer)
+        if not isinstance(found, Rejection):
+            words = ("llm", "repaired" if turn else "", found.change)
+            source = ", ".join(word for word in words if word)
+            return _concluded(
+                calls,
+                generation,
+                part,
+                Conversation(found.value, source, "", tuple(rejected), tuple(prompts)),
+            )
+        rejected.append(found.stage)
+        why = f"{found.stage}: {found.error}"
+        if found.stage is RejectionStage.REFUSED:
+            break
+        request = request.followed_by(answer.text[:QUOTED], repair(found))
+    outcome: Conversation[T] = Conversation(None, "fallback", why, tuple(rejected), tuple(prompts))
+    return _concluded(calls, generation, part, outcome)
+
+
+def unasked(calls: Calls, generation: int, part: str, why: Failure) -> Conversation[T]:
+    """A question that is not asked, and why."""
+    outcome: Conversation[T] = Conversation(None, "fallback", f"{why.kind}: {why.message}", (), ())
+    return _concluded(calls, generation, part, outcome)
+
+
+def _concluded(
+    calls: Calls, generation: int, part: str, outcome: Conversation[T]
+) -> Conversation[T]:
+    found = Conclusion(generation, part, outcome.source, outcome.why, outcome.rejected)
+    calls.transcript.conclude(found)
+    return outcome

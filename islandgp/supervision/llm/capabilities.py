@@ -68,7 +68,7 @@ class Dialects:
             return known
         found = find_dialect(self.calls, self.settings, generation)
         if isinstance(found, Dialect) and self.transcript.learnt is None:
-            self.calls.learn(generation, asdict(found))
+            self.transcript.learn(generation, asdict(found))
         return found
 
     def _known(self, generation: int) -> Dialect | None:
@@ -83,7 +83,7 @@ def find_dialect(calls: Calls, settings: LLMSettings, generation: int = -1) -> D
 
     Raises:
         SupervisionError: no request of this run would ever be answered: the key, the model or
-            the address is wrong, or nobody listens there at the run's start.
+            the address is wrong, or no server listens there at the run's start.
     """
     structured, temperature = settings.output != "text", settings.temperature
     for turn in range(3):

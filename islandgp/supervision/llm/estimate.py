@@ -82,7 +82,7 @@ def as_recorded(settings: LLMSettings, setup: RunContext, record: Transcript, la
     share = _times(setup, lag) / generations
     usages = [a.usage for a in attempts if a.usage is not None]
     requests = len(attempts) * share
-    share *= len(attempts) / (len(usages) or 1)  # those that nobody has counted took as much
+    share *= len(attempts) / (len(usages) or 1)  # those without a count took as much
     return _bill(
         settings,
         requests,

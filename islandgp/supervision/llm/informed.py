@@ -7,7 +7,7 @@ declaration and the records, and has a largest size.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 from typing import Final
@@ -212,19 +212,14 @@ def _traces(setup: RunContext, state: PopulationState, now: Seen) -> tuple[str, 
     texts = []
     for name, i in named:
         seed = now.worlds[now.individuals.index(i) * each]
-        texts.append(_trace(name, i, setup, seed, now.multipliers))
+        texts.append(_trace(name, i, setup, seed, now))
     return "\n\n".join(texts), len(texts)
 
 
-def _trace(
-    name: str,
-    i: IndividualRecord,
-    setup: RunContext,
-    seed: int,
-    weights: Mapping[str, float],
-) -> str:
+def _trace(name: str, i: IndividualRecord, setup: RunContext, seed: int, now: Seen) -> str:
     tree = parse(i.tree, setup.schema.vocabulary)
-    outcome, lines = story(setup.domain, tree, seed, weights)
+    domain = setup.domain_in(now.snapshot.generation)
+    outcome, lines = story(domain, tree, seed, now.multipliers)
     head = (
         f"{name}, of class {i.specialist}, {i.fitness:,.0f} points ({_components([i])}). In an"
         f" episode of {outcome.seconds:,.0f} s that ended with {', '.join(outcome.endings)} it did:"

@@ -95,7 +95,7 @@ class Sums:
 
 
 def known_usage(answer: Reply | Failure) -> Usage | None:
-    """The tokens of an answer; None where a request was perhaps charged and nobody says how much.
+    """The tokens of an answer; None where a request was perhaps charged an unknown amount.
 
     That is so for a lost answer and for a server that counts no tokens. A server that turns
     a request away does not charge it.
@@ -113,7 +113,7 @@ class Ledger:
     """Counts a transcript."""
 
     def __init__(self, transcript: Transcript, price: Price | None, caps: Caps) -> None:
-        """`price` is None where nobody knows it; then no dollars are counted."""
+        """`price` is None where it is unknown; then no dollars are counted."""
         self.transcript, self.price, self.caps = transcript, price, caps
 
     def over(self, next_at_most: Usage, waited: float = 0.0) -> str:

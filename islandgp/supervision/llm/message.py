@@ -14,7 +14,7 @@ from typing import Any, Final, Protocol
 
 SANE: Final = 100_000  # characters of an answer that are looked at; 2048 tokens have about 8,000
 
-NO_TEXT: Final = "(no text)"  # stands for an empty answer in a repair turn
+NO_TEXT: Final = "(no text)"  # takes the place of an empty answer in a repair turn
 
 QUOTED: Final = 6000  # characters of a useless answer that a repair turn sends back
 
@@ -24,7 +24,7 @@ class FailureKind(StrEnum):
 
     TIMEOUT = "timeout"  # no whole answer before the deadline
     UNREACHABLE = "unreachable"  # no connection at all; nothing was sent
-    UNTRUSTED = "untrusted"  # the certificate is not signed by anybody known; nothing was sent
+    UNTRUSTED = "untrusted"  # the certificate is signed by no known authority; nothing was sent
     CUT = "cut"  # the connection broke off
     RATE_LIMITED = "rate_limited"  # 429
     OVERLOADED = "overloaded"  # 529

@@ -1,7 +1,7 @@
 """Prompts: the files of `prompts/`, and how they are filled in (section 2.4.6).
 
 A file has a part `# system`, which is the same in every generation, and a part
-`# user`. `{{name}}` stands for a value; a name without a value is an error that
+`# user`. `{{name}}` is replaced by a value; a name without a value is an error that
 says where it stands. What stands between `{{#name}}` and `{{/name}}` is left out
 where the value is empty.
 """

@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 from pydantic import BaseModel, Field, SecretStr, field_validator, model_validator
 
 from islandgp.plugin import Part
-from islandgp.supervision.base import SUPERVISES, Phase
+from islandgp.supervision.base import SUPERVISES, Phase, check_ranges
 from islandgp.supervision.llm.calls import RetrySettings
 from islandgp.supervision.llm.informed import InformedSettings
 from islandgp.supervision.llm.ledger import Caps, Facts, Price, Prices
@@ -80,7 +80,7 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     exploit_from: str | None  # milestone whose first robot begins phase 2; None: the last one
     candidates: int = Field(default=1, ge=1, le=10)  # trees of an answer; the best is injected
     rare: float = Field(ge=0, le=1)  # share of the population below which a behaviour is rare
-    on_outage: Literal["fallback", "wait", "stop"] = "fallback"  # where nobody answers
+    on_outage: Literal["fallback", "wait", "stop"] = "fallback"  # where no server answers
     useless: Useless | None = None  # None: asked to the end, whatever the answers are
     most_fallback: float | None = Field(default=None, ge=0, le=1)  # share; None: any
     caps: Caps
@@ -109,10 +109,7 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
 
     @model_validator(mode="after")
     def _whole(self) -> LLMSettings:
-        if missing := [phase.value for phase in Phase if phase not in self.phases]:
-            raise ValueError(
-                f"phases: expected a range for each phase, missing {', '.join(missing)}"
-            )
+        check_ranges("phases", self.phases)
         if self.caps.usd is not None and self.price is None:
             raise ValueError(
                 f"caps.usd: expected a model with a known price, found {self.model_name!r}; the"
@@ -144,12 +141,12 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
 
     @property
     def price(self) -> Price | None:
-        """The model's price, None where nobody knows it."""
+        """The model's price, None where it is unknown."""
         return self.prices.models.get(self.model_name)
 
     @property
     def model_name(self) -> str:
-        """The model as the server knows it: what an alias stands for."""
+        """The name that the server knows the model by: aliases are resolved."""
         return self.prices.aliases.get(self.model, self.model)
 
     @property

@@ -51,17 +51,17 @@ class Watcher:
 
 
 @dataclass(frozen=True, slots=True)
-class Span:
+class Stretch:
     """A part of an episode in which a tree did much the same."""
 
     begin: int  # first tick
     end: int  # first tick behind it
     actions: Counter[str]  # ticks by action
 
-    def __add__(self, other: Span) -> Span:
-        return Span(self.begin, other.end, self.actions + other.actions)
+    def __add__(self, other: Stretch) -> Stretch:
+        return Stretch(self.begin, other.end, self.actions + other.actions)
 
-    def apart(self, other: Span) -> float:
+    def apart(self, other: Stretch) -> float:
         """How much is lost by telling two spans as one: 0 where they are alike."""
         n, m = self.end - self.begin, other.end - other.begin
         names = self.actions | other.actions
@@ -82,11 +82,11 @@ def story(
     return outcome, [line if len(line) <= LINE else line[: LINE - 3] + "..." for line in lines]
 
 
-def spans(doing: Sequence[str]) -> list[Span]:
+def spans(doing: Sequence[str]) -> list[Stretch]:
     """An episode's ticks in at most SPANS parts, cut where the actions change most."""
     bins = min(BINS, len(doing))
     edges = [i * len(doing) // bins for i in range(bins + 1)] if bins else []
-    found = [Span(a, b, Counter(doing[a:b])) for a, b in pairwise(edges)]
+    found = [Stretch(a, b, Counter(doing[a:b])) for a, b in pairwise(edges)]
     while len(found) > 1:
         lost, i = min((a.apart(b), i) for i, (a, b) in enumerate(pairwise(found)))
         if len(found) <= SPANS and lost > 0:

@@ -7,9 +7,9 @@ objects with a field `line` that says of which sort they are:
 start    the settings and the dialect that the requests were made with; null: not yet known
 dialect  the dialect, and the generation from which on it was known
 system   a system prompt, once, under its hash
-sent     an attempt is about to be made; without its attempt line, nobody knows what it came to
+sent     an attempt is about to be made; without its attempt line, its outcome is unknown
 attempt  one attempt at a call: where, request, reply or failure, tokens, dollars, seconds
-part     what became of one part of the guidance: its source, and the stages that rejected it
+part     the result for one part of the guidance: its source, and the stages that rejected it
 played   episodes that supervision ran for itself: for which generation, what for, how many
 """
 
@@ -60,7 +60,7 @@ class Attempt:
     number: int  # from 1
     request: Request
     answer: Reply | Failure
-    usage: Usage | None  # tokens; None: nobody knows
+    usage: Usage | None  # tokens; None: unknown
     at_most: Usage  # tokens that it may have taken; `usage` where that is known
     usd: float | None  # of `usage`; None: unknown tokens or an unknown price
     seconds: float  # until the answer
@@ -70,7 +70,7 @@ class Attempt:
 
 @dataclass(frozen=True, slots=True)
 class Conclusion:
-    """What became of one part of the guidance of a generation."""
+    """The result for one part of the guidance of a generation."""
 
     generation: int
     part: str
@@ -152,13 +152,15 @@ T = TypeVar("T", Sent, Attempt, Played, Conclusion)
 class Transcript:
     """A transcript's lines, in memory and in a file that only grows."""
 
-    def __init__(self, path: Path | None) -> None:
+    def __init__(self, path: Path | None, *, fixed: bool = False) -> None:
         """Reads what is there; a last line that was cut off by a kill is dropped.
+
+        A fixed one stays as it is, whatever it is told.
 
         Raises:
             SupervisionError: the file is no transcript.
         """
-        self.path = path
+        self.path, self.fixed = path, fixed
         self.start: dict[str, Any] | None = None
         self.attempts: list[Attempt] = []
         self.parts: list[Conclusion] = []
@@ -187,13 +189,14 @@ class Transcript:
     def learn(self, generation: int, dialect: Mapping[str, Any]) -> None:
         """Writes down how requests are made from a generation on."""
         with self._lock:
-            self.learnt = (generation, dict(dialect))
-            self._write({"line": "dialect", "generation": generation, "dialect": self.learnt[1]})
+            if not self.fixed:
+                self.learnt = (generation, dict(dialect))
+                self._write({"line": "dialect", "generation": generation, "dialect": dialect})
 
     def useless_before(self, generation: int) -> int:
         """How many questions in a row, up to a generation, had answers of no use.
 
-        One that nobody answered is passed over.
+        One without an answer is passed over.
         """
         count = 0
         for part in sorted(self.parts, key=lambda part: (part.generation, part.part)):
@@ -233,18 +236,18 @@ class Transcript:
             self._write({"line": "attempt", **to_line(attempt, digest)})
 
     def conclude(self, part: Conclusion) -> None:
-        """Writes down what became of a part, once."""
-        with self._lock:
-            if part not in self.parts:
-                self.parts.append(part)
-                self._write({"line": "part", **asdict(part)})
+        """Writes down the result for a part, once."""
+        self._once(self.parts, part, "part")
 
     def play(self, played: Played) -> None:
         """Writes down episodes of supervision's own, once."""
+        self._once(self.played, played, "played")
+
+    def _once(self, kept: list[T], found: T, line: str) -> None:
         with self._lock:
-            if played not in self.played:
-                self.played.append(played)
-                self._write({"line": "played", **asdict(played)})
+            if not self.fixed and found not in kept:
+                kept.append(found)
+                self._write({"line": line, **asdict(found)})
 
     def _write(self, line: Mapping[str, Any]) -> None:
         if self.path is None:

@@ -1,6 +1,6 @@
 """Candidates: several trees of one answer, of which the best for its target is injected.
 
-Each is tried in one episode, all in the same world, which nobody trains in, under the
+Each is tried in one episode, all in the same world, in which no tree is trained, under the
 factors of the generation that the tree will join.
 """
 
@@ -33,7 +33,8 @@ def try_out(proposal: Proposal, state: PopulationState, setup: RunContext) -> Tr
     trees: Sequence[Node] = (proposal.tree, *proposal.others)
     rng = stream(setup.seed, Stream.TRIAL, generation=state.now.generation)
     seed = int(rng.integers(2**32))
-    outcomes = [setup.domain.run_episode(tree, seed, state.multipliers) for tree in trees]
+    domain = setup.domain_in(state.now.generation + 1)
+    outcomes = [domain.run_episode(tree, seed, state.multipliers) for tree in trees]
     worth = [_worth(o, proposal.target, state, setup.classes) for o in outcomes]
     best = max(range(len(trees)), key=lambda i: worth[i])
     gain = outcomes[best].fitness - outcomes[0].fitness

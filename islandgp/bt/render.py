@@ -1,18 +1,86 @@
-"""A tree as an SVG picture that stands alone: the root at the left, a row for each leaf.
+"""Pictures of trees: in a terminal, as SVG, and as text for Mermaid and Graphviz.
 
-So order from top to bottom is the order in which branches are tried, as in the
-text, and a large tree grows downwards instead of getting too wide to read.
+The SVG stands alone: the root is at the left, with a row for each leaf. So order from top to
+bottom is the order in which branches are tried, as in the text, and a large tree grows
+downwards instead of getting too wide to read.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
-from typing import Final
+from itertools import count
+from typing import TYPE_CHECKING, Final
 
 from islandgp.bt.node import KINDS, Node, walk
-from islandgp.bt.render.label import label
+from islandgp.bt.printer import head
+
+if TYPE_CHECKING:
+    from rich.text import Text
+
+SYMBOLS: Final[dict[str, str]] = {
+    "selector": "?",
+    "sequence": "\N{RIGHTWARDS ARROW}",
+    "parallel": "\N{RIGHTWARDS PAIRED ARROWS}",
+    "inverter": "\N{NOT SIGN}",
+    "repeater": "\N{CLOCKWISE OPEN CIRCLE ARROW}",
+    "when": "\N{WHITE DIAMOND}",
+    "action": "",
+}
+"""A sign per kind of node, as the literature draws them."""
+
+
+def label(node: Node) -> str:
+    """One line that names a node: its sign and its canonical head."""
+    text = head(node).removeprefix("when ")
+    return f"{SYMBOLS[node.kind]} {text}".strip()
+
+
+STYLES: Final[dict[str, str]] = {
+    "selector": "bold cyan",
+    "sequence": "bold blue",
+    "parallel": "bold magenta",
+    "inverter": "red",
+    "repeater": "magenta",
+    "when": "yellow",
+    "action": "green",
+}
+"""How rich colours each kind; a terminal without colours shows the same text."""
+
+
+def branches(node: Node, before: str = "", below: str = "") -> Iterator[tuple[str, Node]]:
+    """Each node in document order, with the lines that lead to it."""
+    yield before, node
+    for i, child in enumerate(node.children):
+        last = i == len(node.children) - 1
+        yield from branches(
+            child,
+            below + ("\u2514\u2500 " if last else "\u251c\u2500 "),
+            below + ("   " if last else "\u2502  "),
+        )
+
+
+def to_lines(tree: Node) -> list[str]:
+    """The tree as plain text, a node a line."""
+    return [before + label(node) for before, node in branches(tree)]
+
+
+def to_rich(tree: Node, notes: Sequence[Text] | None = None) -> Text:
+    """The tree in colours, with a note behind each node (in document order) if there are any."""
+    from rich.text import Text
+
+    drawn = [
+        Text().append(before, "dim").append(label(node), STYLES[node.kind])
+        for before, node in branches(tree)
+    ]
+    if notes is not None:
+        width = max(line.cell_len for line in drawn) + 2
+        for line, note in zip(drawn, notes, strict=True):
+            line.pad_right(width - line.cell_len)
+            line.append(note)
+    return Text("\n").join(drawn)
+
 
 ROW = 28.0  # px from leaf to leaf
 BOX = 22.0  # px, height of a box
@@ -136,3 +204,54 @@ def _outline(kind: str, width: float) -> str:
         f"{arc} {-corner:g} {corner:g}h{-inner:g}{arc} {-corner:g} {-corner:g}v{-side:g}"
         f"{arc} {corner:g} {-corner:g}Z"
     )
+
+
+_DOT_SHAPES: Final = {"when": "hexagon", "action": "ellipse"}
+_MERMAID_SHAPES: Final[dict[str, tuple[str, str]]] = {
+    "when": ("{{", "}}"),
+    "action": ("([", "])"),
+}
+_ESCAPES: Final = str.maketrans({"<": "&lt;", ">": "&gt;", '"': "&quot;"})
+
+
+def to_dot(tree: Node) -> str:
+    """The text of a digraph; nodes are n0, n1, ... in document order."""
+    lines = [
+        "digraph tree {",
+        '  graph [ordering=out, rankdir=TB, fontname="Helvetica"]',
+        '  node [style="filled", fontname="Helvetica", fontsize=11]',
+        "  edge [arrowhead=none]",
+        *_dot_lines(tree),
+        "}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _dot_lines(tree: Node) -> Iterator[str]:
+    for name, node, parent in _named(tree, count()):
+        fill, stroke = COLOURS[node.kind]
+        look = f'shape={_DOT_SHAPES.get(node.kind, "box")}, fillcolor="{fill}", color="{stroke}"'
+        yield f'  {name} [label="{label(node)}", {look}]'
+        if parent:
+            yield f"  {parent} -> {name}"
+
+
+def _named(node: Node, places: Iterator[int], parent: str = "") -> Iterator[tuple[str, Node, str]]:
+    """Each node in document order with its name, and its parent's ("" for none)."""
+    name = f"n{next(places)}"
+    yield name, node, parent
+    for child in node.children:
+        yield from _named(child, places, name)
+
+
+def to_mermaid(tree: Node) -> str:
+    """The text of a flowchart; nodes are n0, n1, ... in document order."""
+    lines = ["flowchart TD"]
+    for name, node, parent in _named(tree, count()):
+        left, right = _MERMAID_SHAPES.get(node.kind, ("[", "]"))
+        lines.append(f'  {name}{left}"{label(node).translate(_ESCAPES)}"{right}:::{node.kind}')
+        if parent:
+            lines.append(f"  {parent} --- {name}")
+    for kind, (fill, stroke) in COLOURS.items():
+        lines.append(f"  classDef {kind} fill:{fill},stroke:{stroke},color:#1b2733")
+    return "\n".join(lines) + "\n"
