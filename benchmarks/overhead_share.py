@@ -42,6 +42,7 @@ def measure(effort: Effort) -> list[Figure]:
         for i in range(ROUNDS[effort]):
             off.append(_run(home, "tracking=off", f"name=off{i}", *SHORTER[effort]))
             mlflow.append(_run(home, "tracking=mlflow", f"name=mlflow{i}", *SHORTER[effort]))
+        shares = [_share_of_mlflow(home, seed, SHORTER[effort]) for seed in range(ROUNDS[effort])]
     # MLflow's process works while episodes run and takes a core from them, so a tracked
     # run is held against the episodes of the untracked one.
     episodes = median(run.episodes for run in off)
@@ -49,6 +50,13 @@ def measure(effort: Effort) -> list[Figure]:
     return [
         _share("overhead_share_off", off, episodes, "tracking=off", goal),
         _share("overhead_share_mlflow", mlflow, episodes, "tracking=mlflow, the default", goal),
+        Figure(
+            "mlflow_share",
+            median(shares),
+            "%",
+            "what tracking=mlflow takes of a default run, its validation included; median of seeds",
+            at_most(10.0) if effort is Effort.FULL else None,
+        ),
         _seconds("episodes_s", [r.episodes for r in off], "episodes, with the workers' start"),
         _seconds("operators_s", [r.operators for r in off], "selection, variation, records"),
         _seconds("supervision_s", [r.supervision for r in off], "waiting for advice"),
@@ -69,14 +77,23 @@ def _share(name: str, runs: list[Run], episodes: float, said: str, goal: Goal | 
     return Figure(name, value, "%", f"everything but episodes, in percent of a run, {said}", goal)
 
 
+def _share_of_mlflow(home: Path, seed: int, shorter: tuple[str, ...]) -> float:
+    """Percent of the seconds of a run of a seed, beside the same run without tracking."""
+    off, on = (
+        _run(home, f"tracking={t}", f"name={t}-{seed}", f"seed={seed}", *shorter, fixed=())
+        for t in ("off", "mlflow")
+    )
+    return 100 * (1 - off.whole / on.whole)
+
+
 def _seconds(name: str, values: list[float], what: str) -> Figure:
     return Figure(name, median(values), "s", what)
 
 
-def _run(home: Path, *words: str) -> Run:
+def _run(home: Path, *words: str, fixed: tuple[str, ...] = EPISODES) -> Run:
     name = next(word.removeprefix("name=") for word in words if word.startswith("name="))
     began = time()
-    finish(start(RUN, [*words, *EPISODES, "progress=off"], home))
+    finish(start(RUN, [*words, *fixed, "progress=off"], home))
     ended = time()
     (summary,) = home.glob(f"runs/{name}/*/summary.json")
     folder = RunFolder(summary.parent)
