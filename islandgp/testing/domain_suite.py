@@ -14,7 +14,7 @@ from __future__ import annotations
 import pickle
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from itertools import islice
+from itertools import islice, pairwise
 from math import isclose, isfinite
 
 import numpy as np
@@ -49,7 +49,7 @@ GROWN = TreeSettings(
 class DomainSuite:
     """What every domain promises. A failing test says in words what was expected."""
 
-    random_trees = 20  # of the suite, beside a tree for each action and `texts`
+    random_trees = 20  # of the suite, beside two trees for each action and `texts`
     texts: Sequence[str] = ()  # trees of your own, in the language
 
     def make_domain(self) -> Domain:
@@ -57,9 +57,11 @@ class DomainSuite:
         raise NotImplementedError("Give your domain in make_domain.")
 
     def trees(self, domain: Domain) -> Iterator[Node]:
-        """Each action alone, `texts`, and random trees."""
+        """Each action alone and behind the one declared before it, `texts`, and random trees."""
         words = domain.schema.vocabulary
-        yield from (Node("action", (name,)) for name in words.actions)
+        leaves = [Node("action", (name,)) for name in words.actions]
+        yield from leaves
+        yield from (Node("sequence", (), pair) for pair in pairwise((leaves[-1], *leaves)))
         yield from (parse(text, words) for text in self.texts)
         space = TreeSpace(GROWN, words, Limits(max_depth=5, max_nodes=30))
         for slot in range(self.random_trees):

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 import yaml
 
+from islandgp.bt.node import SUCCESS
+from islandgp.bt.vocabulary import Action
 from islandgp.domain import Domain
+from islandgp.domains.island import Island
+from islandgp.domains.island.actions import IslandAction, drive
 from islandgp.evaluation.recorded import setting_of
 from islandgp.testing.domain_suite import DomainSuite, run_suite
 from tests.composed import plain
@@ -69,3 +75,26 @@ def test_the_suite_finds_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
     found = {promise: fault for promise, fault in run_suite(Broken()) if fault}
     assert "an episode is a function of tree seed and weights" in found
     assert "Expected blocks_left <= 9, found 12.0" in found["the blackboard keeps its ranges"]
+
+
+def test_a_status_that_an_action_has_only_behind_another_is_found() -> None:
+    """Where the robot starts it succeeds at once; only after a drive it runs."""
+    declared = Action("drives home", statuses=frozenset({SUCCESS}))
+
+    class Homing(Island):
+        schema = Island.schema.with_actions({"ReturnToStart": declared})
+        actions: ClassVar[Mapping[str, IslandAction]] = {
+            **Island.actions,
+            "ReturnToStart": lambda island, _: drive(island, *island.world.start, 5.0),
+        }
+
+    class Suite(TestIsland):
+        random_trees = 0
+
+        def make_domain(self) -> Domain:
+            island = super().make_domain()
+            assert isinstance(island, Island)
+            return Homing(island.world, island.rewards)
+
+    with pytest.raises(AssertionError, match=r"ReturnToStart to return SUCCESS, found RUNNING\."):
+        Suite().test_actions_return_the_statuses_that_they_declare()
