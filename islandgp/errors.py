@@ -90,15 +90,19 @@ def brief(error: Exception) -> str:
 
 
 def in_the_way(folder: Path) -> str:
-    """What to say of files that stand in the way of Python's own modules; "" if there are none.
+    """What to say of files that stand in the way of Python's or installed modules, or "".
 
     For errors of imports: whatever is first on the path takes a module's place.
     """
-    files = sorted(f.name for f in folder.glob("*.py") if f.stem in sys.stdlib_module_names)
+    from importlib.metadata import packages_distributions
+
+    taken = {*sys.stdlib_module_names, *packages_distributions()}
+    files = sorted(f.name for f in folder.glob("*.py") if f.stem in taken)
     if not files:
         return ""
     named = ", ".join(files)
     return (
-        f"Expected Python's own modules, found {named} in {folder}, which takes the place of one;"
+        f"Expected Python's own and installed modules, found {named} in {folder}, which takes the"
+        " place of one;"
         " give it another name."
     )

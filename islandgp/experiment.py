@@ -91,9 +91,9 @@ def compose(*overrides: str, config_dir: str | Path | None = None) -> Experiment
     Raises:
         ConfigError: with one line for each wrong key or value.
     """
-    from islandgp.config.compose import first_job
+    from islandgp.config.compose import only_job
 
-    job = first_job(overrides, config_dir)
+    job = only_job(overrides, config_dir)
     return Experiment(job.settings, job.config, job.folder)
 
 

@@ -88,8 +88,13 @@ def imported(path: str) -> Any:
         return TypeAdapter(ImportString[Any]).validate_python(path)
 
 
-def function(name: str, table: Mapping[str, Function]) -> Function:
+def function(
+    name: str, table: Mapping[str, Function], check: Callable[..., None] | None = None
+) -> Function:
     """An entry of a table, or a function of the user's own: "module:function".
+
+    `check` gets what a function of the user's returned, and what it was called with; an
+    exception of it is told as that function's fault.
 
     Raises:
         ValueError: there is no such entry, or no such function.
@@ -97,14 +102,14 @@ def function(name: str, table: Mapping[str, Function]) -> Function:
     """
     if name in table:
         return table[name]
-    own = _own(name) if ":" in name else None
+    own = _own(name, check) if ":" in name else None
     if own is None:
         raise ValueError(f"expected one of {', '.join(table)} or MODULE:FUNCTION, found {name!r}")
     return cast(Function, own)
 
 
 @cache
-def _own(path: str) -> Callable[..., Any] | None:
+def _own(path: str, check: Callable[..., None] | None) -> Callable[..., Any] | None:
     """The user's function, whose faults are told as its author's; None: there is none."""
     try:
         found = imported(path)
@@ -117,6 +122,8 @@ def _own(path: str) -> Callable[..., Any] | None:
         with blaming(path):
             if (made := found(*arguments)) is None:
                 raise TypeError("expected it to return something, found None")
+            if check is not None:
+                check(made, *arguments)
             return made
 
     return call

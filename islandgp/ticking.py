@@ -58,11 +58,13 @@ class EventLog:
         self._observer = observer
 
     def __call__(self, event: str, amount: float = 1.0) -> None:
-        """Something happened. Raises DomainError for an event that the schema does not have."""
+        """Something happened. Raises DomainError for an event or amount that cannot be."""
         if event not in self._events:
             known = ", ".join(self._events)
             raise DomainError(f"Expected an event of the schema ({known}), found {event!r}.")
         self.counts[event] += 1
+        if not isfinite(amount):
+            raise DomainError(f"Expected a finite amount of the event {event!r}, found {amount}.")
         if event not in self._rewarded:
             return
         component, points = self._worth(event, amount)

@@ -98,11 +98,11 @@ def with_stage_option(command: Callable[..., None]) -> Callable[..., None]:
 
 def configured(overrides: Sequence[str], config_dir: str | None = None) -> Settings:
     """The settings that a run with these overrides has. Raises ConfigError."""
-    from islandgp.config.compose import first_job
+    from islandgp.config.compose import only_job
 
     given = _given(overrides)
     quick = [f"{group}={part}" for group, part in _QUICK.items() if group not in given]
-    return first_job([*quick, *overrides], config_dir).settings
+    return only_job([*quick, *overrides], config_dir).settings
 
 
 def stage_index(settings: Settings, stage: int | None) -> int:

@@ -65,8 +65,13 @@ class Planned:
     own_ray: bool = False  # the launcher starts a Ray cluster for this command
 
 
-def first_job(overrides: Sequence[str], config_dir: str | Path | None = None) -> Planned:
-    """The only, or the first, job of a command with these overrides. Raises ConfigError."""
+def only_job(overrides: Sequence[str], config_dir: str | Path | None = None) -> Planned:
+    """The job of a command with these overrides. Raises ConfigError, also where it is a sweep."""
+    if options := [word for word in overrides if word.startswith("-")]:
+        raise ConfigError(
+            f"Expected overrides (KEY=VALUE), found the option {options[0]}; for a sweep make one"
+            " experiment for each value, for a folder of your own give config_dir."
+        )
     flags = ["--config-dir", str(config_dir)] if config_dir is not None else []
     args = get_args_parser().parse_args([*flags, *overrides])
     return next(planned(args, overrides, Path.cwd()))
@@ -158,9 +163,11 @@ def _plan(
     own_ray = launcher == "RayLauncher" and composed.hydra.launcher.ray.init.get("address") is None
     _must_have_no_callbacks(composed.hydra)
     _must_leave_folders(composed.hydra)
+    domain = str(composed.hydra.runtime.choices.get("domain"))
     with open_dict(composed):
         del composed["hydra"]  # what it holds is known only when Hydra runs
     config, settings = read(composed)
+    _must_be_called(domain, settings)
     ours = [o for o in overrides if _group(o) != "hydra"]
     _must_change_something(ours, composed)
     return Planned(
@@ -172,6 +179,17 @@ def _plan(
         launcher,
         own_ray,
     )
+
+
+def _must_be_called(choice: str, settings: Settings) -> None:
+    """Raises ConfigError where trees would name another domain than the one that is chosen."""
+    name = settings.make_domain().schema.vocabulary.domain
+    if choice.rpartition("/")[2] != name:
+        raise ConfigError(
+            f"domain={choice}: expected the file of a domain whose vocabulary is called {choice},"
+            f" as its trees are to name it, found one called {name!r}; call the file {name}.yaml,"
+            " or the vocabulary as the file."
+        )
 
 
 def plain(config: DictConfig) -> dict[str, Any]:

@@ -30,7 +30,7 @@ from islandgp.evolution.plan import GP, Plan, Switches
 from islandgp.evolution.random_trees import check_growth
 from islandgp.plugin import Part, Plugin, blaming, imported, path_of
 from islandgp.records.files import VALUES
-from islandgp.scoring.classes import Classes
+from islandgp.scoring.classes import CLASS_NAME, Classes
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.scoring.rewards import RewardTable
 from islandgp.supervision.base import SUPERVISES
@@ -45,6 +45,7 @@ NAME: Final = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"
 IN_WORDS: Final = {
     TAG: "1 to 250 letters, digits, spaces and . _ : / -",
     NAME: "letters, digits and . _ -, beginning with a letter or a digit",
+    CLASS_NAME: "small letters, digits and _, beginning with a letter",
 }
 """What a pattern asks for, as people say it."""
 
@@ -248,7 +249,15 @@ def setting_at(settings: Any, key: Any) -> Any:
 
 
 def _lines(error: ValidationError, config: Mapping[str, Any]) -> Iterator[str]:
-    for e in error.errors():
+    found = error.errors()
+    inside = {e["loc"][:n] for e in found for n in range(len(e["loc"]))}
+    for e in found:
+        if e["type"] == "too_short" and e["loc"] in inside:
+            continue  # what is wrong in an item is not counted
+        if e["loc"][0:1] == ("tags",) and e["loc"][-1] != "[key]":
+            name = f"tags.{e['loc'][1]}" if e["loc"][1:] else "tags"
+            yield f"{name}={e['input']!r}: expected text, a number, true or false; give one of these"
+            continue
         path = ".".join(str(part) for part in e["loc"])
         message = e["msg"].removeprefix("Value error, ")
         if e["type"] == "extra_forbidden":

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from threading import Lock
+from typing import Final, Self
 
 from hydra import compose, initialize_config_dir
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra._internal.utils import create_config_search_path
 from hydra.core.config_loader import ConfigLoader
+from hydra.core.global_hydra import GlobalHydra
 from hydra.core.object_type import ObjectType
 from omegaconf import DictConfig
 
 from islandgp.errors import ConfigError
 from islandgp.resources import resource
+
+COMPOSING: Final = Lock()  # Hydra composes one configuration at a time in a process
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +43,8 @@ class ConfigSource:
                     f"{option}: expected a folder of configuration, found none at {path};"
                     " give the path of one that is there."
                 )
+        if own is not None and own != folder:
+            _must_hide_nothing(own, folder)
         return cls(folder, args.config_name or "config", own)
 
     def compose(self, overrides: Sequence[str]) -> DictConfig:
@@ -46,7 +53,7 @@ class ConfigSource:
         if other is not None and not (first / f"{self.name}.yaml").exists():
             first, other = other, first  # Hydra looks for the first file in one folder only
         search = [f"hydra.searchpath=[file://{other}]"] if other else []
-        with initialize_config_dir(str(first), version_base="1.3"):
+        with _alone(), initialize_config_dir(str(first), version_base="1.3"):
             return compose(self.name, [*overrides, *search], return_hydra_config=True)
 
     def loader(self) -> ConfigLoader:
@@ -59,3 +66,27 @@ class ConfigSource:
     def options(self, group: str) -> list[str]:
         """The names of a group's files; none where there is no such group."""
         return sorted(self.loader().get_group_options(group, ObjectType.CONFIG))
+
+
+def _must_hide_nothing(own: Path, folder: Path) -> None:
+    """Raises ConfigError for a file of the user's that has the name of one that is read first."""
+    for path in sorted(folder.rglob("*.yaml")):
+        name = path.relative_to(folder)
+        if (own / name).exists():
+            raise ConfigError(
+                f"--config-dir: expected files with names of their own, found {own / name}, in"
+                f" whose place the package's {name} is read; give it another name, or give a whole"
+                " folder of configuration by --config-path."
+            )
+
+
+@contextmanager
+def _alone() -> Iterator[None]:
+    """Hydra for this thread, also where another part of the program has initialised it."""
+    with COMPOSING:
+        others = GlobalHydra.instance().hydra
+        GlobalHydra.instance().clear()
+        try:
+            yield
+        finally:
+            GlobalHydra.instance().hydra = others

@@ -114,10 +114,17 @@ def simulate(setting: Problem, job: Job) -> Outcome:
     """
     weights = setting.curriculum.multipliers(job.stage)
     try:
-        return setting.at(job.stage).run_episode(_tree(job.tree), job.seed, weights)
+        outcome = setting.at(job.stage).run_episode(_tree(job.tree), job.seed, weights)
     except (Exception, SystemExit) as error:  # a simulator may call sys.exit
         what = f"{type(error).__name__}: {str(error).rstrip('.')}{_raised_in(error)}"
         raise EvaluationError(blame(job, what)) from error
+    if not abs(outcome.fitness) < MOST_POINTS:
+        what = f"{outcome.fitness} points; lower the rewards, or mend the domain's amounts"
+        raise EvaluationError(blame(job, what))
+    return outcome
+
+
+MOST_POINTS: Final = 1e100  # of an episode: statistics square them
 
 
 KNOWN: Final = (

@@ -31,9 +31,8 @@ from islandgp.evolution.record import (
     fittest,
     line,
 )
-from islandgp.evolution.selection import SELECTIONS
-from islandgp.evolution.variation import CROSSOVERS, mutate_population
-from islandgp.plugin import function
+from islandgp.evolution.selection import selection
+from islandgp.evolution.variation import crossover, mutate_population
 from islandgp.scoring.classes import judge
 from islandgp.scoring.snapshot import Snapshot, measure
 from islandgp.scoring.state import PopulationState, population_state
@@ -246,9 +245,9 @@ def offspring(
         diversity=diversity,
         allocation=plan.allocation,
         space=plan.space,
-        select=function(gp.selection, SELECTIONS),
+        select=selection(gp.selection),
         entrants=gp.tournament,
-        cross=function(gp.crossover, CROSSOVERS),
+        cross=crossover(gp.crossover),
         crossover_rate=gp.crossover_rate,
     )
     return mutate_population(

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from islandgp.evolution.population import Evaluated
+from islandgp.plugin import function
 
 
 def tournament(
@@ -23,6 +24,18 @@ Selection = Callable[[np.random.Generator, Sequence[Evaluated], int], Evaluated]
 
 SELECTIONS: Final[dict[str, Selection]] = {"tournament": tournament}
 """Ways to choose a parent. A new one is a function and an entry."""
+
+
+def selection(name: str) -> Selection:
+    """The selection of a name or path. Raises PartError for what is no individual."""
+    return function(name, SELECTIONS, _must_be_individual)
+
+
+def _must_be_individual(made: object, *_: object) -> None:
+    if not isinstance(made, Evaluated):
+        raise TypeError(
+            f"expected it to return an individual (Evaluated), found {type(made).__name__}"
+        )
 
 
 def pick_parent(

@@ -85,6 +85,25 @@ Crossover = Callable[[np.random.Generator, Node, Node, Limits], Node]
 CROSSOVERS: Final[dict[str, Crossover]] = {"subtree": _subtree_crossover}
 
 
+def crossover(name: str) -> Crossover:
+    """The crossover of a name or path. Raises PartError for a child that it must not make."""
+    return function(name, CROSSOVERS, _must_be_child)
+
+
+def _must_be_child(made: object, _: object, __: object, ___: object, limits: Limits) -> None:
+    if not within(_tree(made), limits):
+        raise ValueError(
+            f"expected a tree of at most {limits.max_nodes} nodes and depth {limits.max_depth},"
+            f" found {size(_tree(made))} nodes and depth {max(levels(_tree(made)))}"
+        )
+
+
+def _tree(made: object) -> Node:
+    if not isinstance(made, Node):
+        raise TypeError(f"expected it to return a tree (Node), found {type(made).__name__}")
+    return made
+
+
 def _subtree(rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings) -> Node:
     """A new random subtree in place of an old one."""
     return replace_at(tree, int(rng.integers(size(tree))), grow(rng, space, how.subtree_depth))
@@ -214,6 +233,13 @@ MUTATIONS: Final[dict[str, Mutation]] = {
 }
 
 
+def _must_be_mutant(made: object, _: object, __: object, space: TreeSpace, ___: object) -> None:
+    for node in walk(_tree(made)):
+        if node.kind == "action" and node.args[0] not in space.vocabulary.actions:
+            known = ", ".join(space.vocabulary.actions)
+            raise ValueError(f"expected actions of the domain ({known}), found {node.args[0]}")
+
+
 def mutate(
     rng: np.random.Generator,
     tree: Node,
@@ -231,7 +257,7 @@ def mutate(
         return tree, ""
     for _ in range(TRIES):
         name = weighted(rng, how.operators)
-        new = function(name, MUTATIONS)(rng, tree, space, how)
+        new = function(name, MUTATIONS, _must_be_mutant)(rng, tree, space, how)
         if new != tree and within(new, space.limits):
             return new, name
     return tree, ""

@@ -156,6 +156,9 @@ def make_supervisor(settings: Settings, folder: Path | None) -> Supervisor:
     with blaming(path_of(part.factory)):
         setup = setup_of(settings, settings.make_domain(), folder)
         supervisor: Supervisor = part.factory.make(part.settings(), setup)
+        if not callable(getattr(supervisor, "advise", None)):
+            made = type(supervisor).__name__
+            raise TypeError(f"expected make to return a supervisor, with advise, found {made}")
     return supervisor
 
 

@@ -18,7 +18,9 @@ from pydantic import BaseModel, Field, FiniteFloat, StringConstraints, model_val
 from islandgp.domain import Outcome, Schema
 from islandgp.scoring.rewards import unknown
 
-Name = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]*$")]
+CLASS_NAME: Final = r"^[a-z][a-z0-9_]*$"
+
+Name = Annotated[str, StringConstraints(pattern=CLASS_NAME)]
 
 RARE: Final = "rare"  # a behaviour that has almost died out
 INTEGRATION: Final = "integration"  # several behaviours in one tree
@@ -69,10 +71,30 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
         ):
             for line in unknown(path, name, known[where]):
                 raise ValueError(line)
+        for path, given in (
+            ("specialists.of", self.specialists.of),
+            ("milestones", self.milestones),
+        ):
+            if len(set(given)) < len(given):
+                raise ValueError(f"{path}: expected each name once, found {', '.join(given)}")
+        for tier in self.tiers:
+            self.needed(tier)
         names = [*self.behaviours, self.specialists.idle, self.specialists.mixed, *AIMS]
         if twice := {name for name in names if names.count(name) > 1}:
             raise ValueError(f"behaviours: expected each name once, found {min(twice)!r} twice")
         return self
+
+    def needed(self, tier: str) -> tuple[str, ...]:
+        """A tier and those that must be reached as well. Raises ValueError for a circle."""
+        chain: list[str] = []
+        at: str | None = tier
+        while at is not None:
+            if at in chain:
+                circle = " needs ".join([*chain, at])
+                raise ValueError(f"tiers.{tier}.also: expected an end, found {circle}")
+            chain.append(at)
+            at = self.tiers[at].also
+        return tuple(chain)
 
     def faults(self, schema: Schema) -> Iterator[str]:
         """What does not fit the domain, a line each."""
@@ -131,10 +153,8 @@ def does(o: Outcome, classes: Classes) -> tuple[str, ...]:
 
 def tiers(o: Outcome, classes: Classes) -> tuple[str, ...]:
     """The tiers an individual reaches, best first."""
-    found = [name for name, tier in classes.tiers.items() if tier.values_hold(o)]
-    return tuple(
-        name for name in found if (also := classes.tiers[name].also) is None or also in found
-    )
+    found = {name for name, tier in classes.tiers.items() if tier.values_hold(o)}
+    return tuple(name for name in classes.tiers if found.issuperset(classes.needed(name)))
 
 
 def judge(o: Outcome, classes: Classes) -> Verdict:

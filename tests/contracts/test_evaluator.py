@@ -377,6 +377,17 @@ class Broken:
         raise DomainError("Expected a wheel, found none.")
 
 
+@pytest.mark.parametrize("points", [float("nan"), float("inf"), -1e200])
+def test_points_that_cannot_be_counted_are_told(points: float) -> None:
+    """Statistics could not be made of them."""
+    setting: Any = SimpleNamespace(
+        curriculum=SimpleNamespace(multipliers=lambda _: {}),
+        at=lambda _: SimpleNamespace(run_episode=lambda *_: SimpleNamespace(fitness=points)),
+    )
+    with pytest.raises(EvaluationError, match="world seed 1, stage 0, found .* points; lower"):
+        simulate(setting, Job("PatrolWaypoint", 0, 1))
+
+
 def test_an_error_names_the_line_of_the_user_s_own_code() -> None:
     """Where it was raised, among all that the program itself called."""
     setting: Any = SimpleNamespace(

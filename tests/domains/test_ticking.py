@@ -141,6 +141,13 @@ def test_an_unknown_event_is_told() -> None:
         EventLog(REWARDS, SCHEMA, {})("dome")
 
 
+@pytest.mark.parametrize("amount", [float("nan"), float("inf")])
+def test_an_amount_that_is_no_number_is_told(amount: float) -> None:
+    """Points made of it would be none."""
+    with pytest.raises(DomainError, match=f"a finite amount of the event 'done', found {amount}"):
+        EventLog(REWARDS, SCHEMA, {})("done", amount)
+
+
 def test_a_missing_key_or_counter_is_told() -> None:
     """What `sense` or `measures` leaves out."""
     log = EventLog(REWARDS, SCHEMA, {})

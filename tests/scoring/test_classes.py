@@ -52,6 +52,40 @@ def test_dominance_ratio() -> None:
     assert specialist(outcome(pickups=2, interactions=2), strict) == "balanced"
 
 
+def row(also: str | None = None, **least: float) -> dict[str, Any]:
+    """A tier's row."""
+    return {"at_least": least, "also": also}
+
+
+def test_a_tier_needs_all_that_those_need_which_it_needs() -> None:
+    """`also` holds through any number of tiers."""
+    tiers_of = {"a": row("b", distance=0), "b": row("c", distance=0), "c": row(pickups=3)}
+    chain = Classes.model_validate({**CLASSES.model_dump(), "tiers": tiers_of, "milestones": ["a"]})
+    assert tiers(outcome(pickups=2), chain) == ()
+    assert tiers(outcome(pickups=3), chain) == ("a", "b", "c")
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"tiers": {"a": row("a")}, "milestones": ["a"]}, "expected an end, found a needs a"),
+        (
+            {"tiers": {"a": row("b"), "b": row("a")}, "milestones": ["a"]},
+            "tiers.a.also: expected an end, found a needs b needs a",
+        ),
+        ({"milestones": ["complete", "complete"]}, "milestones: expected each name once, found"),
+        (
+            {"specialists": {**CLASSES.specialists.model_dump(), "of": ["pickup", "pickup"]}},
+            "specialists.of: expected each name once, found pickup, pickup",
+        ),
+    ],
+)
+def test_circles_and_names_given_twice_are_refused(changes: dict[str, Any], said: str) -> None:
+    """They would make classes that nobody, or nobody rightly, belongs to."""
+    with pytest.raises(ValidationError, match=said):
+        Classes.model_validate({**CLASSES.model_dump(), **changes})
+
+
 def test_labels_do_not_depend_on_the_class() -> None:
     """Charging and clearing are labels; a robot that only charges is still patrol-only."""
     done = outcome(charges=1, deliveries=1)

@@ -225,6 +225,11 @@ ONE_LINE = [
     (["hydra.callbacks.forget._target_=builtins.print"],
      "hydra.callbacks.forget: expected no callbacks, found one; leave it out,"),
     (["hydra.run.dir=/proc/x"], "hydra.run.dir: expected ., found /proc/x"),
+    (["world.chargers=[[1,2,3]]"], "world.chargers.0=[1, 2, 3]: tuple should have at most 2 items"),
+    (["+tags.a=null"], "tags.a=None: expected text, a number, true or false; give one of these"),
+    (["+tags.a=[1,2]"], "tags.a=[1, 2]: expected text, a number, true or false; give one of these"),
+    (["+classes.tiers.Courier={at_least:{distance:1}}"],
+     "classes.tiers.Courier: expected small letters, digits and _, beginning with a letter, found"),
 ]  # fmt: skip
 
 HUGE = {
@@ -381,6 +386,29 @@ def test_a_file_of_the_users_that_is_wrong_is_named(
     file.write_bytes(text)
     found = errors(capsys, *words, "--config-dir", str(folder), "world=mine")
     assert found == [line.replace("{file}", str(file))]
+
+
+def test_a_file_that_another_one_hides_is_told(
+    capsys: pytest.CaptureFixture[str], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Hydra would read the package's file of that name and never look at the user's."""
+    folder = tmp_path_factory.mktemp("conf")
+    (folder / "gp").mkdir()
+    (folder / "gp" / "paper.yaml").write_text("population: 8\n", encoding="utf-8")
+    (line,) = errors(capsys, "--config-dir", str(folder), "gp=paper")
+    assert line.startswith(f"--config-dir: expected files with names of their own, found {folder}/")
+
+
+def test_a_domain_is_called_as_its_trees_name_it(
+    capsys: pytest.CaptureFixture[str], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Else its best tree would be played in another file's world."""
+    folder = tmp_path_factory.mktemp("conf")
+    (folder / "domain").mkdir()
+    text = (resource("conf") / "domain" / "island.yaml").read_text(encoding="utf-8")
+    (folder / "domain" / "isle.yaml").write_text(text, encoding="utf-8")
+    (line,) = errors(capsys, "--config-dir", str(folder), "domain=isle")
+    assert line.startswith("domain=isle: expected the file of a domain whose vocabulary is called")
 
 
 def test_unknown_keys_of_a_launcher(capsys: pytest.CaptureFixture[str]) -> None:

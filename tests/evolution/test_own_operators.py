@@ -1,0 +1,62 @@
+"""Operators of the user's own: what they must not return is told as their author's fault."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from islandgp.bt.node import Limits, Node
+from islandgp.errors import PartError
+from islandgp.evolution.population import Evaluated
+from islandgp.evolution.random_trees import TreeSpace
+from islandgp.evolution.variation import MutationSettings
+from tests.evolution.runs import plan, run
+
+HERE = __name__
+LEAF = Node("action", ("PatrolWaypoint",))
+
+
+def two_children(_: np.random.Generator, mother: Node, father: Node, __: Limits) -> object:
+    """A pair, as many libraries have it."""
+    return mother, father
+
+
+def too_large(_: np.random.Generator, __: Node, ___: Node, limits: Limits) -> Node:
+    """One node more than there may be."""
+    return Node("sequence", (), (LEAF,) * limits.max_nodes)
+
+
+def text(_: np.random.Generator, __: Node, ___: TreeSpace, ____: MutationSettings) -> object:
+    """A tree's text."""
+    return "PatrolWaypoint"
+
+
+def foreign(_: np.random.Generator, __: Node, ___: TreeSpace, ____: MutationSettings) -> Node:
+    """An action of another domain."""
+    return Node("action", ("PushLeft",))
+
+
+def tree_of_the_first(_: np.random.Generator, population: Sequence[Evaluated], __: int) -> object:
+    """What stands in an individual, and not the individual."""
+    return population[0].individual.tree
+
+
+@pytest.mark.parametrize(
+    ("key", "name", "said"),
+    [
+        ("gp.crossover", "two_children", "expected it to return a tree .Node., found tuple"),
+        ("gp.crossover", "too_large", "a tree of at most 50 nodes and depth 8, found 51 nodes"),
+        ("gp.mutation.operators", "text", "expected it to return a tree .Node., found str"),
+        ("gp.mutation.operators", "foreign", "expected actions of the domain .*, found PushLeft"),
+        ("gp.selection", "tree_of_the_first", "an individual .Evaluated., found Node"),
+    ],
+)
+def test_what_an_operator_must_not_return_is_told(key: str, name: str, said: str) -> None:
+    """With its path and what was expected, at the first generation that it makes."""
+    path = f"{HERE}:{name}"
+    weighed = key == "gp.mutation.operators"
+    word = f"+{key}={{{path.replace(':', chr(92) + ':')}:100}}" if weighed else f"{key}='{path}'"
+    with pytest.raises(PartError, match=rf"{path} failed \(.*{said}"):
+        run(plan("gp.population=12", "gp.generations=3", word))

@@ -1,0 +1,33 @@
+"""Configurations composed in a program of the user's own."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import hydra
+import pytest
+
+import islandgp
+from islandgp.errors import ConfigError
+from islandgp.resources import resource
+
+
+@pytest.mark.parametrize("words", [("seed=1,2", "-m"), ("--nope",), ("--version",), ("--cfg=job",)])
+def test_options_are_refused_and_the_program_goes_on(words: tuple[str, ...]) -> None:
+    """They are the command line's: here there is one experiment, and nothing to print."""
+    with pytest.raises(ConfigError, match=r"Expected overrides .*, found the option -"):
+        islandgp.compose(*words)
+
+
+def test_threads_may_compose_at_the_same_time() -> None:
+    """Each gets its own experiment."""
+    with ThreadPoolExecutor(4) as pool:
+        found = pool.map(lambda seed: islandgp.compose(f"seed={seed}").settings.seed, range(8))
+        assert list(found) == list(range(8))
+
+
+def test_a_program_that_uses_hydra_itself_keeps_its_own() -> None:
+    """Composing inside of its block neither fails nor takes its configuration away."""
+    with hydra.initialize_config_dir(str(resource("conf")), version_base="1.3"):
+        assert islandgp.compose("seed=3").settings.seed == 3
+        assert hydra.compose("config", ["seed=5"]).seed == 5
