@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import closing
 from importlib.util import find_spec
 from pathlib import Path
 from statistics import fmean
@@ -71,6 +71,7 @@ def command(
     if find_spec("optuna") is None:
         raise ConfigError("Expected Optuna, found it not installed; pip install 'islandgp[optuna]'")
     from islandgp.evolution.validation import worlds_of
+    from islandgp.running.run import make_evaluator
     from islandgp.running.tuning import choices, choose
     from islandgp.seeding import Stream
 
@@ -100,29 +101,17 @@ def command(
     best = standing.finalists[0]
     finalists = tuple(dict.fromkeys((tree.written, *standing.finalists)))
     try:
-        with _evaluator(settings) as evaluator:
+        with closing(make_evaluator(settings)) as evaluator:
             best = choose(tree.canonical, finalists, choosing, evaluator, index)
     except KeyboardInterrupt:
         stopped = True
     write_text(output, tree.text(best))
     _tell_race(standing, worlds, tree.numbers, best)
     if best != tree.written:
-        with _evaluator(settings) as evaluator:
+        with closing(make_evaluator(settings)) as evaluator:
             _tell_worth(tree, best, telling, evaluator, index)
     if stopped:
         raise click.Abort
-
-
-@contextmanager
-def _evaluator(settings: Settings) -> Iterator[Evaluator]:
-    """The evaluator that the settings choose; one whose work was interrupted is not used again."""
-    from islandgp.running.run import make_evaluator
-
-    evaluator = make_evaluator(settings)
-    try:
-        yield evaluator
-    finally:
-        evaluator.close()
 
 
 class _Tree:
@@ -159,6 +148,7 @@ def _raced(
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
+    from islandgp.running.run import make_evaluator
     from islandgp.running.tuning import race
 
     standing: RaceState | None = None
@@ -166,7 +156,7 @@ def _raced(
     columns = (BarColumn(20), MofNCompleteColumn(), TextColumn("{task.description}"))
     progress = Progress(*columns, console=console, disable=not console.is_terminal, transient=True)
     try:
-        with _evaluator(settings) as evaluator, progress as bar:
+        with closing(make_evaluator(settings)) as evaluator, progress as bar:
             task = bar.add_task("trials", total=trials)
             for standing in race(
                 tree.canonical,
