@@ -118,7 +118,7 @@ def command(
     from islandgp.study.generalise import generalise, yardsticks
     from islandgp.study.plan import check_plan, parse_plan
     from islandgp.study.report import build
-    from islandgp.study.select import parse_arm
+    from islandgp.study.select import MLFLOW, parse_arm
     from islandgp.study.writing import write
 
     plan = parse_plan(families, primary, margins)
@@ -126,9 +126,9 @@ def command(
     wanted = [parse_arm(arm) for arm in arms]
     with TemporaryDirectory(prefix="islandgp-compare-") as scratch:
         chosen, notes = _select(wanted, runs, name, place, Path(scratch))
-    looked_in = [str(runs)] if any(not s.startswith("mlflow:") for _, s in wanted) else []
-    looked_in += [place.uri] if any(s.startswith("mlflow:") for _, s in wanted) else []
-    study = compare_arms(chosen, force=force, notes=notes, sources=looked_in)
+    fetched = [selection.startswith(MLFLOW) for _, selection in wanted]
+    sources = [*([] if all(fetched) else [str(runs)]), *([place.uri] if any(fetched) else [])]
+    study = compare_arms(chosen, force=force, notes=notes, sources=sources)
     check_plan(plan, study)
     folder = out or Path("study") / "-".join(arm.name for arm in study.arms)
     check_folder(folder)

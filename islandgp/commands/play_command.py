@@ -71,16 +71,16 @@ def command(
     """
     if watch and len(files) > 1:
         raise click.UsageError(f"expected one FILE for --watch, found {len(files)}")
-    tree, settings, setting = tree_in_domain(files[0], chosen)
+    tree, settings, problem = tree_in_domain(files[0], chosen)
     index = stage_index(settings, stage)
     if watch:
         from islandgp.viewer.recording import record
         from islandgp.viewer.watch import watch as show
 
-        recording = record(tree, setting, seed=seed, stage=index)
+        recording = record(tree, problem, seed=seed, stage=index)
         show(recording, speed=speed or 10.0, pause=time.sleep if speed else lambda _: None)
         return
-    words = setting.domain.schema.vocabulary
+    words = problem.domain.schema.vocabulary
     others = [
         parse(read_text(file), words, name=called(file), folder=folder_of(file))
         for file in files[1:]
@@ -91,8 +91,8 @@ def command(
         names = [called(file) for file in files]
         if as_json:
             rows = [_compared(own, points[0]) for own in points]
-            told = [{"file": name, **row} for name, row in zip(names, rows, strict=True)]
-            click.echo(json.dumps(told, indent=2))
+            named = [{"file": name, **row} for name, row in zip(names, rows, strict=True)]
+            click.echo(json.dumps(named, indent=2))
         else:
             _print_comparison(names, points)
         return
@@ -100,7 +100,7 @@ def command(
     if as_json:
         click.echo(json.dumps([_plain(outcome) for outcome in outcomes], indent=2))
         return
-    _print(outcomes, setting.domain.schema, settings, index)
+    _print(outcomes, problem.domain.schema, settings, index)
 
 
 def _compared(own: Sequence[float], first: Sequence[float]) -> dict[str, float]:
@@ -287,8 +287,8 @@ def numbers(values: Sequence[float]) -> list[str]:
     """Numbers of one kind with the same digits: none behind the point if all of them are whole."""
     from islandgp.viewer.recording import digits
 
-    told = [value for value in values if isfinite(value)]
-    places = 0 if all(value == int(value) for value in told) else digits(told)
+    finite = [value for value in values if isfinite(value)]
+    places = 0 if all(value == int(value) for value in finite) else digits(finite)
     return [f"{value:,.{places}f}" for value in values]
 
 
@@ -309,9 +309,9 @@ def _counts(outcomes: Sequence[Outcome], schema: Schema) -> Named:
 def _summary(title: str, rows: Named) -> list[Column]:
     """Mean and spread over the worlds, a row for each name."""
     names, values = zip(*rows, strict=True)
-    told = [numbers([fmean(v), stdev(v) if len(v) > 1 else 0.0, min(v), max(v)]) for v in values]
+    cells = [numbers([fmean(v), stdev(v) if len(v) > 1 else 0.0, min(v), max(v)]) for v in values]
     headings = ("mean", "sd", "least", "most")
-    columns = zip(headings, zip(*told, strict=True), strict=True)
+    columns = zip(headings, zip(*cells, strict=True), strict=True)
     return [Column(title, names, right=False), *(Column(*column) for column in columns)]
 
 

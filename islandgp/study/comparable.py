@@ -175,14 +175,14 @@ def _inside(arms: Sequence[Arm]) -> list[str]:
     doubts = []
     irrelevant = _irrelevant(arms)
     for arm in arms:
-        told = irrelevant
+        ignored = irrelevant
         mixed = {str(run.flat["supervisor.name"]) for run in arm.runs}
         if len(mixed) > 1:  # then the rest of their settings differs as well
-            told |= {"supervisor"}
+            ignored |= {"supervisor"}
             doubts.append(f"within {arm.name}: supervisor.name is {_list(mixed)}")
         for key in sorted({key for run in arm.runs for key in run.flat}):
             values = {str(run.flat.get(key)) for run in arm.runs}
-            if len(values) > 1 and _group(key) not in told:
+            if len(values) > 1 and _group(key) not in ignored:
                 doubts.append(f"within {arm.name}: {key} is {_list(values)}")
         twice = [seed for seed, n in Counter(arm.seeds).items() if n > 1]
         if twice:

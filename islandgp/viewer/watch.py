@@ -125,8 +125,8 @@ def _board(recording: Recording, tick: int) -> Text:
     wide = max(map(len, keys), default=0) + 2
     rows = []
     for (name, key), value in zip(keys.items(), recording.boards[tick], strict=True):
-        told = ("yes" if value else "no") if key.flag else f"{value:.1f}"
-        rows.append(f"{name:<{wide}}{told:>7}")
+        shown = ("yes" if value else "no") if key.flag else f"{value:.1f}"
+        rows.append(f"{name:<{wide}}{shown:>7}")
     return Text("\n".join(rows))
 
 

@@ -133,15 +133,7 @@ def curve_picture(
 ) -> Picture:
     """A number by generation: each arm's mean with a band of ±1 SD over its runs.
 
-    Args:
-        key: as `title` and `caption`, of the picture.
-        title: see there.
-        caption: see there.
-        study: whose arms are drawn.
-        of: the number of a generation.
-        label: of the y axis.
-        dress: sets what else there is to set of the axes.
-        height: in inches.
+    `of` is the number, `label` that of the y axis, and `dress` sets what else there is to set.
     """
 
     def draw(figure: Figure) -> None:
