@@ -38,6 +38,7 @@ from islandgp.study.tables.supervision import decisions_table, overhead_table
 from islandgp.supervision.state_json import title
 
 Item = Table | Picture | str  # a string is a paragraph
+Findings = Sequence[Finding]
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,9 +118,6 @@ def build(
         findings=findings,
         unseen=tuple(unseen),
     )
-
-
-Findings = Sequence[Finding]
 
 
 def _paper_s_tables(

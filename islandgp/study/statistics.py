@@ -302,13 +302,10 @@ def smallest_difference(n1: int, n2: int, level: float = LEVEL) -> Power:
     low, high = 0.0, LARGEST
     while high - low > 0.005:
         middle = (low + high) / 2
-        if _power(x, y + middle, level) < POWER:
+        tests = _stats().mannwhitneyu(x, y + middle, axis=1, method="exact")
+        if np.mean(tests.pvalue <= level) < POWER:
             low = middle
         else:
             high = middle
     superiority = float(_stats().norm.cdf(high / np.sqrt(2)))
     return Power((n1, n2), level, high, superiority, 2 * superiority - 1, least)
-
-
-def _power(x: Any, y: Any, level: float) -> float:
-    return float(np.mean(_stats().mannwhitneyu(x, y, axis=1, method="exact").pvalue <= level))
