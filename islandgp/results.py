@@ -109,15 +109,7 @@ class Results:
         return _frame("individuals", self._rows(_individuals))
 
     def _run(self, folder: RunFolder) -> dict[str, Any]:
-        config = folder.configuration()
-        with reading("a run's configuration", folder.path / "config.yaml"):
-            row = {
-                **self._labels(folder, config),
-                "name": str(config["name"]),
-                "domain": str(config["domain"]["factory"]),
-                "supervisor": str(config["supervisor"]["name"]),
-                "status": folder.status().value,
-            }
+        row = {**self._labels(folder), "status": folder.status().value}
         if not folder.finished():
             return row
         summary = folder.summary()
@@ -125,17 +117,24 @@ class Results:
 
     def _rows(self, of: Any) -> Iterator[dict[str, Any]]:
         for folder in self.folders:
-            config = folder.configuration()
-            with reading("a run's configuration", folder.path / "config.yaml"):
-                labels = self._labels(folder, config)
+            labels = self._labels(folder)
+            shared = {name: labels[name] for name in ("run", "arm", "seed")}
             for record in folder.checked_records():
                 for row in of(record):
-                    yield {**labels, **row}
+                    yield {**shared, **row}
 
-    def _labels(self, folder: RunFolder, config: Mapping[str, Any]) -> dict[str, Any]:
-        name = str(folder.path.relative_to(self.path)) if folder.path != self.path else "."
-        arm = arm_of(folder.path) or str(config["supervisor"]["name"])
-        return {"run": name, "arm": arm, "seed": int(config["seed"])}
+    def _labels(self, folder: RunFolder) -> dict[str, Any]:
+        config = folder.configuration()
+        with reading("a run's configuration", folder.path / "config.yaml"):
+            supervisor = str(config["supervisor"]["name"])
+            return {
+                "run": str(folder.path.relative_to(self.path)),
+                "arm": arm_of(folder.path) or supervisor,
+                "seed": int(config["seed"]),
+                "name": str(config["name"]),
+                "domain": str(config["domain"]["factory"]),
+                "supervisor": supervisor,
+            }
 
 
 def load(path: str | Path) -> Results:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from statistics import fmean
+from typing import TYPE_CHECKING, Final
 
 import click
 
@@ -16,7 +17,6 @@ from islandgp.errors import ConfigError, RunError
 from islandgp.evaluation.base import Job
 
 if TYPE_CHECKING:
-    from islandgp.domain import Outcome
     from islandgp.evaluation.base import Evaluator
     from islandgp.evolution.validation import Candidate
     from islandgp.records.folder import RunFolder
@@ -70,11 +70,9 @@ def command(
     from islandgp.evaluation.recorded import setting_of
 
     runs = _finished(run)
-    evaluator = Processes(setting_of(runs[0].configuration()), workers or cores())
-    try:
+    problem = setting_of(runs[0].configuration())
+    with closing(Processes(problem, workers or cores())) as evaluator:
         rows = list(_rows(runs, evaluator, tier, worlds))
-    finally:
-        evaluator.close()
     best = max((row for row in rows if row.evolved), key=lambda row: row.mean)
     if output is not None:
         write_text(output, best.tree)
@@ -114,8 +112,8 @@ def _must_be_alike(first: RunFolder, other: RunFolder) -> None:
 
 def _rows(runs: Sequence[RunFolder], evaluator: Evaluator, tier: str, worlds: int) -> Iterator[Row]:
     """The run's best robot first, then the others by falling mean in validation worlds."""
-    from islandgp.evolution.validation import validate, worlds_of
-    from islandgp.scoring.classes import Classes
+    from islandgp.evolution.validation import interval, validate, worlds_of
+    from islandgp.scoring.classes import Classes, tiers
     from islandgp.seeding import Stream
     from islandgp.study.library import yardsticks
 
@@ -140,7 +138,15 @@ def _rows(runs: Sequence[RunFolder], evaluator: Evaluator, tier: str, worlds: in
     outcomes = evaluator.evaluate([Job(tree, stage, world) for tree in trees for world in test])
     for k, (tree, (name, evolved)) in enumerate(trees.items()):
         own = outcomes[k * worlds : (k + 1) * worlds]
-        yield _row(name, tree, own, outcomes[:worlds], classes, evolved=evolved)
+        reached = [tiers(outcome, classes) for outcome in own]
+        yield Row(
+            name,
+            *interval([outcome.fitness for outcome in own]),
+            {m: fmean(m in r for r in reached) for m in classes.milestones},
+            *interval([a.fitness - b.fitness for a, b in zip(own, outcomes[:worlds], strict=True)]),
+            evolved,
+            tree,
+        )
 
 
 def _robots(run: RunFolder, classes: Classes, tier: str) -> list[Candidate]:
@@ -179,50 +185,26 @@ def _used(run: RunFolder) -> Iterator[int]:
         yield from validation["worlds"]
 
 
-def _row(
-    name: str,
-    tree: str,
-    own: list[Outcome],
-    champions: list[Outcome],
-    classes: Classes,
-    *,
-    evolved: bool,
-) -> Row:
-    from islandgp.evolution.validation import interval
-    from islandgp.scoring.classes import tiers
-
-    reached = [tiers(outcome, classes) for outcome in own]
-    return Row(
-        name,
-        *interval([outcome.fitness for outcome in own]),
-        {m: sum(m in r for r in reached) / len(own) for m in classes.milestones},
-        *interval([a.fitness - b.fitness for a, b in zip(own, champions, strict=True)]),
-        evolved,
-        tree,
-    )
-
-
-def _print(rows: list[Row], worlds: int) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    from islandgp.commands.play_command import ENDLESS
+def _print(rows: Sequence[Row], worlds: int) -> None:
+    from islandgp.commands.play_command import Column, print_table, standard_output
     from islandgp.supervision.state_json import title
 
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else ENDLESS)
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="bold")
-    table.add_column("tree")
-    reached: Mapping[str, Any] = rows[0].reached
-    for heading in ("points", "95 % interval", *map(title, reached), "to the first"):
-        table.add_column(heading, justify="right")
-    for row in rows:
-        other = f"{row.difference:+,.0f} [{row.difference_low:+,.0f}, {row.difference_high:+,.0f}]"
-        table.add_row(
-            row.name,
-            f"{row.mean:,.0f}",
-            f"[{row.low:,.0f}, {row.high:,.0f}]".replace("[", "\\["),
-            *(f"{share:.0%}" for share in row.reached.values()),
-            "" if row is rows[0] else other.replace("[", "\\["),
-        )
-    console.print(table)
+    others = [
+        f"{row.difference:+,.0f} [{row.difference_low:+,.0f}, {row.difference_high:+,.0f}]"
+        for row in rows[1:]
+    ]
+    console = standard_output()
+    print_table(
+        console,
+        [
+            Column("tree", tuple(row.name for row in rows), right=False),
+            Column("points", tuple(f"{row.mean:,.0f}" for row in rows)),
+            Column("95 % interval", tuple(f"[{row.low:,.0f}, {row.high:,.0f}]" for row in rows)),
+            *(
+                Column(title(tier), tuple(f"{row.reached[tier]:.0%}" for row in rows))
+                for tier in rows[0].reached
+            ),
+            Column("to the first", ("", *others)),
+        ],
+    )
     console.print(f"\nMeans over {worlds} test worlds, which neither trained nor chose anybody.")

@@ -44,7 +44,7 @@ def command(
     """
     limits = Limits(max_depth or 10**9, max_nodes or 10**9)
     wrong = doubtful = 0
-    told: list[dict[str, Any]] = []
+    entries: list[dict[str, Any]] = []
     for file in files:
         text, name, folder = read_text(file), called(file), folder_of(file)
         try:
@@ -53,14 +53,14 @@ def command(
         except TreeError as error:
             wrong += 1
             if as_json:
-                told.append(plain_error(error, name))
+                entries.append(plain_error(error, name))
                 continue
             message = str(error)
             click.echo(message if message.startswith(name) else f"{name}: {message}")
             continue
         doubtful += bool(found)
         if as_json:
-            told += [plain_finding(finding, text, name) for finding in found]
+            entries += [plain_finding(finding, text, name) for finding in found]
             continue
         for finding in found:
             click.echo(finding.text(text, name=name))
@@ -68,7 +68,7 @@ def command(
             how = f"{len(found)} warning{'s' * (len(found) != 1)}" if found else "no warnings"
             click.echo(f"{name}: {size(tree)} nodes, depth {depth(tree)}, {how}")
     if as_json:
-        click.echo(json.dumps(told, indent=1))
+        click.echo(json.dumps(entries, indent=1))
     sys.exit(1 if wrong or (strict and doubtful) else 0)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -15,7 +16,7 @@ from islandgp.resources import resource
 
 if TYPE_CHECKING:
     from islandgp.study.arms import Arm, Comparison
-    from islandgp.study.generalise import Control, Generalisation
+    from islandgp.study.generalise import Generalisation
     from islandgp.study.report import Report
     from islandgp.study.table import Table
     from islandgp.tracking.store import Place
@@ -111,10 +112,13 @@ def command(
     Writes one page (index.html), Markdown, CSV and figures (SVG, PNG), and keeps
     them as an MLflow run.
     """
+    from islandgp.evaluation.processes import Processes, cores
     from islandgp.study.comparable import compare_arms
+    from islandgp.study.generalise import controls as library_in_worlds
+    from islandgp.study.generalise import generalise, yardsticks
     from islandgp.study.plan import check_plan, parse_plan
     from islandgp.study.report import build
-    from islandgp.study.select import parse_arm
+    from islandgp.study.select import MLFLOW, parse_arm
     from islandgp.study.writing import write
 
     plan = parse_plan(families, primary, margins)
@@ -122,14 +126,17 @@ def command(
     wanted = [parse_arm(arm) for arm in arms]
     with TemporaryDirectory(prefix="islandgp-compare-") as scratch:
         chosen, notes = _select(wanted, runs, name, place, Path(scratch))
-    looked_in = [str(runs)] if any(not s.startswith("mlflow:") for _, s in wanted) else []
-    looked_in += [place.uri] if any(s.startswith("mlflow:") for _, s in wanted) else []
-    study = compare_arms(chosen, force=force, notes=notes, sources=looked_in)
+    fetched = [selection.startswith(MLFLOW) for _, selection in wanted]
+    sources = [*([] if all(fetched) else [str(runs)]), *([place.uri] if any(fetched) else [])]
+    study = compare_arms(chosen, force=force, notes=notes, sources=sources)
     check_plan(plan, study)
     folder = out or Path("study") / "-".join(arm.name for arm in study.arms)
     check_folder(folder)
-    unseen = _unseen(study, worlds, workers) if worlds else ()
-    report = build(study, unseen, worlds, _controls(study, workers) if controls else (), plan)
+    make = partial(Processes, workers=workers or cores())
+    unseen: tuple[Generalisation, ...] = ()
+    if worlds:
+        unseen = generalise(study, make, worlds=worlds, yardsticks=yardsticks(study))
+    report = build(study, unseen, worlds, library_in_worlds(study, make) if controls else (), plan)
     try:
         files = write(report, study, folder)
     except OSError as error:
@@ -178,27 +185,6 @@ def _select(
     return chosen, notes
 
 
-def _unseen(study: Comparison, worlds: int, workers: int) -> tuple[Generalisation, ...]:
-    """Each champion, and the yardsticks, on worlds that no run has seen."""
-    from islandgp.evaluation.processes import Processes, cores
-    from islandgp.study.generalise import generalise, yardsticks
-
-    return generalise(
-        study,
-        lambda setting: Processes(setting, workers or cores()),
-        worlds=worlds,
-        yardsticks=yardsticks(study),
-    )
-
-
-def _controls(study: Comparison, workers: int) -> tuple[Control, ...]:
-    """The library's trees in the worlds of the runs; none where the domain is not installed."""
-    from islandgp.evaluation.processes import Processes, cores
-    from islandgp.study.generalise import controls
-
-    return controls(study, lambda problem: Processes(problem, workers or cores()))
-
-
 def _results(report: Report) -> list[str]:
     """The primary endpoint, the claims and further questions in lines for a terminal.
 
@@ -231,7 +217,7 @@ def _tests(report: Report) -> Iterator[str]:
     mine = [f for f in report.findings if f.family == report.findings[0].family]
     yield from ("", f"{mine[0].arms[0]} minus {mine[0].arms[1]}")
     for f in mine:
-        _, difference, _ = estimate_cells(f)
+        difference = dict(estimate_cells(f))["difference [95 %]"]
         yield f"  {f.measure.label:<47} {difference:>28}  p BH {f.p_bh:.3f}  {found(f, None)}"
 
 

@@ -12,7 +12,7 @@ import click
 from islandgp.commands.files import FOLDER, unusable
 from islandgp.errors import StudyError
 from islandgp.records.folder import RunFolder
-from islandgp.study.distill import Case, Shape, distil, told
+from islandgp.study.distill import Case, Shape, distil, report_lines
 from islandgp.supervision.distilled import NAME, features, rules
 
 
@@ -60,7 +60,7 @@ def command(runs: tuple[Path, ...], out: Path, depth: int, cases: int) -> None:
         (out / "rules.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
     except OSError as error:
         raise unusable(out, error) from error
-    for line in told(policy):
+    for line in report_lines(policy):
         click.echo(line)
     click.echo(f"The policy: {file}; in words: {out / 'rules.txt'}")
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import reduce
+from operator import add
 from pathlib import Path
 
 import click
@@ -41,21 +43,19 @@ def command(overrides: tuple[str, ...], record: Path | None) -> None:
         sorted({f"{settings.facts.characters:g}" for settings, *_ in jobs}, reverse=True)
     )
     click.echo(f"Supervision by {models}, {prices}.\n")
-    rows: list[tuple[str, Callable[[Job], Bill]]] = [
-        (f"expected, {characters} characters a token, {ANSWER} tokens an answer", _of(expected)),
-        ("at most: failures, repairs and the longest answers", _of(at_most)),
+    rows: list[tuple[str, Callable[[LLMSettings, RunContext, int], Bill]]] = [
+        (f"expected, {characters} characters a token, {ANSWER} tokens an answer", expected),
+        ("at most: failures, repairs and the longest answers", at_most),
     ]
     if record is not None:
         found = Transcript(find_transcript(record))
         rows.insert(
-            1, ("as measured in the record", lambda job: as_recorded(*job[:2], found, job[2]))
+            1,
+            ("as measured in the record", lambda s, setup, lag: as_recorded(s, setup, found, lag)),
         )
     for name, bill in rows:
         click.echo(f"{name}:")
-        bills = [bill(job) for job in jobs]
-        total = bills[0]
-        for one in bills[1:]:
-            total += one
+        total = reduce(add, (bill(*job) for job in jobs))
         lines = [HEAD, _row("a run" if len(jobs) == 1 else "a run, mean", total, len(jobs))]
         if len(jobs) > 1:
             lines.append(_row(f"all {len(jobs)} runs", total, 1))
@@ -66,10 +66,6 @@ def command(overrides: tuple[str, ...], record: Path | None) -> None:
         click.echo("No price is known for some model; add it to supervisor.policy.prices.models.")
     if free:
         click.echo(f"{free} other runs ask no language model.")
-
-
-def _of(estimate: Callable[[LLMSettings, RunContext, int], Bill]) -> Callable[[Job], Bill]:
-    return lambda job: estimate(*job)
 
 
 def _row(name: str, bill: Bill, runs: int) -> tuple[str, ...]:

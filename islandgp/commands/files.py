@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable
 from errno import EACCES, ENOENT
 from pathlib import Path
 from typing import Any, Final
@@ -23,32 +24,19 @@ FILE: Final = click.Path(exists=True, dir_okay=False, allow_dash=True)
 """An argument that names a file; `-` is the standard input."""
 
 
-class _Output(click.Path):
-    """A file to be written. Raises IslandError where it cannot be, before any work is done."""
+class _Checked(click.Path):
+    """A place to write to; `check` raises IslandError where that cannot be, before any work."""
+
+    def __init__(self, check: Callable[[Path], None], **options: Any) -> None:
+        super().__init__(**options)
+        self.check = check
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The file, as `click.Path` has it."""
+        """The place, as `click.Path` has it."""
         found = super().convert(value, param, ctx)
         if found != STDIN:
-            _check_file(Path(os.fsdecode(found)))
+            self.check(Path(os.fsdecode(found)))
         return found
-
-
-class _Folder(click.Path):
-    """A folder to write files into. Raises IslandError where none can be made, as `_Output`."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The folder, as `click.Path` has it."""
-        found = super().convert(value, param, ctx)
-        check_folder(Path(os.fsdecode(found)))
-        return found
-
-
-OUTPUT: Final = _Output(dir_okay=False, allow_dash=True)
-"""An option that names a file to be written; `-` is the standard output."""
-
-FOLDER: Final = _Folder(path_type=Path)
-"""An option that names a folder for files to be written, which is made where it is not there."""
 
 
 def _check_file(file: Path) -> None:
@@ -79,6 +67,13 @@ def check_folder(folder: Path) -> None:
         must_take_files(folder)
     except OSError as error:
         raise unusable(folder, error) from None
+
+
+OUTPUT: Final = _Checked(_check_file, dir_okay=False, allow_dash=True)
+"""An option that names a file to be written; `-` is the standard output."""
+
+FOLDER: Final = _Checked(check_folder, path_type=Path)
+"""An option that names a folder for files to be written, which is made where it is not there."""
 
 
 def unusable(folder: Path, error: OSError) -> IslandError:

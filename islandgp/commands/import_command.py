@@ -57,15 +57,15 @@ def command(
         found = Imported(read, (), to_text(read))
     else:
         found = read_tree(text, vocabulary, name=name, tree=identity)
-    told = [
+    losses = [
         f"{name}:{line}:{column}: not the same ({loss.about}): there, {loss.message}"
         for line, column, loss in found.differences
     ]
-    if strict and told:
-        raise TreeError("\n".join([*told, "Nothing is written; leave out --strict to take it."]))
+    if strict and losses:
+        raise TreeError("\n".join([*losses, "Nothing is written; leave out --strict to take it."]))
     named = vocabulary.domain not in (default_domain(), UNNAMED)
     write_text(
         output, (f"domain {vocabulary.domain}\n\n" if named else "") + format_text(found.text)
     )
-    for line in told:
+    for line in losses:
         click.echo(line, err=True)

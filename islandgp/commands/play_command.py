@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from math import isfinite
 from statistics import fmean, stdev
@@ -30,6 +31,9 @@ if TYPE_CHECKING:
 
     from islandgp.config.settings import Settings
     from islandgp.domain import Outcome, Schema
+
+Named = Iterable[tuple[str, Sequence[float]]]
+"""Values by name, one in each world."""
 
 GAP: Final = 2  # letters between two columns
 ENDLESS: Final = 100_000  # letters of a line where the output is a file or a pipe
@@ -67,16 +71,16 @@ def command(
     """
     if watch and len(files) > 1:
         raise click.UsageError(f"expected one FILE for --watch, found {len(files)}")
-    tree, settings, setting = tree_in_domain(files[0], chosen)
+    tree, settings, problem = tree_in_domain(files[0], chosen)
     index = stage_index(settings, stage)
     if watch:
         from islandgp.viewer.recording import record
         from islandgp.viewer.watch import watch as show
 
-        recording = record(tree, setting, seed=seed, stage=index)
+        recording = record(tree, problem, seed=seed, stage=index)
         show(recording, speed=speed or 10.0, pause=time.sleep if speed else lambda _: None)
         return
-    words = setting.domain.schema.vocabulary
+    words = problem.domain.schema.vocabulary
     others = [
         parse(read_text(file), words, name=called(file), folder=folder_of(file))
         for file in files[1:]
@@ -87,8 +91,8 @@ def command(
         names = [called(file) for file in files]
         if as_json:
             rows = [_compared(own, points[0]) for own in points]
-            told = [{"file": name, **row} for name, row in zip(names, rows, strict=True)]
-            click.echo(json.dumps(told, indent=2))
+            named = [{"file": name, **row} for name, row in zip(names, rows, strict=True)]
+            click.echo(json.dumps(named, indent=2))
         else:
             _print_comparison(names, points)
         return
@@ -96,7 +100,7 @@ def command(
     if as_json:
         click.echo(json.dumps([_plain(outcome) for outcome in outcomes], indent=2))
         return
-    _print(outcomes, setting.domain.schema, settings, index)
+    _print(outcomes, problem.domain.schema, settings, index)
 
 
 def _compared(own: Sequence[float], first: Sequence[float]) -> dict[str, float]:
@@ -125,13 +129,13 @@ def _print_comparison(names: Sequence[str], points: Sequence[Sequence[float]]) -
         ),
         Column("better in", ("", *better[1:])),
     ]
-    console = _console()
+    console = standard_output()
     if width_of(columns) > console.width:
         for number, name in enumerate(names, 1):
             console.print(f"tree {number}: {name}")
         console.print()
         columns[0] = Column("tree", tuple(str(number) for number in range(1, len(names) + 1)))
-    _print_table(console, columns)
+    print_table(console, columns)
     if worlds > 1:
         console.print(
             f"\nMeans over the worlds 0 to {worlds - 1}; differences are to the first tree in the"
@@ -174,21 +178,18 @@ def _outcomes(tree: Node, settings: Settings, seeds: int, stage: int) -> list[Ou
             {"factory": "islandgp.evaluation.serial:Serial", "cache": False, "policy": {}}
         )
         settings = settings.model_copy(update={"evaluator": serial})
-    evaluator = make_evaluator(settings)
     outcomes: list[Outcome] = []
     console = Console(stderr=True)
-    try:
-        with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
-            task = bar.add_task("episodes", total=seeds)
-            for start in range(0, seeds, 16):
-                outcomes += evaluator.evaluate(jobs[start : start + 16])
-                bar.update(task, completed=len(outcomes))
-    finally:
-        evaluator.close()
+    bar = Progress(console=console, disable=not console.is_terminal, transient=True)
+    with closing(make_evaluator(settings)) as evaluator, bar:
+        task = bar.add_task("episodes", total=seeds)
+        for start in range(0, seeds, 16):
+            outcomes += evaluator.evaluate(jobs[start : start + 16])
+            bar.update(task, completed=len(outcomes))
     return outcomes
 
 
-def _console() -> Console:
+def standard_output() -> Console:
     """The standard output: as wide as the terminal, or endless where it is none."""
     from rich.console import Console
 
@@ -198,16 +199,16 @@ def _console() -> Console:
 def _print(outcomes: Sequence[Outcome], schema: Schema, settings: Settings, stage: int) -> None:
     from islandgp.scoring.classes import tiers
 
-    console = _console()
+    console = standard_output()
     columns, left_out = fitting(_columns(outcomes, schema, settings), console.width)
-    _print_table(console, columns)
+    print_table(console, columns)
     if left_out:
         console.print(f"Not shown, for want of room: {', '.join(left_out)}.", style="dim")
     console.print()
-    _print_table(console, _summary(f"points, stage {stage + 1}", _points(outcomes)))
+    print_table(console, _summary(f"points, stage {stage + 1}", _points(outcomes)))
     if schema.counters:
         console.print()
-        _print_table(console, _summary("counters", _counts(outcomes, schema)))
+        print_table(console, _summary("counters", _counts(outcomes, schema)))
     console.print()
     reached = [tiers(outcome, settings.classes) for outcome in outcomes]
     counts = [f"{tier} {sum(tier in r for r in reached)}" for tier in settings.classes.tiers]
@@ -239,8 +240,8 @@ def _columns(outcomes: Sequence[Outcome], schema: Schema, settings: Settings) ->
         Column("world", tuple(map(str, range(len(outcomes))))),
         Column("fitness", tuple(numbers([outcome.fitness for outcome in outcomes]))),
         *(
-            Column(_heading(name, schema), tuple(numbers(values)), must=False)
-            for name, values in _by_name(outcomes, schema).items()
+            Column(name, tuple(numbers(values)), must=False)
+            for name, values in _counts(outcomes, schema)
         ),
         Column("seconds", tuple(numbers([outcome.seconds for outcome in outcomes]))),
         Column("ended by", tuple(", ".join(o.endings) for o in outcomes), right=False),
@@ -286,47 +287,35 @@ def numbers(values: Sequence[float]) -> list[str]:
     """Numbers of one kind with the same digits: none behind the point if all of them are whole."""
     from islandgp.viewer.recording import digits
 
-    told = [value for value in values if isfinite(value)]
-    places = 0 if all(value == int(value) for value in told) else digits(told)
+    finite = [value for value in values if isfinite(value)]
+    places = 0 if all(value == int(value) for value in finite) else digits(finite)
     return [f"{value:,.{places}f}" for value in values]
 
 
-def _heading(name: str, schema: Schema) -> str:
-    counter = schema.counters[name]
-    unit = f" {counter.unit}" if counter.unit else ""
-    return f"{counter.heading or name}{unit}"
+def _points(outcomes: Sequence[Outcome]) -> Named:
+    """The points of each component in the worlds, and their sum."""
+    for name in outcomes[0].components:
+        yield name, [outcome.components[name] for outcome in outcomes]
+    yield "fitness", [outcome.fitness for outcome in outcomes]
 
 
-def _by_name(outcomes: Sequence[Outcome], schema: Schema) -> dict[str, list[float]]:
-    """The values of each counter in the worlds."""
-    return {name: [outcome.counters[name] for outcome in outcomes] for name in schema.counters}
+def _counts(outcomes: Sequence[Outcome], schema: Schema) -> Named:
+    """The values of each counter in the worlds, by its heading."""
+    for name, counter in schema.counters.items():
+        unit = f" {counter.unit}" if counter.unit else ""
+        yield f"{counter.heading or name}{unit}", [outcome.counters[name] for outcome in outcomes]
 
 
-def _points(outcomes: Sequence[Outcome]) -> dict[str, list[float]]:
-    names = outcomes[0].components
-    points = {name: [outcome.components[name] for outcome in outcomes] for name in names}
-    return {**points, "fitness": [outcome.fitness for outcome in outcomes]}
-
-
-def _counts(outcomes: Sequence[Outcome], schema: Schema) -> dict[str, list[float]]:
-    return {_heading(n, schema): values for n, values in _by_name(outcomes, schema).items()}
-
-
-def _summary(title: str, rows: dict[str, list[float]]) -> list[Column]:
+def _summary(title: str, rows: Named) -> list[Column]:
     """Mean and spread over the worlds, a row for each name."""
-    told = [
-        numbers([fmean(v), stdev(v) if len(v) > 1 else 0.0, min(v), max(v)]) for v in rows.values()
-    ]
-    return [
-        Column(title, tuple(rows), right=False),
-        *(
-            Column(heading, tuple(row[i] for row in told))
-            for i, heading in enumerate(("mean", "sd", "least", "most"))
-        ),
-    ]
+    names, values = zip(*rows, strict=True)
+    cells = [numbers([fmean(v), stdev(v) if len(v) > 1 else 0.0, min(v), max(v)]) for v in values]
+    headings = ("mean", "sd", "least", "most")
+    columns = zip(headings, zip(*cells, strict=True), strict=True)
+    return [Column(title, names, right=False), *(Column(*column) for column in columns)]
 
 
-def _print_table(console: Console, columns: Sequence[Column]) -> None:
+def print_table(console: Console, columns: Sequence[Column]) -> None:
     """A table in as many parts as the console's width asks for, an empty line between two."""
     from rich.table import Table
 

@@ -33,9 +33,9 @@ def command(
     """
     from islandgp.viewer.page import replay_page
 
-    tree, settings, setting = tree_in_domain(file, chosen)
+    tree, settings, problem = tree_in_domain(file, chosen)
     name = title or Path(called(file)).stem
-    text = replay_page(tree, setting, seed, stage_index(settings, stage), name)
+    text = replay_page(tree, problem, seed, stage_index(settings, stage), name)
     write_text(output, text)
     if output != STDIN:
         click.echo(f"{output}: {len(text.encode()) / 1000:.0f} kB", err=True)

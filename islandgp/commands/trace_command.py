@@ -41,8 +41,8 @@ def command(
     from islandgp.viewer.recording import record
     from islandgp.viewer.trace import components, courses, drawn, timeline
 
-    tree, settings, setting = tree_in_domain(file, chosen)
-    recording = record(tree, setting, seed=seed, stage=stage_index(settings, stage))
+    tree, settings, problem = tree_in_domain(file, chosen)
+    recording = record(tree, problem, seed=seed, stage=stage_index(settings, stage))
     console = Console(soft_wrap=True, highlight=False)
     outcome = recording.outcome
     console.print(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import closing
 from importlib.util import find_spec
 from pathlib import Path
 from statistics import fmean
@@ -71,58 +71,62 @@ def command(
     if find_spec("optuna") is None:
         raise ConfigError("Expected Optuna, found it not installed; pip install 'islandgp[optuna]'")
     from islandgp.evolution.validation import worlds_of
-    from islandgp.running.tuning import choices, choose
+    from islandgp.running.run import make_evaluator
+    from islandgp.running.tuning import choose
     from islandgp.seeding import Stream
 
     text, name, folder = read_text(file), called(file), folder_of(file)
     settings = settings_of(text, chosen, name=name)
     index = stage_index(settings, stage)
-    words = settings.problem().domain.schema.vocabulary
-    parse(text, words, name=name, folder=folder)
-    found = numbers_of(text, words, name=name, folder=folder)
-    allowed = [choices(number, words, settings.gp.trees.repeats) for number in found]
-    pairs = [(n, values) for n, values in zip(found, allowed, strict=True) if len(values) > 1]
-    if not pairs:
+    ranges = _ranges(text, name, folder, settings)
+    if not ranges:
         click.echo(f"{name}: there is no number to tune.", err=True)
         write_text(output, text)
         return
-    if len(pairs) > MOST:
-        raise IslandError(
-            f"{name}: expected at most {MOST} numbers to tune, found {len(pairs)}; give those that"
-            " belong together one name: constant NAME = NUMBER."
-        )
     tuning = worlds_of(seed, frozenset(), worlds, Stream.TUNING)
     choosing = worlds_of(seed, frozenset(tuning), worlds, Stream.VALIDATION)
     telling = worlds_of(seed, frozenset((*tuning, *choosing)), worlds, Stream.TEST)
-    tree = _Tree(text, [number for number, _ in pairs], name, folder)
-    ranges = [values for _, values in pairs]
-    standing, stopped = _raced(tree, ranges, tuning, settings, index, trials, seed)
+    tree = _Tree(text, [number for number, _ in ranges], name, folder)
+    allowed = [values for _, values in ranges]
+    standing, stopped = _raced(tree, allowed, tuning, settings, index, trials, seed)
     best = standing.finalists[0]
     finalists = tuple(dict.fromkeys((tree.written, *standing.finalists)))
     try:
-        with _evaluator(settings) as evaluator:
+        with closing(make_evaluator(settings)) as evaluator:
             best = choose(tree.canonical, finalists, choosing, evaluator, index)
     except KeyboardInterrupt:
         stopped = True
     write_text(output, tree.text(best))
     _tell_race(standing, worlds, tree.numbers, best)
     if best != tree.written:
-        with _evaluator(settings) as evaluator:
+        with closing(make_evaluator(settings)) as evaluator:
             _tell_worth(tree, best, telling, evaluator, index)
     if stopped:
         raise click.Abort
 
 
-@contextmanager
-def _evaluator(settings: Settings) -> Iterator[Evaluator]:
-    """The evaluator that the settings choose; one whose work was interrupted is not used again."""
-    from islandgp.running.run import make_evaluator
+def _ranges(
+    text: str, name: str, folder: Path, settings: Settings
+) -> list[tuple[Number, tuple[float, ...]]]:
+    """The numbers of a tree that can be another one, each with the values that it may have.
 
-    evaluator = make_evaluator(settings)
-    try:
-        yield evaluator
-    finally:
-        evaluator.close()
+    Raises:
+        TreeError: the text is no tree of the domain.
+        IslandError: there are more of them than MOST.
+    """
+    from islandgp.running.tuning import choices
+
+    words = settings.problem().domain.schema.vocabulary
+    parse(text, words, name=name, folder=folder)
+    numbers = numbers_of(text, words, name=name, folder=folder)
+    ranges = [(number, choices(number, words, settings.gp.trees.repeats)) for number in numbers]
+    found = [(number, values) for number, values in ranges if len(values) > 1]
+    if len(found) > MOST:
+        raise IslandError(
+            f"{name}: expected at most {MOST} numbers to tune, found {len(found)}; give those that"
+            " belong together one name: constant NAME = NUMBER."
+        )
+    return found
 
 
 class _Tree:
@@ -159,6 +163,7 @@ def _raced(
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
+    from islandgp.running.run import make_evaluator
     from islandgp.running.tuning import race
 
     standing: RaceState | None = None
@@ -166,7 +171,7 @@ def _raced(
     columns = (BarColumn(20), MofNCompleteColumn(), TextColumn("{task.description}"))
     progress = Progress(*columns, console=console, disable=not console.is_terminal, transient=True)
     try:
-        with _evaluator(settings) as evaluator, progress as bar:
+        with closing(make_evaluator(settings)) as evaluator, progress as bar:
             task = bar.add_task("trials", total=trials)
             for standing in race(
                 tree.canonical,

@@ -11,7 +11,7 @@ from typing import Any, Final
 from islandgp.errors import StudyError
 from islandgp.records.parameters import machinery
 from islandgp.study.arms import Arm, Comparison, Run, cut
-from islandgp.study.paper import Paper, paper_of
+from islandgp.study.paper import paper_of
 from islandgp.study.select import Selection, in_short, parse_selection
 
 STUDIED: Final = frozenset({"supervisor"})
@@ -51,28 +51,30 @@ def compare_arms(
     _check_names(arms)
     _check_vocabulary(arms)
     selections = [parse_selection(arm.selection) for arm in arms]
-    doubts = [*_inside(arms), *_between(arms, selections), *_seeds(arms)]
+    asked: list[str] = []  # differences that the selections ask for
+    doubts = _inside(arms)
+    for key, values in _differences(arms):
+        if _may_differ(key, selections):
+            asked.append(f"The arms differ in {key}: {values}.")
+        else:
+            doubts.append(f"{key} differs: {values}")
+    doubts += _seeds(arms)
     if doubts and not force:
         raise StudyError(
             "Expected arms that differ only in what is studied, found:\n  "
             + "\n  ".join(doubts)
             + "\nSelect other runs, or say --force: the report then lists these differences."
         )
+    papers = [paper_of(run.config) for arm in arms for run in arm.runs]
     horizon = min(arm.generations for arm in arms)
     whole = tuple(replace(a, runs=tuple(cut(run, horizon) for run in a.runs)) for a in arms)
     return Comparison(
         arms=whole,
         doubts=tuple(doubts),
-        notes=(*_declared(arms, selections), *_cuts(arms), *_alike(whole), *notes),
+        notes=(*asked, *_cuts(arms), *_alike(whole), *notes),
         sources=tuple(sources),
-        paper=_paper(arms),
+        paper=papers[0] if all(paper == papers[0] for paper in papers) else None,
     )
-
-
-def _paper(arms: Sequence[Arm]) -> Paper | None:
-    """The published figures that belong beside every run; None: not beside all of them."""
-    found = [paper_of(run.config) for arm in arms for run in arm.runs]
-    return found[0] if all(paper == found[0] for paper in found) else None
 
 
 def _alike(arms: Sequence[Arm]) -> Iterator[str]:
@@ -173,14 +175,14 @@ def _inside(arms: Sequence[Arm]) -> list[str]:
     doubts = []
     irrelevant = _irrelevant(arms)
     for arm in arms:
-        told = irrelevant
+        ignored = irrelevant
         mixed = {str(run.flat["supervisor.name"]) for run in arm.runs}
         if len(mixed) > 1:  # then the rest of their settings differs as well
-            told |= {"supervisor"}
+            ignored |= {"supervisor"}
             doubts.append(f"within {arm.name}: supervisor.name is {_list(mixed)}")
         for key in sorted({key for run in arm.runs for key in run.flat}):
             values = {str(run.flat.get(key)) for run in arm.runs}
-            if len(values) > 1 and _group(key) not in told:
+            if len(values) > 1 and _group(key) not in ignored:
                 doubts.append(f"within {arm.name}: {key} is {_list(values)}")
         twice = [seed for seed, n in Counter(arm.seeds).items() if n > 1]
         if twice:
@@ -189,24 +191,6 @@ def _inside(arms: Sequence[Arm]) -> list[str]:
                 " name=... selects one sweep"
             )
     return doubts
-
-
-def _between(arms: Sequence[Arm], selections: Sequence[Selection]) -> list[str]:
-    """Differences between arms that the selections do not ask for."""
-    return [
-        f"{key} differs: {values}"
-        for key, values in _differences(arms)
-        if not _may_differ(key, selections)
-    ]
-
-
-def _declared(arms: Sequence[Arm], selections: Sequence[Selection]) -> list[str]:
-    """Differences that the selections ask for."""
-    return [
-        f"The arms differ in {key}: {values}."
-        for key, values in _differences(arms)
-        if _may_differ(key, selections)
-    ]
 
 
 def _differences(arms: Sequence[Arm]) -> list[tuple[str, str]]:

@@ -11,14 +11,14 @@ from islandgp.study.arms import Comparison
 from islandgp.study.emergence import quantile
 from islandgp.study.findings import Finding
 from islandgp.study.generalise import Generalisation
-from islandgp.study.measures import FURTHER, main_family, overhead
+from islandgp.study.measures import all_measures, overhead
 from islandgp.study.statistics import mean_sd
 from islandgp.study.table import to_csv
 
 
 def runs_csv(study: Comparison) -> str:
     """Every run's measures; an empty cell is a tier that never emerged."""
-    measures = (*main_family(study.milestones), *FURTHER)
+    measures = all_measures(study)
     rows = []
     for arm in study.arms:
         for run in arm.runs:
@@ -37,15 +37,8 @@ def champions_csv(found: Sequence[Generalisation]) -> str:
     rows = []
     for g in found:
         if g.seed is not None:
-            row: list[object] = [
-                g.arm,
-                g.seed,
-                g.trained,
-                g.worlds,
-                g.unseen,
-                g.worst,
-                *g.reached.values(),
-            ]
+            plain = (g.arm, g.seed, g.trained, g.worlds, g.unseen, g.worst)
+            row: list[object] = [*plain, *g.reached.values()]
             for y in yardsticks:
                 d = g.minus(y)
                 row += map(_known, (d.estimate, d.low, d.high))
@@ -64,12 +57,11 @@ def tests_csv(findings: Sequence[Finding]) -> str:
 
 def _row(f: Finding) -> dict[str, object]:
     t, p, shift = f.rank, f.paired, f.shift
-    known = [[v for v in sample if v is not None] for sample in f.samples]
-    left = [len(sample) - len(values) for sample, values in zip(f.samples, known, strict=True)]
-    means: list[tuple[float | None, float | None]] = []
-    for values, censored in zip(known, left, strict=True):
-        mean, sd = (None, None) if censored else map(_known, mean_sd(values))
-        means.append((mean, sd))
+    left = [sample.count(None) for sample in f.samples]
+    means = [
+        (None, None) if censored else tuple(map(_known, mean_sd(values)))
+        for values, censored in zip(f.numbers, left, strict=True)
+    ]
     without = map(fmean, f.numbers) if f.measure.emergence else (None, None)
     return {
         "first": f.arms[0],

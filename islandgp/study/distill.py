@@ -104,32 +104,30 @@ def _fit_targets(cases: Sequence[Case], shape: Shape) -> Rule:
 
     found = _targets(cases)
     names = sorted({target for _, target in found})
-    tree = DecisionTreeClassifier(
-        max_depth=shape.depth, min_samples_leaf=shape.cases, random_state=0
-    )
-    tree.fit(_table(found), [names.index(target) for _, target in found])
-    known = [names[i] for i in tree.classes_]
-    return _rule(tree.tree_, _features(found), lambda counts: known[int(counts[0].argmax())])
+    places = [names.index(target) for _, target in found]  # all of them occur
+    return _fit(DecisionTreeClassifier, shape, found, places, lambda n: names[int(n[0].argmax())])
 
 
 def _fit_rates(cases: Sequence[Case], shape: Shape) -> Rule:
     from sklearn.tree import DecisionTreeRegressor
 
     found = _rates(cases)
-    tree = DecisionTreeRegressor(
-        max_depth=shape.depth, min_samples_leaf=shape.cases, random_state=0
-    )
-    tree.fit(_table(found), [rate for _, rate in found])
-    return _rule(tree.tree_, _features(found), lambda mean: round(float(mean[0][0]), 6))
+    rates = [rate for _, rate in found]
+    return _fit(DecisionTreeRegressor, shape, found, rates, lambda n: round(float(n[0][0]), 6))
 
 
-def _features(found: Sequence[tuple[Case, Any]]) -> list[str]:
-    return list(found[0][0].known)
-
-
-def _table(found: Sequence[tuple[Case, Any]]) -> list[list[float]]:
-    names = _features(found)
-    return [[case.known[name] for name in names] for case, _ in found]
+def _fit(
+    kind: Any,
+    shape: Shape,
+    found: Sequence[tuple[Case, Any]],
+    answers: Sequence[float],
+    answer: Any,
+) -> Rule:
+    """A tree of scikit-learn's `kind` as a rule; `answer` makes an answer of a leaf's value."""
+    names = list(found[0][0].known)
+    tree = kind(max_depth=shape.depth, min_samples_leaf=shape.cases, random_state=0)
+    tree.fit([[case.known[name] for name in names] for case, _ in found], answers)
+    return _rule(tree.tree_, names, answer)
 
 
 def _rule(tree: Any, names: Sequence[str], answer: Any, place: int = 0) -> Rule:
@@ -145,7 +143,7 @@ def _rule(tree: Any, names: Sequence[str], answer: Any, place: int = 0) -> Rule:
     return Question(feature=feature, at_most=at_most, yes=yes, no=no)
 
 
-def told(policy: Policy) -> Iterator[str]:
+def report_lines(policy: Policy) -> Iterator[str]:
     """The report in lines for people."""
     r = policy.report
     yield f"Teacher: {policy.teacher}, {r['runs']:.0f} runs; each was held back once."

@@ -9,7 +9,7 @@ from math import inf, nan
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.comparable import paired
 from islandgp.study.emergence import ranks
-from islandgp.study.measures import Measure, values
+from islandgp.study.measures import Measure
 from islandgp.study.plan import Family
 from islandgp.study.statistics import (
     ENUMERATED,
@@ -102,23 +102,20 @@ def examine_all(
     does not ask for are adjusted among themselves.
     """
     arms = {arm.name: arm for arm in study.arms}
+
+    def compared(a: Arm, b: Arm, measure: Measure) -> Finding:
+        samples = tuple(map(measure.of, a.runs)), tuple(map(measure.of, b.runs))
+        names = a.name, b.name
+        return examine(measure, names, samples, study.generations, in_pairs=paired(a, b))
+
     found: list[Finding] = []
     for family in families:
         asked = [m for m in measures if m.key in family.measures]
         further = [m for m in measures if m.key not in family.measures]
         for name, group in ((family.name, asked), (f"{family.name}, further", further)):
-            examined = [
-                _between(arms[a], arms[b], m, study.generations)
-                for a, b in family.pairs
-                for m in group
-            ]
+            examined = [compared(arms[a], arms[b], m) for a, b in family.pairs for m in group]
             found += adjust(examined, name)
     return tuple(found)
-
-
-def _between(a: Arm, b: Arm, measure: Measure, generations: int) -> Finding:
-    samples = values(measure, a.runs), values(measure, b.runs)
-    return examine(measure, (a.name, b.name), samples, generations, in_pairs=paired(a, b))
 
 
 def examine(

@@ -10,7 +10,8 @@ adds is the difference of a run's highest fitness to the best of these trees.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import count, islice
 from statistics import fmean
@@ -22,7 +23,7 @@ from islandgp.domain import Outcome
 from islandgp.errors import RunError, StudyError
 from islandgp.evaluation.base import Evaluator, Job, Problem
 from islandgp.evaluation.recorded import setting_of
-from islandgp.scoring.classes import Classes, tiers
+from islandgp.scoring.classes import tiers
 from islandgp.seeding import Stream, stream
 from islandgp.study import library
 from islandgp.study.arms import Comparison, Run
@@ -110,33 +111,39 @@ def generalise(
         EvaluationError: an episode cannot be run.
         StudyError: the domain's class cannot be imported.
     """
-    setting = problem_of(study.arms[0].runs[0])
+    problem = problem_of(study.arms[0].runs[0])
     seeds = unseen_worlds(study, max(worlds, yardstick_worlds))
-    stage = len(setting.curriculum.stages) - 1
-    trees: list[tuple[str, int | None, float | None, list[Job]]] = [
-        (
-            arm.name,
-            run.seed,
-            run.champion.record.fitness,
-            [Job(run.champion.record.tree, stage, seed) for seed in seeds[:worlds]],
-        )
-        for arm in study.arms
-        for run in arm.runs
-    ]
-    trees += [
-        (name, None, None, [Job(text, stage, seed) for seed in seeds])
+    stage = len(problem.curriculum.stages) - 1
+    runs = [(arm.name, run) for arm in study.arms for run in arm.runs]
+    champions = [(name, run.seed, run.champion.record) for name, run in runs]
+    trees = [
+        (name, seed, record.fitness, [Job(record.tree, stage, world) for world in seeds[:worlds]])
+        for name, seed, record in champions
+    ] + [
+        (name, None, None, [Job(text, stage, world) for world in seeds])
         for name, text in yardsticks.items()
     ]
-    evaluator = make(setting)
-    try:
-        jobs = list(dict.fromkeys(job for *_, mine in trees for job in mine))
-        outcomes = dict(zip(jobs, evaluator.evaluate(jobs), strict=True))
-    finally:
-        evaluator.close()
-    return tuple(
-        _summary(arm, seed, trained, [outcomes[job] for job in mine], study.classes)
-        for arm, seed, trained, mine in trees
-    )
+    outcomes = _outcomes(make(problem), (job for *_, mine in trees for job in mine))
+    found = []
+    for name, seed, trained, mine in trees:
+        reached = [tiers(outcomes[job], study.classes) for job in mine]
+        found.append(
+            Generalisation(
+                arm=name,
+                seed=seed,
+                trained=trained,
+                points=tuple(outcomes[job].fitness for job in mine),
+                reached={m: fmean(m in t for t in reached) for m in study.milestones},
+            )
+        )
+    return tuple(found)
+
+
+def _outcomes(evaluator: Evaluator, jobs: Iterable[Job]) -> dict[Job, Outcome]:
+    """The outcome of each job, of which many can be the same."""
+    with closing(evaluator):
+        wanted = list(dict.fromkeys(jobs))
+        return dict(zip(wanted, evaluator.evaluate(wanted), strict=True))
 
 
 def problem_of(run: Run) -> Problem:
@@ -151,23 +158,6 @@ def problem_of(run: Run) -> Problem:
             f" {found}; install it, or leave the unseen worlds out with"
             " --worlds 0."
         ) from error
-
-
-def _summary(
-    arm: str,
-    seed: int | None,
-    trained: float | None,
-    outcomes: Sequence[Outcome],
-    classes: Classes,
-) -> Generalisation:
-    found = [tiers(o, classes) for o in outcomes]
-    return Generalisation(
-        arm=arm,
-        seed=seed,
-        trained=trained,
-        points=tuple(o.fitness for o in outcomes),
-        reached={name: fmean(name in t for t in found) for name in classes.milestones},
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,24 +183,16 @@ def controls(study: Comparison, make: Callable[[Problem], Evaluator]) -> tuple[C
         trees.setdefault(text, (name, False))
     places = {run.seed: [(r.snapshot.stage, r.worlds[0]) for r in run.records] for run in runs}
     jobs = {
-        text: [Job(text, stage, world) for row in places.values() for stage, world in row]
+        text: {seed: [Job(text, *place) for place in row] for seed, row in places.items()}
         for text in trees
     }
-    evaluator = make(problem_of(runs[0]))
-    try:
-        wanted = list(dict.fromkeys(job for mine in jobs.values() for job in mine))
-        outcomes = evaluator.evaluate(wanted)
-    finally:
-        evaluator.close()
-    points = {job: o.fitness for job, o in zip(wanted, outcomes, strict=True)}
+    wanted = (job for own in jobs.values() for row in own.values() for job in row)
+    outcomes = _outcomes(make(problem_of(runs[0])), wanted)
     return tuple(
         Control(
             name,
             given,
-            {
-                seed: tuple(points[Job(text, stage, world)] for stage, world in row)
-                for seed, row in places.items()
-            },
+            {seed: tuple(outcomes[job].fitness for job in row) for seed, row in jobs[text].items()},
         )
         for text, (name, given) in trees.items()
     )

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from statistics import fmean
 from typing import Final
 
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.snapshot import Snapshot
-from islandgp.study.arms import Run
+from islandgp.study.arms import Comparison, Run
 from islandgp.study.emergence import first
 from islandgp.supervision.state_json import title
 
@@ -71,32 +72,20 @@ def span_mean(run: Run, span: Span, value: Callable[[Snapshot], float]) -> float
     return fmean(inside) if inside else float("nan")
 
 
-def best(snapshot: Snapshot) -> float:
-    """Highest fitness of a generation."""
-    return snapshot.best
+best: Final[Callable[[Snapshot], float]] = attrgetter("best")  # highest fitness of a generation
+diversity: Final[Callable[[Snapshot], float]] = attrgetter("diversity")  # Eq. (3)
 
 
-def diversity(snapshot: Snapshot) -> float:
-    """Eq. (3)."""
-    return snapshot.diversity
+def _by_span(
+    key: str, label: str, unit: str, value: Callable[[Snapshot], float]
+) -> tuple[Measure, ...]:
+    """The mean of a number over each part of training."""
 
+    def measure(span: Span) -> Measure:
+        name = f"{span.label} {label}"
+        return Measure(f"{key}_{span.key}", name, unit, lambda run: span_mean(run, span, value))
 
-def _stage(span: Span) -> Measure:
-    return Measure(
-        f"stage_{span.key}",
-        f"{span.label} max fitness",
-        "points",
-        lambda run: span_mean(run, span, best),
-    )
-
-
-def _diversity(span: Span) -> Measure:
-    return Measure(
-        f"diversity_{span.key}",
-        f"{span.label} diversity",
-        "Eq. (3)",
-        lambda run: span_mean(run, span, diversity),
-    )
+    return tuple(map(measure, SPANS))
 
 
 TABLE_9: Final = (
@@ -105,7 +94,7 @@ TABLE_9: Final = (
     Measure("mean_max", "Mean Max Fitness", "points", lambda r: fmean(map(best, r.snapshots))),
     Measure("final_mean", "Final Average Fitness", "points", lambda r: r.snapshots[-1].mean),
 )
-TABLE_10: Final = tuple(map(_stage, SPANS))
+TABLE_10: Final = _by_span("stage", "max fitness", "points", best)
 
 
 def emergence(tier: str) -> Measure:
@@ -119,13 +108,8 @@ def emergence(tier: str) -> Measure:
     )
 
 
-def main_family(milestones: Sequence[str]) -> tuple[Measure, ...]:
-    """The rows of Tables 9 to 11: one family for Benjamini and Hochberg, in the paper of nine."""
-    return (*TABLE_9, *TABLE_10, *map(emergence, milestones))
-
-
 TABLE_12: Final = (
-    *map(_diversity, SPANS),
+    *_by_span("diversity", "diversity", "Eq. (3)", diversity),
     Measure(
         "diversity_overall",
         "Overall diversity",
@@ -146,14 +130,19 @@ FURTHER: Final = (*TABLE_12, OVERLAPPING, MUTATION)
 """What the paper compares without a test: a family of its own here."""
 
 
+def main_family(milestones: Sequence[str]) -> tuple[Measure, ...]:
+    """The rows of Tables 9 to 11: one family for Benjamini and Hochberg, in the paper of nine."""
+    return (*TABLE_9, *TABLE_10, *map(emergence, milestones))
+
+
+def all_measures(study: Comparison) -> tuple[Measure, ...]:
+    """Every measure of a report, in its order."""
+    return (*main_family(study.milestones), *FURTHER)
+
+
 def shown(behaviour: str, s: Snapshot, classes: Classes) -> int:
     """Table 13: individuals of a behaviour's exclusive class, or with its label if it has none."""
     return (s.specialists if behaviour in classes.specialists.of else s.doing)[behaviour]
-
-
-def values(measure: Measure, runs: Sequence[Run]) -> tuple[float | None, ...]:
-    """A measure of each run, in their order."""
-    return tuple(map(measure.of, runs))
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from typing import Final
 
 from islandgp.errors import StudyError
 from islandgp.study.arms import Arm, Comparison
-from islandgp.study.measures import FURTHER, MUTATION, TABLE_12, Measure, main_family
+from islandgp.study.measures import MUTATION, TABLE_12, all_measures, main_family
 
 Pair = tuple[str, str]
 
@@ -83,11 +83,6 @@ def parse_plan(
             " there already."
         )
     return AnalysisPlan(dict(named), primary, dict(bounds))
-
-
-def all_measures(study: Comparison) -> tuple[Measure, ...]:
-    """Every measure of a report, in its order."""
-    return (*main_family(study.milestones), *FURTHER)
 
 
 def check_plan(plan: AnalysisPlan, study: Comparison) -> None:

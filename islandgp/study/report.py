@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
 from islandgp.study.arms import Comparison
 from islandgp.study.comparable import paired
-from islandgp.study.figures import emergence as emergence_figures
-from islandgp.study.figures import fitness as fitness_figures
-from islandgp.study.figures import population as population_figures
-from islandgp.study.figures import supervision as supervision_figures
+from islandgp.study.figures import generations, newcomers
 from islandgp.study.figures import trees as tree_figures
 from islandgp.study.figures.drawing import Picture
+from islandgp.study.figures.emergence import emergence_curves, figure_6
 from islandgp.study.findings import Finding, examine_all, finding
 from islandgp.study.generalise import Control, Generalisation
-from islandgp.study.measures import FURTHER, TABLE_9, TABLE_10, Measure
-from islandgp.study.plan import NOTHING, AnalysisPlan, Family, all_measures, families, said
+from islandgp.study.measures import FURTHER, TABLE_9, TABLE_10, Measure, all_measures
+from islandgp.study.plan import NOTHING, AnalysisPlan, families, said
 from islandgp.study.select import in_short
 from islandgp.study.table import Table
 from islandgp.study.tables.champions import (
@@ -40,6 +38,7 @@ from islandgp.study.tables.supervision import decisions_table, overhead_table
 from islandgp.supervision.state_json import title
 
 Item = Table | Picture | str  # a string is a paragraph
+Findings = Sequence[Finding]
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,75 +94,23 @@ def build(
     plan: AnalysisPlan = NOTHING,
 ) -> Report:
     """The report; `unseen` and `controls` are empty where they were left out."""
-    measures, groups = all_measures(study), families(study, plan)
-    findings = examine_all(study, groups, measures)
-    tables = PairTables(study, findings)
-    by_fitness, by_emergence, by_diversity = (
-        partial(table, paper=study.paper)
-        for table in (fitness_table, emergence_table, diversity_table)
-    )
-    first_seen = [m for m in measures if m.emergence]
-    sections = (
-        Section("Primary endpoint", tuple(_primary(study, plan, findings))),
-        Section("What was compared", tuple(_compared(study))),
-        Section(
-            "Controls without evolution",
-            (controls_table(study, controls),) if any(c.given for c in controls) else (),
-        ),
-        Section("The paper's claims", tuple(_claims(study, plan, findings))),
-        Section("Further questions", tuple(_questions(plan, groups, findings))),
-        Section(
-            "Fitness (section 3.2)",
-            (
-                *tables(by_fitness, "table-9", "Table 9. Fitness performance", TABLE_9),
-                fitness_figures.figure_4(study),
-            ),
-        ),
-        Section(
-            "Convergence (section 3.3)",
-            (
-                *tables(by_fitness, "table-10", "Table 10. Fitness by training stage", TABLE_10),
-                fitness_figures.figure_5(study),
-            ),
-        ),
-        Section(
-            f"{' and '.join(map(title, study.milestones))} Robots (section 3.4)",
-            (
-                *tables(by_emergence, "table-11", "Table 11. First emergence", first_seen),
-                runs_table(study),
-                emergence_figures.figure_6(study),
-                emergence_figures.emergence_curves(study),
-            ),
-        ),
-        Section(
-            "Diversity (section 3.5)",
-            (
-                *tables(
-                    by_diversity,
-                    "table-12",
-                    "Table 12. Behavioural diversity and mutation rate",
-                    FURTHER,
-                ),
-                population_figures.diversity(study),
-                population_figures.classes(study),
-            ),
-        ),
-        Section("Supervision (sections 3.6 and 3.7)", tuple(_supervision(study))),
-        Section("Specialists (section 3.8)", (specialists_table(study),)),
-        Section("Overhead (section 3.9)", (overhead_table(study),)),
-        Section("Trees (section 3.10)", tuple(_trees(study))),
-        Section("Beyond the paper", tuple(_beyond(study, tuple(unseen), worlds))),
-        Section(
-            "How the statistics are done",
-            (
-                METHODS,
-                *said(plan, study),
-                SPLIT,
-                *tables(median_table, "medians", "Medians, intervals and paired tests", measures),
-                power_table(study, findings[0].size),
-            ),
-        ),
-    )
+    findings = examine_all(study, families(study, plan), all_measures(study))
+    robots = " and ".join(map(title, study.milestones))
+    chapters: dict[str, Iterable[Item]] = {
+        "Primary endpoint": _primary(study, plan, findings),
+        "What was compared": _compared(study),
+        "Controls without evolution": _controls(study, controls),
+        "The paper's claims": _claims(study, plan, findings),
+        "Further questions": _questions(study, plan, findings),
+        **_paper_s_tables(study, findings, f"{robots} Robots (section 3.4)"),
+        "Supervision (sections 3.6 and 3.7)": _supervision(study),
+        "Specialists (section 3.8)": [specialists_table(study)],
+        "Overhead (section 3.9)": [overhead_table(study)],
+        "Trees (section 3.10)": _trees(study),
+        "Beyond the paper": _beyond(study, unseen, worlds),
+        "How the statistics are done": _statistics(study, plan, findings),
+    }
+    sections = (Section(heading, tuple(items)) for heading, items in chapters.items())
     return Report(
         title=" against ".join(arm.name for arm in study.arms),
         doubts=study.doubts,
@@ -173,55 +120,76 @@ def build(
     )
 
 
-@dataclass(frozen=True, slots=True)
-class PairTables:
-    """The tables that exist once for each pair of arms."""
+def _paper_s_tables(
+    study: Comparison, findings: Findings, robots: str
+) -> dict[str, Iterable[Item]]:
+    """Sections 3.2 to 3.5: Tables 9 to 12, one for each pair of arms, and what goes with them."""
+    by_fitness, by_emergence, by_diversity = (
+        partial(_for_pairs, study, findings, partial(table, paper=study.paper))
+        for table in (fitness_table, emergence_table, diversity_table)
+    )
+    firsts = [m for m in all_measures(study) if m.emergence]
+    return {
+        "Fitness (section 3.2)": [
+            *by_fitness("table-9", "Table 9. Fitness performance", TABLE_9),
+            generations.figure_4(study),
+        ],
+        "Convergence (section 3.3)": [
+            *by_fitness("table-10", "Table 10. Fitness by training stage", TABLE_10),
+            generations.figure_5(study),
+        ],
+        robots: [
+            *by_emergence("table-11", "Table 11. First emergence", firsts),
+            runs_table(study),
+            figure_6(study),
+            emergence_curves(study),
+        ],
+        "Diversity (section 3.5)": [
+            *by_diversity("table-12", "Table 12. Behavioural diversity and mutation rate", FURTHER),
+            generations.diversity_by_generation(study),
+            generations.classes(study),
+        ],
+    }
 
-    study: Comparison
-    findings: tuple[Finding, ...]  # for all pairs
 
-    def __call__(
-        self, make: Callable[..., Table], key: str, title: str, measures: Sequence[Measure]
-    ) -> tuple[Table, ...]:
-        """A table of these measures for each pair, by `make(key, title, findings)`."""
-        keys = {m.key for m in measures}
-        return tuple(
-            make(
-                f"{key}{end}",
-                f"{title}{of}",
-                [f for f in self.findings if f.arms == pair and f.measure.key in keys],
-            )
-            for pair, end, of in self.pairs()
-        )
-
-    def pairs(self) -> Iterator[tuple[tuple[str, str], str, str]]:
-        """Each pair, and what names it at the end of keys and of titles where there are several."""
-        pairs = [(a.name, b.name) for a, b in self.study.pairs]
-        for a, b in pairs:
-            yield (
-                ((a, b), f"-{a}-{b}", f": {a} against {b}") if len(pairs) > 1 else ((a, b), "", "")
-            )
+def _for_pairs(
+    study: Comparison,
+    findings: Findings,
+    make: Callable[..., Table],
+    key: str,
+    title: str,
+    measures: Sequence[Measure],
+) -> Iterator[Table]:
+    """A table of these measures for each pair of arms, by `make(key, title, findings)`."""
+    keys, several = {m.key for m in measures}, len(study.pairs) > 1
+    for a, b in ((a.name, b.name) for a, b in study.pairs):
+        mine = [f for f in findings if f.arms == (a, b) and f.measure.key in keys]
+        end, of = (f"-{a}-{b}", f": {a} against {b}") if several else ("", "")
+        yield make(f"{key}{end}", f"{title}{of}", mine)
 
 
-def _primary(study: Comparison, plan: AnalysisPlan, findings: Sequence[Finding]) -> Iterator[Item]:
+def _primary(study: Comparison, plan: AnalysisPlan, findings: Findings) -> Iterator[Item]:
     if plan.primary is not None:
         a, b = study.pairs[0]
         f = finding(findings, plan.primary, (a.name, b.name))
         yield primary_table(f, plan.margins.get(plan.primary))
 
 
-def _claims(study: Comparison, plan: AnalysisPlan, findings: Sequence[Finding]) -> Iterator[Item]:
+def _controls(study: Comparison, controls: Sequence[Control]) -> Iterator[Item]:
+    if any(c.given for c in controls):
+        yield controls_table(study, controls)
+
+
+def _claims(study: Comparison, plan: AnalysisPlan, findings: Findings) -> Iterator[Item]:
     if study.paper is not None and study.paper.claims:
         a, b = study.pairs[0]
         yield claims_table(findings, (a.name, b.name), study.paper, plan.margins)
 
 
-def _questions(
-    plan: AnalysisPlan, groups: Sequence[Family], findings: Sequence[Finding]
-) -> Iterator[Item]:
-    for k, group in enumerate(groups[1:], 1):
-        mine = [f for f in findings if f.family == group.name]
-        yield questions_table(f"questions-{k}", group.name, mine, plan.margins)
+def _questions(study: Comparison, plan: AnalysisPlan, findings: Findings) -> Iterator[Item]:
+    for k, family in enumerate(families(study, plan)[1:], 1):
+        mine = [f for f in findings if f.family == family.name]
+        yield questions_table(f"questions-{k}", family.name, mine, plan.margins)
 
 
 def _compared(study: Comparison) -> Iterator[Item]:
@@ -237,7 +205,7 @@ def _compared(study: Comparison) -> Iterator[Item]:
         }
         for arm in study.arms
     ]
-    yield Table.of("arms", "Arms", rows)
+    yield Table.of("arms", "Arms", map(dict.items, rows))
     if all(paired(a, b) for a, b in study.pairs):
         yield (
             "All arms ran on the same seeds and from the same start: runs of one seed share their"
@@ -258,23 +226,32 @@ def _trees(study: Comparison) -> Iterator[Item]:
     yield tree_figures.drawn("figure-10", "Figure 10. A tree evolved late", late)
 
 
-def _beyond(study: Comparison, unseen: tuple[Generalisation, ...], worlds: int) -> Iterator[Item]:
-    yield fitness_figures.components(study)
+def _beyond(study: Comparison, unseen: Sequence[Generalisation], worlds: int) -> Iterator[Item]:
+    yield generations.components(study)
     yield components_table(study)
     yield champion_sources_table(study)
-    survival = population_figures.lineage(study)
+    survival = newcomers.lineage(study)
     if survival is not None:
         yield survival
         yield lineage_table(study)
         yield sources_table(study)
     if unseen:
         yield generalisation_table(unseen, worlds)
-        yield population_figures.generalisation(unseen, study)
+        yield newcomers.generalisation(unseen, study)
 
 
 def _supervision(study: Comparison) -> Iterator[Item]:
-    yield supervision_figures.figure_7(study)
-    patterns = supervision_figures.figure_8(study)
+    yield generations.figure_7(study)
+    patterns = generations.figure_8(study)
     if patterns is not None:
         yield patterns
     yield decisions_table(study)
+
+
+def _statistics(study: Comparison, plan: AnalysisPlan, findings: Findings) -> Iterator[Item]:
+    yield METHODS
+    yield from said(plan, study)
+    yield SPLIT
+    heading = "Medians, intervals and paired tests"
+    yield from _for_pairs(study, findings, median_table, "medians", heading, all_measures(study))
+    yield power_table(study, findings[0].size)

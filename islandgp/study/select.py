@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from difflib import get_close_matches
 from pathlib import Path
@@ -23,8 +23,6 @@ from islandgp.records.checkpoint import individual_record
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import flatten
 from islandgp.study.arms import Arm, Run
-
-_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast, if it is there
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,27 +40,22 @@ def find(folder: Path) -> list[Found]:
 
     Raises:
         StudyError: there is no such folder.
+        RunError: a run's configuration is damaged.
     """
     if not folder.is_dir():
         raise StudyError(
             f"Expected runs in {folder}, found no such folder; run `python -m islandgp` first,"
             " or say --runs FOLDER."
         )
-    return list(_folders(folder))
-
-
-def _folders(root: Path) -> Iterator[Found]:
-    for file in sorted(root.rglob("config.yaml")):
+    runs = []
+    for file in sorted(folder.rglob("config.yaml")):
         if not (file.parent / "generations.jsonl").exists():
             continue
-        try:
-            config = yaml.load(file.read_text(encoding="utf-8"), _LOADER)
-        except yaml.YAMLError as error:
-            raise StudyError(
-                f"Expected a run's configuration in {file}, found {error}; delete the run's folder."
-            ) from error
-        if isinstance(config, dict) and {"seed", "name", "supervisor"} <= set(config):
-            yield Found(file.parent, config, flatten(config), RunFolder(file.parent).finished())
+        run = RunFolder(file.parent)
+        config = run.configuration()
+        if {"seed", "name", "supervisor"} <= set(config):
+            runs.append(Found(file.parent, config, flatten(config), run.finished()))
+    return runs
 
 
 def read(found: Found) -> Run:

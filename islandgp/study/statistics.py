@@ -10,10 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from math import ceil, comb, floor, nan, sqrt
+from math import ceil, floor, nan, sqrt
 from typing import Any, Final
 
 import numpy as np
+
+from islandgp.evolution.validation import interval
 
 EXACT: Final = "exact"
 EXACT_TIES: Final = "exact, ties enumerated"
@@ -178,9 +180,8 @@ def median_difference(x: Any, y: Any) -> Any:
 
 def mean_interval(values: Sequence[float]) -> Interval:
     """The mean with Student's t interval; a single value has none (nan)."""
-    mean, sd = mean_sd(values)
-    half = _t(len(values) - 1) * sd / sqrt(len(values)) if len(values) > 1 else nan
-    return Interval(mean, mean - half, mean + half)
+    mean, low, high = interval(values)
+    return Interval(mean, low, high) if len(values) > 1 else Interval(mean, nan, nan)
 
 
 def paired_difference(first: Sequence[float], second: Sequence[float]) -> Interval:
@@ -212,10 +213,7 @@ def median_interval(values: Sequence[float]) -> Interval:
     Values may be infinite. Fewer than six have no such interval (nan).
     """
     x, n = sorted(values), len(values)
-    tail, k = 2 / 2**n, 0  # chance that the k + 1 lowest or highest miss the median
-    while tail <= 0.05:
-        k += 1
-        tail += 2 * comb(n, k) / 2**n
+    k = int(_stats().binom.ppf(0.025, n, 0.5))  # fewer than k are below it in at most 2.5 %
     ends = (x[k - 1], x[n - k]) if k else (nan, nan)
     return Interval(float(np.median(x)), *ends)
 
@@ -259,9 +257,7 @@ def tied_signed_rank_p(differences: Any) -> float:
 
 def _doubled_ranks(values: Any) -> Any:
     """Mid-ranks from 1, times two."""
-    _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
-    last = np.cumsum(counts)
-    return (2 * last - counts + 1)[place]
+    return np.rint(2 * _stats().rankdata(values)).astype(int)
 
 
 def _two_sided(ways: Any, found: int) -> float:
@@ -298,9 +294,7 @@ class Power:
 @cache
 def smallest_difference(n1: int, n2: int, level: float = LEVEL) -> Power:
     """By simulation of the exact Mann-Whitney test on shifted normal samples, seeded."""
-    from scipy import stats
-
-    least = float(stats.mannwhitneyu(np.arange(n1), np.arange(n2) + n1, method="exact").pvalue)
+    least = float(_stats().mannwhitneyu(np.arange(n1), np.arange(n2) + n1, method="exact").pvalue)
     if least > level:
         return Power((n1, n2), level, None, None, None, least)
     rng = np.random.default_rng(SEED)
@@ -308,13 +302,10 @@ def smallest_difference(n1: int, n2: int, level: float = LEVEL) -> Power:
     low, high = 0.0, LARGEST
     while high - low > 0.005:
         middle = (low + high) / 2
-        if _power(stats, x, y + middle, level) < POWER:
+        tests = _stats().mannwhitneyu(x, y + middle, axis=1, method="exact")
+        if np.mean(tests.pvalue <= level) < POWER:
             low = middle
         else:
             high = middle
-    superiority = float(stats.norm.cdf(high / np.sqrt(2)))
+    superiority = float(_stats().norm.cdf(high / np.sqrt(2)))
     return Power((n1, n2), level, high, superiority, 2 * superiority - 1, least)
-
-
-def _power(stats: Any, x: Any, y: Any, level: float) -> float:
-    return float(np.mean(stats.mannwhitneyu(x, y, axis=1, method="exact").pvalue <= level))

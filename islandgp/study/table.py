@@ -1,18 +1,18 @@
-"""A table as a value, as Markdown, CSV and HTML, and how numbers are written in it."""
+"""A table as a value, as CSV, and how numbers are written in it."""
 
 from __future__ import annotations
 
 import csv
 import io
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from html import escape
 from math import isinf, isnan
 from typing import Final, Self
 
-from islandgp.study.paper import MARK
 from islandgp.study.statistics import EXACT, EXACT_TIES, UNTESTED, Interval, PairedTest, RankTest
+
+Row = Iterable[tuple[str, str]]
+"""Columns, each with its cell."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,33 +26,11 @@ class Table:
     notes: tuple[str, ...] = ()
 
     @classmethod
-    def of(
-        cls, key: str, title: str, rows: Sequence[Mapping[str, str]], notes: tuple[str, ...] = ()
-    ) -> Self:
-        """A table of one row or more, whose cells are by column."""
-        return cls(key, title, tuple(rows[0]), tuple(tuple(row.values()) for row in rows), notes)
-
-
-def to_markdown(table: Table) -> str:
-    """A heading, the table, and its notes below it."""
-    lines = [
-        f"### {table.title}",
-        "",
-        _row(table.columns),
-        _row([":--", *["--:"] * (len(table.columns) - 1)]),
-        *map(_row, table.rows),
-        "",
-        *(f"{_plain(note)}\n" for note in table.notes),
-    ]
-    return "\n".join(lines).rstrip() + "\n"
-
-
-def _row(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(_plain(cell).replace("|", "\\|") for cell in cells) + " |"
-
-
-def _plain(text: str) -> str:
-    return text.replace("*", "\\*")
+    def of(cls, key: str, title: str, rows: Iterable[Row], notes: tuple[str, ...] = ()) -> Self:
+        """A table of one row or more, all of the same columns."""
+        cells = [list(row) for row in rows]
+        columns = tuple(column for column, _ in cells[0])
+        return cls(key, title, columns, tuple(tuple(c for _, c in row) for row in cells), notes)
 
 
 def to_csv(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
@@ -62,33 +40,6 @@ def to_csv(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     writer.writerow(columns)
     writer.writerows(rows)
     return out.getvalue()
-
-
-def to_html(table: Table) -> str:
-    """A `figure` with the table and its notes; the paper's columns have a class of their own."""
-    theirs = [column.startswith(MARK) for column in table.columns]
-
-    def cells(tag: str, texts: Sequence[str]) -> str:
-        return "".join(
-            f'<{tag} class="paper">{_cell(text)}</{tag}>'
-            if paper
-            else f"<{tag}>{_cell(text)}</{tag}>"
-            for text, paper in zip(texts, theirs, strict=True)
-        )
-
-    body = "\n".join(f"<tr>{cells('td', row)}</tr>" for row in table.rows)
-    notes = "".join(f'<p class="note">{escape(note)}</p>' for note in table.notes)
-    return (
-        f'<figure class="table" id="{table.key}"><figcaption>{escape(table.title)}</figcaption>'
-        f'<div class="scroll"><table><thead><tr>{cells("th", table.columns)}</tr></thead>'
-        f"<tbody>\n{body}\n</tbody></table></div>{notes}</figure>"
-    )
-
-
-def _cell(text: str) -> str:
-    """Escaped, with the numbers kept in one piece where a line wraps."""
-    kept = re.sub(r" (±|%|:) ?", lambda m: m[0].replace(" ", "\N{NO-BREAK SPACE}"), text)
-    return escape(kept)
 
 
 MINUS: Final = "\N{MINUS SIGN}"
@@ -142,6 +93,11 @@ def change(a: float, b: float, sd: float = 0.0) -> float | None:
 def signed(x: float, digits: int = 0) -> str:
     """A number with its sign."""
     return f"{'+' if x > 0 else ''}{number(x, digits)}"
+
+
+def signed_interval(i: Interval, digits: int = 0) -> str:
+    """A difference with its sign and its interval."""
+    return f"{'+' if i.estimate > 0 else ''}{interval(i, digits)}"
 
 
 def probability(p: float | None) -> str:

@@ -54,11 +54,11 @@ def encode(recording: Recording, *, title: str) -> dict[str, Any]:
 
 def runs(codes: bytes) -> str:
     """Codes as letters, each with how often it is repeated: `r3fr` is running thrice, ..."""
-    told = []
+    encoded = []
     for code, group in groupby(codes):
         count = sum(1 for _ in group)
-        told.append(LETTERS[code] + (str(count) if count > 1 else ""))
-    return "".join(told)
+        encoded.append(LETTERS[code] + (str(count) if count > 1 else ""))
+    return "".join(encoded)
 
 
 def path(xs: Sequence[float], ys: Sequence[float]) -> list[int]:
@@ -67,7 +67,7 @@ def path(xs: Sequence[float], ys: Sequence[float]) -> list[int]:
     At each tick it is at most 1 off in x and in y.
     """
     at_x, at_y, start = round(xs[0]), round(ys[0]), 0
-    told = [0, at_x, at_y]
+    encoded = [0, at_x, at_y]
     low_x = low_y = -inf  # of the slopes that stay near all places since `start`
     high_x = high_y = inf
     for tick in range(1, len(xs) + 1):
@@ -81,23 +81,23 @@ def path(xs: Sequence[float], ys: Sequence[float]) -> list[int]:
                 continue
         if (end := tick - 1) > start:
             x, y = round(xs[end]), round(ys[end])
-            told += [end - start, x - at_x, y - at_y]
+            encoded += [end - start, x - at_x, y - at_y]
             at_x, at_y, start = x, y, end
         if tick < len(xs):
             x, y = xs[tick] - at_x, ys[tick] - at_y
             low_x, high_x, low_y, high_y = x - 1, x + 1, y - 1, y + 1
-    return told
+    return encoded
 
 
 def changes(values: Iterable[Any]) -> list[Any]:
     """[tick, value, ticks since then, value, ...]: only where the value changes."""
-    told: list[Any] = []
+    encoded: list[Any] = []
     last, before = 0, object()
     for tick, value in enumerate(values):
         if value != before:
-            told += [tick - last, value]
+            encoded += [tick - last, value]
             last, before = tick, value
-    return told
+    return encoded
 
 
 def _board(recording: Recording) -> list[dict[str, Any]]:
@@ -198,19 +198,19 @@ class _Scene:
         return path([(x - self.x) / self.unit for x in xs], [(y - self.y) / self.unit for y in ys])
 
     def _changes(self, looks: Sequence[tuple[int, Look]]) -> list[int]:
-        told, last = [], 0
+        encoded, last = [], 0
         for tick, look in looks:
-            told += [tick - last, self._look(look)]
+            encoded += [tick - last, self._look(look)]
             last = tick
-        return told
+        return encoded
 
     @staticmethod
     def _frames(frames: Sequence[tuple[int, bytes]]) -> dict[str, Any]:
         """Each picture once, and which is shown from which tick on."""
         every = max(1, -(-sum(map(len, {frame for _, frame in frames})) // MOST_FRAMES))
         places: dict[bytes, int] = {}
-        told, last = [], 0
+        encoded, last = [], 0
         for tick, frame in frames[::every]:
-            told += [tick - last, places.setdefault(frame, len(places))]
+            encoded += [tick - last, places.setdefault(frame, len(places))]
             last = tick
-        return {"frames": [b64encode(frame).decode() for frame in places], "shown": told}
+        return {"frames": [b64encode(frame).decode() for frame in places], "shown": encoded}

@@ -23,17 +23,17 @@ _PLACE: Final = re.compile(r"\{\{(\w+)\}\}")
 _SCRIPTS: Final = ("data", "scene", "tree", "board", "chart", "timeline", "player")
 
 
-def replay_page(tree: Node, setting: Problem, seed: int, stage: int, title: str) -> str:
+def replay_page(tree: Node, problem: Problem, seed: int, stage: int, title: str) -> str:
     """One episode as the text of an HTML page.
 
     Args:
         tree: what the robot does.
-        setting: the domain and the curriculum.
+        problem: the domain and the curriculum.
         seed: of the world.
         stage: index into Table 2, whose multipliers score the episode.
         title: what the page is called.
     """
-    return page(record(tree, setting, seed=seed, stage=stage), title=title)
+    return page(record(tree, problem, seed=seed, stage=stage), title=title)
 
 
 def page(recording: Recording, *, title: str) -> str:

@@ -107,16 +107,16 @@ def digits(values: Iterable[float]) -> int:
     return min(6, max(0, 2 - floor(log10(most)))) if most > 0 else 0
 
 
-def record(tree: Node, setting: Problem, *, seed: int, stage: int) -> Recording:
+def record(tree: Node, problem: Problem, *, seed: int, stage: int) -> Recording:
     """Runs a tree in the world of `seed`, scored as in the stage of that index, and records it.
 
     Raises:
         DomainError: the domain shows what its schema does not declare, or what is no number.
     """
-    domain = setting.at(stage)
+    domain = problem.at(stage)
     schema = domain.schema
     recorder = Recorder(tree, schema)
-    weights = setting.curriculum.multipliers(stage)
+    weights = problem.curriculum.multipliers(stage)
     outcome = domain.run_episode(tree, seed, weights, recorder)
     ticks = recorder.finish()
     points = [*outcome.components.values(), *(credit.points for credit in recorder.credits)]

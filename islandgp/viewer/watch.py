@@ -30,7 +30,8 @@ def watch(recording: Recording, *, speed: float, pause: Callable[[float], None])
     Where the output is no terminal, about 40 lines of text take its place.
     """
     if not sys.stdout.isatty():
-        for line in lines(recording, every=_every(recording)):
+        least = 10.0 if recording.step_s < 1 else recording.step_s  # s
+        for line in lines(recording, every=max(least, recording.outcome.seconds / 42)):
             print(line)
         return
     from rich.live import Live
@@ -41,11 +42,6 @@ def watch(recording: Recording, *, speed: float, pause: Callable[[float], None])
         for tick in [*range(0, recording.ticks, each), recording.ticks - 1]:
             live.update(frame(recording, tick), refresh=True)
             pause(min(waits, 1.0))
-
-
-def _every(recording: Recording) -> float:
-    """Seconds between two lines: a tick, ten seconds or more."""
-    return max(10.0 if recording.step_s < 1 else recording.step_s, recording.outcome.seconds / 42)
 
 
 def lines(recording: Recording, *, every: float) -> Iterator[str]:
@@ -125,8 +121,8 @@ def _board(recording: Recording, tick: int) -> Text:
     wide = max(map(len, keys), default=0) + 2
     rows = []
     for (name, key), value in zip(keys.items(), recording.boards[tick], strict=True):
-        told = ("yes" if value else "no") if key.flag else f"{value:.1f}"
-        rows.append(f"{name:<{wide}}{told:>7}")
+        shown = ("yes" if value else "no") if key.flag else f"{value:.1f}"
+        rows.append(f"{name:<{wide}}{shown:>7}")
     return Text("\n".join(rows))
 
 

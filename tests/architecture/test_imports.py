@@ -64,8 +64,9 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "scipy": ("study", "evolution.validation"),
     "matplotlib": ("study",),
     "lark": ("bt",),
-    "pygls": ("commands.language_server_command",),
-    "lsprotocol": ("commands.language_server_command",),
+    "jinja2": ("study.writing",),
+    "pygls": ("commands.language_server",),
+    "lsprotocol": ("commands.language_server",),
     "sklearn": ("study.distill",),
 }
 

@@ -18,7 +18,7 @@ from islandgp.study.data import runs_csv
 from islandgp.study.generalise import Generalisation, generalise
 from islandgp.study.library import library_names
 from islandgp.study.report import Report, build
-from islandgp.study.writing import markdown, to_page
+from islandgp.study.writing import to_markdown, to_page
 from tests.made import CLASSES
 from tests.study.made_runs import config, guidance, individual, made_arm, made_run
 
@@ -124,7 +124,7 @@ def test_no_word_of_the_island_is_in_the_report(report: Report) -> None:
         *SCHEMA.counters,
         *CLASSES.behaviours,
     } - {"patrol", "distance", "inactive", "battery", "idle"}
-    text = re.sub(r"(selector|MoveToGarbage|PatrolWaypoint)", "", markdown(report)).lower()
+    text = re.sub(r"(selector|MoveToGarbage|PatrolWaypoint)", "", to_markdown(report)).lower()
     assert {word for word in words if re.search(rf"\b{word.lower()}\b", text)} == set()
 
 

@@ -14,7 +14,7 @@ from islandgp.errors import StudyError, SupervisionError
 from islandgp.records.folder import RunFolder
 from islandgp.running.app import main
 from islandgp.seeding import Stream, stream
-from islandgp.study.distill import Case, Shape, distil, told
+from islandgp.study.distill import Case, Shape, distil, report_lines
 from islandgp.supervision.distilled import (
     Answer,
     Distilled,
@@ -58,7 +58,7 @@ def test_a_rule_of_one_question_is_found() -> None:
     assert (report["target_commonest"], report["rate_error_mean"]) == (0.5, pytest.approx(0.15))
     shown = ["x <= 4.5", "  0.100 (20 cases)", "x > 4.5", "  0.400 (20 cases)"]
     assert list(rules(policy.rate)) == shown
-    assert "Targets: 100% of 40 agree" in "\n".join(told(policy))
+    assert "Targets: 100% of 40 agree" in "\n".join(report_lines(policy))
 
 
 def test_agreement_is_that_of_runs_held_back() -> None:
@@ -76,7 +76,7 @@ def test_the_teacher_s_gaps_are_left_out() -> None:
     assert (report["targets"], report["rates"]) == (20 + 30, 20 + 10)
 
 
-def test_too_few_runs_are_told() -> None:
+def test_too_few_runs_are_report_lines() -> None:
     """One run cannot be held back and learnt from."""
     with pytest.raises(StudyError, match="at least two runs"):
         distil(cases(1), "me", Shape())
@@ -198,7 +198,9 @@ def _expert(settings: object, given: object) -> object:
         ("", "found another file"),
     ],
 )
-def test_policies_that_do_not_fit_are_told(tmp_path: Path, change: object, said: str) -> None:
+def test_policies_that_do_not_fit_are_report_lines(
+    tmp_path: Path, change: object, said: str
+) -> None:
     """In one line, before anything runs."""
     good = {
         "format": 1,
@@ -214,7 +216,7 @@ def test_policies_that_do_not_fit_are_told(tmp_path: Path, change: object, said:
         Distilled.ready(settings.supervisor.settings(), setup())
 
 
-def test_a_missing_policy_is_told(tmp_path: Path) -> None:
+def test_a_missing_policy_is_report_lines(tmp_path: Path) -> None:
     """With the command that makes one."""
     for folder in ("null", str(tmp_path)):
         settings = composed("supervisor=distilled", f"supervisor.policy.folder={folder}")

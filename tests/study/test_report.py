@@ -10,17 +10,18 @@ import numpy as np
 import pytest
 
 from islandgp.bt.language import parse
+from islandgp.bt.render import branches
 from islandgp.errors import StudyError
 from islandgp.study import data
 from islandgp.study.arms import Comparison
 from islandgp.study.comparable import compare_arms
 from islandgp.study.figures.drawing import COLUMN, DPI, WIDTH
 from islandgp.study.figures.trees import (
+    LAST,
     Specimen,
     drawn,
     early_injected,
     late_evolved,
-    outline,
 )
 from islandgp.study.generalise import Generalisation
 from islandgp.study.library import library_names
@@ -404,10 +405,11 @@ def test_a_long_tree_is_an_outline_in_two_columns() -> None:
     """Each node has its line, children below their parent; a short tree has a column's width."""
     leaf = "  sequence {\n    MoveToGarbage\n    PickupGarbage\n  }\n"
     text = f"selector {{\n{leaf * 20}}}\n"
-    rows = outline(parse(text))
-    assert len(rows) == 61
-    assert [row.level for row in rows[:5]] == [0, 1, 2, 2, 1]
-    assert (rows[0].last, rows[1].last, rows[2].last) == (58, 3, 2)
+    lines = [before for before, _ in branches(parse(text))]
+    assert len(lines) == 61
+    assert [len(before) // 3 for before in lines[:5]] == [0, 1, 2, 2, 1]
+    assert [before[-3] == LAST for before in lines[1:5]] == [False, False, True, False]
+    assert lines[-1][0] == " "  # no line goes on below the last child of the root
     short, long = (drawn("k", "t", Specimen(tree, "")) for tree in (TREE, text))
     width = [int.from_bytes(p.png[16:20], "big") for p in (short, long)]
     assert width == [int(COLUMN * DPI), int(WIDTH * DPI)]

@@ -155,6 +155,14 @@ def test_damaged_records_are_named(tmp_path: Path) -> None:
         read(find(tmp_path)[0])
 
 
+def test_a_configuration_without_end_is_damaged(tmp_path: Path) -> None:
+    """Brackets within brackets do not end the process; the file is named."""
+    write_run(made_run(), tmp_path / "run")
+    (tmp_path / "run" / "config.yaml").write_text("[" * 1_000_000)
+    with pytest.raises(RunError, match=r"config\.yaml, found a damaged file"):
+        find(tmp_path)
+
+
 def test_edited_records_are_refused(tmp_path: Path) -> None:
     """Digits that were changed by hand, a line too many, a line too few: one line each."""
     folder = written(tmp_path / "one", tmp_path)

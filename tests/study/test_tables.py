@@ -11,6 +11,7 @@ import pytest
 from islandgp.study.findings import examine
 from islandgp.study.measures import TABLE_9, emergence
 from islandgp.study.paper import MARK
+from islandgp.study.report import Report, Section
 from islandgp.study.statistics import Interval, mean_sd, rank_test
 from islandgp.study.table import (
     Table,
@@ -21,23 +22,24 @@ from islandgp.study.table import (
     probability,
     spread,
     to_csv,
-    to_html,
-    to_markdown,
 )
 from islandgp.study.tables import claims
 from islandgp.study.tables.claims import found, verdict
 from islandgp.study.tables.comparisons import difference
+from islandgp.study.writing import to_markdown, to_page
 
 TABLE = Table(
     "t", "A title", ("Name", "value", f"{MARK} value"), (("a|b", "1,000 ± 2", "<3>"),), ("A note.",)
 )
+REPORT = Report("a against b", (), (Section("Tables", (TABLE, "A paragraph.")),), ())
 
 
 def test_markdown_escapes_what_would_break_it() -> None:
     """Bars and asterisks in cells stay text."""
-    assert to_markdown(TABLE) == (
-        "### A title\n\n| Name | value | paper\\* value |\n| :-- | --: | --: |\n"
-        "| a\\|b | 1,000 ± 2 | <3> |\n\nA note.\n"
+    assert to_markdown(REPORT) == (
+        "# a against b\n\n## Tables\n\n### A title\n\n"
+        "| Name | value | paper\\* value |\n| :-- | --: | --: |\n"
+        "| a\\|b | 1,000 ± 2 | <3> |\n\nA note.\n\nA paragraph.\n"
     )
 
 
@@ -49,7 +51,7 @@ def test_csv_keeps_every_cell() -> None:
 
 def test_html_marks_the_paper_s_columns_and_escapes() -> None:
     """The paper's figures have a class of their own; nothing in a cell is markup."""
-    text = to_html(TABLE)
+    text = to_page(REPORT)
     assert '<th class="paper">paper* value</th>' in text
     assert '<td class="paper">&lt;3&gt;</td>' in text
     assert "1,000\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}2" in text
@@ -162,7 +164,7 @@ def test_an_estimate_is_one_thing(
     """Difference, interval and share are of the same means; none in percent of 0 or less."""
     measure = TABLE_9[0] if expected is None else emergence("complete")
     f = examine(measure, ("a", "b"), (first, second), 41, in_pairs=True)
-    unit, *cells = claims.estimate_cells(f)
+    unit, *cells = (cell for _, cell in claims.estimate_cells(f))
     if expected is None:
         assert (unit, cells[1]) == ("points", "\N{EN DASH}")
     else:

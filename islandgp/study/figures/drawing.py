@@ -10,12 +10,14 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
+
+import numpy as np
 
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.study.arms import Arm, Comparison
-from islandgp.study.table import number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,33 +56,8 @@ FAINT: Final = "#8a8a8a"
 WIDTH: Final = 7.2  # inches: the text width of a page
 COLUMN: Final = 3.5  # inches: a column of a page with two
 DPI: Final = 150
-
-RC: Final[dict[str, Any]] = {
-    "font.family": "DejaVu Sans",
-    "font.size": 9,
-    "axes.titlesize": 9.5,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.edgecolor": "#666666",
-    "axes.linewidth": 0.8,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#e6e6e6",
-    "grid.linewidth": 0.6,
-    "lines.linewidth": 1.8,
-    "legend.frameon": False,
-    "legend.fontsize": 8.5,
-    "hatch.linewidth": 0.6,
-    "text.color": INK,
-    "axes.labelcolor": INK,
-    "xtick.color": "#444444",
-    "ytick.color": "#444444",
-    "figure.facecolor": "white",
-    "svg.hashsalt": "islandgp",  # the same picture has the same bytes
-    "svg.fonttype": "path",
-}
+THOUSANDS: Final = "{x:,.0f}"  # formats of ticks: 30,000
+PERCENT: Final = "{x:.0%}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,10 +108,10 @@ def picture(
     layout: Literal["constrained"] | None = "constrained",
 ) -> Picture:
     """Draws on a figure of `width` x `height` inches and saves it both ways."""
-    import matplotlib as mpl
+    from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    with mpl.rc_context(RC):  # type: ignore[arg-type] # its keys are literals there
+    with rc_context(fname=Path(__file__).with_name("report.mplstyle")):
         figure = Figure(figsize=(width, height), layout=layout)
         draw(figure)
         svg, png = io.StringIO(), io.BytesIO()
@@ -143,34 +120,82 @@ def picture(
     return Picture(key, title, caption, svg.getvalue(), png.getvalue())
 
 
-def curves(axes: Axes, study: Comparison, of: Callable[[Snapshot], float]) -> None:
-    """A number by generation: each arm's mean with a band of ±1 SD over its runs."""
-    for arm, how in looks(study):
-        _band(axes, arm, how, [[of(s) for s in r.snapshots[: study.generations]] for r in arm.runs])
-    epoch_lines(axes, study, stages=True)
-    axes.set_xlabel("Generation")
+def curve_picture(
+    key: str,
+    title: str,
+    caption: str,
+    study: Comparison,
+    of: Callable[[Snapshot], float],
+    label: str,
+    dress: Callable[[Axes], object],
+    *,
+    height: float = 3.6,
+) -> Picture:
+    """A number by generation: each arm's mean with a band of ±1 SD over its runs.
+
+    `of` is the number, `label` that of the y axis, and `dress` sets what else there is to set.
+    """
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        for arm, how in looks(study):
+            rows = [[of(s) for s in run.snapshots[: study.generations]] for run in arm.runs]
+            _band(axes, arm, how, rows)
+        epoch_lines(axes, study, stages=True)
+        axes.set(xlabel="Generation", ylabel=label)
+        dress(axes)
+        legend(figure, axes)
+
+    return picture(key, title, caption, draw, height=height)
 
 
 def _band(axes: Axes, arm: Arm, how: Style, rows: Sequence[Sequence[float]]) -> None:
-    import numpy as np
-
     a = np.asarray(rows, float)  # runs x generations
-    mean = a.mean(axis=0)
-    x = np.arange(a.shape[1])
+    mean, x = a.mean(axis=0), range(a.shape[1])
     if len(a) > 1:
         sd = a.std(axis=0, ddof=1)
         axes.fill_between(x, mean - sd, mean + sd, color=how.colour, alpha=0.16, linewidth=0)
         for edge in (mean - sd, mean + sd):
             axes.plot(x, edge, color=how.colour, alpha=0.45, linewidth=0.6, linestyle=how.line)
-    axes.plot(
-        x,
-        mean,
-        color=how.colour,
-        linestyle=how.line,
-        marker=how.marker,
-        markevery=5,
-        markersize=4,
-        label=named(arm),
+    axes.plot(x, mean, color=how.colour, linestyle=how.line, label=named(arm), **marks(how))
+
+
+def marks(how: Style) -> dict[str, Any]:
+    """The marker of a line: every fifth point has one."""
+    return {"marker": how.marker, "markevery": 5, "markersize": 4}
+
+
+def panels(
+    study: Comparison, fill: Callable[[Axes, Arm], None], label: str, columns: int
+) -> Callable[[Figure], None]:
+    """Draws a panel an arm, side by side, over generations; `fill` draws into one of them.
+
+    They share the y axis, with its label, and a legend of so many columns.
+    """
+
+    def draw(figure: Figure) -> None:
+        row = figure.subplots(1, len(study.arms), sharey=True, squeeze=False)[0]
+        for axes, arm in zip(row, study.arms, strict=True):
+            fill(axes, arm)
+            epoch_lines(axes, study)
+            axes.set(title=arm.name, xlabel="Generation")
+        row[0].set_ylabel(label)
+        legend(figure, row[0], columns)
+
+    return draw
+
+
+def stack(axes: Axes, rows: Any, labels: Sequence[str] = (), *, neutral: int | None = None) -> None:
+    """Areas upon each other by generation, a row of `rows` each; `neutral` is that of the rest."""
+    styles = [look(k, PALE) for k in range(len(rows))]
+    axes.stackplot(
+        range(len(rows[0])),
+        rows,
+        labels=labels,
+        colors=[NEUTRAL if k == neutral else how.colour for k, how in enumerate(styles)],
+        hatch=[how.hatch for how in styles],
+        edgecolor="white",
+        linewidth=0.3,
     )
 
 
@@ -216,14 +241,10 @@ def bar(
     )
 
 
-def curriculum(study: Comparison) -> Curriculum:
-    """The staged training of the first arm."""
-    return Curriculum(**study.arms[0].runs[0].config["curriculum"])
-
-
 def epoch_lines(axes: Axes, study: Comparison, *, stages: bool = False) -> None:
     """Dashed lines where an epoch ends; with `stages`, the curriculum's stages by name on top."""
-    plan, n = curriculum(study), study.generations
+    plan = Curriculum(**study.arms[0].runs[0].config["curriculum"])
+    n = study.generations
     starts = [0]
     for g in range(1, n):
         if plan.epoch(g) != plan.epoch(g - 1):
@@ -256,10 +277,3 @@ def legend(figure: Figure, axes: Axes, columns: int = 4) -> None:
     """The legend of a figure's axes below them, where it hides no data."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=columns)
-
-
-def thousands(axes: Axes) -> None:
-    """Ticks such as 30,000 on the y axis."""
-    from matplotlib.ticker import FuncFormatter
-
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: number(v)))

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from islandgp.study.arms import Arm, Comparison
-from islandgp.study.emergence import Summary, band, first, quantile, ranks, still_without, summary
+from islandgp.study.arms import Comparison
+from islandgp.study.emergence import band, first, quantile, ranks, still_without
 from islandgp.study.figures.drawing import (
     INK,
     Picture,
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+Firsts = Sequence[int | None]  # the generation of each run's first one
 
 PANELS = 3  # beside each other
 BANDS = 3  # arms whose bands can be told apart
@@ -99,7 +100,7 @@ def _boxes(axes: Axes, study: Comparison) -> None:
     axes.grid(visible=False, axis="x")
 
 
-def box(firsts: Sequence[int | None], never: float) -> dict[str, float]:
+def box(firsts: Firsts, never: float) -> dict[str, float]:
     """Median, quartiles and extremes over all runs; one among the runs without is at `never`."""
     shares = {"whislo": 0.0, "q1": 0.25, "med": 0.5, "q3": 0.75, "whishi": 1.0}
     found = {name: quantile(firsts, share) for name, share in shares.items()}
@@ -163,8 +164,9 @@ def emergence_curves(study: Comparison) -> Picture:
             axes.axis("off")
         for axes, tier in zip(panels.flat, study.milestones, strict=False):
             for row, (arm, how) in enumerate(looks(study)):
-                _curve(axes, study, arm, tier, how)
-                _at_risk(axes, study, arm, tier, how, row)
+                firsts = [first(run, tier) for run in arm.runs]
+                _curve(axes, study, arm.name, firsts, how)
+                _at_risk(axes, study.generations - 1, firsts, how, row)
             axes.set_title(f"{title(tier)} Robot")
             axes.set_xlabel("Generation", loc="right")
             axes.set_ylim(-0.03, 1.03)
@@ -172,15 +174,7 @@ def emergence_curves(study: Comparison) -> Picture:
             axes.legend(
                 loc="best", facecolor="white", framealpha=0.7, frameon=True, edgecolor="none"
             )
-            axes.text(
-                0,
-                TOP,
-                "Runs still without one",
-                transform=axes.transAxes,
-                fontsize=7.5,
-                va="center",
-                color=INK,
-            )
+            _below(axes, 0, TOP, "Runs still without one", INK, ha="left")
         for axes in panels[:, 0]:
             axes.set_ylabel("Share of runs that have had one")
 
@@ -196,40 +190,27 @@ def emergence_curves(study: Comparison) -> Picture:
     )
 
 
-def _curve(axes: Axes, study: Comparison, arm: Arm, tier: str, how: Style) -> None:
-    firsts = [first(run, tier) for run in arm.runs]
+def _curve(axes: Axes, study: Comparison, name: str, firsts: Firsts, how: Style) -> None:
     share = [1 - s for s in still_without(firsts, study.generations)]
-    s: Summary = summary(firsts, study.generations)
+    runs, there = len(firsts), len(firsts) - firsts.count(None)
     x = range(study.generations)
+    line: dict[str, Any] = {"where": "post", "color": how.colour}
     if len(study.arms) <= BANDS:
-        low, high = zip(*(band(p, s.runs) for p in share), strict=True)
+        low, high = zip(*(band(p, runs) for p in share), strict=True)
         axes.fill_between(x, low, high, step="post", color=how.colour, alpha=0.14, linewidth=0)
         for edge in (low, high):
-            axes.step(x, edge, where="post", color=how.colour, alpha=0.45, linewidth=0.5)
-    axes.step(
-        x,
-        share,
-        where="post",
-        color=how.colour,
-        linestyle=how.line,
-        label=f"{arm.name}: {s.emerged} of {s.runs}",
-    )
+            axes.step(x, edge, alpha=0.45, linewidth=0.5, **line)
+    axes.step(x, share, linestyle=how.line, label=f"{name}: {there} of {runs}", **line)
 
 
-def _at_risk(axes: Axes, study: Comparison, arm: Arm, tier: str, how: Style, row: int) -> None:
+def _at_risk(axes: Axes, last: int, firsts: Firsts, how: Style, row: int) -> None:
     """Below the axes: how many runs had none before a tick's generation."""
-    firsts = [first(run, tier) for run in arm.runs]
-    beside = axes.get_xaxis_transform()
-    last = study.generations - 1
     for tick in sorted({round(last * k / 4) for k in range(5)}):
         left = sum(g is None or g >= tick for g in firsts)
-        axes.text(
-            tick,
-            TOP - ROW * (row + 1),
-            str(left),
-            transform=beside,
-            color=how.colour,
-            fontsize=7.5,
-            ha="center",
-            va="center",
-        )
+        _below(axes, tick, TOP - ROW * (row + 1), str(left), how.colour, ha="center")
+
+
+def _below(axes: Axes, x: float, y: float, text: str, colour: str, *, ha: str) -> None:
+    """A text below the axes: x on their scale, y as a share of their height."""
+    beside = axes.get_xaxis_transform()
+    axes.text(x, y, text, transform=beside, color=colour, fontsize=7.5, ha=ha, va="center")

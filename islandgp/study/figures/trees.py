@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node, depth, size
-from islandgp.bt.render import COLOURS, label
+from islandgp.bt.render import COLOURS, branches, label
 from islandgp.study.arms import Comparison, Run
 from islandgp.study.figures.drawing import COLUMN, FAINT, WIDTH, Picture, picture
 from islandgp.study.library import library_names
@@ -24,6 +24,8 @@ LETTER: Final = 0.067  # inches a letter of 8 points, monospaced
 LINE: Final = 0.185  # inches from a node to the next one below
 PADDING: Final = 0.1  # inches left and right of a label together
 GAP: Final = 0.15  # inches between columns
+EDGE: Final = "#9aa7b3"
+LAST: Final = "\N{BOX DRAWINGS LIGHT UP AND RIGHT}"  # leads to the last child, as `branches` has it
 LONG: Final = 48  # nodes of a column of 9 inches, beyond which a second one is begun
 
 
@@ -114,95 +116,74 @@ def _size(tree: str) -> str:
     return f"{size(node)} nodes, depth {depth(node)}"
 
 
-@dataclass(frozen=True, slots=True)
-class OutlineRow:
-    """A node's line in an outline."""
-
-    node: Node
-    level: int  # 0: the root
-    last: int  # row of its last child; its own where it has none
-
-
-def outline(tree: Node) -> list[OutlineRow]:
-    """The nodes in document order, as a table of contents shows them."""
-    rows: list[OutlineRow] = []
-
-    def visit(node: Node, level: int) -> int:
-        place = last = len(rows)
-        rows.append(OutlineRow(node, level, last))
-        for child in node.children:
-            last = visit(child, level + 1)
-        rows[place] = OutlineRow(node, level, last)
-        return place
-
-    visit(tree, 0)
-    return rows
-
-
 def drawn(key: str, heading: str, specimen: Specimen) -> Picture:
     """The tree as an outline of a column's width, of a page's in two columns where it is long.
 
     So its letters have their size where it is printed in a text of two columns.
     """
-    rows = outline(parse(specimen.tree))
+    rows = list(branches(parse(specimen.tree)))
     columns = 2 if len(rows) > LONG else 1
     each = -(-len(rows) // columns)
     wide = COLUMN if columns == 1 else WIDTH
     room = (wide - GAP * (columns - 1)) / columns
-    need = max(row.level * INDENT + LETTER * len(label(row.node)) + PADDING for row in rows)
-    scale = min(1.0, room / need)
+    scale = min(1.0, room / max(_left(before) + _width(node) for before, node in rows))
 
     def draw(figure: Figure) -> None:
         for k in range(columns):
-            left = k * (room + GAP) / wide
-            axes = figure.add_axes((left, 0, room / wide, 1))
+            axes = figure.add_axes((k * (room + GAP) / wide, 0, room / wide, 1))
             axes.set_xlim(0, room / scale)
-            axes.set_ylim((k + 1) * each - 0.5, k * each - 0.5)
+            axes.set_ylim(each - 0.5, -0.5)
             axes.axis("off")
-            _column(axes, rows, range(k * each, min((k + 1) * each, len(rows))), scale)
+            for place, (before, node) in enumerate(rows[k * each : (k + 1) * each]):
+                _lines(axes, before, place)
+                _node(axes, node, _left(before), place, scale)
 
     caption = specimen.caption + " It goes on in the second column." * (columns - 1)
     height = each * LINE * scale
     return picture(key, heading, caption, draw, height=height, width=wide, layout=None)
 
 
-def _column(axes: Axes, rows: list[OutlineRow], shown: range, scale: float) -> None:
-    """The rows of one column, and the parts in it of all lines from parents to children."""
-    for place, row in enumerate(rows):
-        x = INDENT * (row.level + 0.4)
-        top, bottom = max(place, shown.start - 0.5), min(row.last, shown.stop - 0.5)
-        if top < bottom:
-            axes.plot([x, x], [top, bottom], color="#9aa7b3", linewidth=0.9, zorder=1)
-        if place in shown:
-            if row.level:
-                start = INDENT * (row.level - 0.6)
-                axes.plot([start, INDENT * row.level], [place] * 2, color="#9aa7b3", linewidth=0.9)
-            _node(axes, row, place, scale)
+def _left(before: str) -> float:
+    """Where a node begins, in inches; `before` are the lines that lead to it, 3 signs a level."""
+    return INDENT * len(before) / 3
 
 
-def _node(axes: Axes, row: OutlineRow, place: int, scale: float) -> None:
+def _width(node: Node) -> float:
+    return LETTER * len(label(node)) + PADDING
+
+
+def _lines(axes: Axes, before: str, place: int) -> None:
+    """A row's part of the lines from parents to children."""
+    for level, sign in enumerate(before[::3]):
+        x = INDENT * (level + 0.4)
+        end = place if sign == LAST else place + 0.5
+        if sign.strip():
+            axes.plot([x, x], [place - 0.5, end], color=EDGE, linewidth=0.9, zorder=1)
+    if before:
+        x = _left(before)
+        axes.plot([x - 0.6 * INDENT, x], [place] * 2, color=EDGE, linewidth=0.9)
+
+
+def _node(axes: Axes, node: Node, left: float, place: int, scale: float) -> None:
     from matplotlib.patches import FancyBboxPatch
 
-    fill, _ = COLOURS[row.node.kind]  # its line has an arm's colour
-    text, left = label(row.node), INDENT * row.level
-    width = LETTER * len(text) + PADDING
     axes.add_patch(
         FancyBboxPatch(
             (left, place - 0.4),
-            width,
+            _width(node),
             0.8,
             boxstyle="round,pad=0,rounding_size=0.04",
             mutation_aspect=0.8 / LINE,
-            facecolor=fill,
+            facecolor=COLOURS[node.kind][0],  # its line has an arm's colour
             edgecolor=FAINT,
             linewidth=0.7,
             zorder=2,
         )
     )
     axes.text(
-        left + width / 2,
+        left + _width(node) / 2,
         place,
-        text,
+        label(node),
         ha="center",
         va="center_baseline",
         fontsize=8 * scale,

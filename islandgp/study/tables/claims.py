@@ -7,23 +7,24 @@ from math import isnan
 from typing import Final
 
 from islandgp.study.findings import Finding, finding
-from islandgp.study.paper import Paper
+from islandgp.study.paper import MARK, Paper
 from islandgp.study.statistics import LEVEL, PairedTest, mean_sd
 from islandgp.study.table import (
     DIGITS,
     NONE,
+    Row,
     Table,
     change,
-    interval,
     number,
     percent,
     probability,
-    signed,
+    signed_interval,
     spread,
     tested,
 )
-from islandgp.study.tables.comparisons import families_note, published
+from islandgp.study.tables.comparisons import families_note
 
+NEVER: Final = "never in either arm"
 UNDECIDED: Final = "no difference shown (no evidence either way)"
 """The verdict where a claim of no difference meets a test that finds none."""
 
@@ -47,31 +48,22 @@ def claims_table(
     margins: Mapping[str, float],
 ) -> Table:
     """One row a claim, the first arm standing for the paper's proposed system."""
-    rows = []
-    for claim in paper.claims:
-        f = finding(findings, claim.measure, arms)
-        rows.append(
-            (
-                claim.text,
-                *estimate_cells(f),
-                *test_cells(f),
-                percent(claim.difference),
-                probability(claim.p_bh),
-                verdict(claim.direction, f, margins.get(claim.measure)),
-            )
-        )
     own = [finding(findings, claim.measure, arms) for claim in paper.claims]
-    return Table(
+    rows = (
+        [
+            ("Claim", claim.text),
+            *estimate_cells(f),
+            *test_cells(f),
+            (f"{MARK} difference", percent(claim.difference)),
+            (f"{MARK} p BH", probability(claim.p_bh)),
+            ("verdict", verdict(claim.direction, f, margins.get(claim.measure))),
+        ]
+        for claim, f in zip(paper.claims, own, strict=True)
+    )
+    return Table.of(
         "claims",
         f"The paper's claims: {arms[0]} minus {arms[1]}",
-        (
-            "Claim",
-            *ESTIMATE,
-            *TEST,
-            *published(paper, ("difference", "p BH")),
-            "verdict",
-        ),
-        tuple(rows),
+        rows,
         (
             READING,
             families_note(own),
@@ -86,29 +78,24 @@ def questions_table(
     key: str, name: str, findings: Sequence[Finding], margins: Mapping[str, float]
 ) -> Table:
     """A family beyond the paper's claims, by pair of arms and measure."""
-    return Table(
-        key,
-        f"Differences: {name}",
-        ("Arms", "measure", *ESTIMATE, *TEST, "margin", "verdict"),
-        tuple(
-            (
-                f"{f.arms[0]} minus {f.arms[1]}",
-                f.measure.label,
-                *estimate_cells(f),
-                *test_cells(f),
-                NONE if f.measure.key not in margins else f"±{margins[f.measure.key]:,g}",
-                found(f, margins.get(f.measure.key)),
-            )
-            for f in findings
-        ),
-        (READING, families_note(findings), f"'Shown': p BH < {LEVEL:g}. {ALIKE}"),
+    rows = (
+        [
+            ("Arms", f"{f.arms[0]} minus {f.arms[1]}"),
+            ("measure", f.measure.label),
+            *estimate_cells(f),
+            *test_cells(f),
+            ("margin", NONE if (m := margins.get(f.measure.key)) is None else f"±{m:,g}"),
+            ("verdict", found(f, m)),
+        ]
+        for f in findings
     )
+    notes = (READING, families_note(findings), f"'Shown': p BH < {LEVEL:g}. {ALIKE}")
+    return Table.of(key, f"Differences: {name}", rows, notes)
 
 
 def primary_table(f: Finding, margin: float | None) -> Table:
     """The primary endpoint: one test, not adjusted."""
     a, b = f.arms
-    (mean_a, sd_a), (mean_b, sd_b) = map(mean_sd, f.numbers)
     digits, shift = DIGITS[f.measure.unit], f.shift
     wide = (shift.high - shift.low) / abs(shift.estimate) if shift.estimate else float("nan")
     if isinstance(f.test, PairedTest):
@@ -116,16 +103,16 @@ def primary_table(f: Finding, margin: float | None) -> Table:
         pairs = f"{f.test.lower} : {equal} : {f.test.higher}"
     else:
         pairs = NONE
-    row = {
-        f"{a}, mean ± SD": spread(mean_a, sd_a, digits),
-        f"{b}, mean ± SD": spread(mean_b, sd_b, digits),
-        **dict(zip(ESTIMATE, estimate_cells(f), strict=True)),
-        "width of the interval / |difference|": number(wide, 2),
-        f"pairs: {a} lower : equal : higher": pairs,
-        "test": test_name(f),
-        "p, not adjusted": tested(f.test),
-        "verdict": _words(f, f.test.p, margin),
-    }
+    means = zip(f.arms, f.numbers, strict=True)
+    row = [
+        *((f"{arm}, mean ± SD", spread(*mean_sd(values), digits)) for arm, values in means),
+        *estimate_cells(f),
+        ("width of the interval / |difference|", number(wide, 2)),
+        (f"pairs: {a} lower : equal : higher", pairs),
+        ("test", test_name(f)),
+        ("p, not adjusted", tested(f.test)),
+        ("verdict", found(f, margin, f.test.p)),
+    ]
     return Table.of(
         "primary",
         f"Primary endpoint: {f.measure.label}, {a} minus {b}",
@@ -134,28 +121,25 @@ def primary_table(f: Finding, margin: float | None) -> Table:
     )
 
 
-ESTIMATE: Final = ("unit", "difference [95 %]", "in percent")
-TEST: Final = ("test", "p", "p BH")
-
-
-def estimate_cells(f: Finding) -> tuple[str, ...]:
+def estimate_cells(f: Finding) -> Row:
     """Unit, difference with its interval, and share: all of the same difference of means."""
-    unit = "generations without one" if f.measure.emergence else f.measure.unit
-    if f.never:
-        return unit, "never in either arm", NONE
-    if f.equal:
-        return unit, "0, equal in every pair", NONE
+    yield "unit", "generations without one" if f.measure.emergence else f.measure.unit
     (a, _), (b, sd) = map(mean_sd, f.numbers)
     shift, digits = f.shift, DIGITS[f.measure.unit]
-    ends = interval(shift, digits).removeprefix(number(shift.estimate, digits))
-    return unit, f"{signed(shift.estimate, digits)}{ends}", percent(change(a, b, sd))
-
-
-def test_cells(f: Finding) -> tuple[str, ...]:
-    """The test, its p and its adjusted p."""
+    difference, share = signed_interval(shift, digits), percent(change(a, b, sd))
     if f.never or f.equal:
-        return "none: all values are equal", NONE, NONE
-    return test_name(f), tested(f.test), probability(f.p_bh)
+        difference = NEVER if f.never else "0, equal in every pair"
+        share = NONE
+    yield "difference [95 %]", difference
+    yield "in percent", share
+
+
+def test_cells(f: Finding) -> Row:
+    """The test, its p and its adjusted p."""
+    untested = f.never or f.equal
+    yield "test", "none: all values are equal" if untested else test_name(f)
+    yield "p", NONE if untested else tested(f.test)
+    yield "p BH", NONE if untested else probability(f.p_bh)
 
 
 def test_name(f: Finding) -> str:
@@ -168,7 +152,7 @@ def test_name(f: Finding) -> str:
 def verdict(direction: int, f: Finding, margin: float | None = None) -> str:
     """What a test says of a claim; `direction` as in `paper.Claim`."""
     if f.never:
-        return "never in either arm"
+        return NEVER
     shown = f.p_bh < LEVEL
     if direction == 0:
         if alike(f, margin):
@@ -179,18 +163,14 @@ def verdict(direction: int, f: Finding, margin: float | None = None) -> str:
     return "agrees, shown" if (f.shift.estimate > 0) == (direction > 0) else "opposite, shown"
 
 
-def found(f: Finding, margin: float | None) -> str:
-    """What a test says of two arms."""
-    return _words(f, f.p_bh, margin)
-
-
-def _words(f: Finding, p: float, margin: float | None) -> str:
+def found(f: Finding, margin: float | None, p: float | None = None) -> str:
+    """What a test says of two arms; `p`: its own in place of the adjusted one."""
     if f.never:
-        return "never in either arm"
+        return NEVER
     if f.equal:
         return "equal in every pair"
     within = f"alike within ±{margin:,g}" if alike(f, margin) else ""
-    if p < LEVEL:
+    if (f.p_bh if p is None else p) < LEVEL:
         return f"{_side(f)}, shown" + (f", but {within}" if within else "")
     return within or "not shown"
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final, TypeVar
 
 from islandgp.study.arms import Comparison
 from islandgp.study.findings import Finding
-from islandgp.study.paper import MARK, Paper
+from islandgp.study.paper import MARK, Diversity, Paper, Tested
 from islandgp.study.statistics import (
     FEWEST,
     LEVEL,
@@ -20,6 +20,7 @@ from islandgp.study.statistics import (
 from islandgp.study.table import (
     DIGITS,
     NONE,
+    Row,
     Table,
     change,
     effect,
@@ -31,8 +32,6 @@ from islandgp.study.table import (
     spread,
     tested,
 )
-
-TESTS: Final = ("difference", "U", "z", "p", "p BH", "r")
 
 SIGNS: Final = (
     "Mann-Whitney U of the first arm, two-sided, as in the paper;"
@@ -53,12 +52,6 @@ def families_note(findings: Sequence[Finding]) -> str:
     return f"p BH: Benjamini-Hochberg over the family {'; '.join(each)}."
 
 
-def arm_cells(f: Finding) -> tuple[str, ...]:
-    """Mean and deviation of each arm."""
-    digits = DIGITS[f.measure.unit]
-    return tuple(spread(*mean_sd(sample), digits) for sample in f.numbers)
-
-
 def difference(f: Finding) -> str:
     """By which share the means differ; by how much, where a share would say nothing."""
     (a, _), (b, sd) = (mean_sd(sample) for sample in f.numbers)
@@ -69,47 +62,68 @@ def difference(f: Finding) -> str:
     return f"{NONE} ({signed(a - b, DIGITS[f.measure.unit])}{unit})"
 
 
-def rank_cells(f: Finding) -> tuple[str, ...]:
-    """The rank test: TESTS without the difference."""
-    t = f.rank
-    return number(t.u, 1), number(t.z, 2), tested(t), probability(f.rank_q), effect(t.r)
+def rank_cells(f: Finding) -> Row:
+    """The rank test."""
+    yield "U", number(f.rank.u, 1)
+    yield "z", number(f.rank.z, 2)
+    yield "p", tested(f.rank)
+    yield "p BH", probability(f.rank_q)
+    yield "r", effect(f.rank.r)
+
+
+def _ours(f: Finding) -> Row:
+    """Mean and deviation of each arm, and how they differ."""
+    for arm, sample in zip(f.arms, f.numbers, strict=True):
+        yield arm, spread(*mean_sd(sample), DIGITS[f.measure.unit])
+    yield "difference", difference(f)
+    yield from rank_cells(f)
 
 
 def fitness_table(key: str, title: str, findings: Sequence[Finding], paper: Paper | None) -> Table:
     """Table 9 or 10 for one pair of arms."""
-    heads = ("proposed", "baseline", "p", "p BH", "r")
-    return Table(
-        key,
-        title,
-        ("Metric", *findings[0].arms, *TESTS, *published(paper, heads)),
-        tuple(
-            (f.measure.label, *_ours(f), *_fitness(paper, f.measure.key, len(heads)))
-            for f in findings
-        ),
-        (SIGNS, families_note(findings), *footnotes(paper)),
+    known = paper.fitness if paper else None
+    theirs: Cells[Tested] = {
+        "proposed": lambda row: spread(*row.proposed),
+        "baseline": lambda row: spread(*row.baseline),
+        "p": lambda row: probability(row.p),
+        "p BH": lambda row: probability(row.p_bh),
+        "r": lambda row: effect(row.r),
+    }
+    rows = (
+        [("Metric", f.measure.label), *_ours(f), *published(known, f.measure.key, theirs)]
+        for f in findings
     )
+    return Table.of(key, title, rows, (SIGNS, families_note(findings), *footnotes(paper)))
 
 
 def diversity_table(
     key: str, title: str, findings: Sequence[Finding], paper: Paper | None
 ) -> Table:
     """Table 12 for one pair of arms, with the tests that the paper does not make."""
-    heads = ("proposed", "baseline", "difference")
-    return Table(
-        key,
-        title,
-        ("Measure", *findings[0].arms, *TESTS, *published(paper, heads)),
-        tuple(
-            (f.measure.label, *_ours(f), *_diversity(paper, f.measure.key, len(heads)))
-            for f in findings
-        ),
-        (SIGNS, families_note(findings), "The paper tests none of these.", *footnotes(paper)),
+    known = paper.diversity if paper else None
+    theirs: Cells[Diversity] = {
+        "proposed": lambda row: number(row.proposed, 3),
+        "baseline": lambda row: number(row.baseline, 3),
+        "difference": lambda row: percent(row.difference),
+    }
+    rows = (
+        [("Measure", f.measure.label), *_ours(f), *published(known, f.measure.key, theirs)]
+        for f in findings
     )
+    notes = SIGNS, families_note(findings), "The paper tests none of these.", *footnotes(paper)
+    return Table.of(key, title, rows, notes)
 
 
-def published(paper: Paper | None, heads: Sequence[str]) -> tuple[str, ...]:
-    """The columns of published figures; none where there is no such paper."""
-    return tuple(f"{MARK} {head}" for head in heads) if paper else ()
+T = TypeVar("T")
+Cells = Mapping[str, Callable[[T], str]]  # by column, how its cell is made
+
+
+def published(known: Mapping[str, T] | None, key: str, cells: Cells[T]) -> Row:
+    """The columns of published figures: dashes where none are known of a key, None: no columns."""
+    if known is not None:
+        row = known.get(key)
+        for head, cell in cells.items():
+            yield f"{MARK} {head}", NONE if row is None else cell(row)
 
 
 def footnotes(paper: Paper | None) -> tuple[str, ...]:
@@ -117,49 +131,12 @@ def footnotes(paper: Paper | None) -> tuple[str, ...]:
     return (paper.footnote,) if paper else ()
 
 
-def _ours(f: Finding) -> tuple[str, ...]:
-    return (*arm_cells(f), difference(f), *rank_cells(f))
-
-
-def _fitness(paper: Paper | None, key: str, columns: int) -> tuple[str, ...]:
-    if paper is None:
-        return ()
-    if (row := paper.fitness.get(key)) is None:
-        return (NONE,) * columns
-    return (
-        spread(*row.proposed),
-        spread(*row.baseline),
-        probability(row.p),
-        probability(row.p_bh),
-        effect(row.r),
-    )
-
-
-def _diversity(paper: Paper | None, key: str, columns: int) -> tuple[str, ...]:
-    if paper is None:
-        return ()
-    if (row := paper.diversity.get(key)) is None:
-        return (NONE,) * columns
-    return number(row.proposed, 3), number(row.baseline, 3), percent(row.difference)
-
-
 def median_table(key: str, title: str, findings: Sequence[Finding]) -> Table:
     """Medians with bootstrap intervals, and the tests seed by seed."""
-    a, b = findings[0].arms
-    return Table(
+    return Table.of(
         key,
         title,
-        (
-            "Measure",
-            f"median {a} [95 %]",
-            f"median {b} [95 %]",
-            "difference of medians [95 %]",
-            "pairs",
-            f"{a} lower : higher",
-            "paired p",
-            "paired p BH",
-        ),
-        tuple((f.measure.label, *_medians(f), *_pairs(f)) for f in findings),
+        ([("Measure", f.measure.label), *_medians(f), *_pairs(f)] for f in findings),
         (
             "Intervals of medians: order statistics, exact; fewer than six runs have none. Those of"
             " differences: percentiles of 10,000 bootstrap samples of the runs of each arm, seeded;"
@@ -173,20 +150,22 @@ def median_table(key: str, title: str, findings: Sequence[Finding]) -> Table:
     )
 
 
-def _medians(f: Finding) -> tuple[str, ...]:
+def _medians(f: Finding) -> Row:
     digits = DIGITS[f.measure.unit]
-    first, second = (
-        "never" if all(v is None for v in sample) else interval(median_interval(ends), digits)
-        for sample, ends in zip(f.samples, f.endless, strict=True)
-    )
+    for arm, sample, ends in zip(f.arms, f.samples, f.endless, strict=True):
+        never = all(v is None for v in sample)
+        middle = "never" if never else interval(median_interval(ends), digits)
+        yield f"median {arm} [95 %]", middle
     apart = bootstrap(f.endless, median_difference)
-    return first, second, interval(apart, digits)
+    yield "difference of medians [95 %]", interval(apart, digits)
 
 
-def _pairs(f: Finding) -> tuple[str, ...]:
-    if (t := f.paired) is None:
-        return (NONE,) * 4
-    return str(t.pairs), f"{t.lower} : {t.higher}", tested(t), probability(f.paired_q)
+def _pairs(f: Finding) -> Row:
+    t = f.paired
+    yield "pairs", NONE if t is None else str(t.pairs)
+    yield f"{f.arms[0]} lower : higher", NONE if t is None else f"{t.lower} : {t.higher}"
+    yield "paired p", NONE if t is None else tested(t)
+    yield "paired p BH", probability(f.paired_q)
 
 
 def power_table(study: Comparison, family: int) -> Table:
@@ -209,7 +188,7 @@ def power_table(study: Comparison, family: int) -> Table:
     return Table.of(
         "power",
         "Smallest difference that is found with 80 % power",
-        rows,
+        map(dict.items, rows),
         (
             "By simulation of the exact Mann-Whitney test on normal values that differ by a shift"
             " (4,000 pairs of samples a step, seeded). The second level is the strictest one of"

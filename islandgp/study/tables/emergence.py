@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import zip_longest
 
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.emergence import Summary, first, reduction, summary
 from islandgp.study.findings import Finding
-from islandgp.study.paper import Paper
-from islandgp.study.table import NONE, Table, interval, number, percent, probability, spread
+from islandgp.study.paper import MARK, Emergence, Paper
+from islandgp.study.table import NONE, Row, Table, interval, number, percent, probability, spread
 from islandgp.study.tables.comparisons import (
     SIGNS,
-    TESTS,
+    Cells,
     families_note,
     footnotes,
     published,
@@ -27,7 +26,6 @@ def emergence_table(
     key: str, heading: str, findings: Sequence[Finding], paper: Paper | None
 ) -> Table:
     """Section 3.4 for one pair of arms: when the first robot of each milestone came."""
-    a, b = findings[0].arms
     notes = [
         SIGNS,
         families_note(findings),
@@ -42,55 +40,35 @@ def emergence_table(
             " the log-rank test counts them as watched to the end, and no mean is given for"
             " their arm."
         )
-    return Table(
-        key,
-        heading,
-        (
-            "Tier",
-            a,
-            b,
-            f"without one, {a}",
-            f"without one, {b}",
-            "difference without one [95 %]",
-            "earlier by",
-            *TESTS[1:],
-            "log-rank p",
-            "log-rank p BH",
-            *published(paper, ("proposed", "baseline", "earlier by", "p BH")),
-        ),
-        tuple((*_ours(f), *_theirs(paper, f.measure.key)) for f in findings),
-        (*notes, *footnotes(paper)),
+    known = paper.emergence if paper else None
+    theirs: Cells[Emergence] = {
+        "proposed": lambda row: when(summary(row.proposed, PAPER_GENERATIONS)),
+        "baseline": lambda row: when(summary(row.baseline, PAPER_GENERATIONS)),
+        "earlier by": lambda row: percent(row.earlier).lstrip("+"),
+        "p BH": lambda row: probability(row.p_bh),
+    }
+    rows = (
+        [*_ours(f), *published(known, f.measure.key.removeprefix("first_"), theirs)]
+        for f in findings
     )
+    return Table.of(key, heading, rows, (*notes, *footnotes(paper)))
 
 
-def _ours(f: Finding) -> tuple[str, ...]:
+def _ours(f: Finding) -> Row:
     first, second = (summary(sample, f.generations) for sample in f.samples)
     earlier = reduction(first, second)
-    return (
-        f.measure.label,
-        when(first),
-        when(second),
-        without(first),
-        without(second),
-        interval(f.shift, 1),
-        NONE if earlier is None else f"{percent(earlier[0]).lstrip('+')} ({earlier[1]})",
-        *rank_cells(f),
-        probability(f.log_rank),
-        probability(f.log_rank_q),
-    )
-
-
-def _theirs(paper: Paper | None, key: str) -> tuple[str, ...]:
-    if paper is None:
-        return ()
-    if (row := paper.emergence.get(key.removeprefix("first_"))) is None:
-        return (NONE,) * 4
-    return (
-        when(summary(row.proposed, PAPER_GENERATIONS)),
-        when(summary(row.baseline, PAPER_GENERATIONS)),
-        percent(row.earlier).lstrip("+"),
-        probability(row.p_bh),
-    )
+    share = NONE if earlier is None else f"{percent(earlier[0]).lstrip('+')} ({earlier[1]})"
+    a, b = f.arms
+    yield "Tier", f.measure.label
+    yield a, when(first)
+    yield b, when(second)
+    yield f"without one, {a}", without(first)
+    yield f"without one, {b}", without(second)
+    yield "difference without one [95 %]", interval(f.shift, 1)
+    yield "earlier by", share
+    yield from rank_cells(f)
+    yield "log-rank p", probability(f.log_rank)
+    yield "log-rank p BH", probability(f.log_rank_q)
 
 
 def when(s: Summary) -> str:
@@ -111,49 +89,43 @@ def without(s: Summary) -> str:
 def runs_table(study: Comparison) -> Table:
     """Table 11: the generation of the first robot of each milestone in each run."""
     tiers = study.milestones
-    seeds = sorted({seed for arm in study.arms for seed in arm.seeds})
-    rows = [
-        (str(seed), *(_firsts(arm, seed, tier) for arm in study.arms for tier in tiers))
-        for seed in seeds
-    ]
-    heads = [f"{who}: {title(tier)}" for who in ("proposed", "baseline") for tier in tiers]
-    notes: tuple[str, ...] = (
+    notes = [
         "Generations count from 0, the initial population. 'never': none up to the last"
         f" generation, {study.generations - 1}; such a run is censored, not dropped.",
-    )
+    ]
     if study.paper:
-        notes += (
+        notes.append(
             "The paper's five runs stand beside the first rows in its order; they share nothing"
-            " with the seeds there.",
+            " with the seeds there."
         )
-    return Table(
+    seeds = sorted({seed for arm in study.arms for seed in arm.seeds})
+    return Table.of(
         "table-11-runs",
         "Table 11. Generation of the first"
         f" {' and the first '.join(map(title, tiers))} Robot, run by run",
         (
-            "Seed",
-            *(f"{arm.name}: {title(tier)}" for arm in study.arms for tier in tiers),
-            *published(study.paper, heads),
+            [
+                ("Seed", str(seed)),
+                *(
+                    (f"{a.name}: {title(t)}", _firsts(a, seed, t))
+                    for a in study.arms
+                    for t in tiers
+                ),
+                *_beside(place, study.paper, tiers),
+            ]
+            for place, seed in enumerate(seeds)
         ),
-        tuple(_beside(rows, study.paper, tiers)),
         (*notes, *footnotes(study.paper)),
     )
 
 
-def _beside(
-    rows: Sequence[tuple[str, ...]], paper: Paper | None, tiers: Sequence[str]
-) -> list[tuple[str, ...]]:
-    """The rows, the first of them with the paper's runs beside them."""
-    if paper is None:
-        return list(rows)
-    found = [paper.emergence.get(tier) for tier in tiers]
-    columns = [
-        *(row.proposed if row else () for row in found),
-        *(row.baseline if row else () for row in found),
-    ]
-    theirs = [tuple(map(str, row)) for row in zip_longest(*columns, fillvalue="")]
-    empty = ("",) * len(columns)
-    return [(*row, *(theirs[k] if k < len(theirs) else empty)) for k, row in enumerate(rows)]
+def _beside(place: int, paper: Paper | None, tiers: Sequence[str]) -> Row:
+    """The paper's run of that number, empty beyond its last one."""
+    known = [(tier, paper.emergence.get(tier)) for tier in tiers] if paper else []
+    for who in ("proposed", "baseline"):
+        for tier, row in known:
+            cells = getattr(row, who)[place : place + 1] if row else ()
+            yield f"{MARK} {who}: {title(tier)}", "".join(map(str, cells))
 
 
 def _firsts(arm: Arm, seed: int, tier: str) -> str:

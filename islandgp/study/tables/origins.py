@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 from statistics import fmean
 from typing import Final
 
@@ -15,7 +14,6 @@ from islandgp.study.lineage import (
     HEIR,
     RANDOM,
     Descent,
-    Newcomer,
     alive,
     descent_of_first,
     elite_share,
@@ -40,33 +38,24 @@ def lineage_table(study: Comparison) -> Table:
     for arm in study.arms:
         found = [n for run in arm.runs for n in newcomers(run)]
         for origin in (Origin.INJECTED, Origin.RANDOM):
-            mine = [n for n in found if n.origin == origin]
-            if not mine:
-                continue
-            rows.append(
-                (
-                    f"{arm.name}: {origin.value}",
-                    number(len(mine)),
-                    number(fmean(n.fitness for n in mine)),
-                    _median_life(mine, study.generations),
-                    f"{alive(mine, LATER + 1)[LATER]:.0%}",
-                    number(fmean(n.descendants for n in mine), 1),
-                    f"{fmean(elite_share(run, origin) for run in arm.runs):.0%}",
-                )
-            )
-    return Table(
+            if mine := [n for n in found if n.origin == origin]:
+                life = median_life(mine, study.generations)
+                elite = fmean(elite_share(run, origin) for run in arm.runs)
+                alive_later = alive(mine, LATER + 1)[LATER]
+                row = {
+                    "Arm and origin": f"{arm.name}: {origin.value}",
+                    "newcomers": number(len(mine)),
+                    "mean fitness on arrival": number(fmean(n.fitness for n in mine)),
+                    "median generations lived": "not reached" if life is None else str(life),
+                    f"alive after {LATER} generations": f"{alive_later:.0%}",
+                    "mean descendants": number(fmean(n.descendants for n in mine), 1),
+                    "share of the final elite": f"{elite:.0%}",
+                }
+                rows.append(row.items())
+    return Table.of(
         "lineage",
         "What became of newcomers",
-        (
-            "Arm and origin",
-            "newcomers",
-            "mean fitness on arrival",
-            "median generations lived",
-            f"alive after {LATER} generations",
-            "mean descendants",
-            "share of the final elite",
-        ),
-        tuple(rows),
+        rows,
         (
             "A newcomer is a supervisor's tree, or a random tree of a diversity slot. It is alive"
             " as long as an individual descends from it by any chain of parents; of its own tree"
@@ -75,11 +64,6 @@ def lineage_table(study: Comparison) -> Table:
             " last generation; an individual can descend from newcomers of both kinds.",
         ),
     )
-
-
-def _median_life(found: Sequence[Newcomer], generations: int) -> str:
-    life = median_life(found, generations)
-    return "not reached" if life is None else str(life)
 
 
 def sources_table(study: Comparison) -> Table:

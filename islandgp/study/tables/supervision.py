@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import accumulate
 from statistics import fmean
 from typing import Final
 
-from islandgp.study.arms import Arm, Comparison, Run
+from islandgp.study.arms import Arm, Comparison
 from islandgp.study.emergence import first, quantile
 from islandgp.study.measures import Overhead, overhead
-from islandgp.study.paper import MARK, Paper
+from islandgp.study.paper import MARK
 from islandgp.study.statistics import mean_sd
-from islandgp.study.table import NONE, Table, number, percent, spread
+from islandgp.study.table import NONE, Row, Table, number, percent, spread
 from islandgp.study.tables.comparisons import footnotes
 from islandgp.supervision.decisions import decisions
 from islandgp.supervision.state_json import title
@@ -24,33 +23,36 @@ Overheads = Sequence[Overhead]
 def decisions_table(study: Comparison) -> Table:
     """Section 3.7: how often each pattern, phase, target and crisis came."""
     each = [decisions(run.guidance for run in arm.runs) for arm in study.arms]
-    totals = [d.total for d in each]
     paper = study.paper
-    rows: list[tuple[str, ...]] = [("Decisions", *map(number, totals), *_beside(paper, NONE))]
+
+    def row(label: str, cells: Iterable[str], published: str = NONE) -> Row:
+        yield "Decision", label
+        yield from zip((arm.name for arm in study.arms), cells, strict=True)
+        if paper:
+            yield MARK, published
+
+    rows = [row("Decisions", (number(d.total) for d in each))]
     for heading, kinds in (
         ("Pattern", [d.patterns for d in each]),
         ("Phase", [d.phases for d in each]),
         ("Injected for", [d.targets for d in each]),
     ):
-        names = sorted({name for kind in kinds for name in kind})
-        rows += [
-            (f"{heading}: {_words(name)}", *_shares(name, kinds, totals), *_share(paper, name))
-            for name in names
-        ]
-    rows += [
-        (
-            f"Crises: {reason}",
-            *(f"{d.episodes[reason]} ({d.crises[reason]} generations)" for d in each),
-            *_beside(paper, str(paper.crises.get(reason, NONE)) if paper else NONE),
-        )
-        for reason in ("diversity", "stagnation")
-    ]
-    rows.append(("Interventions", *(number(d.interventions) for d in each), *_beside(paper, NONE)))
-    return Table(
+        for name in sorted({name for kind in kinds for name in kind}):
+            shares = [
+                _share(kind[name] / d.total if kind else None)
+                for kind, d in zip(kinds, each, strict=True)
+            ]
+            known = paper.decisions.get(name) if paper else None
+            rows.append(row(f"{heading}: {name.replace('_', ' ')}", shares, _share(known)))
+    for reason in ("diversity", "stagnation"):
+        counts = [f"{d.episodes[reason]} ({d.crises[reason]} generations)" for d in each]
+        published = str(paper.crises.get(reason, NONE)) if paper else NONE
+        rows.append(row(f"Crises: {reason}", counts, published))
+    rows.append(row("Interventions", (number(d.interventions) for d in each)))
+    return Table.of(
         "decisions",
         "Supervision decisions, all runs together",
-        ("Decision", *(arm.name for arm in study.arms), *_beside(paper, MARK)),
-        tuple(rows),
+        rows,
         (
             "Shares are of all decisions of the arm. A crisis (Eq. 7) overrides the rate; one that"
             " lasts several generations counts once. An intervention is a decision in which the"
@@ -62,49 +64,30 @@ def decisions_table(study: Comparison) -> Table:
     )
 
 
-def _words(name: str) -> str:
-    return name.replace("_", " ")
-
-
-def _beside(paper: Paper | None, cell: str) -> tuple[str, ...]:
-    """A cell of the column with published figures, where there is one."""
-    return (cell,) if paper else ()
-
-
-def _share(paper: Paper | None, label: str) -> tuple[str, ...]:
-    if paper is None:
-        return ()
-    return (percent(paper.decisions.get(label)).lstrip("+"),)
-
-
-def _shares(name: str, kinds: Sequence[Counter[str]], totals: Sequence[int]) -> list[str]:
-    """Of all decisions, those without a label included; a dash where an arm names none at all."""
-    return [
-        percent(kind[name] / total).lstrip("+") if kind else NONE
-        for kind, total in zip(kinds, totals, strict=True)
-    ]
+def _share(share: float | None) -> str:
+    """A share in percent, or a dash."""
+    return percent(share).lstrip("+")
 
 
 def overhead_table(study: Comparison) -> Table:
     """One column an arm."""
     each = [[overhead(run) for run in arm.runs] for arm in study.arms]
-    rows: list[tuple[str, ...]] = [
-        (label, *(value(runs) for runs in each), *_overhead(study.paper, key))
-        for label, key, value in _ROWS
-    ]
-    rows += [
-        (
-            f"Time to the first {title(tier)} Robot (s)",
-            *(_time_to(tier, arm) for arm in study.arms),
-            *_beside(study.paper, NONE),
-        )
-        for tier in study.milestones[:1]
-    ]
-    return Table(
+
+    def row(label: str, cells: Iterable[str], key: str = "") -> Row:
+        yield "Metric", label
+        yield from zip((arm.name for arm in study.arms), cells, strict=True)
+        if study.paper:
+            yield MARK, study.paper.overhead.get(key, NONE)
+
+    tier = study.milestones[0]
+    times = (_time_to(tier, arm) for arm in study.arms)
+    return Table.of(
         "table-14",
         "Table 14. Computational overhead of a run",
-        ("Metric", *(arm.name for arm in study.arms), *_beside(study.paper, MARK)),
-        tuple(rows),
+        (
+            *(row(label, map(value, each), key) for label, key, value in _ROWS),
+            row(f"Time to the first {title(tier)} Robot (s)", times),
+        ),
         (
             "Times are wall-clock seconds on the machine that ran the arms: mean ± SD over runs."
             " The time to a first robot is measured, supervision included, up to the"
@@ -115,17 +98,13 @@ def overhead_table(study: Comparison) -> Table:
     )
 
 
-def _overhead(paper: Paper | None, key: str) -> tuple[str, ...]:
-    return _beside(paper, paper.overhead.get(key, NONE) if paper else NONE)
-
-
 def _spread(value: Callable[[Overhead], float], digits: int = 0) -> Callable[[Overheads], str]:
     return lambda runs: spread(*mean_sd([value(b) for b in runs]), digits)
 
 
 def _part(runs: Overheads) -> str:
     supervised, simulated = fmean(b.seconds for b in runs), fmean(b.simulation for b in runs)
-    return percent(supervised / simulated if simulated else None).lstrip("+")
+    return _share(supervised / simulated if simulated else None)
 
 
 def _decision(runs: Overheads) -> str:
@@ -163,16 +142,11 @@ _ROWS: Final[tuple[tuple[str, str, Callable[[Overheads], str]], ...]] = (
 
 
 def _time_to(tier: str, arm: Arm) -> str:
-    times = [_seconds_to(run, tier) for run in arm.runs]
-    there = sum(t is not None for t in times)
-    middle = quantile(times, 0.5)
+    times: list[float | None] = []
+    for run in arm.runs:
+        spent = list(accumulate(c.evaluation + c.supervision + c.operators for c in run.costs))
+        generation = first(run, tier)
+        times.append(None if generation is None else spent[generation])
+    there, middle = sum(t is not None for t in times), quantile(times, 0.5)
     text = "not reached" if middle is None else number(middle, 1)
     return f"median {text}, {there} of {len(times)} runs"
-
-
-def _seconds_to(run: Run, tier: str) -> float | None:
-    generation = first(run, tier)
-    if generation is None:
-        return None
-    spent = list(accumulate(c.evaluation + c.supervision + c.operators for c in run.costs))
-    return spent[generation]

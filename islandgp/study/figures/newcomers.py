@@ -1,0 +1,149 @@
+"""Newcomers' lines, and champions in unseen worlds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from islandgp.evolution.population import Origin
+from islandgp.study.arms import Comparison
+from islandgp.study.figures.drawing import (
+    FAINT,
+    INK,
+    LINES,
+    PERCENT,
+    THOUSANDS,
+    Picture,
+    Style,
+    legend,
+    look,
+    looks,
+    marks,
+    named,
+    picture,
+    sideways,
+)
+from islandgp.study.generalise import Generalisation
+from islandgp.study.lineage import alive, newcomers
+from islandgp.study.statistics import mean_interval
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Champions = Mapping[str, Sequence[Generalisation]]  # by arm
+
+
+def lineage(study: Comparison) -> Picture | None:
+    """How long newcomers' lines last; None when no arm has any newcomer."""
+    curves: list[tuple[str, int, int, list[float]]] = []
+    for i, arm in enumerate(study.arms):
+        found = [n for run in arm.runs for n in newcomers(run)]
+        for k, origin in enumerate((Origin.INJECTED, Origin.RANDOM)):
+            mine = [n for n in found if n.origin == origin]
+            if mine:
+                label = f"{arm.name}: {origin.value} (n = {len(mine):,})"
+                curves.append((label, i, k, alive(mine, study.generations - 1)))
+    if not curves:
+        return None
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        for label, i, k, shares in curves:
+            how = look(i)
+            axes.plot(
+                range(len(shares)),
+                shares,
+                color=how.colour,
+                linestyle=LINES[0] if k == 0 else LINES[3],
+                label=label,
+                **marks(how),
+            )
+        axes.set_ylim(0, 1.03)
+        axes.set_xlim(left=0)
+        axes.yaxis.set_major_formatter(PERCENT)
+        axes.set(xlabel="Generations after it came", ylabel="Share with a living descendant")
+        legend(figure, axes)
+
+    return picture(
+        "lineage",
+        "Survival of newcomers",
+        "Solid: trees that a supervisor injected; dotted: random trees of the diversity slots."
+        " Kaplan-Meier estimate: a newcomer whose line lives at the end of its run is censored.",
+        draw,
+    )
+
+
+def generalisation(found: Sequence[Generalisation], study: Comparison) -> Picture:
+    """Champions in unseen worlds, by arm and against their fitness in training."""
+    champions = {
+        arm.name: [g for g in found if g.arm == arm.name and g.seed is not None]
+        for arm in study.arms
+    }
+
+    def draw(figure: Figure) -> None:
+        left, right = figure.subplots(1, 2, sharey=True, width_ratios=(2, 3))
+        _by_arm(left, study, champions)
+        _against_training(right, study, champions)
+        for k, g in enumerate(g for g in found if g.seed is None):
+            across: dict[str, Any] = {
+                "color": (INK, FAINT)[k % 2],
+                "linestyle": LINES[3 - k % 3],
+                "linewidth": 1.2,
+            }
+            left.axhline(g.unseen, **across)
+            right.axhline(g.unseen, label=g.arm, **across)
+        left.yaxis.set_major_formatter(THOUSANDS)
+        low, high = right.get_xlim()
+        bottom, top = right.get_ylim()
+        right.plot([low, high], [low, high], color="#bbbbbb", linewidth=0.9, zorder=0.5)
+        right.set(xlim=(low, high), ylim=(bottom, top))
+        legend(figure, right, 2)
+
+    return picture(
+        "generalisation",
+        "Champions on unseen worlds",
+        "Each point is a run's champion, its mean over unseen worlds. (a) Points are set apart"
+        " sideways by seed; bars: mean over runs with Student's t 95 % interval. (b) On the grey"
+        " line it would do as well in unseen worlds as it did in training. Lines across: trees"
+        " of the library.",
+        draw,
+        height=4.2,
+    )
+
+
+def _by_arm(axes: Axes, study: Comparison, champions: Champions) -> None:
+    for place, (arm, how) in enumerate(looks(study)):
+        unseen = [g.unseen for g in champions[arm.name]]
+        if not unseen:
+            continue
+        axes.scatter(sideways(place, len(unseen), 0.8), unseen, s=16, alpha=0.8, **_points(how))
+        mean = mean_interval(unseen)
+        axes.errorbar(
+            place,
+            mean.estimate,
+            yerr=mean.high - mean.estimate,
+            color=INK,
+            marker="_",
+            markersize=14,
+            capsize=4,
+            linewidth=1.4,
+            zorder=4,
+        )
+    axes.set_xticks(range(len(study.arms)), [arm.name for arm in study.arms], rotation=20)
+    axes.set_xlim(-0.6, len(study.arms) - 0.4)
+    axes.grid(visible=False, axis="x")
+    axes.set(title="(a) By arm", ylabel="Mean fitness in unseen worlds (points)")
+
+
+def _against_training(axes: Axes, study: Comparison, champions: Champions) -> None:
+    for arm, how in looks(study):
+        if mine := champions[arm.name]:
+            trained, unseen = [g.trained or 0.0 for g in mine], [g.unseen for g in mine]
+            axes.scatter(trained, unseen, s=22, label=named(arm), **_points(how))
+    axes.xaxis.set_major_formatter(THOUSANDS)
+    axes.set(title="(b) Against training", xlabel="Fitness in training, one episode (points)")
+
+
+def _points(how: Style) -> dict[str, Any]:
+    return {"color": how.colour, "marker": how.marker, "edgecolor": "white", "linewidth": 0.4}
