@@ -66,11 +66,11 @@ def command(
     run; of a sweep, the best robots of its runs. The first three, the run's best robot and the
     library's yardsticks then meet test worlds, which neither trained nor chose any of them.
     """
+    from islandgp.evaluation.base import Problem
     from islandgp.evaluation.processes import Processes, cores
-    from islandgp.evaluation.recorded import setting_of
 
     runs = _finished(run)
-    evaluator = Processes(setting_of(runs[0].configuration()), workers or cores())
+    evaluator = Processes(Problem.recorded(runs[0].configuration()), workers or cores())
     try:
         rows = list(_rows(runs, evaluator, tier, worlds))
     finally:

@@ -36,25 +36,25 @@ from islandgp.config.compose import planned
 from islandgp.domain import Scene, Thing
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.errors import IslandError
-from islandgp.evaluation.recorded import setting_of
+from islandgp.evaluation.base import Problem
 from islandgp.records.checkpoint import dump
 from islandgp.records.folder import RunFolder
 from islandgp.resources import resource
 from islandgp.results import load
 from islandgp.study.select import find, read
 from islandgp.supervision.distilled import read_policy
-from islandgp.supervision.llm.answers import DECISION
+from islandgp.supervision.llm.client import read_message, retry_after
 from islandgp.supervision.llm.ledger import Ledger
 from islandgp.supervision.llm.message import Reply
 from islandgp.supervision.llm.settings import Caps
 from islandgp.supervision.llm.transcript import Transcript
 from islandgp.supervision.llm.validation import (
+    DECISION,
     Accepted,
     RateSettings,
     check_decision,
     check_proposal,
 )
-from islandgp.supervision.llm.wire import read_message, retry_after
 from islandgp.supervision.replay import Replay, ReplaySettings
 from islandgp.tracking.sent import read_sent
 from islandgp.viewer.page import page
@@ -177,10 +177,9 @@ def declaration(data: bytes) -> bool:
 RATES: Final = RateSettings(least=0.05, most=0.9, outside="repair")
 CHECKS: Final[tuple[Callable[[Reply], Any], ...]] = (
     check_decision(RATES),
-    check_decision(RATES, "first"),
     check_decision(RATES.model_copy(update={"outside": "clamp"})),
     check_proposal(Limits(8, 50), VOCABULARY, ("rare", "first")),
-    check_proposal(Limits(8, 50), VOCABULARY, ("rare", "first"), "last", 3),
+    check_proposal(Limits(8, 50), VOCABULARY, ("rare", "first"), 3),
 )
 
 
@@ -293,7 +292,7 @@ def _frames(folder: Path) -> None:
 
 
 def _setting(folder: Path) -> None:
-    setting_of(RunFolder(folder).configuration())
+    Problem.recorded(RunFolder(folder).configuration())
 
 
 def _compare(folder: Path) -> None:
