@@ -77,7 +77,7 @@ def distilled() -> Distilled:
     )
     expert = make_supervisor(composed("supervisor=expert"), None)
     assert isinstance(expert, Expert)
-    return Distilled(policy, expert, made.setup().crisis)
+    return Distilled(policy, expert, made.context().crisis)
 
 
 MAKERS: dict[str, Callable[[], Supervisor]] = {

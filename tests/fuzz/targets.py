@@ -60,7 +60,7 @@ from islandgp.tracking.sent import read_sent
 from islandgp.viewer.page import page
 from tests.fuzz.inputs import as_json, swapped, swaps, texts, values
 from tests.llm.made import DECISION as DECIDED
-from tests.llm.made import PROPOSAL, advise, answering, setup, supervisor
+from tests.llm.made import PROPOSAL, advise, answering, context, supervisor
 from tests.tracking.folders import written
 from tests.viewer.episodes import small
 
@@ -362,16 +362,16 @@ def transcript(data: bytes) -> bool:
         ledger = Ledger(found, None, CAPS)
         ledger.totals()
         ledger.seconds_left()
-        Replay.make(ReplaySettings(transcript=str(file)), context())
+        Replay.make(ReplaySettings(transcript=str(file)), run_context())
     except IslandError:
         return False
     return True
 
 
 @cache
-def context() -> Any:
+def run_context() -> Any:
     """What a run gives to its supervisor."""
-    return setup(None)
+    return context(None)
 
 
 OVERRIDES: Final = (
