@@ -29,9 +29,8 @@ class OptunaSweeper(Sweeper):
 
     def sweep(self, arguments: list[str]) -> None:
         """Searches. See `Sweeper`."""
-        from islandgp.running.optuna_search import OptunaSettings, search
+        from islandgp.running.optuna_search import search
         from islandgp.running.search import RESULTS
 
         assert self.launcher is not None, "Hydra calls setup first"
-        settings = OptunaSettings(**self.settings)
-        search(settings, arguments, self.launcher.launch, self.folder / RESULTS)
+        search(arguments, self.launcher.launch, self.folder / RESULTS, **self.settings)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import re
 from functools import cache
-from typing import Any, Final, NoReturn
+from typing import Any, Final, NoReturn, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
+
+T = TypeVar("T")
 
 UNREADABLE: Final = (
     ValueError,
@@ -43,8 +45,18 @@ def must_fit(kind: Any, text: str | bytes) -> None:
     Raises:
         ValueError: a field is missing or has another type; the message names it.
     """
+    _validated(kind, _without_halves(text))
+
+
+def made_of(kind: type[T], value: Any) -> T:
+    """A dataclass of JSON values, those inside it included. Raises ValueError as `must_fit`."""
+    found: T = _validated(kind, json.dumps(value).encode())
+    return found
+
+
+def _validated(kind: Any, text: bytes) -> Any:
     try:
-        _adapter(kind).validate_json(_without_halves(text), strict=True)
+        return _adapter(kind).validate_json(text, strict=True)
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False)[0]
         at = ".".join(map(str, first["loc"][:8])) or "the whole"

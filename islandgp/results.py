@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from islandgp.errors import RunError
-from islandgp.evaluation.recorded import check_version
+from islandgp.evaluation.base import check_version
 from islandgp.records.checkpoint import reading
 from islandgp.records.files import values
 from islandgp.records.folder import RunFolder

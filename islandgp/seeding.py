@@ -39,6 +39,6 @@ def stream(
     return np.random.Generator(np.random.PCG64(key))
 
 
-def world_seed(seed: int, *, generation: int, episode: int = 0) -> int:
-    """The seed of a generation's world, in [0, 2**32): the same for each arm that shares `seed`."""
-    return int(stream(seed, Stream.WORLD, generation=generation, slot=episode).integers(2**32))
+def seed_of(seed: int, purpose: Stream, *, generation: int = 0, slot: int = 0) -> int:
+    """A seed for something else, mostly a world, in [0, 2**32)."""
+    return int(stream(seed, purpose, generation=generation, slot=slot).integers(2**32))

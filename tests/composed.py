@@ -28,6 +28,17 @@ def composed(*overrides: str) -> Settings:
     return read_settings(plain(*overrides))
 
 
+def named(settings: Settings) -> dict[str, Any]:
+    """Of the plain configuration what names a job's folder, and tells its length."""
+    return {
+        "runs": settings.runs,
+        "name": settings.name,
+        "seed": settings.seed,
+        "supervisor": {"name": settings.supervisor.name},
+        "gp": {"generations": settings.gp.generations},
+    }
+
+
 def composed_plan(*overrides: str) -> Plan:
     """What evolution needs of those settings."""
     settings = composed(*overrides)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from islandgp.plain import must_fit
+from islandgp.plain import made_of, must_fit
 
 TEXTS = st.lists(
     st.sampled_from(["\\", "u", "d8", '"', "\udcff", "\ud800", "\U0001f600", "é", "00"]), max_size=8
@@ -38,3 +38,18 @@ def test_another_type_does_not_fit(text: str, n: Any) -> None:
     """And the message names the field."""
     with pytest.raises(ValueError, match=r"^n: "):
         must_fit(Named, json.dumps({"name": text, "n": n}))
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One dataclass inside another."""
+
+    both: tuple[Named, ...]
+
+
+def test_dataclasses_are_made_whole() -> None:
+    """Those inside as well; what is too much is left out, and nothing becomes another type."""
+    plain = {"both": [{"name": "a", "n": 1, "more": 2}]}
+    assert made_of(Pair, plain) == Pair((Named("a", 1),))
+    with pytest.raises(ValueError, match=r"^both\.0\.n: "):
+        made_of(Pair, {"both": [{"name": "a", "n": "1"}]})

@@ -66,11 +66,11 @@ def command(
     run; of a sweep, the best robots of its runs. The first three, the run's best robot and the
     library's yardsticks then meet test worlds, which neither trained nor chose any of them.
     """
+    from islandgp.evaluation.base import Problem
     from islandgp.evaluation.processes import Processes, cores
-    from islandgp.evaluation.recorded import setting_of
 
     runs = _finished(run)
-    problem = setting_of(runs[0].configuration())
+    problem = Problem.recorded(runs[0].configuration())
     with closing(Processes(problem, workers or cores())) as evaluator:
         rows = list(_rows(runs, evaluator, tier, worlds))
     best = max((row for row in rows if row.evolved), key=lambda row: row.mean)

@@ -10,7 +10,8 @@ from pathlib import Path
 import click
 
 from islandgp.supervision.base import RunContext
-from islandgp.supervision.llm.estimate import ANSWER, Bill, as_recorded, at_most, expected
+from islandgp.supervision.llm.estimate import ANSWER, as_recorded, at_most, expected
+from islandgp.supervision.llm.ledger import Bill
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.transcript import Transcript, find_transcript
 
@@ -79,15 +80,14 @@ def _jobs(overrides: Sequence[str]) -> tuple[list[Job], int]:
     from hydra._internal.utils import get_args_parser
 
     from islandgp.config.compose import planned
-    from islandgp.running.run import setup_of
+    from islandgp.running.run import run_context
 
     args = get_args_parser().parse_args(list(overrides))
     jobs, free = [], 0
     for job in planned(args, overrides, Path.cwd()):
         settings = job.settings.supervisor.settings()
         if isinstance(settings, LLMSettings):
-            setup = setup_of(job.settings, job.settings.make_domain(), None)
-            jobs.append((settings, setup, job.settings.supervisor.lag))
+            jobs.append((settings, run_context(job.settings), job.settings.supervisor.lag))
         else:
             free += 1
     return jobs, free

@@ -6,7 +6,7 @@ import argparse
 import re
 import shlex
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import islice
@@ -174,7 +174,7 @@ def _plan(
         tuple(ours),
         config,
         settings,
-        run_folder(settings, ours, home),
+        run_folder(config, ours, home),
         command_line([*flags, *ours]),
         launcher,
         own_ray,
@@ -203,20 +203,12 @@ def read(config: DictConfig) -> tuple[dict[str, Any], Settings]:
     return ours, read_settings(ours)
 
 
-def run_folder(settings: Settings, overrides: Sequence[str], home: Path) -> Path:
+def run_folder(config: Mapping[str, Any], overrides: Sequence[str], home: Path) -> Path:
     """Where a run keeps its records: <runs>/<name>/<supervisor>-seed<n>[-<overrides>].
 
     Characters that could trouble a shell or a file system become `_`. A name that lost some,
     or was cut, ends in a digest of the whole, so that different overrides have different names.
     """
-    s = settings
-    return folder_of(overrides, home, s.runs, s.name, s.supervisor.name, s.seed)
-
-
-def folder_of(
-    overrides: Sequence[str], home: Path, runs: str, name: str, supervisor: str, seed: int
-) -> Path:
-    """The same, for a configuration that may be wrong elsewhere."""
     last = {_key(override): override for override in overrides}  # Hydra takes the last of a key
     words = [
         override
@@ -225,8 +217,8 @@ def folder_of(
         and (key.startswith("supervisor.") or _group(key) not in NOT_IN_FOLDER)
         and not is_secret(key)
     ]
-    leaf = "-".join([f"{supervisor}-seed{seed}", *sorted(words)])
-    return (home / runs / name / _safe(leaf)).resolve()
+    leaf = "-".join([f"{config['supervisor']['name']}-seed{int(config['seed'])}", *sorted(words)])
+    return (home / str(config["runs"]) / str(config["name"]) / _safe(leaf)).resolve()
 
 
 def _safe(name: str) -> str:
@@ -270,10 +262,8 @@ def _jobs(args: argparse.Namespace, source: ConfigSource) -> Iterator[list[str]]
         _must_be_no_sweep([word for word in words if word.is_sweep_override()])
         yield list(args.overrides)
         return
-    if _may_search(args):
-        _, words = _sweeper(args, source)
-    else:
-        words = parsed(args.overrides, source.loader())
+    may_search = _may_search(args)
+    words = _sweeper(args, source)[1] if may_search else parsed(args.overrides, source.loader())
     sweeps = [word for word in words if word.is_sweep_override()]
     try:
         _must_have_values(sweeps)

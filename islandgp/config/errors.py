@@ -114,7 +114,7 @@ def explain(error: Exception, overrides: Sequence[str], source: ConfigSource) ->
     if isinstance(error, UnicodeDecodeError):
         return _no_text(source) or _short(error)
     if "with ListConfig" in text:
-        return _no_mapping(source) or _many_options(overrides, source) or _short(error)
+        return _no_mapping(source) or _no_option(overrides, source) or _short(error)
     if match := re.search(r"Multiple values for ([^.]+)\. To override", text):
         return (
             f"{match[1]}: expected one option, found another one added to it; write"
@@ -205,27 +205,22 @@ def _files(source: ConfigSource) -> list[Path]:
 
 
 def _no_option(overrides: Sequence[str], source: ConfigSource) -> str:
-    """The message for a group that is given a number or null; "" if none is."""
+    """The message for a group that is given a list, a number or null; "" if none is."""
     for override in parsed(overrides, source.loader()):
-        known = source.options(override.key_or_group)
-        if known and not isinstance(override.value(), str | list):
-            found = (override.input_line or "").partition("=")[2]
-            return (
-                f"{override.key_or_group}={found}: expected the name of an option, found {found};"
-                f" there are {', '.join(known)}"
-            )
-    return ""
-
-
-def _many_options(overrides: Sequence[str], source: ConfigSource) -> str:
-    """The message for a group of one option that is given a list; "" if none is."""
-    for override in parsed(overrides, source.loader()):
-        if source.options(override.key_or_group) and isinstance(override.value(), list):
-            key, found = override.key_or_group, (override.input_line or "").partition("=")[2]
+        key, value = override.key_or_group, override.value()
+        known = source.options(key)
+        if not known or isinstance(value, str):
+            continue
+        found = (override.input_line or "").partition("=")[2]
+        if isinstance(value, list):
             return (
                 f"{key}={found}: expected the name of an option, found a list; write"
                 f" {key}={found.strip('[] ')} -m for a run with each"
             )
+        return (
+            f"{key}={found}: expected the name of an option, found {found};"
+            f" there are {', '.join(known)}"
+        )
     return ""
 
 

@@ -66,15 +66,12 @@ class DomainSettings(Plugin, frozen=True, extra="forbid"):
     models = ("World", "Rewards")
 
 
-class SupervisorSettings(Part, frozen=True, extra="forbid"):
+class SupervisorSettings(Switches, Part, frozen=True, extra="forbid"):
     """The group `supervisor`."""
 
     needs = SUPERVISES
 
     name: str = Field(pattern=r"^[a-z][a-z0-9_]*$")  # in records, tags and folders' names
-    adapt_mutation: bool  # its mutation rate takes effect
-    inject: bool  # its tree takes its slot; else a random tree does
-    lag: int = Field(ge=0, le=100)  # generations until an answer takes effect
 
 
 class EvaluatorSettings(Part, frozen=True, extra="forbid"):
@@ -165,14 +162,13 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
 
     def plan(self, domain: Domain) -> Plan:
         """What evolution needs of it."""
-        s = self.supervisor
         return Plan(
             vocabulary=domain.schema.vocabulary,
             gp=self.gp,
             allocation=self.allocation,
             curriculum=self.curriculum,
             classes=self.classes,
-            switches=Switches(adapt_mutation=s.adapt_mutation, inject=s.inject, lag=s.lag),
+            switches=self.supervisor,
         )
 
 

@@ -15,7 +15,9 @@ from pydantic import BaseModel
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node
 from islandgp.domain import Domain, Outcome
-from islandgp.errors import EvaluationError
+from islandgp.errors import EvaluationError, RunError, brief
+from islandgp.plain import UNREADABLE
+from islandgp.plugin import imported
 from islandgp.scoring.curriculum import Curriculum
 
 
@@ -56,9 +58,37 @@ class Problem:
             )
         return cls(factory.make(world, rewards), curriculum, stages)
 
+    @classmethod
+    def recorded(cls, config: Mapping[str, Any]) -> Self:
+        """What the trees of a run were evaluated in, from its configuration.
+
+        Raises:
+            RunError: the configuration is of a version before domains, or damaged.
+        """
+        check_version(config)
+        try:
+            factory = imported(config["domain"]["factory"])
+            world = factory.World.model_validate(config["world"])
+            rewards = factory.Rewards.model_validate(config["rewards"])
+            return cls.of(factory, world, rewards, Curriculum(**config["curriculum"]))
+        except UNREADABLE as error:
+            raise RunError(
+                f"Expected the configuration of a run, found a damaged one ({brief(error)}); run"
+                " its command again under another name."
+            ) from error
+
     def at(self, stage: int) -> Domain:
         """The domain of a stage's index."""
         return self.stages[stage] if self.stages else self.domain
+
+
+def check_version(config: Mapping[str, Any]) -> None:
+    """Raises RunError for a configuration that names no domain."""
+    if "domain" not in config:
+        raise RunError(
+            "Expected a run whose configuration names its domain, found one of version 0.1, which"
+            " had none; look at it with that version, or run its command again."
+        )
 
 
 def staged(world: BaseModel, changes: Mapping[str, Any]) -> BaseModel:
@@ -80,7 +110,7 @@ class Evaluator(Protocol):
     """Runs episodes. `tests/contracts` holds what every implementation promises.
 
     An evaluator that configuration can choose has two class attributes more:
-    `Settings`, a pydantic model, and `make(settings, setting)`.
+    `Settings`, a pydantic model, and `make(settings, problem)`.
     """
 
     @property
@@ -101,20 +131,29 @@ class Evaluator(Protocol):
         ...
 
 
+def evaluated(
+    evaluator: Evaluator, trees: Sequence[str], stage: int, worlds: Sequence[int]
+) -> list[list[Outcome]]:
+    """The outcomes of each tree, given as canonical text, in all of the worlds."""
+    jobs = [Job(tree, stage, world) for tree in trees for world in worlds]
+    outcomes, n = evaluator.evaluate(jobs), len(worlds)
+    return [outcomes[i * n : (i + 1) * n] for i in range(len(trees))]
+
+
 @lru_cache(maxsize=256)
 def _tree(text: str) -> Node:
     return parse(text)
 
 
-def simulate(setting: Problem, job: Job) -> Outcome:
+def simulate(problem: Problem, job: Job) -> Outcome:
     """One job's outcome: a function of its arguments alone.
 
     Raises:
         EvaluationError: whatever goes wrong; the message names the tree and the world seed.
     """
-    weights = setting.curriculum.multipliers(job.stage)
+    weights = problem.curriculum.multipliers(job.stage)
     try:
-        outcome = setting.at(job.stage).run_episode(_tree(job.tree), job.seed, weights)
+        outcome = problem.at(job.stage).run_episode(_tree(job.tree), job.seed, weights)
     except (Exception, SystemExit) as error:  # a simulator may call sys.exit
         what = f"{type(error).__name__}: {str(error).rstrip('.')}{_raised_in(error)}"
         raise EvaluationError(blame(job, what)) from error

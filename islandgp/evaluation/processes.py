@@ -59,7 +59,7 @@ def _watch(parent: int) -> None:
 
 ENDING: Final = 1.0  # s that workers may take to end by themselves
 
-_setting: Problem | None = None  # a worker's own copy
+_problem: Problem | None = None  # a worker's own copy
 
 
 def cores() -> int:
@@ -67,12 +67,12 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _start(setting: Problem) -> None:
-    global _setting
+def _start(problem: Problem) -> None:
+    global _problem
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
     killed_with_parent()  # the server of forks, which ends with the run
     Thread(target=_end_with_parent, daemon=True).start()
-    _setting = setting
+    _problem = problem
 
 
 def _end_with_parent() -> None:
@@ -84,8 +84,8 @@ def _end_with_parent() -> None:
 
 
 def _run(job: Job) -> Outcome:
-    assert _setting is not None
-    return simulate(_setting, job)
+    assert _problem is not None
+    return simulate(_problem, job)
 
 
 class ProcessesSettings(BaseModel, frozen=True, extra="forbid"):
@@ -101,16 +101,16 @@ class Processes:
     Settings = ProcessesSettings
 
     @classmethod
-    def make(cls, settings: ProcessesSettings, setting: Problem) -> Processes:
+    def make(cls, settings: ProcessesSettings, problem: Problem) -> Processes:
         """See `Evaluator`."""
-        return cls(setting, settings.workers or cores(), episode_timeout=settings.episode_timeout)
+        return cls(problem, settings.workers or cores(), episode_timeout=settings.episode_timeout)
 
-    def __init__(self, setting: Problem, workers: int, *, episode_timeout: float = 0) -> None:
+    def __init__(self, problem: Problem, workers: int, *, episode_timeout: float = 0) -> None:
         """Starts `workers` >= 1 processes, at the first job.
 
         An episode that takes more than `episode_timeout` seconds ends the run; 0: none does.
         """
-        self.setting = setting
+        self.problem = problem
         self.workers = workers
         self.episode_timeout = episode_timeout
         self.simulated = 0
@@ -120,8 +120,8 @@ class Processes:
         context = multiprocessing.get_context("forkserver" if os.name == "posix" else "spawn")
         if os.name == "posix":
             own = ["islandgp.evaluation.forked", "islandgp.evaluation.processes"]
-            context.set_forkserver_preload([*own, type(self.setting.domain).__module__])
-        return ProcessPoolExecutor(self.workers, context, _start, (self.setting,))
+            context.set_forkserver_preload([*own, type(self.problem.domain).__module__])
+        return ProcessPoolExecutor(self.workers, context, _start, (self.problem,))
 
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
         """See `Evaluator`."""
@@ -162,15 +162,14 @@ class Processes:
         """Finishes the jobs after a worker died, finding out which one kills workers."""
         self._renew()
         for job in (job for job in jobs if job not in done):
-            try:
-                self._result(job, self._submitted([job])[0], done)
-            except BrokenProcessPool:
-                self._renew()
+            for last in (False, True):
                 try:
                     self._result(job, self._submitted([job])[0], done)
+                    break
                 except BrokenProcessPool:
                     self._renew()
-                    raise EvaluationError(blame(job, "that its worker died twice")) from None
+                    if last:
+                        raise EvaluationError(blame(job, "that its worker died twice")) from None
         return [done[job] for job in jobs]
 
     def _renew(self) -> None:

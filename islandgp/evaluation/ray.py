@@ -40,8 +40,8 @@ class RaySettings(BaseModel, frozen=True, extra="forbid"):
     workers: int = Field(ge=0, le=1024)  # of a local cluster; 0: one for each core
 
 
-def _run(setting: Problem, job: Job) -> Outcome:
-    return simulate(setting, job)
+def _run(problem: Problem, job: Job) -> Outcome:
+    return simulate(problem, job)
 
 
 class Ray:
@@ -50,11 +50,11 @@ class Ray:
     Settings = RaySettings
 
     @classmethod
-    def make(cls, settings: RaySettings, setting: Problem) -> Ray:
+    def make(cls, settings: RaySettings, problem: Problem) -> Ray:
         """See `Evaluator`."""
-        return cls(settings, setting)
+        return cls(settings, problem)
 
-    def __init__(self, settings: RaySettings, setting: Problem) -> None:
+    def __init__(self, settings: RaySettings, problem: Problem) -> None:
         """Connects to the cluster, or starts one.
 
         Raises:
@@ -68,7 +68,7 @@ class Ray:
         self._node = "" if remote else _own_node(self._ray)
         options = {"num_cpus": settings.cpus, "max_retries": settings.retries}
         self._task: Any = self._ray.remote(**options)(_run)
-        self._setting = self._ray.put(setting)  # sent to each machine once
+        self._problem = self._ray.put(problem)  # sent to each machine once
 
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
         """See `Evaluator`."""
@@ -76,7 +76,7 @@ class Ray:
         if monotonic() > self._looked + LOOK:
             self._must_be_there()  # tasks go on for a minute without the head; then Ray ends us
             self._looked = monotonic()
-        futures = [self._task.remote(self._setting, job) for job in jobs]
+        futures = [self._task.remote(self._problem, job) for job in jobs]
         try:
             return [self._result(job, f) for job, f in zip(jobs, futures, strict=True)]
         except BaseException:

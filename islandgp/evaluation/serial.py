@@ -20,18 +20,18 @@ class Serial:
     Settings = SerialSettings
 
     @classmethod
-    def make(cls, settings: SerialSettings, setting: Problem) -> Serial:  # noqa: ARG003 -- the protocol's
+    def make(cls, settings: SerialSettings, problem: Problem) -> Serial:  # noqa: ARG003 -- the protocol's
         """See `Evaluator`."""
-        return cls(setting)
+        return cls(problem)
 
-    def __init__(self, setting: Problem) -> None:
-        self.setting = setting
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
         self.simulated = 0
 
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
         """See `Evaluator`."""
         self.simulated += len(jobs)
-        return [simulate(self.setting, job) for job in jobs]
+        return [simulate(self.problem, job) for job in jobs]
 
     def close(self) -> None:
         """See `Evaluator`."""

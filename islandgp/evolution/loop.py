@@ -36,9 +36,9 @@ from islandgp.evolution.variation import crossover, mutate_population
 from islandgp.scoring.classes import judge
 from islandgp.scoring.snapshot import Snapshot, measure
 from islandgp.scoring.state import PopulationState, population_state
-from islandgp.seeding import Stream, stream, world_seed
+from islandgp.seeding import Stream, seed_of, stream
+from islandgp.supervision.asking import SupervisorQueue
 from islandgp.supervision.base import Guidance, Seen, Supervisor
-from islandgp.supervision.queue import SupervisorQueue
 
 
 def worlds_of(plan: Plan, seed: int, generation: int) -> tuple[int, ...]:
@@ -46,7 +46,7 @@ def worlds_of(plan: Plan, seed: int, generation: int) -> tuple[int, ...]:
     since = {"generation": generation, "epoch": plan.curriculum.epoch(generation), "never": 0}
     n = plan.gp.episodes * (1 if plan.gp.common_world else plan.gp.population)
     day = since[plan.gp.new_worlds]
-    return tuple(world_seed(seed, generation=day, episode=i) for i in range(n))
+    return tuple(seed_of(seed, Stream.WORLD, generation=day, slot=i) for i in range(n))
 
 
 def evaluate(

@@ -69,8 +69,8 @@ class GP(BaseModel, frozen=True, extra="forbid"):
 class Switches(BaseModel, frozen=True, extra="forbid"):
     """Which parts of a supervisor's guidance take effect; for ablations."""
 
-    adapt_mutation: bool
-    inject: bool  # the supervisor's tree takes its slot; else that is a random individual's
+    adapt_mutation: bool  # its mutation rate takes effect
+    inject: bool  # its tree takes its slot; else a random tree does
     lag: int = Field(ge=0, le=100)  # generations until an answer takes effect
 
 

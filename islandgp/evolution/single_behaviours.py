@@ -17,11 +17,11 @@ from islandgp.bt.language import to_text
 from islandgp.bt.node import Limits, Node, replace_at, size, walk, within
 from islandgp.bt.simplify import simplify
 from islandgp.domain import Outcome
-from islandgp.evaluation.base import Evaluator, Job
+from islandgp.evaluation.base import Evaluator, evaluated
 from islandgp.evolution.random_trees import TreeSpace, random_tree
 from islandgp.evolution.variation import CROSSOVERS, MutationSettings, mutate
 from islandgp.scoring.classes import Classes
-from islandgp.seeding import Stream, stream
+from islandgp.seeding import Stream, seed_of, stream
 
 COMPACT: Final = Limits(max_depth=4, max_nodes=12)  # section 2.4.6: trees of about ten nodes
 POOL: Final = 200  # random trees that every search begins with
@@ -92,8 +92,7 @@ class _Tried:
         self._evaluator = evaluator
         self._stage = stage
         self._classes = classes
-        draws = (stream(0, Stream.LIBRARY, generation=0, slot=POOL + i) for i in range(WORLDS))
-        self._worlds = [int(rng.integers(2**32)) for rng in draws]
+        self._worlds = [seed_of(0, Stream.LIBRARY, slot=POOL + i) for i in range(WORLDS)]
         self._outcomes: dict[Node, list[Outcome]] = {}
 
     def best(self, behaviour: str) -> list[Node]:
@@ -136,10 +135,9 @@ class _Tried:
     def run(self, trees: Sequence[Node]) -> None:
         """Evaluates those of the trees that are new."""
         new = [tree for tree in dict.fromkeys(trees) if tree not in self._outcomes]
-        jobs = [Job(to_text(tree), self._stage, world) for tree in new for world in self._worlds]
-        outcomes = self._evaluator.evaluate(jobs)
-        for i, tree in enumerate(new):
-            self._outcomes[tree] = outcomes[i * WORLDS : (i + 1) * WORLDS]
+        texts = [to_text(tree) for tree in new]
+        outcomes = evaluated(self._evaluator, texts, self._stage, self._worlds)
+        self._outcomes |= zip(new, outcomes, strict=True)
 
 
 def _smaller(tree: Node) -> Iterator[Node]:

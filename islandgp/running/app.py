@@ -13,10 +13,10 @@ import gc
 import os
 import sys
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import hydra
 from hydra._internal.utils import get_args_parser
@@ -25,7 +25,15 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig
 
 from islandgp.config.api_key import NONE, key_in, without_key
-from islandgp.config.compose import Planned, command_line, planned, read, run_folder, searched
+from islandgp.config.compose import (
+    Planned,
+    Searched,
+    command_line,
+    planned,
+    read,
+    run_folder,
+    searched,
+)
 from islandgp.config.errors import MISTAKES, explain, parsed
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError, IslandError, PartError, brief
@@ -38,7 +46,7 @@ from islandgp.running.resume import choose
 from islandgp.running.run import End, check_ready, run
 from islandgp.running.search import run_search
 from islandgp.running.stopping import as_ctrl_c
-from islandgp.running.sweep import run_sweep
+from islandgp.running.sweep import Job, run_sweep
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -65,34 +73,10 @@ def _main(arguments: Sequence[str] | None) -> int:
             if args.help or args.hydra_help or args.info or args.cfg or args.shell_completion:
                 _show(args, words)
                 return 0
-            search = searched(args, words, Path.cwd())
-            jobs = list(search.ends) if search else _planned(args, words)
-            if key_in(job.config for job in jobs):
-                args, words = _parsed([NONE, *words])
-                search = searched(args, words, Path.cwd())
-                jobs = list(search.ends) if search else _planned(args, words)
-            if search is not None:
-                for job in search.ends:
-                    check_ready(job.settings)
-                return run_search(
-                    search, command_line(words), lambda job, extra: _start([*extra, *words], job)
-                )
-            for n, job in enumerate(jobs):
-                folder = RunFolder(job.folder)
-                if not choose(folder, job.settings, redacted(job.config)).finished():
-                    check_ready(job.settings, frozenset(before.folder for before in jobs[:n]))
-            if args.multirun:
-                return run_sweep(
-                    jobs,
-                    command_line(words),
-                    lambda job, extra: _start([*extra, *words], job),
-                )
-            return _run_single(words)
-    except PartError as error:
-        traceback.print_exception(error.__cause__)
-        print(f"islandgp: {without_credentials(str(error))}", file=sys.stderr)
-        return 2
+            return _run_all(args, words)
     except IslandError as error:
+        if isinstance(error, PartError):
+            traceback.print_exception(error.__cause__)
         print(f"islandgp: {without_credentials(str(error))}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
@@ -117,8 +101,35 @@ def _must_be_somewhere() -> None:
         ) from None
 
 
-def _planned(args: argparse.Namespace, words: Sequence[str]) -> list[Planned]:
-    """The command's jobs; many take a while, and it says so."""
+def _run_all(args: argparse.Namespace, words: list[str]) -> int:
+    """Runs what the command asks for; returns the exit code."""
+    search, jobs = _planned(args, words)
+    if key_in(job.config for job in jobs):
+        args, words = _parsed([NONE, *words])
+        search, jobs = _planned(args, words)
+
+    def launch(job: Job, extra: list[str]) -> None:
+        _start([*extra, *words], job)
+
+    if search is not None:
+        for end in jobs:
+            check_ready(end.settings)
+        return run_search(search, command_line(words), launch)
+    for n, one in enumerate(jobs):
+        folder = RunFolder(one.folder)
+        if not choose(folder, one.settings, redacted(one.config)).finished():
+            check_ready(one.settings, frozenset(before.folder for before in jobs[:n]))
+    if args.multirun:
+        return run_sweep(jobs, command_line(words), launch)
+    return _run_single(words)
+
+
+def _planned(
+    args: argparse.Namespace, words: Sequence[str]
+) -> tuple[Searched | None, list[Planned]]:
+    """The command's jobs; of a search the two ends. Many take a while, and it says so."""
+    if (search := searched(args, words, Path.cwd())) is not None:
+        return search, list(search.ends)
     if args.run and args.multirun:
         raise ConfigError("--run: expected it without --multirun, found both; leave it out")
     jobs: list[Planned] = []
@@ -126,10 +137,10 @@ def _planned(args: argparse.Namespace, words: Sequence[str]) -> list[Planned]:
         jobs.append(job)
         if len(jobs) % 100 == 0:
             print(f"islandgp: {len(jobs)} configurations checked", file=sys.stderr)
-    return jobs
+    return None, jobs
 
 
-def _start(words: Sequence[str], job: Callable[[DictConfig], Any]) -> None:
+def _start(words: Sequence[str], job: Job) -> None:
     """Hands the command to Hydra, which calls `job` wherever its launcher says."""
     old = sys.argv
     sys.argv = ["islandgp", *words]
@@ -173,38 +184,35 @@ def _run_single(words: Sequence[str]) -> int:
         ConfigError: Hydra cannot start it.
         Exception: what the run raises.
     """
-    errors: list[Exception] = []
-    ends: list[End] = []
-    begun = False
+    found: list[End | Exception] = []
 
     def job(config: DictConfig) -> None:
-        nonlocal begun
-        begun = True
-        plain, settings = read(config)
-        found = HydraConfig.get()
-        home, overrides = Path(found.runtime.cwd), list(found.overrides.task)
-        folder = run_folder(settings, overrides, home)
         try:
+            plain, settings = read(config)
+            hydra = HydraConfig.get()
+            home, overrides = Path(hydra.runtime.cwd), list(hydra.overrides.task)
+            folder = run_folder(plain, overrides, home)
             end = run(settings, plain, folder, home=home, command=command_line(words))
-            ends.append(end)
             say(end.text)
+            found.append(end)
         except Exception as error:  # Hydra would print the overrides, and any secret in them
-            errors.append(error)
+            found.append(error)
 
     try:
         _start(words, job)
     except Exception as error:
-        if begun:
+        if found:
             raise
         raise ConfigError(
             f"Expected Hydra to start the run, found that it cannot: {brief(error)}; change"
             " what the command sets below hydra."
         ) from None
-    if errors:
-        raise errors[0]
-    if any(end.mostly_fallback for end in ends):
-        print(f"islandgp: {MOSTLY_FALLBACK}", file=sys.stderr)
-        return 3
+    for outcome in found:
+        if isinstance(outcome, Exception):
+            raise outcome
+        if outcome.mostly_fallback:
+            print(f"islandgp: {MOSTLY_FALLBACK}", file=sys.stderr)
+            return 3
     return 0
 
 

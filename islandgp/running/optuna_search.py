@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import isfinite
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import optuna
 import yaml
@@ -26,32 +27,16 @@ from optuna.distributions import (
 from optuna.trial import FrozenTrial, TrialState
 
 from islandgp.records.checkpoint import write_atomic
-from islandgp.running.pruning import AT_WORK, LiveTrial
-
-Direction = Literal["minimize", "maximize"]
+from islandgp.running.search import AT_WORK, Direction
 
 Words = tuple[str, ...]
 """The overrides of a job."""
 
+Outcome = tuple[float, ...] | None
+"""A job's objectives; () where it failed, None where it was stopped before its end."""
+
 Launch = Callable[[Sequence[Sequence[str]], int], Sequence[JobReturn]]
 """Hydra's launcher: the overrides of jobs and the number of the first; what they returned."""
-
-
-@dataclass(frozen=True, slots=True)
-class OptunaSettings:
-    """The keys of `conf/hydra/sweeper/optuna.yaml`; `config.search` has checked them."""
-
-    n_trials: int
-    n_jobs: int
-    direction: Direction | Sequence[Direction]
-    params: Mapping[str, Any]
-    sampler: optuna.samplers.BaseSampler
-    pruner: Any = None  # a pruner of Optuna's; else every trial runs to its end
-
-    def directions(self) -> list[Direction]:
-        """One for each objective."""
-        given = self.direction
-        return [given] if isinstance(given, str) else [*given]
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,59 +75,62 @@ def axis(sweep: Override) -> Axis:
 
 
 def search(
-    settings: OptunaSettings, arguments: Sequence[str], launch: Launch, results: Path
+    arguments: Sequence[str],
+    launch: Launch,
+    results: Path,
+    *,
+    n_trials: int,
+    n_jobs: int,
+    direction: Direction | Sequence[Direction],
+    params: Mapping[str, Any],
+    sampler: optuna.samplers.BaseSampler,
+    pruner: optuna.pruners.BasePruner | None = None,
 ) -> None:
     """Runs the trials, and writes the best into the file `results`.
 
-    A job returns its objectives; it failed where one of them is not a number.
+    A job returns its objectives, or None where it was stopped before its end; it failed where one
+    of them is not a number. The settings are the keys of `conf/hydra/sweeper/optuna.yaml`, which
+    `running.search` has checked; without a pruner every trial runs to its end.
     """
-    words = [*(f"{key}={value}" for key, value in settings.params.items()), *arguments]
+    words = [*(f"{key}={value}" for key, value in params.items()), *arguments]
     last = {o.get_key_element(): o for o in OverridesParser.create().parse_overrides(words)}
     axes = [axis(override) for override in last.values() if override.is_sweep_override()]
     fixed = [_fixed(o) for o in last.values() if not o.is_sweep_override()]
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    pruner = settings.pruner if isinstance(settings.pruner, optuna.pruners.BasePruner) else None
     study = optuna.create_study(
-        sampler=settings.sampler,
+        sampler=sampler,
         pruner=pruner or optuna.pruners.NopPruner(),
-        directions=settings.directions(),
+        directions=[direction] if isinstance(direction, str) else [*direction],
     )
     space = {a.key: a.distribution for a in axes}
-    known: dict[Words, Returned] = {}
-    while (told := len(study.trials)) < settings.n_trials:
-        batch = [study.ask(space) for _ in range(min(settings.n_jobs, settings.n_trials - told))]
+    known: dict[Words, Outcome] = {}
+    while (told := len(study.trials)) < n_trials:
+        batch = [study.ask(space) for _ in range(min(n_jobs, n_trials - told))]
         jobs = [(*fixed, *(a.override(trial.params[a.key]) for a in axes)) for trial in batch]
         new = {job: trial for job, trial in zip(jobs, batch, strict=True) if job not in known}
-        known |= _launched(new, launch, len(known), pruner is not None)
+        known |= _launched(new, launch, len(known), bool(pruner))
         for trial, job in zip(batch, jobs, strict=True):
             _tell(study, trial, known[job])
     plain = yaml.safe_dump(_results(study, axes), sort_keys=False)
     write_atomic(results, plain.encode())
 
 
-@dataclass(frozen=True, slots=True)
-class Returned:
-    """The result of a job."""
-
-    values: tuple[float, ...]  # its objectives; () where it did not come to its end
-    pruned: bool
-
-
 def _launched(
     jobs: Mapping[Words, optuna.Trial], launch: Launch, first: int, prune: bool
-) -> dict[Words, Returned]:
+) -> dict[Words, Outcome]:
     """Launches jobs, which get the numbers from `first` on."""
-    trials = {first + n: LiveTrial(trial) for n, trial in enumerate(jobs.values())}
     if prune:
-        AT_WORK.update(trials)
+        AT_WORK.update((first + n, partial(_judge, trial)) for n, trial in enumerate(jobs.values()))
     try:
         returned = launch(list(jobs), first) if jobs else ()
     finally:
         AT_WORK.clear()
-    return {
-        job: Returned(_values(result), trial.pruned is not None)
-        for job, result, trial in zip(jobs, returned, trials.values(), strict=True)
-    }
+    return dict(zip(jobs, map(_outcome, returned), strict=True))
+
+
+def _judge(trial: optuna.Trial, generation: int, best: float) -> bool:
+    trial.report(best, generation)
+    return trial.should_prune()
 
 
 def _fixed(override: Override) -> str:
@@ -151,23 +139,22 @@ def _fixed(override: Override) -> str:
     return f"{override.get_key_element()}={override.get_value_element_as_str()}"
 
 
-def _values(returned: JobReturn) -> tuple[float, ...]:
-    """A job's objectives; () where it failed."""
+def _outcome(returned: JobReturn) -> Outcome:
     try:
         value = returned.return_value
     except Exception:  # whatever ended the job; its folder tells
         return ()
+    if value is None:
+        return None
     values = tuple(float(v) for v in (value if isinstance(value, tuple | list) else [value]))
     return values if all(map(isfinite, values)) else ()
 
 
-def _tell(study: optuna.Study, trial: optuna.Trial, outcome: Returned) -> None:
-    if outcome.pruned:
-        study.tell(trial, state=TrialState.PRUNED)
-    elif outcome.values:
-        study.tell(trial, outcome.values)
+def _tell(study: optuna.Study, trial: optuna.Trial, outcome: Outcome) -> None:
+    if outcome:
+        study.tell(trial, outcome)
     else:
-        study.tell(trial, state=TrialState.FAIL)
+        study.tell(trial, state=TrialState.PRUNED if outcome is None else TrialState.FAIL)
 
 
 def _results(study: optuna.Study, axes: Sequence[Axis]) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from islandgp.errors import RunError
 from islandgp.plugin import path_of
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
-from islandgp.records.parameters import machinery, shape
+from islandgp.records.parameters import flatten, machinery, shape
 
 AGAIN: Final = "~"
 """Before the number of a run that is made anew; no folder that a configuration names holds it."""
@@ -58,22 +58,15 @@ def choose(folder: RunFolder, settings: Settings, config: Mapping[str, Any]) -> 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     """The keys that shape the records and whose values differ, as `key: old -> new`."""
     without = machinery(old, new)
-    return _differences(
-        {key: value for key, value in old.items() if key not in without},
-        {key: value for key, value in new.items() if key not in without},
-        "",
+    was, now = (
+        flatten({key: value for key, value in config.items() if key not in without})
+        for config in (old, new)
     )
-
-
-def _differences(old: Mapping[str, Any], new: Mapping[str, Any], path: str) -> list[str]:
-    found = []
-    for key in sorted({*old, *new}, key=str):
-        name, a, b = f"{path}{key}", old.get(key), new.get(key)
-        if isinstance(a, Mapping) and isinstance(b, Mapping):
-            found += _differences(a, b, f"{name}.")
-        elif a != b:
-            found.append(f"{name}: {a} -> {b}")
-    return found
+    return [
+        f"{key}: {was.get(key)} -> {now.get(key)}"
+        for key in sorted({*was, *now})
+        if was.get(key) != now.get(key)
+    ]
 
 
 def about_run(

@@ -32,12 +32,16 @@ from islandgp.records.checkpoint import reading, write_atomic
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import redacted
 from islandgp.running.progress import Progress
-from islandgp.running.pruning import Pruned
 from islandgp.running.report import is_mostly_fallback, report, summary
 from islandgp.running.resume import about_run, choose, domain_code
 from islandgp.supervision.base import RunContext, Service, Supervisor, Witness
 from islandgp.supervision.library import Library, library_folder, read_library, read_tree
 from islandgp.tracking.base import Tracker
+
+
+class Pruned(Exception):
+    """A run was stopped because other trials of a search are better."""
+
 
 Judge = Callable[[int, float], None]
 """Takes a generation and its highest fitness; may raise Pruned."""
@@ -51,8 +55,10 @@ class End:
     mostly_fallback: bool  # its fallback gave more of the answers than its settings allow
 
 
-def setup_of(settings: Settings, domain: Domain, folder: Path | None) -> RunContext:
+def run_context(settings: Settings, folder: Path | None = None) -> RunContext:
     """What a run gives to its supervisor."""
+    problem, curriculum = settings.problem(), settings.curriculum
+    domain = problem.domain
     return RunContext(
         seed=settings.seed,
         generations=settings.gp.generations,
@@ -60,23 +66,14 @@ def setup_of(settings: Settings, domain: Domain, folder: Path | None) -> RunCont
         folder=folder,
         schema=domain.schema,
         domain=domain,
+        domain_in=lambda generation: problem.at(curriculum.stage(generation)),
         rewards=settings.rewards,
         classes=settings.classes,
         library=lambda: make_library(settings, domain),
         crisis=settings.gp.crisis,
         adapt_mutation=settings.supervisor.adapt_mutation,
         inject=settings.supervisor.inject,
-        staged=_staged(settings),
     )
-
-
-def _staged(settings: Settings) -> Callable[[int], Domain] | None:
-    """The domain by generation; None where no stage of the curriculum changes the world."""
-    curriculum = settings.curriculum
-    if not any(stage.world for stage in curriculum.stages):
-        return None
-    problem = settings.problem()
-    return lambda generation: problem.at(curriculum.stage(generation))
 
 
 def make_library(settings: Settings, domain: Domain) -> Library:
@@ -154,8 +151,8 @@ def make_supervisor(settings: Settings, folder: Path | None) -> Supervisor:
     """The supervisor that the settings choose. Raises SupervisionError when it cannot work."""
     part = settings.supervisor
     with blaming(path_of(part.factory)):
-        setup = setup_of(settings, settings.make_domain(), folder)
-        supervisor: Supervisor = part.factory.make(part.settings(), setup)
+        context = run_context(settings, folder)
+        supervisor: Supervisor = part.factory.make(part.settings(), context)
         if not callable(getattr(supervisor, "advise", None)):
             made = type(supervisor).__name__
             raise TypeError(f"expected make to return a supervisor, with advise, found {made}")
@@ -175,15 +172,14 @@ def check_ready(settings: Settings, coming: frozenset[Path] = frozenset()) -> No
     part = settings.supervisor
     if hasattr(part.factory, "ready"):
         with blaming(path_of(part.factory)):
-            setup = replace(setup_of(settings, settings.make_domain(), None), coming=coming)
-            part.factory.ready(part.settings(), setup)
+            context = replace(run_context(settings), coming=coming)
+            part.factory.ready(part.settings(), context)
 
 
 def make_evaluator(settings: Settings) -> Evaluator:
     """The evaluator that the settings choose."""
-    setting = settings.problem()
     part = settings.evaluator
-    evaluator: Evaluator = part.factory.make(part.settings(), setting)
+    evaluator: Evaluator = part.factory.make(part.settings(), settings.problem())
     return Cached(evaluator) if part.cache else evaluator
 
 
@@ -260,13 +256,9 @@ def _evolve(
     keep_display: bool,
     judge: Judge | None,
 ) -> None:
-    if isinstance(supervisor, Service):
-        with blaming(path_of(type(supervisor))):
-            line = supervisor.start()
-        if line:
-            print(line, file=sys.stderr)
+    _start(supervisor)
     start = target.resume(lambda line: print(f"islandgp: {line}", file=sys.stderr))
-    done = start.generation if start is not None else 0
+    done = 0 if start is None else start.generation
     if judge is not None:
         for record in islice(target.records(), done):
             judge(record["snapshot"]["generation"], record["snapshot"]["best"])
@@ -306,6 +298,15 @@ def _evolve(
         evaluator.close()
     most = settings.supervisor.policy.get("most_fallback")  # None: a supervisor without a fallback
     target.finish(summary(target, fittest, best, settings.classes.milestones, most))
+
+
+def _start(supervisor: Supervisor) -> None:
+    """Lets a supervisor that needs a service get ready, and prints what it says."""
+    if isinstance(supervisor, Service):
+        with blaming(path_of(type(supervisor))):
+            line = supervisor.start()
+        if line:
+            print(line, file=sys.stderr)
 
 
 def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> Best:

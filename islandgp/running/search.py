@@ -19,11 +19,11 @@ from uuid import uuid4
 
 import yaml
 from hydra.core.hydra_config import HydraConfig
-from hydra.core.override_parser.types import IntervalSweep, Override, Quote, QuotedString
+from hydra.core.override_parser.types import IntervalSweep, Override
 from omegaconf import DictConfig
 from pydantic import BaseModel, Field, ValidationError
 
-from islandgp.config.compose import MOST_JOBS, Searched, command_line, folder_of, is_choice, plain
+from islandgp.config.compose import MOST_JOBS, Planned, Searched, command_line, plain, run_folder
 from islandgp.config.settings import Settings, read_settings, setting_at
 from islandgp.errors import ConfigError, RunError, brief
 from islandgp.records.files import objectives
@@ -31,11 +31,11 @@ from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import redacted, without_credentials
 from islandgp.records.sweep_folder import SweepFolder, SweepJob
 from islandgp.running.printing import say, shown
-from islandgp.running.pruning import AT_WORK, LiveTrial, follow
 from islandgp.running.resume import choose
-from islandgp.running.sweep import Launch, end_ray, finish_sweep, prepare
-from islandgp.running.sweep_job import attempt, fitted
-from islandgp.running.sweep_progress import Start, Watch
+from islandgp.running.run import Pruned
+from islandgp.running.sweep import Launch, end_ray, finish_sweep, jobs_in, launched
+from islandgp.running.sweep_job import attempt, fitted, sweep_entry
+from islandgp.running.sweep_progress import Start
 
 RESULTS: Final = "optimization_results.yaml"
 """What Hydra's sweepers that search call the file of their results."""
@@ -100,16 +100,12 @@ def run_search(searched: Searched, command: str, launch: Launch) -> int:
         int(searched.sweeper.get("n_jobs", 1)),
         int(searched.sweeper.get("n_trials", 0)),
     )
-    how = "off" if first.launcher == "BasicLauncher" else first.settings.progress
-    prepare(first)
     interrupted = False
     sweep.open(command, ())
     results = sweep.path / RESULTS
     try:
         results.unlink(missing_ok=True)
-        place = QuotedString(str(sweep.path), Quote.single).with_quotes()
-        with Watch(search.start, how):
-            launch(search_job(search), [f"hydra.sweep.dir={place}"])
+        launched(sweep.path, first, search.start, search_job(search), launch)
     except KeyboardInterrupt:
         interrupted = True
     except Exception as error:
@@ -120,11 +116,11 @@ def run_search(searched: Searched, command: str, launch: Launch) -> int:
         ) from error
     finally:
         entries = {sweep: search.start().jobs}
-        end_ray([sweep.run(job) for job in entries[sweep].values()])
+        end_ray(entries)
         sweep.close()
-    jobs = entries[sweep].values()
-    pruned = sum(job.pruned is not None for job in jobs)
-    failed = sum(bool(sweep.run(job).error()) for job in jobs)
+    jobs = jobs_in(entries)
+    pruned = sum(job.pruned is not None for _, job in jobs)
+    failed = sum(bool(run.error()) for run, _ in jobs)
     say(f"\nSearch: {len(jobs)} different runs, {pruned} pruned, {failed} failed")
     if results.exists():
         say(best_lines(yaml.safe_load(results.read_bytes()), first.settings.objectives))
@@ -155,7 +151,6 @@ def best_lines(results: Mapping[str, Any], names: Sequence[str]) -> str:
 def check(searched: Searched) -> None:
     """Raises ConfigError where Optuna could not search; other sweepers check that themselves."""
     first = searched.ends[0]
-    sweeper = {key: v for key, v in searched.sweeper.items() if key != "_target_"}
     for override in searched.sweeps:
         _must_be_whole(override, first.settings)
     if searched.sweeper.get("_target_") != OURS:
@@ -164,8 +159,27 @@ def check(searched: Searched) -> None:
         raise ConfigError(
             "hydra/sweeper: expected Optuna, found it not installed; pip install 'islandgp[optuna]'"
         )
+    _must_fit_together(_sweeper_settings(searched.sweeper), first)
+    if not searched.sweeps:
+        raise ConfigError(
+            "Expected something to search, found no sweep; for instance"
+            " 'gp.mutation_rate=interval(0.05,0.9)'."
+        )
+    from islandgp.running.optuna_search import axis
+
+    for override in searched.sweeps:
+        try:
+            axis(override)
+        except ValueError as error:
+            raise ConfigError(
+                f"{override.input_line}: expected values to search, found that Optuna cannot:"
+                f" {brief(error)}"
+            ) from None
+
+
+def _sweeper_settings(sweeper: Mapping[str, Any]) -> SweeperSettings:
     try:
-        settings = SweeperSettings(**sweeper)
+        return SweeperSettings(**{key: v for key, v in sweeper.items() if key != "_target_"})
     except ValidationError as error:
         lines = {
             e["loc"][0]: f"hydra.sweeper.{e['loc'][0]}={e['input']!r}:"
@@ -173,6 +187,10 @@ def check(searched: Searched) -> None:
             for e in reversed(error.errors())
         }
         raise ConfigError("\n".join(lines.values())) from None
+
+
+def _must_fit_together(settings: SweeperSettings, first: Planned) -> None:
+    """Raises ConfigError for a sweeper that does not fit the jobs, or Optuna."""
     n = 1 if isinstance(settings.direction, str) else len(settings.direction)
     aims = first.settings.objectives
     if n != len(aims):
@@ -193,21 +211,6 @@ def check(searched: Searched) -> None:
             f" launcher, found {n}, {settings.n_jobs} and {first.launcher}: trials can be stopped"
             " only one after the other in this process; leave the pruner out, or the others."
         )
-    if not searched.sweeps:
-        raise ConfigError(
-            "Expected something to search, found no sweep; for instance"
-            " 'gp.mutation_rate=interval(0.05,0.9)'."
-        )
-    from islandgp.running.optuna_search import axis
-
-    for override in searched.sweeps:
-        try:
-            axis(override)
-        except ValueError as error:
-            raise ConfigError(
-                f"{override.input_line}: expected values to search, found that Optuna cannot:"
-                f" {brief(error)}"
-            ) from None
 
 
 def _must_be_whole(override: Override, settings: Settings) -> None:
@@ -226,28 +229,48 @@ def _must_be_whole(override: Override, settings: Settings) -> None:
         )
 
 
-def search_job(search: Search) -> Callable[[DictConfig], float | tuple[float, ...]]:
-    """The function that Hydra calls for each trial; it returns the objectives.
+AT_WORK: Final[dict[int, Callable[[int, float], bool]]] = {}
+"""By the number of a trial's job in Hydra's count: takes a generation and its highest fitness, and
+tells whether the trial is to be stopped as others are better. The search fills it, so it works
+where the launcher runs the jobs in the process of the search."""
 
-    It never raises because a trial failed: then it returns NaN, and the trial's folder tells.
+
+def search_job(search: Search) -> Callable[[DictConfig], float | tuple[float, ...] | None]:
+    """The function that Hydra calls for each trial.
+
+    It returns the objectives, or None for a trial that was stopped. It never raises because a
+    trial failed: then it returns NaN, and the trial's folder tells.
     """
 
-    def job(config: DictConfig) -> float | tuple[float, ...]:
+    def job(config: DictConfig) -> float | tuple[float, ...] | None:
         multiprocessing.set_start_method(None, force=True)  # as in `sweep_job`
         hydra = HydraConfig.get()
         home, overrides = Path(hydra.runtime.cwd), list(hydra.overrides.task)
         ours = plain(config)
+        named, command = (
+            run_folder(ours, overrides, home),
+            command_line([*search.flags, *overrides]),
+        )
         with shown():
             try:
                 settings = read_settings(ours)
-                named = _named(ours, overrides, home)
                 found = choose(RunFolder(named), settings, redacted(ours))
             except (ConfigError, RunError) as error:
-                return _refused(search, ours, overrides, home, error)
-            entry = _entry(search, ours, overrides, named, found.path)
-            trial = AT_WORK.get(int(hydra.job.num))
+                # It failed, and its folder tells why.
+                folder = RunFolder(named)
+                if folder.begun():  # it is another run's
+                    folder = RunFolder(named.with_name(f"{named.name}~refused"))
+                where = folder.path
+                SweepFolder(search.folder).enter(
+                    sweep_entry(ours, overrides, where, where, command, search.id)
+                )
+                folder.fail(error)
+                print(f"islandgp: {without_credentials(str(error))}", file=sys.stderr)
+                return nan
+            entry = sweep_entry(ours, overrides, named, found.path, command, search.id)
+            judge = AT_WORK.get(int(hydra.job.num))
             own = fitted(settings, hydra.launcher, search.at_once)
-            return _run(search, entry, ours, own, home, trial)
+            return _run(search, entry, ours, own, home, judge)
 
     return job
 
@@ -258,70 +281,27 @@ def _run(
     config: dict[str, Any],
     settings: Settings,
     home: Path,
-    trial: LiveTrial | None,
-) -> float | tuple[float, ...]:
+    judge: Callable[[int, float], bool] | None,
+) -> float | tuple[float, ...] | None:
     sweep = SweepFolder(search.folder)
     sweep.enter(entry)
     target = sweep.run(entry)
-    if trial is not None and target.finished():
+    if judge is not None and target.finished():
         for record in target.records():  # for the judgement of other trials
-            trial.judge.report(record["snapshot"]["best"], record["snapshot"]["generation"])
+            judge(record["snapshot"]["generation"], record["snapshot"]["best"])
 
     def judged(generation: int, best: float) -> None:
-        assert trial is not None
-        try:
-            follow(trial, generation, best)
-        finally:
-            if trial.pruned is not None:
-                sweep.enter(replace(entry, pruned=trial.pruned))
+        assert judge is not None
+        if judge(generation, best):
+            sweep.enter(replace(entry, pruned=generation))
+            raise Pruned
 
-    attempt(
-        target,
-        config,
-        settings,
-        home,
-        entry.command,
-        search.start,
-        judged if trial is not None else None,
-    )
+    watched = None if judge is None else judged
+    try:
+        attempt(target, config, settings, home, entry.command, search.start, watched)
+    except Pruned:
+        return None
     if not target.finished():
         return nan
     found = objectives(target.summary(), settings.objectives)
     return found[0] if len(found) == 1 else found
-
-
-def _refused(
-    search: Search, config: dict[str, Any], overrides: list[str], home: Path, error: Exception
-) -> float:
-    """A trial whose values do not fit together: it failed, and its folder tells why."""
-    named = _named(config, overrides, home)
-    folder = RunFolder(named)
-    if folder.begun():  # it is another run's
-        named = named.with_name(f"{named.name}~refused")
-        folder = RunFolder(named)
-    SweepFolder(search.folder).enter(_entry(search, config, overrides, named, named))
-    folder.fail(error)
-    print(f"islandgp: {without_credentials(str(error))}", file=sys.stderr)
-    return nan
-
-
-def _named(config: Mapping[str, Any], overrides: list[str], home: Path) -> Path:
-    supervisor = str(config["supervisor"]["name"])
-    return folder_of(
-        overrides, home, config["runs"], config["name"], supervisor, int(config["seed"])
-    )
-
-
-def _entry(
-    search: Search, config: Mapping[str, Any], overrides: list[str], named: Path, folder: Path
-) -> SweepJob:
-    return SweepJob(
-        slot=named.name,
-        folder=folder.name,
-        supervisor=str(config["supervisor"]["name"]),
-        seed=int(config["seed"]),
-        choices=tuple(without_credentials(o) for o in overrides if is_choice(o)),
-        generations=int(config["gp"]["generations"]),
-        command=command_line([*search.flags, *overrides]),
-        search=search.id,
-    )

@@ -18,24 +18,27 @@ from typing import Any, Final
 from hydra.core.override_parser.types import Quote, QuotedString
 from omegaconf import DictConfig
 
-from islandgp.config.compose import Planned, is_choice
+from islandgp.config.compose import Planned
 from islandgp.config.settings import Settings
 from islandgp.errors import ConfigError, RunError, brief
 from islandgp.evaluation.processes import end_with_parent
 from islandgp.evaluation.ray import own_token
 from islandgp.records.checkpoint import remove_leftovers
 from islandgp.records.folder import RunFolder, Status
-from islandgp.records.parameters import redacted, shape, without_credentials
+from islandgp.records.parameters import redacted, shape
 from islandgp.records.sweep_folder import SweepFolder, SweepJob
 from islandgp.resources import program
 from islandgp.running.printing import say
 from islandgp.running.report import MOSTLY_FALLBACK, is_mostly_fallback
 from islandgp.running.resume import choose, differences
-from islandgp.running.sweep_job import sweep_job
+from islandgp.running.sweep_job import sweep_entry, sweep_job
 from islandgp.running.sweep_progress import Start, Watch
 from islandgp.tracking.summary import arm_lines, arms
 
-Launch = Callable[[Callable[[DictConfig], Any], list[str]], None]
+Job = Callable[[DictConfig], Any]
+"""What Hydra calls for each job."""
+
+Launch = Callable[[Job, list[str]], None]
 """Hands a job function to Hydra, with overrides besides the command's own."""
 
 ENDING: Final = 10.0  # s that a cluster may take to end a job
@@ -69,7 +72,7 @@ def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
             _launch_all(jobs, entries, launch)
         except KeyboardInterrupt:
             interrupted = True
-        end_ray([sweep.run(job) for sweep, own in entries.items() for job in own.values()])
+        end_ray(entries)
     return finish_sweep(entries, [job.settings for job in jobs], interrupted)
 
 
@@ -126,15 +129,28 @@ def _frozen(value: Any) -> Hashable:
 
 def _entry(job: Planned) -> SweepJob:
     folder = choose(RunFolder(job.folder), job.settings, redacted(job.config))
-    return SweepJob(
-        slot=job.folder.name,
-        folder=folder.path.name,
-        supervisor=job.settings.supervisor.name,
-        seed=job.settings.seed,
-        choices=tuple(without_credentials(o) for o in job.overrides if is_choice(o)),
-        generations=job.settings.gp.generations,
-        command=job.command,
-    )
+    return sweep_entry(job.config, job.overrides, job.folder, folder.path, job.command)
+
+
+def jobs_in(entries: Entries) -> list[tuple[RunFolder, SweepJob]]:
+    """All jobs, with the folders that they run in."""
+    return [(sweep.run(job), job) for sweep, own in entries.items() for job in own.values()]
+
+
+def launched(
+    path: Path, first: Planned, look: Callable[[], Start], job: Job, launch: Launch
+) -> None:
+    """Hands the jobs of the sweep in `path` to its launcher, and shows how far they are.
+
+    `first` is one of them, and `look` gives the jobs so far.
+    """
+    if first.launcher == "JoblibLauncher":
+        tie_joblib_workers()
+    if first.own_ray:
+        own_token()
+    place = QuotedString(str(path), Quote.single).with_quotes()
+    with Watch(look, "off" if first.launcher == "BasicLauncher" else first.settings.progress):
+        launch(job, [f"hydra.sweep.dir={place}"])
 
 
 def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> None:
@@ -144,15 +160,11 @@ def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> No
         RunError: the launcher has not started any job.
     """
     first = next(iter(entries))
-    place = QuotedString(str(first.path), Quote.single).with_quotes()
     start = Start.now({named: job for own in entries.values() for named, job in own.items()})
     begun = _begun(start)
-    how = "off" if jobs[0].launcher == "BasicLauncher" else jobs[0].settings.progress
-    prepare(jobs[0])
     for _ in range(LAUNCHES):
         try:
-            with Watch(lambda: start, how):
-                launch(sweep_job(start), [f"hydra.sweep.dir={place}"])
+            launched(first.path, jobs[0], lambda: start, sweep_job(start), launch)
             break
         except Exception as error:
             if _begun(start) == begun:
@@ -174,14 +186,16 @@ def _begun(start: Start) -> list[int]:
     return [file.stat().st_mtime_ns if file.exists() else 0 for file in files]
 
 
-def end_ray(runs: Sequence[RunFolder]) -> None:
+def end_ray(entries: Entries) -> None:
     """Ends the jobs that Ray's launcher has started: interrupted, it would leave them at work."""
     ray = sys.modules.get("ray")
     if ray is None or not ray.is_initialized():
         return
     ray.shutdown()
     end = monotonic() + ENDING
-    while any(run.status() is Status.RUNNING for run in runs) and monotonic() < end:
+    while monotonic() < end:
+        if not any(run.status() is Status.RUNNING for run, _ in jobs_in(entries)):
+            break
         sleep(0.2)
 
 
@@ -205,16 +219,11 @@ def _send(entries: Entries, settings: Sequence[Settings]) -> None:
 
 def _report_unfinished(entries: Entries) -> int:
     """Lists each job that is not finished with the command that runs it again."""
-    bad = [
-        (sweep.run(job), job)
-        for sweep, own in entries.items()
-        for job in own.values()
-        if job.pruned is None and not sweep.run(job).finished()
-    ]
+    jobs = jobs_in(entries)
+    bad = [(run, job) for run, job in jobs if job.pruned is None and not run.finished()]
     if not bad:
         return 0
-    total = sum(len(own) for own in entries.values())
-    print(f"\n{len(bad)} of {total} jobs not finished:", file=sys.stderr)
+    print(f"\n{len(bad)} of {len(jobs)} jobs not finished:", file=sys.stderr)
     for run, job in bad:
         busy = run.status() is Status.RUNNING
         why = "another process is at work on it" if busy else run.reason() or "its process died"
@@ -227,9 +236,7 @@ def _report_unfinished(entries: Entries) -> int:
 
 def _report_fallbacks(entries: Entries) -> int:
     """Lists each job in which a language model's fallback gave too many of the answers."""
-    runs = [
-        sweep.run(j) for sweep, own in entries.items() for j in own.values() if j.pruned is None
-    ]
+    runs = [run for run, job in jobs_in(entries) if job.pruned is None]
     bad = [run for run in runs if is_mostly_fallback(run.summary())]
     if not bad:
         return 0
@@ -237,14 +244,6 @@ def _report_fallbacks(entries: Entries) -> int:
     for run in bad:
         print(f"  {run.path.name}", file=sys.stderr)
     return 3
-
-
-def prepare(first: Planned) -> None:
-    """Does what the launcher of these jobs needs before its start."""
-    if first.launcher == "JoblibLauncher":
-        tie_joblib_workers()
-    if first.own_ray:
-        own_token()
 
 
 def tie_joblib_workers() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,15 +13,16 @@ from hydra.core.utils import JobReturn
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
 
-from islandgp.config.compose import read, run_folder
+from islandgp.config.compose import is_choice, read, run_folder
 from islandgp.config.settings import Settings
 from islandgp.errors import BusyError
 from islandgp.evaluation.processes import cores
 from islandgp.plugin import Part
 from islandgp.records.folder import RunFolder
+from islandgp.records.parameters import without_credentials
+from islandgp.records.sweep_folder import SweepJob
 from islandgp.running.printing import shown
-from islandgp.running.pruning import Pruned
-from islandgp.running.run import run
+from islandgp.running.run import Judge, Pruned, run
 from islandgp.running.sweep_progress import Start, job_line, sweep_line
 
 ALONE: Final = frozenset({"BasicLauncher", "SlurmLauncher"})
@@ -53,7 +54,7 @@ def sweep_job(start: Start) -> Callable[[DictConfig], None]:
         plain, settings = read(config)
         hydra = HydraConfig.get()
         home = Path(hydra.runtime.cwd)
-        named = run_folder(settings, list(hydra.overrides.task), home)
+        named = run_folder(plain, list(hydra.overrides.task), home)
         with shown():  # in a process of its own the command's is not known
             target, own = start.run(named), fitted(settings, hydra.launcher, len(start.jobs))
             if start.failed(target):
@@ -70,7 +71,7 @@ def attempt(
     home: Path,
     command: str,
     start: Callable[[], Start],
-    judge: Callable[[int, float], None] | None = None,
+    judge: Judge | None = None,
 ) -> None:
     """Runs a job of a sweep; what becomes of it is in its folder.
 
@@ -82,6 +83,9 @@ def attempt(
         command: that runs this job alone.
         start: the jobs of the sweep so far.
         judge: gets each generation with its highest fitness, and may raise Pruned.
+
+    Raises:
+        Pruned: as `judge`.
     """
     alone = settings.progress != "off"
     if alone:
@@ -99,12 +103,37 @@ def attempt(
     except BusyError as error:  # the folder is the other process's: nothing is written there
         print(f"islandgp: {error}", file=sys.stderr)
     except Pruned:
-        pass
+        raise
     except Exception as error:  # whatever it is, it must not end the other jobs
         if not target.error():  # the run came too short to write it down itself
             target.fail(error)
-    if alone:
-        print(job_line(target), file=sys.stderr, flush=True)
+    finally:
+        if alone:
+            print(job_line(target), file=sys.stderr, flush=True)
+
+
+def sweep_entry(
+    config: Mapping[str, Any],
+    overrides: Sequence[str],
+    named: Path,
+    folder: Path,
+    command: str,
+    search: str = "",
+) -> SweepJob:
+    """A job as the sweep's file has it.
+
+    `config` and `overrides` are the job's, which name one folder, and it may run in another.
+    """
+    return SweepJob(
+        slot=named.name,
+        folder=folder.name,
+        supervisor=str(config["supervisor"]["name"]),
+        seed=int(config["seed"]),
+        choices=tuple(without_credentials(o) for o in overrides if is_choice(o)),
+        generations=int(config["gp"]["generations"]),
+        command=command,
+        search=search,
+    )
 
 
 def fitted(settings: Settings, launcher: Mapping[str, Any], jobs: int) -> Settings:

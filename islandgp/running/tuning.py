@@ -9,7 +9,7 @@ not depend on the number of workers, so neither does the result.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from statistics import fmean
 from typing import Final, TypeAlias
@@ -21,8 +21,8 @@ from islandgp.bt.builder import MAX_NUMBER
 from islandgp.bt.node import REPEATS as MOST_REPEATS
 from islandgp.bt.numbers import REPEATS, Number
 from islandgp.bt.vocabulary import Vocabulary
-from islandgp.evaluation.base import Evaluator, Job
-from islandgp.seeding import Stream, stream
+from islandgp.evaluation.base import Evaluator, evaluated
+from islandgp.seeding import Stream, seed_of
 
 BATCH: Final = 8  # trials that are proposed at a time
 ROUND: Final = 5  # worlds that a batch meets at a time
@@ -118,18 +118,6 @@ def race(
     best: _Entry | None = None
     episodes = 0
 
-    def standing() -> RaceState:
-        whole = [entry for entry in known.values() if not entry.dropped]
-        order = sorted(whole, key=lambda entry: -fmean(entry.points))
-        return RaceState(
-            len(study.trials),
-            len(known),
-            len(known) - len(whole),
-            episodes,
-            tuple(entry.values for entry in order[:FINALISTS]),
-            _difference(order[0], known[written]),
-        )
-
     while len(study.trials) < trials + 1:
         size = min(BATCH, trials + 1 - len(study.trials)) if known else 1
         batch = [study.ask(space) for _ in range(size)]
@@ -145,16 +133,40 @@ def race(
                 if best is not None and len(entry.points) < len(worlds):
                     entry.dropped = _difference(entry, best) < 0 and trial.should_prune()
             if best is not None and left:
-                yield standing()
+                yield _standing(study, known, written, episodes)
         known |= entries
-        for trial, values in zip(batch, asked, strict=True):
-            entry = known[values]
-            if judges.get(values) is not trial:
-                _report(trial, entry.points, 0)
-            study.tell(trial, _value(entry, best))
+        _tell(study, judges, [(t, known[v]) for t, v in zip(batch, asked, strict=True)], best)
         whole = [entry for entry in entries.values() if not entry.dropped]
         best = max([*([best] if best else []), *whole], key=lambda entry: fmean(entry.points))
-        yield standing()
+        yield _standing(study, known, written, episodes)
+
+
+def _standing(
+    study: optuna.Study, known: Mapping[Values, _Entry], written: Values, episodes: int
+) -> RaceState:
+    whole = [entry for entry in known.values() if not entry.dropped]
+    order = sorted(whole, key=lambda entry: -fmean(entry.points))
+    return RaceState(
+        len(study.trials),
+        len(known),
+        len(known) - len(whole),
+        episodes,
+        tuple(entry.values for entry in order[:FINALISTS]),
+        _difference(order[0], known[written]),
+    )
+
+
+def _tell(
+    study: optuna.Study,
+    judges: Mapping[Values, optuna.Trial],
+    batch: Sequence[tuple[optuna.Trial, _Entry]],
+    best: _Entry | None,
+) -> None:
+    """Tells Optuna what came of a batch; the points of `judges` are reported already."""
+    for trial, entry in batch:
+        if judges.get(entry.values) is not trial:
+            _report(trial, entry.points, 0)
+        study.tell(trial, _value(entry, best))
 
 
 def choose(
@@ -175,7 +187,7 @@ def choose(
 
 def _study(seed: int) -> optuna.Study:
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    draws = int(stream(seed, Stream.TUNING, generation=1).integers(2**32))
+    draws = seed_of(seed, Stream.TUNING, generation=1)
     with warnings.catch_warnings():  # the pruner calls itself experimental since 2024
         warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
         pruner = optuna.pruners.WilcoxonPruner(p_threshold=WORSE)
@@ -191,11 +203,12 @@ def _meet(
     stage: int,
 ) -> int:
     """Lets each of the entries meet the worlds; returns the number of episodes."""
-    jobs = [Job(tree(entry.values), stage, world) for entry in entries for world in worlds]
-    outcomes = iter(evaluator.evaluate(jobs) if jobs else ())
-    for entry in entries:
-        entry.points += [next(outcomes).fitness for _ in worlds]
-    return len(jobs)
+    if not entries:
+        return 0
+    found = evaluated(evaluator, [tree(entry.values) for entry in entries], stage, worlds)
+    for entry, outcomes in zip(entries, found, strict=True):
+        entry.points += [outcome.fitness for outcome in outcomes]
+    return len(entries) * len(worlds)
 
 
 def _report(trial: optuna.Trial, points: Sequence[float], start: int) -> None:

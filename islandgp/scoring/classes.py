@@ -107,6 +107,10 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
                     path = f"classes.tiers.{name}.{part}.{measure}"
                     yield from unknown(path, measure, known)
 
+    def shown(self, counters: Mapping[str, float]) -> tuple[str, ...]:
+        """The behaviours of an individual with these counters."""
+        return tuple(name for name, counter in self.behaviours.items() if counters[counter] > 0)
+
     @property
     def specialist_names(self) -> tuple[str, ...]:
         """The exclusive classes."""
@@ -148,7 +152,7 @@ def specialist(o: Outcome, classes: Classes) -> str:
 
 def does(o: Outcome, classes: Classes) -> tuple[str, ...]:
     """The behaviours of an individual: those whose counter is above 0 in any of its episodes."""
-    return tuple(name for name, counter in classes.behaviours.items() if o.counters[counter] > 0)
+    return classes.shown(o.counters)
 
 
 def tiers(o: Outcome, classes: Classes) -> tuple[str, ...]:

@@ -22,7 +22,6 @@ from pydantic import ValidationError
 from islandgp.domain import Outcome
 from islandgp.errors import RunError, StudyError
 from islandgp.evaluation.base import Evaluator, Job, Problem
-from islandgp.evaluation.recorded import setting_of
 from islandgp.scoring.classes import tiers
 from islandgp.seeding import Stream, stream
 from islandgp.study import library
@@ -149,7 +148,7 @@ def _outcomes(evaluator: Evaluator, jobs: Iterable[Job]) -> dict[Job, Outcome]:
 def problem_of(run: Run) -> Problem:
     """What the trees of a run were evaluated in. Raises StudyError where it cannot be imported."""
     try:
-        return setting_of(run.config)
+        return Problem.recorded(run.config)
     except RunError as error:
         cause = error.__cause__
         found = cause.errors()[0]["msg"] if isinstance(cause, ValidationError) else error

@@ -11,7 +11,7 @@ from typing import Any
 from islandgp.bt.language import parse, to_text
 from islandgp.domain import Domain
 from islandgp.errors import ConfigError, RunError, TreeError
-from islandgp.evaluation.recorded import setting_of
+from islandgp.evaluation.base import Problem
 from islandgp.supervision.library import LibrarySettings, library_folder
 
 
@@ -24,7 +24,7 @@ def domain_of(config: Mapping[str, Any]) -> Domain | None:
 @cache
 def _domain(config: str) -> Domain | None:
     try:
-        return setting_of(json.loads(config)).domain
+        return Problem.recorded(json.loads(config)).domain
     except RunError:
         return None
 

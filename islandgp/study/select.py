@@ -16,7 +16,7 @@ from typing import Any, Final
 import yaml
 
 from islandgp.errors import RunError, StudyError, brief
-from islandgp.evaluation.recorded import check_version
+from islandgp.evaluation.base import check_version
 from islandgp.evolution.record import Champion, Cost
 from islandgp.plain import UNREADABLE
 from islandgp.records.checkpoint import individual_record

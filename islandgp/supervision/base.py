@@ -68,9 +68,6 @@ class Guidance:
     notes: dict[str, str] = field(default_factory=dict)  # what a supervisor adds for the record
 
 
-_NEVER = Crisis(diversity_below=0, stagnant_epochs_above=1e6, emergency_rate=0)
-
-
 @dataclass(frozen=True, slots=True)
 class RunContext:
     """What a run can give to a supervisor that is made for it."""
@@ -80,19 +77,15 @@ class RunContext:
     limits: Limits  # of trees
     folder: Path | None  # where the run keeps its files, None when it keeps none
     schema: Schema  # of the domain
-    domain: Domain  # as `world` says; stages may change it, see `domain_in`
+    domain: Domain  # as `world` says
+    domain_in: Callable[[int], Domain]  # by generation: stages may change it
     rewards: BaseModel  # the domain's Rewards
     classes: Classes
     library: Callable[[], Library]  # trees to inject; may take seconds; raises ConfigError
-    crisis: Crisis = _NEVER  # when the run overrides the rate
-    adapt_mutation: bool = True  # False: rates are not used, and need not be worked out
-    inject: bool = True  # False: trees are not used, and need not be worked out
+    crisis: Crisis  # when the run overrides the rate
+    adapt_mutation: bool  # False: rates are not used, and need not be worked out
+    inject: bool  # False: trees are not used, and need not be worked out
     coming: frozenset[Path] = frozenset()  # folders of runs that the same command makes before
-    staged: Callable[[int], Domain] | None = None  # by generation, where stages change the world
-
-    def domain_in(self, generation: int) -> Domain:
-        """The domain as it is in a generation, for episodes of the supervisor's own."""
-        return self.domain if self.staged is None else self.staged(generation)
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,8 +107,8 @@ class Supervisor(Protocol):
     """Advises once a generation. `tests/contracts` holds what every one promises.
 
     A supervisor that configuration can choose has two class attributes more:
-    `Settings`, a pydantic model, and `make(settings, setup)`. It may have
-    `ready(settings, setup)`, which raises SupervisionError where it could not work; this
+    `Settings`, a pydantic model, and `make(settings, context)`. It may have
+    `ready(settings, context)`, which raises SupervisionError where it could not work; this
     is asked before the first run of a command starts.
     """
 

@@ -32,7 +32,7 @@ class Baseline:
     Settings = BaselineSettings
 
     @classmethod
-    def make(cls, settings: BaselineSettings, setup: RunContext) -> Baseline:  # noqa: ARG003 -- the protocol's
+    def make(cls, settings: BaselineSettings, context: RunContext) -> Baseline:  # noqa: ARG003 -- the protocol's
         """See `Supervisor`."""
         return cls(settings)
 

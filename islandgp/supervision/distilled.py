@@ -143,16 +143,16 @@ class Distilled:
     Settings = DistilledSettings
 
     @classmethod
-    def ready(cls, settings: DistilledSettings, setup: RunContext) -> None:
+    def ready(cls, settings: DistilledSettings, context: RunContext) -> None:
         """Raises SupervisionError where there is no policy, or one for other classes."""
-        _check(settings.policy(), setup)
+        _check(settings.policy(), context)
 
     @classmethod
-    def make(cls, settings: DistilledSettings, setup: RunContext) -> Distilled:
+    def make(cls, settings: DistilledSettings, context: RunContext) -> Distilled:
         """See `Supervisor`. Raises SupervisionError as `ready` does."""
         policy = settings.policy()
-        _check(policy, setup)
-        return cls(policy, Expert.make(settings, setup), setup.crisis)
+        _check(policy, context)
+        return cls(policy, Expert.make(settings, context), context.crisis)
 
     def __init__(self, policy: Policy, expert: Expert, crisis: Crisis) -> None:
         self.policy, self.expert, self.crisis = policy, expert, crisis
@@ -173,9 +173,9 @@ class Distilled:
         )
 
 
-def _check(policy: Policy, setup: RunContext) -> None:
+def _check(policy: Policy, context: RunContext) -> None:
     """Raises SupervisionError where a policy asks or says what the run does not have."""
-    known = _fields(setup)
+    known = _fields(context)
     for rule in (policy.target, policy.rate):
         for one in _walk(rule):
             if isinstance(one, Question) and one.feature not in known:
@@ -184,21 +184,21 @@ def _check(policy: Policy, setup: RunContext) -> None:
                     f" {one.feature!r}; distill one from runs with the same domain and classes."
                 )
     said = {str(one.answer) for one in _walk(policy.target) if isinstance(one, Answer)}
-    if wrong := sorted(said - set(setup.classes.targets)):
+    if wrong := sorted(said - set(context.classes.targets)):
         raise SupervisionError(
-            f"Expected targets of this experiment ({', '.join(setup.classes.targets)}), found"
+            f"Expected targets of this experiment ({', '.join(context.classes.targets)}), found"
             f" {wrong[0]!r} in the policy; distill one from runs with the same classes."
         )
     if any(isinstance(a.answer, str) for a in _walk(policy.rate) if isinstance(a, Answer)):
         raise SupervisionError("Expected rates that are numbers in the policy, found a text.")
 
 
-def _fields(setup: RunContext) -> set[str]:
+def _fields(context: RunContext) -> set[str]:
     """The names in `features`: the history, and what is no number, are not among them."""
-    classes: Classes = setup.classes
+    classes: Classes = context.classes
     numbers = (
         name
-        for name in field_meanings(setup.schema, classes)
+        for name in field_meanings(context.schema, classes)
         if not name.startswith(("history[]", "behaviours."))
     )
     return {*numbers, *(f"ahead.{name}" for name in classes.behaviours)}

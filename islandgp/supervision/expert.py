@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
-from islandgp.bt.node import Node, depth, size
+from islandgp.bt.node import Limits, Node, within
 from islandgp.errors import ConfigError
 from islandgp.scoring.classes import EXPLORATION, INTEGRATION, RARE
 from islandgp.scoring.state import PopulationState
@@ -28,7 +28,7 @@ class Size(BaseModel, frozen=True, extra="forbid"):
 
     def holds(self, tree: Node) -> bool:
         """Whether `tree` is no larger."""
-        return depth(tree) <= self.depth and size(tree) <= self.nodes
+        return within(tree, Limits(self.depth, self.nodes))
 
 
 class ExpertSettings(BaseModel, frozen=True, extra="forbid"):
@@ -122,10 +122,10 @@ class Expert:
     Settings = ExpertSettings
 
     @classmethod
-    def make(cls, settings: ExpertSettings, setup: RunContext) -> Expert:
+    def make(cls, settings: ExpertSettings, context: RunContext) -> Expert:
         """See `Supervisor`."""
-        expert = cls(settings, setup.library())
-        for target in setup.classes.behaviours:
+        expert = cls(settings, context.library())
+        for target in context.classes.behaviours:
             if target in expert.library.targets and not expert.fitting(target, compact=True):
                 raise ConfigError(
                     f"library.trees.{target}: expected a tree within supervisor.policy.compact,"

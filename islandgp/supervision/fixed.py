@@ -22,7 +22,7 @@ class Fixed:
     Settings = FixedSettings
 
     @classmethod
-    def make(cls, settings: FixedSettings, setup: RunContext) -> Fixed:  # noqa: ARG003 -- the protocol's
+    def make(cls, settings: FixedSettings, context: RunContext) -> Fixed:  # noqa: ARG003 -- the protocol's
         """See `Supervisor`."""
         return cls(settings)
 

@@ -13,9 +13,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from islandgp.errors import SupervisionError
+from islandgp.plain import made_of
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, RunContext, Seen
 from islandgp.supervision.llm.adviser import Adviser
@@ -47,12 +48,12 @@ class Replay:
     Settings = ReplaySettings
 
     @classmethod
-    def ready(cls, settings: ReplaySettings, setup: RunContext) -> None:  # noqa: ARG003 -- the protocol's
+    def ready(cls, settings: ReplaySettings, context: RunContext) -> None:  # noqa: ARG003 -- the protocol's
         """Raises SupervisionError where there is no transcript."""
         settings.path()
 
     @classmethod
-    def make(cls, settings: ReplaySettings, setup: RunContext) -> Replay:
+    def make(cls, settings: ReplaySettings, context: RunContext) -> Replay:
         """See `Supervisor`."""
         path = settings.path()
         transcript = Transcript(path, fixed=True)
@@ -60,13 +61,13 @@ class Replay:
             start = transcript.start or {}
             recorded = LLMSettings.model_validate(start["settings"])
             if start["dialect"] is not None:
-                Dialect(**start["dialect"])
-        except (KeyError, TypeError, ValidationError) as error:
+                made_of(Dialect, start["dialect"])
+        except (KeyError, TypeError, ValueError) as error:
             raise SupervisionError(
                 f"Expected the settings of a recorded run at the top of {path}, found"
                 f" {type(error).__name__}: {error}."
             ) from None
-        return cls(Adviser(recorded, setup), transcript)
+        return cls(Adviser(recorded, context), transcript)
 
     def __init__(self, adviser: Adviser, transcript: Transcript) -> None:
         self.adviser = adviser

@@ -7,88 +7,52 @@ stays short, and the last digits of a sum never change its hash.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, Final
+from collections.abc import Iterable
+from functools import cache
+from typing import Any
+
+import yaml
 
 from islandgp.domain import Schema
+from islandgp.resources import resource
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import Crisis, PopulationState
 
-_PLAIN: Final[dict[str, str]] = {
-    "generation": "the generation just evaluated, from 0",
-    "generations": "generations of the whole run",
-    "epoch": "the curriculum's epoch, from 1",
-    "stage": "the curriculum's stage, from 1: other multipliers, another scale of fitness",
-    "fitness.best": "highest fitness now, points",
-    "fitness.mean": "mean fitness now, points",
-    "fitness.sd": "standard deviation over the population, points",
-    "fitness.best_change": "best now minus best one generation ago, points; 0 in a new stage",
-    "fitness.best_change_share": "the same as a share of the best one generation ago",
-    "fitness.mean_change": "mean now minus mean one generation ago, points; 0 in a new stage",
-    "fitness.best_trend": "slope of the best within the stage, points a generation",
-    "fitness.mean_trend": "slope of the mean within the stage, points a generation",
-    "history[].generation": "a line for each recent generation, the present one last",
-    "history[].best": "its highest fitness, under the multipliers of its stage, points",
-    "history[].mean": "its mean fitness, points",
-    "history[].diversity": "its behavioural diversity",
-    "history[].working": "its working ratio",
-    "history[].mutation_rate": "the mutation rate that made it",
-    "behaviours.dominant": "the largest class",
-    "behaviours.lacking": "the behaviours, the one that fewest individuals do first",
-    "diversity.now": "1 minus the share of the largest class; 0 means that all are alike",
-    "diversity.change": "against one generation ago",
-    "diversity.trend": "slope over the history, a generation",
-    "working_ratio": "share of individuals that do any of what the classes are told apart by",
-    "stagnation.generations": "generations since the best of the stage last rose; 0 in a new stage",
-    "stagnation.epochs": "the same in epochs",
-    "crisis.low_diversity": "whether diversity is below the warning level",
-    "crisis.diversity_below": "diversity below which the emergency rate is enforced",
-    "crisis.stagnant_epochs_above": "stagnation above which the emergency rate is enforced, epochs",
-    "crisis.now": "whether the emergency rate is enforced now, whatever you answer",
-    "parameters.mutation_rate": "the mutation rate now in force",
-    "parameters.crossover_rate": "the crossover rate",
-    "parameters.population": "individuals of a generation",
-    "parameters.mean_tree_nodes": "mean size of a tree, nodes",
-}
-"""The fields that every domain has, and what they mean."""
+
+@cache
+def words(section: str) -> dict[str, str]:
+    """A section of `prompts/words.yaml`: what the names in it mean, as a language model is told."""
+    found: dict[str, dict[str, str]] = yaml.safe_load(
+        resource("prompts/words.yaml").read_text(encoding="utf-8")
+    )
+    return found[section]
 
 
 def field_meanings(schema: Schema, classes: Classes) -> dict[str, str]:
     """Every field of `state_json` and what it means, in the order in which they stand there."""
-    s, counters = classes.specialists, schema.counters
-    meaning = {name: counters[counter].meaning for name, counter in classes.behaviours.items()}
-    own = {
-        **{f"history[].{name}": f"its {title(name)} Robots" for name in classes.milestones},
-        f"specialists.{s.idle}": f"individuals that do none of {', '.join(s.of)}",
-        **{f"specialists.{name}": f"individuals that mostly do {name}" for name in s.of},
-        f"specialists.{s.mixed}": "individuals of which no behaviour dominates",
-        **{f"doing.{name}": f"individuals with any {text}" for name, text in meaning.items()},
-        **{f"tiers.{name}": f"{title(name)} Robots now" for name in classes.tiers},
-        **{
-            f"milestones.{name}_seen": f"whether a {title(name)} Robot has ever existed in this run"
-            for name in classes.milestones
+    s = classes.specialists
+    sorts: dict[str, dict[str, str]] = {
+        # what a <sort> in the name of a field stands for, and what is <said> of each
+        "milestone": {name: title(name) for name in classes.milestones},
+        "tier": {name: title(name) for name in classes.tiers},
+        "idle": {s.idle: ", ".join(s.of)},
+        "specialist": {name: name for name in s.of},
+        "mixed": {s.mixed: ""},
+        "behaviour": {n: schema.counters[c].meaning for n, c in classes.behaviours.items()},
+        "counter": {
+            name: counter.meaning + (f", {counter.unit}" if counter.unit else "")
+            for name, counter in schema.counters.items()
         },
-        **{
-            f"activity.{name}": f"mean over the population: {counter.meaning}"
-            + (f", {counter.unit}" if counter.unit else "")
-            for name, counter in counters.items()
-        },
-        **{
-            f"next_multipliers.{name}": f"factor on {text}, from the next generation on"
-            for name, text in schema.components.items()
-        },
+        "component": dict(schema.components),
     }
-    groups = dict.fromkeys(name.partition(".")[0] for name in _ORDER)
-    found = {**_PLAIN, **own}
-    return {n: found[n] for g in groups for n in found if n.partition(".")[0] == g}
-
-
-_ORDER: Final = (
-    "generation", "generations", "epoch", "stage", "fitness", "history[]", "specialists", "doing",
-    "behaviours", "diversity", "working_ratio", "tiers", "milestones", "activity", "stagnation",
-    "crisis", "parameters", "next_multipliers",
-)  # fmt: skip
+    found = {}
+    for field, meaning in words("fields").items():
+        before, _, rest = field.partition("<")
+        sort, _, after = rest.partition(">")
+        for name, said in sorts[sort].items() if sort else [("", "")]:
+            found[f"{before}{name}{after}"] = meaning.replace("<said>", said)
+    return found
 
 
 def state_json(state: PopulationState, crisis: Crisis) -> dict[str, Any]:
@@ -152,17 +116,6 @@ def state_text(state: PopulationState, crisis: Crisis) -> str:
         else:
             lines.append(f'"{key}": {json.dumps(value)}')
     return "{" + ",\n ".join(lines) + "}"
-
-
-def fields(value: Any, path: str = "") -> Iterator[str]:
-    """The dotted paths of a JSON value's leaves, as `field_meanings` spells them."""
-    if isinstance(value, Mapping):
-        for key, below in value.items():
-            yield from fields(below, f"{path}.{key}" if path else str(key))
-    elif isinstance(value, list) and value and isinstance(value[0], Mapping):
-        yield from fields(value[0], f"{path}[]")
-    else:
-        yield path
 
 
 def title(name: str) -> str:

@@ -23,9 +23,9 @@ class Untargeted:
     Settings = ExpertSettings
 
     @classmethod
-    def make(cls, settings: ExpertSettings, setup: RunContext) -> Untargeted:
+    def make(cls, settings: ExpertSettings, context: RunContext) -> Untargeted:
         """See `Supervisor`."""
-        return cls(Expert.make(settings, setup))
+        return cls(Expert.make(settings, context))
 
     def __init__(self, expert: Expert) -> None:
         self.expert = expert

@@ -53,18 +53,18 @@ class Yoked:
     Settings = YokedSettings
 
     @classmethod
-    def ready(cls, settings: YokedSettings, setup: RunContext) -> None:
+    def ready(cls, settings: YokedSettings, context: RunContext) -> None:
         """Raises SupervisionError where the record is missing or too short, and not yet to come."""
-        if settings.folder(setup.seed).resolve() not in setup.coming:
-            cls._lines(settings, setup)
+        if settings.folder(context.seed).resolve() not in context.coming:
+            cls._lines(settings, context)
 
     @classmethod
-    def make(cls, settings: YokedSettings, setup: RunContext) -> Yoked:
+    def make(cls, settings: YokedSettings, context: RunContext) -> Yoked:
         """See `Supervisor`. Raises SupervisionError as `ready` does."""
         try:
-            return cls([repeated(line) for line in cls._lines(settings, setup)])
+            return cls([repeated(line) for line in cls._lines(settings, context)])
         except (ValueError, TreeError) as error:
-            folder = settings.folder(setup.seed)
+            folder = settings.folder(context.seed)
             raise SupervisionError(
                 f"Expected the record of another run in {folder}, found a damaged one"
                 f" ({brief(error)}); run it again under another name, or set"
@@ -72,18 +72,18 @@ class Yoked:
             ) from None
 
     @classmethod
-    def _lines(cls, settings: YokedSettings, setup: RunContext) -> list[bytes]:
-        folder = settings.folder(setup.seed)
+    def _lines(cls, settings: YokedSettings, context: RunContext) -> list[bytes]:
+        folder = settings.folder(context.seed)
         file = folder / "generations.jsonl"
         if not file.is_file():
             raise SupervisionError(
                 f"Expected the record of another run in {folder}, found none; run it first, with"
-                f" seed={settings.leader(setup.seed)}, or set supervisor.policy.record."
+                f" seed={settings.leader(context.seed)}, or set supervisor.policy.record."
             )
         lines = file.read_bytes().splitlines()
-        if len(lines) < setup.generations:
+        if len(lines) < context.generations:
             raise SupervisionError(
-                f"Expected a record of {setup.generations} generations in {folder},"
+                f"Expected a record of {context.generations} generations in {folder},"
                 f" found {len(lines)}; let that run finish first."
             )
         return lines

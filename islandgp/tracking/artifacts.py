@@ -12,7 +12,7 @@ from typing import Any, Final
 import yaml
 
 from islandgp.bt.language import parse
-from islandgp.evaluation.recorded import setting_of
+from islandgp.evaluation.base import Problem
 from islandgp.records.files import RunMetadata, fallback_words, score
 from islandgp.records.folder import RunFolder, Status
 from islandgp.supervision.state_json import title
@@ -80,7 +80,7 @@ def _replay(folder: RunFolder) -> str:
     place = 0 if config["gp"]["common_world"] else slot * config["gp"]["episodes"]
     return replay_page(
         parse(champion["record"]["tree"]),
-        setting_of(config),
+        Problem.recorded(config),
         worlds[place],
         record["snapshot"]["stage"],
         f"{folder.path.name}: the best individual, generation {generation}",

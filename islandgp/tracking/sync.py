@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from islandgp.errors import IslandError
-from islandgp.evaluation.recorded import check_version
+from islandgp.evaluation.base import check_version
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.sweep_folder import SweepFolder
 from islandgp.tracking.mirror import Mirror, kept, up_to_date

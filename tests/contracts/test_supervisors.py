@@ -19,7 +19,7 @@ from islandgp.bt.node import within
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.records.checkpoint import dump
 from islandgp.resources import resource
-from islandgp.running.run import make_supervisor, setup_of
+from islandgp.running.run import make_supervisor, run_context
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Pattern, Phase, Service, Supervisor
 from islandgp.supervision.distilled import Answer, Distilled, Policy, Question
@@ -77,7 +77,7 @@ def distilled() -> Distilled:
     )
     expert = make_supervisor(composed("supervisor=expert"), None)
     assert isinstance(expert, Expert)
-    return Distilled(policy, expert, made.setup().crisis)
+    return Distilled(policy, expert, made.context().crisis)
 
 
 MAKERS: dict[str, Callable[[], Supervisor]] = {
@@ -169,7 +169,7 @@ def test_every_option_can_be_chosen(option: str, tmp_path: Path) -> None:
     assert found.factory.name == option
     assert isinstance(found.settings(), found.factory.Settings)
     settings = composed(f"supervisor={option}")
-    assert setup_of(settings, settings.make_domain(), tmp_path).folder == tmp_path
+    assert run_context(settings, tmp_path).folder == tmp_path
 
 
 def test_services_can_be_closed_unused_and_twice() -> None:

@@ -9,7 +9,7 @@ import pytest
 from islandgp.config.settings import read_settings
 from islandgp.errors import ConfigError
 from islandgp.evaluation.base import Job, simulate
-from islandgp.running.run import setup_of
+from islandgp.running.run import run_context
 from tests.composed import plain
 
 EARLY = {"episode": {"length": 10}}
@@ -35,11 +35,11 @@ def test_each_stage_has_its_own_world() -> None:
 def test_supervisors_have_the_world_of_a_generation() -> None:
     """For episodes of their own, as those of the population in that generation."""
     settings = read_settings(staged(EARLY, {"episode": {"length": 20}}))
-    given = setup_of(settings, settings.make_domain(), None)
+    given = run_context(settings)
     lengths = [given.domain_in(g).world.episode.length for g in (0, 5, 6)]  # type: ignore[attr-defined]
     assert lengths == [10, 10, 20]
     plainly = read_settings(plain())
-    given = setup_of(plainly, plainly.make_domain(), None)
+    given = run_context(plainly)
     assert given.domain_in(9) is given.domain
 
 

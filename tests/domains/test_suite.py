@@ -16,7 +16,7 @@ from islandgp.bt.vocabulary import Action
 from islandgp.domain import Domain
 from islandgp.domains.island import Island
 from islandgp.domains.island.actions import IslandAction, drive
-from islandgp.evaluation.recorded import setting_of
+from islandgp.evaluation.base import Problem
 from islandgp.testing.domain_suite import DomainSuite, run_suite
 from tests.composed import plain
 
@@ -29,7 +29,7 @@ class TestIsland(DomainSuite):
     random_trees = 8
 
     def make_domain(self) -> Domain:
-        return setting_of(plain("world.episode.length=60")).domain
+        return Problem.recorded(plain("world.episode.length=60")).domain
 
 
 class TestPickPlace(DomainSuite):
@@ -48,7 +48,7 @@ def pick_place() -> Domain:
     if str(folder) not in sys.path:
         sys.path.append(str(folder))
     config = yaml.safe_load((folder / "conf/domain/pick_place.yaml").read_text(encoding="utf-8"))
-    return setting_of(config).domain
+    return Problem.recorded(config).domain
 
 
 def test_the_suite_finds_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:

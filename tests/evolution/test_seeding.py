@@ -6,7 +6,7 @@ import json
 from itertools import product
 
 from islandgp.domain import total
-from islandgp.seeding import Stream, stream, world_seed
+from islandgp.seeding import Stream, seed_of, stream
 
 
 def first(seed: int, purpose: Stream, generation: int, slot: int) -> int:
@@ -61,7 +61,9 @@ def test_the_same_for_ever() -> None:
         1418395269214005295,
         1994482718393982649,
     ]
-    assert [world_seed(0, generation=g, episode=e) for g, e in ((0, 0), (40, 0), (40, 1))] == [
+    assert [
+        seed_of(0, Stream.WORLD, generation=g, slot=e) for g, e in ((0, 0), (40, 0), (40, 1))
+    ] == [
         1243955231,
         531944655,
         2430504513,
@@ -70,6 +72,6 @@ def test_the_same_for_ever() -> None:
 
 def test_world_seeds() -> None:
     """World seeds fit into 32 bits, and differ by generation and episode."""
-    seeds = [world_seed(9, generation=g, episode=e) for g in range(41) for e in range(5)]
+    seeds = [seed_of(9, Stream.WORLD, generation=g, slot=e) for g in range(41) for e in range(5)]
     assert len(set(seeds)) == len(seeds)
     assert all(0 <= seed < 2**32 for seed in seeds)

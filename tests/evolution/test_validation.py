@@ -22,7 +22,7 @@ from islandgp.evolution.validation import (
     validate,
     worlds_of,
 )
-from islandgp.seeding import world_seed
+from islandgp.seeding import Stream, seed_of
 from tests.composed import composed
 from tests.made import outcome
 
@@ -127,7 +127,7 @@ def test_a_single_candidate_is_measured() -> None:
 @given(seed=st.integers(0, 1000))
 def test_validation_worlds_trained_nobody(seed: int) -> None:
     """They come from a stream of their own, and worlds that a run used are left out."""
-    used = frozenset(world_seed(seed, generation=g) for g in range(41))
+    used = frozenset(seed_of(seed, Stream.WORLD, generation=g) for g in range(41))
     worlds = worlds_of(seed, used, 50)
     assert len(set(worlds)) == 50
     assert not used & set(worlds)

@@ -36,31 +36,31 @@ from islandgp.config.compose import planned
 from islandgp.domain import Scene, Thing
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.errors import IslandError
-from islandgp.evaluation.recorded import setting_of
+from islandgp.evaluation.base import Problem
 from islandgp.records.checkpoint import dump
 from islandgp.records.folder import RunFolder
 from islandgp.resources import resource
 from islandgp.results import load
 from islandgp.study.select import find, read
 from islandgp.supervision.distilled import read_policy
-from islandgp.supervision.llm.answers import DECISION
+from islandgp.supervision.llm.client import read_message, retry_after
 from islandgp.supervision.llm.ledger import Ledger
 from islandgp.supervision.llm.message import Reply
 from islandgp.supervision.llm.settings import Caps
 from islandgp.supervision.llm.transcript import Transcript
 from islandgp.supervision.llm.validation import (
+    DECISION,
     Accepted,
     RateSettings,
     check_decision,
     check_proposal,
 )
-from islandgp.supervision.llm.wire import read_message, retry_after
 from islandgp.supervision.replay import Replay, ReplaySettings
 from islandgp.tracking.sent import read_sent
 from islandgp.viewer.page import page
 from tests.fuzz.inputs import as_json, swapped, swaps, texts, values
 from tests.llm.made import DECISION as DECIDED
-from tests.llm.made import PROPOSAL, advise, answering, setup, supervisor
+from tests.llm.made import PROPOSAL, advise, answering, context, supervisor
 from tests.tracking.folders import written
 from tests.viewer.episodes import small
 
@@ -177,10 +177,9 @@ def declaration(data: bytes) -> bool:
 RATES: Final = RateSettings(least=0.05, most=0.9, outside="repair")
 CHECKS: Final[tuple[Callable[[Reply], Any], ...]] = (
     check_decision(RATES),
-    check_decision(RATES, "first"),
     check_decision(RATES.model_copy(update={"outside": "clamp"})),
     check_proposal(Limits(8, 50), VOCABULARY, ("rare", "first")),
-    check_proposal(Limits(8, 50), VOCABULARY, ("rare", "first"), "last", 3),
+    check_proposal(Limits(8, 50), VOCABULARY, ("rare", "first"), 3),
 )
 
 
@@ -293,7 +292,7 @@ def _frames(folder: Path) -> None:
 
 
 def _setting(folder: Path) -> None:
-    setting_of(RunFolder(folder).configuration())
+    Problem.recorded(RunFolder(folder).configuration())
 
 
 def _compare(folder: Path) -> None:
@@ -363,16 +362,16 @@ def transcript(data: bytes) -> bool:
         ledger = Ledger(found, None, CAPS)
         ledger.totals()
         ledger.seconds_left()
-        Replay.make(ReplaySettings(transcript=str(file)), context())
+        Replay.make(ReplaySettings(transcript=str(file)), run_context())
     except IslandError:
         return False
     return True
 
 
 @cache
-def context() -> Any:
+def run_context() -> Any:
     """What a run gives to its supervisor."""
-    return setup(None)
+    return context(None)
 
 
 OVERRIDES: Final = (

@@ -8,7 +8,7 @@ from pathlib import Path
 from threading import Lock
 from typing import Any
 
-from islandgp.running.run import setup_of
+from islandgp.running.run import run_context
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, stream
@@ -53,10 +53,10 @@ def settings(*overrides: str) -> LLMSettings:
     return policy
 
 
-def setup(folder: Path | None = None, *overrides: str) -> RunContext:
+def context(folder: Path | None = None, *overrides: str) -> RunContext:
     """What a run with the paper's numbers gives to its supervisor."""
     found = composed("supervisor=llm", *overrides)
-    return setup_of(found, found.make_domain(), folder)
+    return run_context(found, folder)
 
 
 def snapshot(generation: int, best: float, *, complete: int = 0, excellent: int = 0) -> Snapshot:
@@ -199,7 +199,7 @@ def supervisor(
     """A supervisor over a script, which never waits."""
     client = FakeClient(script)
     quick = ("retry.first_wait=0", "retry.longest_wait=0")
-    return LLM(settings(*quick, *overrides), given or setup(folder), client), client
+    return LLM(settings(*quick, *overrides), given or context(folder), client), client
 
 
 def advise(llm: LLM, at: PopulationState | None = None) -> Guidance:

@@ -24,10 +24,10 @@ from tests.llm.made import (
     FakeClient,
     advise,
     answering,
+    context,
     failed,
     said,
     settings,
-    setup,
     state,
     supervisor,
 )
@@ -263,7 +263,7 @@ def test_requests_of_a_killed_run_count(tmp_path: Path) -> None:
             raise KeyboardInterrupt
         return answering()(request, n)
 
-    given = setup(tmp_path, "supervisor.adapt_mutation=false")
+    given = context(tmp_path, "supervisor.adapt_mutation=false")
     for _ in range(4):
         llm, _ = supervisor(killed, "caps.requests=5", given=given)
         with suppress(KeyboardInterrupt):
@@ -291,7 +291,7 @@ def test_a_server_that_counts_nothing_does_not_escape_the_caps() -> None:
     """What it took is unknown, so it is the most that it can be."""
     with MessagesServer(usage=False) as server:
         client = AnthropicClient(key=None, base_url=server.url)
-        llm = LLM(settings("caps.output_tokens=9000"), setup(), client)
+        llm = LLM(settings("caps.output_tokens=9000"), context(), client)
         sources = run_of(llm, 12)
         llm.close()
         assert len(server.requests) == 9000 // 2048
@@ -308,7 +308,7 @@ def test_loading_the_sdk_is_not_charged_to_the_model() -> None:
             clock.append(clock[-1] + 2.5)
 
     clock = [0.0]
-    llm = LLM(settings(), setup(), Loading(answering()))
+    llm = LLM(settings(), context(), Loading(answering()))
     llm._open().clock = lambda: clock[-1]
     advise(llm)
     assert llm.spent()["latency_s"] == 0

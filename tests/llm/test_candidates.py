@@ -17,16 +17,16 @@ from islandgp.errors import SupervisionError
 from islandgp.resources import resource
 from islandgp.supervision.base import RunContext
 from islandgp.supervision.llm.adviser import Adviser
-from islandgp.supervision.llm.answers import Proposal
 from islandgp.supervision.llm.trial import try_out
 from islandgp.supervision.llm.validation import (
     Accepted,
+    Proposal,
     Rejection,
     RejectionStage,
     check_proposal,
 )
 from islandgp.testing.server import MessagesServer
-from tests.llm.made import advise, answering, said, settings, setup, state, supervisor
+from tests.llm.made import advise, answering, context, said, settings, state, supervisor
 from tests.llm.test_prompts import DIALECT
 from tests.llm.test_whole_run import lines, live, replayed
 from tests.made import CLASSES, outcome
@@ -58,9 +58,9 @@ class Scripted:
 
 
 def scripted() -> tuple[RunContext, Scripted]:
-    given = setup()
+    given = context()
     domain = Scripted(given.domain)
-    return replace(given, domain=domain), domain  # type: ignore[arg-type] # it makes no other
+    return replace(given, domain=domain, domain_in=lambda _: domain), domain  # type: ignore[arg-type,return-value] # it makes no other
 
 
 @pytest.mark.parametrize(
@@ -77,10 +77,10 @@ def scripted() -> tuple[RunContext, Scripted]:
 def test_the_best_for_its_target(target: str, best: str) -> None:
     """Its behaviour first, then points; all are tried in one world."""
     given, domain = scripted()
-    found = try_out(Proposal(TREES[0], target, "r", TREES[1:]), state(), given)
-    assert to_text(found.chosen.tree) == best
-    assert (found.chosen.others, found.episodes) == ((), 3)
-    assert found.gain == OUTCOMES[best].fitness - OUTCOMES[PATROL].fitness
+    chosen, played, _ = try_out(Proposal(TREES[0], target, "r", TREES[1:]), state(), given)
+    assert to_text(chosen.tree) == best
+    assert (chosen.others, played.episodes) == ((), 3)
+    assert played.gain == OUTCOMES[best].fitness - OUTCOMES[PATROL].fitness
     assert len(domain.seeds) == 3
     assert len(set(domain.seeds)) == 1
 
@@ -98,7 +98,7 @@ def test_a_trial_has_the_world_of_the_stage_that_the_tree_will_join() -> None:
     """That of the next generation, not the one that `world` gives."""
     given, domain = scripted()
     asked: list[int] = []
-    staged = replace(given, staged=lambda g: asked.append(g) or domain)  # type: ignore[func-returns-value,arg-type,return-value] # it makes no other
+    staged = replace(given, domain_in=lambda g: asked.append(g) or domain)  # type: ignore[func-returns-value,arg-type,return-value] # it makes no other
     try_out(Proposal(TREES[0], "pickup", "r", TREES[1:2]), state(3), staged)
     assert asked == [4]
 
@@ -132,7 +132,7 @@ def test_where_none_can_be_used_the_first_error_is_told() -> None:
 def test_the_question_asks_for_so_many() -> None:
     """In its words and in its schema, with both prompt sets."""
     for name in ("paper", "informed"):
-        found = Adviser(settings("candidates=4", f"prompts={name}"), setup())
+        found = Adviser(settings("candidates=4", f"prompts={name}"), context())
         request = found.tree_request(state(), DIALECT)
         assert "- trees: 4 trees for the same target" in request.system
         assert '"trees": [TEXT, TEXT, ...]' in request.system
@@ -178,6 +178,6 @@ def test_prompts_of_one_s_own_must_say_it(tmp_path: Path) -> None:
     for file in resource("prompts").glob("*.md"):
         text = file.read_text(encoding="utf-8").replace("{{answer}}", "an answer")
         (tmp_path / file.name).write_text(text, encoding="utf-8")
-    assert Adviser(settings(f"prompts={tmp_path}"), setup())
+    assert Adviser(settings(f"prompts={tmp_path}"), context())
     with pytest.raises(SupervisionError, match=r"Expected \{\{answer\}\} and"):
-        Adviser(settings(f"prompts={tmp_path}", "candidates=2"), setup())
+        Adviser(settings(f"prompts={tmp_path}", "candidates=2"), context())

@@ -15,12 +15,12 @@ from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.resources import resource
 from islandgp.supervision.base import Phase
 from islandgp.supervision.llm.adviser import Adviser
-from islandgp.supervision.llm.informed import LATER
+from islandgp.supervision.llm.informed import RUN_VALUES
 from islandgp.supervision.llm.prompts import SETS, render
 from islandgp.supervision.llm.validation import RejectionStage
 from islandgp.testing.demo import demo
 from tests.composed import composed
-from tests.llm.made import advise, answering, settings, setup, supervisor
+from tests.llm.made import advise, answering, context, settings, supervisor
 
 TEXT = (resource("conf").parent / "docs" / "llm.md").read_text(encoding="utf-8")
 COMMANDS = re.findall(r"^    (\S.*)$", TEXT, re.MULTILINE) + re.findall(
@@ -101,12 +101,12 @@ def test_the_variables_of_the_prompts_are_told() -> None:
     told = variables(table) - {"rate.PHASE"} | {f"rate.{phase}" for phase in Phase}
     values = dict.fromkeys(told, "")
     for name in SETS:
-        adviser = Adviser(settings(f"prompts={name}"), setup())
+        adviser = Adviser(settings(f"prompts={name}"), context())
         for prompt in adviser.prompts.values():
             render(prompt, values)
-    later = {"generation", "state", "urgency", "answer", "tree_field", "stage", "error", *LATER}
+    later = {"generation", "state", "urgency", "answer", "tree_field", "stage", "error"}
     sizes = {"depth", "nodes", "most_depth", "most_nodes"}
-    assert told == {*adviser.values, *later, *sizes}
+    assert told == {*adviser.values, *later, *RUN_VALUES, *sizes}
 
 
 def test_prompts_are_of_no_domain() -> None:

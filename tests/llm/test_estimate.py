@@ -15,14 +15,14 @@ from islandgp.resources import resource
 from islandgp.supervision.llm.estimate import (
     ANSWER,
     CANDIDATE,
-    Bill,
     as_recorded,
     at_most,
     expected,
 )
+from islandgp.supervision.llm.ledger import Bill
 from islandgp.supervision.llm.prompts import SETS
 from islandgp.supervision.llm.transcript import Transcript
-from tests.llm.made import advise, answering, settings, setup, state, supervisor
+from tests.llm.made import advise, answering, context, settings, state, supervisor
 
 
 def said(*words: str) -> str:
@@ -33,7 +33,7 @@ def said(*words: str) -> str:
 
 def test_every_generation_but_the_last_asks_twice() -> None:
     """41 generations: 80 questions and a probe, with so many tokens of answers."""
-    found = expected(settings(), setup())
+    found = expected(settings(), context())
     assert found.requests == 81
     assert found.output == 80 * ANSWER
     assert found.usd == pytest.approx((found.input + 5 * found.output) / 1e6)
@@ -41,18 +41,18 @@ def test_every_generation_but_the_last_asks_twice() -> None:
 
 def test_answers_that_would_come_too_late_cost_nothing() -> None:
     """With a lag the last generations are not asked about."""
-    assert expected(settings(), setup(), 5).requests == 2 * (40 - 5) + 1
-    assert at_most(settings(), setup(), 5).requests == 3 * 2 * 2 * (40 - 5) + 9
+    assert expected(settings(), context(), 5).requests == 2 * (40 - 5) + 1
+    assert at_most(settings(), context(), 5).requests == 3 * 2 * 2 * (40 - 5) + 9
     text = said("supervisor=llm", "supervisor.lag=5")
     assert [line.split()[2] for line in text.splitlines() if "a run " in line] == ["71", "429"]
-    assert expected(settings(), setup(), 99).requests == 1
+    assert expected(settings(), context(), 99).requests == 1
 
 
 def test_what_is_switched_off_costs_nothing() -> None:
     """Half the questions without injection; the tree's prompt is the longer one."""
-    whole = expected(settings(), setup())
-    rate = expected(settings(), replace(setup(), inject=False))
-    tree = expected(settings(), replace(setup(), adapt_mutation=False))
+    whole = expected(settings(), context())
+    rate = expected(settings(), replace(context(), inject=False))
+    tree = expected(settings(), replace(context(), adapt_mutation=False))
     assert rate.requests == tree.requests == 41
     assert rate.input < tree.input
     assert rate.input + tree.input == pytest.approx(whole.input, abs=2)
@@ -60,20 +60,20 @@ def test_what_is_switched_off_costs_nothing() -> None:
 
 def test_at_most_counts_attempts_and_repairs() -> None:
     """3 attempts x 2 turns x 2 questions x 40 generations, and the probe's own."""
-    found = at_most(settings(), setup())
+    found = at_most(settings(), context())
     assert found.requests == 3 * 2 * 2 * 40 + 9
     assert found.output == 3 * 2 * 2 * 40 * 2048
 
 
 def test_caps_bound_the_most() -> None:
     """A cap is the most that can be spent."""
-    found = at_most(settings("caps.usd=0.5", "caps.requests=100"), setup())
+    found = at_most(settings("caps.usd=0.5", "caps.requests=100"), context())
     assert (found.usd, found.requests) == (0.5, 100)
 
 
 def test_a_run_never_takes_more_than_the_most(tmp_path: Path) -> None:
     """Even one whose every answer is useless stays below."""
-    given = replace(setup(tmp_path), generations=4)
+    given = replace(context(tmp_path), generations=4)
     llm, _ = supervisor(answering(rate="x" * 9000, tree="y" * 9000), given=given)
     for generation in range(3):
         advise(llm, state(generation))
@@ -89,7 +89,7 @@ def test_a_record_tells_what_it_really_takes(tmp_path: Path) -> None:
     llm, _ = supervisor(answering(), folder=tmp_path)
     for generation in range(4):
         advise(llm, state(generation))
-    found = as_recorded(settings(), setup(), Transcript(tmp_path / "transcript.jsonl"))
+    found = as_recorded(settings(), context(), Transcript(tmp_path / "transcript.jsonl"))
     assert found.input == pytest.approx(9 * 1000 * 40 / 4)  # the probe is spread over them
     assert found.output == pytest.approx(9 * 100 * 40 / 4)
 
@@ -144,11 +144,11 @@ def test_the_estimate_is_near_what_was_measured() -> None:
     for size, name in told.items():
         how, tolerance = settings(f"prompts={name}"), 0.05 if name == "paper" else 0.15
         measured = 40 * int(size.replace(",", "")) / how.facts.characters
-        assert expected(how, setup()).input == pytest.approx(measured, rel=tolerance)
+        assert expected(how, context()).input == pytest.approx(measured, rel=tolerance)
 
 
 def test_candidates_cost_their_tokens() -> None:
     """Each tree more is so many tokens of the answers for trees."""
-    one, three = (expected(settings(f"candidates={n}"), setup()) for n in (1, 3))
+    one, three = (expected(settings(f"candidates={n}"), context()) for n in (1, 3))
     assert three.output - one.output == 40 * 2 * CANDIDATE
     assert three.requests == one.requests

@@ -18,14 +18,13 @@ from islandgp.evaluation.serial import Serial
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import IndividualRecord
 from islandgp.records.folder import RunFolder
-from islandgp.running.run import make_supervisor, setup_of
+from islandgp.running.run import make_supervisor, run_context
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, RunContext, Seen, Supervisor
 from islandgp.supervision.llm.adviser import Adviser
-from islandgp.supervision.llm.chronicle import Chronicle
-from islandgp.supervision.llm.informed import most_lacking
+from islandgp.supervision.llm.episode import LINE, SPANS, Stretch, describe_episode, spans
+from islandgp.supervision.llm.informed import RunHistory, most_lacking
 from islandgp.supervision.llm.prompts import Prompt, render
-from islandgp.supervision.llm.story import LINE, SPANS, Stretch, spans, story
 from islandgp.testing.faults import Fault, every
 from islandgp.testing.server import MessagesServer
 from tests.composed import composed
@@ -77,13 +76,13 @@ def small_run() -> tuple[RunContext, Keeps]:
     keeps = Keeps(make_supervisor(found, None))
     evaluator = Serial(Problem(domain, found.curriculum))
     list(evolve(found.plan(domain), 5, keeps, evaluator))
-    return setup_of(found, domain, None), keeps
+    return run_context(found), keeps
 
 
 def adviser(*overrides: str) -> Adviser:
     """One with informed prompts that has seen the run."""
-    setup, keeps = small_run()
-    found = Adviser(settings("prompts=informed", *overrides), setup)
+    context, keeps = small_run()
+    found = Adviser(settings("prompts=informed", *overrides), context)
     for seen in keeps.seen:
         found.see(seen)
     return found
@@ -143,20 +142,22 @@ def test_before_the_first_generation_nothing_is_known() -> None:
 
 def test_traces_tell_the_episode_that_was_scored() -> None:
     """The world and the factors are those of the record, so the points are, too."""
-    setup, keeps = small_run()
+    context, keeps = small_run()
     seen = keeps.seen[-1]
     best = max(seen.individuals, key=lambda i: i.fitness)
-    text = adviser()._told(keeps.states[-1]).values["traces"]
+    text = adviser()._run_values(keeps.states[-1]).values["traces"]
     assert f"of class {best.specialist}, {best.fitness:,.0f} points" in text
-    outcome, _ = story(setup.domain, parse(best.tree), seen.worlds[0], seen.multipliers)
+    outcome, _ = describe_episode(
+        context.domain, parse(best.tree), seen.worlds[0], seen.multipliers
+    )
     assert outcome.fitness == best.fitness
 
 
 def test_prompts_have_a_largest_size() -> None:
     """The largest trees, the longest histories: not more than the documented characters."""
-    setup, keeps = small_run()
+    context, keeps = small_run()
     huge = "sequence { " + "PatrolWaypoint " * 49 + "}\n"
-    found = Adviser(settings("prompts=informed"), setup)
+    found = Adviser(settings("prompts=informed"), context)
     for _ in range(5):
         for seen in keeps.seen:
             trees = tuple(
@@ -165,7 +166,7 @@ def test_prompts_have_a_largest_size() -> None:
             )
             found.see(replace(seen, individuals=trees))
     at = keeps.states[-1]
-    plain = Adviser(settings(), setup)
+    plain = Adviser(settings(), context)
     for name in ("rate_request", "tree_request"):
         asked = getattr(found, name)(at, DIALECT).turns[0]
         assert len(asked) - len(getattr(plain, name)(at, DIALECT).turns[0]) < 30_000
@@ -209,16 +210,16 @@ def test_the_fate_of_a_tree() -> None:
         [individual("2.0", 1, "1.2"), individual("2.1", 8, "1.1", "1.2")],
         [individual("3.0", 1, "2.0")],
     ]
-    run, fates = Chronicle(), []
+    run, trees = RunHistory(), []
     for generation, people in enumerate(populations):
         now = replace(seen.snapshot, generation=generation)
         run = run.followed_by(replace(seen, snapshot=now, individuals=tuple(people)))
-        fates.append(run.fates[0])
-    assert [(f.rank, f.fitness) for f in fates] == [(3, 5)] * 4
-    assert [len(f.alive) for f in fates] == [1, 2, 1, 0]
-    assert [f.best_rank for f in fates] == [3, 2, 1, None]
-    assert [f.unchanged for f in fates] == [True, True, False, False]
-    assert (fates[-1].most_alive, fates[-1].last) == (2, 2)
+        trees.append(run.injected[0])
+    assert [(f.rank, f.new.fitness) for f in trees] == [(3, 5)] * 4
+    assert [len(f.alive) for f in trees] == [1, 2, 1, 0]
+    assert [f.best_rank for f in trees] == [3, 2, 1, None]
+    assert [f.unchanged for f in trees] == [True, True, False, False]
+    assert (trees[-1].most_alive, trees[-1].last) == (2, 2)
 
 
 def test_the_most_lacking_shows_the_fewest_behaviours() -> None:
@@ -249,10 +250,10 @@ def test_spans_are_cut_where_the_actions_change() -> None:
 
 def test_stories_are_bounded_lines() -> None:
     """Also of a tree with many actions that nothing ever reaches."""
-    setup, keeps = small_run()
+    context, keeps = small_run()
     seen = keeps.seen[0]
     tree = parse("selector { PatrolWaypoint " + "ExecuteCharge PickupGarbage " * 20 + "}")
-    _, told = story(setup.domain, tree, seen.worlds[0], seen.multipliers)
+    _, told = describe_episode(context.domain, tree, seen.worlds[0], seen.multipliers)
     assert all(len(line) <= LINE for line in told)
     assert any("never done" in line and "ExecuteCharge" in line for line in told)
     assert told[0].startswith("- 0 to ")

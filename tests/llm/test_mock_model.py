@@ -14,7 +14,7 @@ from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.message import Request
 from islandgp.supervision.llm.validation import Accepted, check_decision, check_proposal
 from islandgp.testing.mock_model import MockModel
-from tests.llm.made import said, settings, setup, state
+from tests.llm.made import context, said, settings, state
 from tests.llm.test_informed import adviser, small_run
 from tests.llm.test_prompts import DIALECT
 
@@ -29,7 +29,7 @@ def wire(request: Request) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def paper() -> Adviser:
-    return Adviser(settings(), setup())
+    return Adviser(settings(), context())
 
 
 def rate(of: Adviser, at: PopulationState, model: MockModel | None = None) -> Any:
@@ -54,7 +54,7 @@ def test_its_answers_can_be_used(paper: Adviser) -> None:
     """With both prompt sets, with and without candidates."""
     at = small_run()[1].states[-1]
     for found in (paper, adviser(), adviser("candidates=3")):
-        n, limits = found.settings.candidates, found.setup.limits
+        n, limits = found.settings.candidates, found.context.limits
         targets = at.targets
         proposal = check_proposal(limits, VOCABULARY, targets, candidates=n)(said(tree(found, at)))
         assert isinstance(proposal, Accepted)
@@ -68,8 +68,8 @@ def test_it_goes_by_fates_and_traces() -> None:
     at, found = small_run()[1].states[-1], adviser()
     assert at.lacking[0] == "humanoid"
     assert tree(found, at)["target"] == "clearing"  # two trees for humanoid died out
-    assert tree(Adviser(settings(), found.setup), at)["target"] == "humanoid"
-    library = found.setup.library().trees.values()
+    assert tree(Adviser(settings(), found.context), at)["target"] == "humanoid"
+    library = found.context.library().trees.values()
     assert parse(tree(found, at)["tree"]) not in library
 
 

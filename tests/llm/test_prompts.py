@@ -17,21 +17,24 @@ from islandgp.errors import SupervisionError
 from islandgp.resources import resource
 from islandgp.supervision.base import Pattern, Phase
 from islandgp.supervision.llm.adviser import Adviser
-from islandgp.supervision.llm.answers import DECISION, proposal_shape
 from islandgp.supervision.llm.capabilities import Dialect
 from islandgp.supervision.llm.message import Request
 from islandgp.supervision.llm.prompts import (
-    ABORT_RULES,
-    AIMS,
     Prompt,
     language,
     load_prompt,
     render,
     urgency,
 )
-from islandgp.supervision.llm.validation import Rejection, RejectionStage
+from islandgp.supervision.llm.validation import (
+    DECISION,
+    Rejection,
+    RejectionStage,
+    proposal_shape,
+)
+from islandgp.supervision.state_json import words
 from tests.goldens import check_golden
-from tests.llm.made import settings, setup, state
+from tests.llm.made import context, settings, state
 from tests.made import CLASSES
 
 DIALECT = Dialect(True, 0.7, "")
@@ -39,7 +42,7 @@ DIALECT = Dialect(True, 0.7, "")
 
 @pytest.fixture(scope="module")
 def adviser() -> Adviser:
-    return Adviser(settings(), setup())
+    return Adviser(settings(), context())
 
 
 def whole(request: Request) -> str:
@@ -87,14 +90,14 @@ def test_the_repair_prompt(adviser: Adviser) -> None:
 )
 def test_which_phase_it_is(tier: str, at: object, phase: str) -> None:
     """Section 2.4.6: phase 2 begins with the first robot of the tier, and lasts."""
-    adviser = Adviser(settings(f"exploit_from={tier}"), setup())
+    adviser = Adviser(settings(f"exploit_from={tier}"), context())
     assert phase in adviser.tree_request(at, DIALECT).system  # type: ignore[arg-type]
 
 
 def test_sizes_are_those_of_the_settings() -> None:
     """What is asked for and what is taken both stand in the prompt."""
     how = settings("explore.depth=3", "explore.nodes=five", "explore.most_nodes=9")
-    found = Adviser(how, setup()).tree_request(state(), DIALECT).system
+    found = Adviser(how, context()).tree_request(state(), DIALECT).system
     assert "At most 3 levels deep, about five nodes. More than 5 levels or 9 nodes" in found
 
 
@@ -123,10 +126,10 @@ def test_every_target_is_in_the_tree_prompts(adviser: Adviser) -> None:
         name: f"shows {SCHEMA.counters[counter].meaning}"
         for name, counter in CLASSES.behaviours.items()
     }
-    assert {*meanings, *AIMS} == set(CLASSES.targets)
+    assert {*meanings, *words("aims")} == set(CLASSES.targets)
     for at in (state(), state(excellent=1)):
         found = adviser.tree_request(at, DIALECT).system
-        for target, meaning in {**meanings, **AIMS}.items():
+        for target, meaning in {**meanings, **words("aims")}.items():
             assert f"- {target}: {meaning}" in found
         assert all(f'"{field}"' in found for field in proposal_shape(CLASSES.targets))
 
@@ -138,8 +141,9 @@ def test_the_language_is_the_declared_one() -> None:
     for table in (KINDS, VOCABULARY.actions, VOCABULARY.keys):
         for name, entry in table.items():  # type: ignore[attr-defined]
             assert f"- {name}: {entry.meaning}" in found
-    assert list(ABORT_RULES) == list(ABORTS)
-    assert all(f"- abort {name}: {meaning}" in found for name, meaning in ABORT_RULES.items())
+    rules = words("abort_rules")
+    assert list(rules) == list(ABORTS)
+    assert all(f"- abort {name}: {meaning}" in found for name, meaning in rules.items())
     assert " ".join(OPERATORS) in found
 
 
@@ -147,7 +151,7 @@ def test_a_new_action_reaches_the_prompts() -> None:
     """One entry in the declaration is enough."""
     actions = {**VOCABULARY.actions, "FlyHome": Action("flies home")}
     words = Vocabulary(VOCABULARY.domain, actions, VOCABULARY.keys)
-    given = replace(setup(), schema=replace(SCHEMA, vocabulary=words))
+    given = replace(context(), schema=replace(SCHEMA, vocabulary=words))
     found = Adviser(settings(), given).tree_request(state(), DIALECT).system
     assert "- FlyHome: flies home" in found
 
@@ -198,13 +202,13 @@ def test_prompts_of_one_s_own(tmp_path: Path) -> None:
     mine = tmp_path / "mutation_rate.md"
     mine.write_text("# system\nBe wise.\n# user\n{{state}}", encoding="utf-8")
     how = settings(f"prompts={tmp_path}")
-    assert Adviser(how, setup()).rate_request(state(), DIALECT).system == "Be wise."
+    assert Adviser(how, context()).rate_request(state(), DIALECT).system == "Be wise."
     mine.write_text("# user\n{{sate}}", encoding="utf-8")
     with pytest.raises(SupervisionError, match="did you mean state"):
-        Adviser(how, setup())
+        Adviser(how, context())
     mine.write_text("Just text.", encoding="utf-8")
     with pytest.raises(SupervisionError, match="# user"):
         load_prompt("mutation_rate", tmp_path)
     mine.unlink()
     with pytest.raises(SupervisionError, match="found none"):
-        Adviser(how, setup())
+        Adviser(how, context())

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from typing import Any
 
 from hypothesis import given
 
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.resources import resource
 from islandgp.scoring.state import Crisis
-from islandgp.supervision.state_json import field_meanings, fields, state_json, state_text, title
+from islandgp.supervision.state_json import field_meanings, state_json, state_text, title
 from tests.llm.made import state
 from tests.made import CLASSES
 from tests.strategies import population_states
@@ -104,6 +106,17 @@ WHOLE = {
         "leftover": 0.8,
     },
 }
+
+
+def fields(value: Any, path: str = "") -> Iterator[str]:
+    """The dotted paths of a JSON value's leaves, as `field_meanings` spells them."""
+    if isinstance(value, Mapping):
+        for key, below in value.items():
+            yield from fields(below, f"{path}.{key}" if path else str(key))
+    elif isinstance(value, list) and value and isinstance(value[0], Mapping):
+        yield from fields(value[0], f"{path}[]")
+    else:
+        yield path
 
 
 def test_a_whole_state() -> None:

@@ -26,11 +26,11 @@ from tests.llm.made import (
     FakeClient,
     advise,
     answering,
+    context,
     failed,
     kind_of,
     said,
     settings,
-    setup,
     state,
     supervisor,
 )
@@ -186,7 +186,7 @@ def test_orders_in_an_answer_are_text() -> None:
 )
 def test_what_is_switched_off_is_not_asked(switch: str, kinds: set[str]) -> None:
     """An ablation does not pay for answers that it throws away."""
-    given = setup(None, f"supervisor.{switch}")
+    given = context(None, f"supervisor.{switch}")
     llm, client = supervisor(answering(), given=given)
     found = advise(llm)
     assert {kind_of(r) for r in client.requests} == {"probe"} | kinds
@@ -198,7 +198,7 @@ def test_what_is_switched_off_is_not_asked(switch: str, kinds: set[str]) -> None
 def test_limits_of_the_run_hold_besides_the_phase_s() -> None:
     """A tree that the phase would take but the run would not is turned away."""
     deep = {**PROPOSAL, "tree": "inverter { inverter { inverter { PatrolWaypoint } } }"}
-    given = setup(None, "gp.max_depth=3", "gp.trees.depth=[2,3]", "supervisor=llm")
+    given = context(None, "gp.max_depth=3", "gp.trees.depth=[2,3]", "supervisor=llm")
     llm, _ = supervisor(answering(tree=deep), given=given)
     assert "at most 3 levels, found 4" in advise(llm).notes["tree"]
 
@@ -357,7 +357,7 @@ def test_a_resumed_run_learns_nothing_from_a_busy_moment_either(tmp_path: Path) 
     assert client.requests == []
     found += [advise(last, state(3))]
     assert found == given
-    replay = Replay(Adviser(last.settings, setup()), Transcript(tmp_path / "transcript.jsonl"))
+    replay = Replay(Adviser(last.settings, context()), Transcript(tmp_path / "transcript.jsonl"))
     streams = [stream(0, Stream.SUPERVISION, generation=g) for g in range(4)]
     assert [replay.advise(state(g), rng) for g, rng in enumerate(streams)] == given
 
@@ -444,7 +444,7 @@ def test_a_useless_model_can_stop_the_run() -> None:
 def test_a_usable_answer_starts_the_count_anew() -> None:
     """And one that nobody answered is passed over: it says nothing about the model."""
     rates = ["no", failed(FailureKind.OVERLOADED), failed(FailureKind.OVERLOADED), "no", DECISION]
-    given = setup(None, "supervisor.inject=false")
+    given = context(None, "supervisor.inject=false")
     how = ("useless.most=3", "repairs=0", "retry.attempts=1")
     llm, client = supervisor(answering(rate=lambda n: (rates * 9)[n]), *how, given=given)
     for g in range(20):
@@ -517,7 +517,7 @@ def test_an_alias_of_a_model() -> None:
 def test_without_key_and_address_three_ways_are_named() -> None:
     """The message says what each of the three ways needs."""
     with pytest.raises(SupervisionError) as caught:
-        LLM.make(settings(), setup())
+        LLM.make(settings(), context())
     text = str(caught.value)
     for way in ("ANTHROPIC_API_KEY", "supervisor.policy.base_url=", "supervisor=expert"):
         assert way in text
@@ -551,7 +551,7 @@ def test_a_key_or_an_address_is_enough(
     """From configuration or, where it says nothing, from the environment: the client gets it."""
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
-    client = LLM.make(settings(*overrides), setup()).client
+    client = LLM.make(settings(*overrides), context()).client
     assert isinstance(client, AnthropicClient)
     assert (client._key, client._base_url) == (key, address)
 
@@ -561,7 +561,7 @@ def test_an_empty_variable_is_none(name: str, monkeypatch: pytest.MonkeyPatch) -
     """It is how a shell script says that there is no key."""
     monkeypatch.setenv(name, "")
     with pytest.raises(SupervisionError):
-        LLM.make(settings(), setup())
+        LLM.make(settings(), context())
 
 
 def test_closing_leaves_no_trace_of_a_call_under_way() -> None:
@@ -594,7 +594,7 @@ def test_both_questions_are_asked_at_the_same_time() -> None:
                 together.wait()
             return super().send(request, seconds=seconds)
 
-    llm = LLM(settings(), setup(), Meeting(plain))  # type: ignore[arg-type]
+    llm = LLM(settings(), context(), Meeting(plain))  # type: ignore[arg-type]
     assert advise(llm).source == "llm"
 
 

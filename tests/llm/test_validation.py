@@ -14,16 +14,20 @@ from islandgp.bt.language import parse, to_text
 from islandgp.bt.node import Limits, within
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.supervision.base import Pattern, Phase
-from islandgp.supervision.llm.answers import DECISION, LONGEST, faults, proposal_shape, schema
 from islandgp.supervision.llm.message import SANE, Reply
 from islandgp.supervision.llm.validation import (
+    DECISION,
+    LONGEST,
     Accepted,
     RateSettings,
     Rejection,
     RejectionStage,
     check_decision,
     check_proposal,
+    faults,
     find_object,
+    proposal_shape,
+    schema,
 )
 from tests.llm.made import DECISION as GOOD
 from tests.llm.made import PROPOSAL as GOOD_TREE
@@ -332,15 +336,6 @@ def test_an_answer_that_was_all_thought_can_be_repaired() -> None:
     found = rejected(decide(said("", "max_tokens")))
     assert found.stage is RejectionStage.JSON
     assert "think much less" in found.error
-
-
-def test_older_transcripts_are_read_as_they_were() -> None:
-    """A replay must come out as its run did, drafts and all."""
-    old = check_decision(RATES, "first")
-    found = old(said(f"{json.dumps(DRAFT)} {json.dumps(GOOD)}"))
-    assert isinstance(found, Accepted)
-    assert found.value.mutation_rate == 0.11
-    assert rejected(old(said("", "max_tokens"))).stage is RejectionStage.REFUSED
 
 
 @pytest.mark.parametrize("text", ['{"a": 1, ' * 11_000, '{"a":"' * 16_000, "{" * SANE])

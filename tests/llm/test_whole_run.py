@@ -21,7 +21,7 @@ from islandgp.evaluation.base import Job
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import GenerationRecord, RunState, Step
 from islandgp.records.checkpoint import dump
-from islandgp.running.run import make_supervisor, setup_of
+from islandgp.running.run import make_supervisor, run_context
 from islandgp.supervision.base import Service
 from islandgp.supervision.decisions import decisions
 from islandgp.supervision.replay import Replay
@@ -260,9 +260,7 @@ def test_a_replay_needs_a_record(tmp_path: Path) -> None:
     for given, said in (("null", "supervisor.policy.transcript=..."), (tmp_path, str(tmp_path))):
         settings = composed("supervisor=replay", f"supervisor.policy.transcript={given}")
         with pytest.raises(SupervisionError, match=said):
-            Replay.ready(
-                settings.supervisor.settings(), setup_of(settings, settings.make_domain(), None)
-            )
+            Replay.ready(settings.supervisor.settings(), run_context(settings))
 
 
 def test_text_dialect_end_to_end(tmp_path: Path) -> None:

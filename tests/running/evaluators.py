@@ -25,7 +25,7 @@ class Instant(Fake):
     Settings = NoSettings
 
     @classmethod
-    def make(cls, settings: NoSettings, setting: Problem) -> Instant:  # noqa: ARG003 -- the protocol's
+    def make(cls, settings: NoSettings, problem: Problem) -> Instant:  # noqa: ARG003 -- the protocol's
         """See `Evaluator`."""
         return cls()
 
@@ -50,7 +50,7 @@ class Breaks(Fake):
     Settings = BreaksSettings
 
     @classmethod
-    def make(cls, settings: BreaksSettings, setting: Problem) -> Breaks:  # noqa: ARG003 -- the protocol's
+    def make(cls, settings: BreaksSettings, problem: Problem) -> Breaks:  # noqa: ARG003 -- the protocol's
         """See `Evaluator`."""
         return cls(settings)
 
@@ -89,7 +89,7 @@ class Slow(Fake):
     Settings = SlowSettings
 
     @classmethod
-    def make(cls, settings: SlowSettings, setting: Problem) -> Slow:  # noqa: ARG003 -- the protocol's
+    def make(cls, settings: SlowSettings, problem: Problem) -> Slow:  # noqa: ARG003 -- the protocol's
         """See `Evaluator`."""
         return cls(settings.seconds)
 

@@ -18,7 +18,7 @@ class Answers:
     Settings = FixedSettings
 
     @classmethod
-    def make(cls, settings: FixedSettings, setup: RunContext) -> Any:  # noqa: ARG003 -- the protocol's
+    def make(cls, settings: FixedSettings, context: RunContext) -> Any:  # noqa: ARG003 -- the protocol's
         """See `Supervisor`."""
         return cls(Guidance(settings.rate, None, cls.name))
 

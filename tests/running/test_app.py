@@ -20,7 +20,7 @@ from islandgp.records.lines import Lines
 from islandgp.records.parameters import shape
 from islandgp.running.app import main
 from islandgp.running.resume import differences
-from tests.composed import composed
+from tests.composed import composed, named
 from tests.running.commands import TINY, fake
 from tests.running.histories import store, tracked
 
@@ -65,17 +65,17 @@ def test_what_a_runs_folder_is_called() -> None:
         "seed=7",
         "gp.population=12",
     ]
-    settings = composed("supervisor=llm", "seed=7", "name=x")
-    assert run_folder(settings, words, Path("/home")) == Path(
+    config = {"runs": "runs", "name": "x", "supervisor": {"name": "llm"}, "seed": 7}
+    assert run_folder(config, words, Path("/home")) == Path(
         "/home/runs/x/llm-seed7-gp.population=12-supervisor.lag=2-supervisor.policy.temperature=0.2"
     )
 
 
 def test_a_long_name_ends_in_a_digest_of_the_whole() -> None:
     """Runs that differ where the name is cut have folders of their own, always the same ones."""
-    settings, many = composed(), [f"gp.state.x{i:02}=0.123456" for i in range(12)]
+    config, many = named(composed()), [f"gp.state.x{i:02}=0.123456" for i in range(12)]
     folders = [
-        run_folder(settings, [*many, f"world.robot.speed={speed}"], Path("/home")).name
+        run_folder(config, [*many, f"world.robot.speed={speed}"], Path("/home")).name
         for speed in (6, 7, 6)
     ]
     assert len(set(folders)) == 2

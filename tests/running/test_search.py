@@ -22,6 +22,7 @@ from islandgp.errors import ConfigError
 from islandgp.records.files import objectives, values
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.sweep_folder import SweepFile, SweepFolder
+from islandgp.running import optuna_search
 from islandgp.running.app import main
 from islandgp.running.search import check
 from islandgp.running.sweep_progress import job_line
@@ -90,6 +91,24 @@ def test_the_same_command_goes_on_with_a_search(here: Path) -> None:
     assert len(before) == 1
     assert len(after) == 2
     assert after.items() >= before.items()
+
+
+@pytest.mark.usefixtures("here")
+def test_a_search_that_goes_on_judges_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its finished trials are followed generation by generation, though they do not run again."""
+    judged: list[tuple[int, int, float]] = []
+
+    def judge(trial: Any, generation: int, best: float) -> bool:
+        judged.append((trial.number, generation, best))
+        return False
+
+    monkeypatch.setattr(optuna_search, "_judge", judge)
+    words = [*INSTANT, "gp.mutation_rate=0.1,0.2", "hydra/sweeper/pruner=halving", *OPTUNA]
+    assert main([*words, "hydra.sweeper.n_trials=2"]) == 0
+    before = judged.copy()
+    judged.clear()
+    assert main([*words, "hydra.sweeper.n_trials=2"]) == 0
+    assert judged == before != []
 
 
 @pytest.mark.slow

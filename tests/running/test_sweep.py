@@ -21,7 +21,7 @@ from islandgp.records.sweep_folder import SweepFile, SweepFolder
 from islandgp.running.app import main
 from islandgp.running.sweep import run_sweep
 from islandgp.running.sweep_job import Forget
-from tests.composed import composed
+from tests.composed import composed, named
 from tests.running.commands import TINY, fake
 from tests.running.histories import store, tracked
 
@@ -89,9 +89,9 @@ def split(home: Path, *words: str) -> list[Planned]:
     return [
         Planned(
             tuple(overrides),
-            {"overrides": overrides},
+            {**named(composed(overrides[-1])), "overrides": overrides},
             composed(overrides[-1]),
-            run_folder(composed(overrides[-1]), overrides, home),
+            run_folder(named(composed(overrides[-1])), overrides, home),
             " ".join(overrides),
             "BasicLauncher",
         )
@@ -150,7 +150,7 @@ def test_different_overrides_have_different_folders_that_any_file_system_takes(
     values: list[str],
 ) -> None:
     """Letters, digits and a few signs, 180 of them at most."""
-    names = [run_folder(composed(), [f"a={value}"], Path("/h")).name for value in values]
+    names = [run_folder(named(composed()), [f"a={value}"], Path("/h")).name for value in values]
     assert len(set(names)) == 2
     for name in names:
         assert set(name) <= set(

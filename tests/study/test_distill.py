@@ -26,9 +26,9 @@ from islandgp.supervision.distilled import (
     rules,
 )
 from tests.composed import composed
-from tests.llm.made import setup, state
+from tests.llm.made import context, state
 
-CRISIS = setup().crisis
+CRISIS = context().crisis
 SMALL = ("gp.population=8", "gp.generations=8", "world.episode.length=20", "evaluator=serial")
 
 
@@ -147,7 +147,7 @@ def test_advice_is_what_the_policy_says() -> None:
         format=1, teacher="me", target=rule, rate=Answer(answer=0.23, cases=2), report={}
     )
     settings = composed("supervisor=distilled").supervisor.settings()
-    given = setup()
+    given = context()
     made = Distilled(policy, _expert(settings, given), given.crisis)
     for at, target in ((state(), "charging"), (state(complete=2), "integration")):
         found = made.advise(at, stream(0, Stream.SUPERVISION))
@@ -213,7 +213,7 @@ def test_policies_that_do_not_fit_are_report_lines(
     (tmp_path / "policy.json").write_text(text, encoding="utf-8")
     settings = composed("supervisor=distilled", f"supervisor.policy.folder={tmp_path}")
     with pytest.raises(SupervisionError, match=said):
-        Distilled.ready(settings.supervisor.settings(), setup())
+        Distilled.ready(settings.supervisor.settings(), context())
 
 
 def test_a_missing_policy_is_report_lines(tmp_path: Path) -> None:
@@ -221,4 +221,4 @@ def test_a_missing_policy_is_report_lines(tmp_path: Path) -> None:
     for folder in ("null", str(tmp_path)):
         settings = composed("supervisor=distilled", f"supervisor.policy.folder={folder}")
         with pytest.raises(SupervisionError, match="islandgp distill"):
-            Distilled.ready(settings.supervisor.settings(), setup())
+            Distilled.ready(settings.supervisor.settings(), context())

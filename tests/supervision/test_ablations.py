@@ -21,7 +21,7 @@ from islandgp.supervision.untargeted import Untargeted
 from islandgp.supervision.yoked import Yoked, YokedSettings
 from tests.composed import composed
 from tests.evolution.runs import plan, records, run
-from tests.llm.made import setup, state
+from tests.llm.made import context, state
 from tests.made import CLASSES
 from tests.running.commands import fake
 
@@ -125,7 +125,7 @@ def test_another_seed_s_record_is_repeated(tmp_path: Path) -> None:
     """Rate and tree of each generation are the leader's, whatever the population is like here."""
     leader = led(tmp_path / "expert-seed1")
     how = YokedSettings(record=str(tmp_path / "expert-seed{seed}"), first=0, seeds=5)
-    given = replace(setup(None), generations=8)
+    given = replace(context(None), generations=8)
     steps = run(plan("supervisor.inject=true"), Yoked.make(how, given), seed=0)
     found = [record.guidance for record in records(steps)]
     assert len(found) == 8
@@ -162,10 +162,10 @@ def test_a_leader_that_lacks_or_is_unfinished_is_told(tmp_path: Path) -> None:
     """Before the run starts, with what to do."""
     how = YokedSettings(record=str(tmp_path / "expert-seed{seed}"), first=0, seeds=5)
     with pytest.raises(SupervisionError, match="run it first, with seed=1"):
-        Yoked.make(how, setup(None))
+        Yoked.make(how, context(None))
     led(tmp_path / "expert-seed1")
     with pytest.raises(SupervisionError, match="41 generations"):
-        Yoked.make(how, setup(None))
+        Yoked.make(how, context(None))
 
 
 @pytest.mark.parametrize(
@@ -182,7 +182,7 @@ def test_a_leader_whose_record_is_damaged_is_told(
     file.write_text("".join(f"{json.dumps(line)}\n" for line in lines))
     how = YokedSettings(record=str(tmp_path / "expert-seed{seed}"), first=0, seeds=5)
     with pytest.raises(SupervisionError, match="found a damaged one"):
-        Yoked.make(how, replace(setup(None), generations=8))
+        Yoked.make(how, replace(context(None), generations=8))
 
 
 def test_without_a_leader_nothing_starts(

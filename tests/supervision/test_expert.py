@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from islandgp.bt.node import Node, depth, size, walk, within
 from islandgp.errors import ConfigError
-from islandgp.running.run import setup_of
+from islandgp.running.run import run_context
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Pattern, Phase, RunContext, check_ranges
@@ -53,22 +53,22 @@ def how() -> ExpertSettings:
     return ExpertSettings.model_validate({**policy, **thresholds})
 
 
-def setup(*overrides: str) -> RunContext:
+def context(*overrides: str) -> RunContext:
     """What a run gives to it, with trees for each row of Table 7."""
     settings = composed("library=combined", *overrides)
-    return setup_of(settings, settings.make_domain(), None)
+    return run_context(settings)
 
 
 @cache
 def library() -> Library:
     """Trees for each row of Table 7."""
-    return setup().library()
+    return context().library()
 
 
 @cache
 def expert() -> Expert:
     """As a run makes it."""
-    return Expert.make(how(), setup())
+    return Expert.make(how(), context())
 
 
 def past(n: int, **changes: object) -> list[Snapshot]:
@@ -226,14 +226,14 @@ def test_trees_are_compact_until_a_complete_robot_has_existed() -> None:
 
 def test_a_library_without_a_compact_tree_is_refused() -> None:
     """Whoever takes the compact trees away hears of it before the run."""
-    large = setup("library.trees.clearing=[paper_fig9]")
+    large = context("library.trees.clearing=[paper_fig9]")
     with pytest.raises(ConfigError, match=r"library\.trees\.clearing: expected a tree within"):
         Expert.make(how(), large)
 
 
 def test_a_target_without_a_tree_has_one_for_the_rarest_behaviour() -> None:
     """Only behaviours need a tree of their own."""
-    few = Expert.make(how(), setup("library.trees.exploration=[]"))
+    few = Expert.make(how(), context("library.trees.exploration=[]"))
     seen = state(past(9, doing={"humanoid": 1}))
     found = few.advise(seen, np.random.default_rng(0))
     assert found.target == "exploration"
@@ -312,7 +312,7 @@ def test_the_more_there_is_to_lose_the_lower_the_rate(
 @pytest.mark.parametrize("target", ["rare", "integration", "exploration"])
 def test_single_behaviours_serve_every_target(target: str) -> None:
     """The default library has trees for behaviours alone: the rarest one has its tree."""
-    plain_expert = Expert.make(how(), setup("library=single"))
+    plain_expert = Expert.make(how(), context("library=single"))
     for behaviour in WORKERS:
         seen = state(past(9, complete=1, doing={behaviour: 1}))
         name = plain_expert.pick(target, seen, np.random.default_rng(0))

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import replace
 from threading import Thread
-from typing import Final, TypeAlias, TypeVar
+from typing import Final, TypeVar
 
 import numpy as np
 
@@ -21,20 +21,16 @@ from islandgp.plugin import blaming, path_of
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.asking import ask
 from islandgp.supervision.base import Guidance, RunContext, Seen, Supervisor
-from islandgp.supervision.llm.answers import (
-    DECISION,
-    Decision,
-    FieldType,
-    Proposal,
-    form,
-    proposal_shape,
-    reasons_first,
-    schema,
-)
 from islandgp.supervision.llm.calls import Calls, Conversation, converse, unasked
 from islandgp.supervision.llm.capabilities import Dialect
-from islandgp.supervision.llm.chronicle import Chronicle
-from islandgp.supervision.llm.informed import LATER, UNTOLD, Told, standing_values, told
+from islandgp.supervision.llm.informed import (
+    NO_VALUES,
+    RUN_VALUES,
+    RunHistory,
+    RunValues,
+    run_values,
+    standing_values,
+)
 from islandgp.supervision.llm.message import Failure, FailureKind, Request
 from islandgp.supervision.llm.prompts import (
     fixed_values,
@@ -47,21 +43,27 @@ from islandgp.supervision.llm.settings import LLMSettings, TreeSize
 from islandgp.supervision.llm.transcript import Played
 from islandgp.supervision.llm.trial import try_out
 from islandgp.supervision.llm.validation import (
+    DECISION,
     Check,
-    Reading,
+    Proposal,
     Rejection,
+    Shape,
     check_decision,
     check_proposal,
+    form,
+    proposal_shape,
+    reasons_first,
+    schema,
 )
 from islandgp.supervision.state_json import state_text
 
 T = TypeVar("T")
-Shape: TypeAlias = Mapping[str, FieldType]
 NEAR: Final = 1.2  # times a prompt's least length; tokens are only guessed here
 REASON: Final = 600  # characters of a fallback's reason that the record keeps
 _FILES: Final = ("mutation_rate", "tree_explore", "tree_exploit", "repair")
-_LATER: Final = (  # known only in a generation
-    "generation", "state", "urgency", "answer", "tree_field", "stage", "error", *LATER
+_TREE: Final = ("tree", "target", "rationale")  # fields that a proposal shares with a Guidance
+_PER_GENERATION: Final = (  # known only in a generation
+    "generation", "state", "urgency", "answer", "tree_field", "stage", "error", *RUN_VALUES
 )  # fmt: skip
 _TREE_FIELD: Final = "- tree: the tree in the language, as one JSON string; write line ends as \\n."
 _TREES_FIELD: Final = (
@@ -73,24 +75,24 @@ _TREES_FIELD: Final = (
 class Adviser:
     """Asks for a rate and for a tree, and puts the guidance together."""
 
-    def __init__(self, settings: LLMSettings, setup: RunContext) -> None:
+    def __init__(self, settings: LLMSettings, context: RunContext) -> None:
         """Reads the prompts. Raises SupervisionError for one that cannot be filled in."""
-        self.settings, self.setup = settings, setup
-        self.exploit_from = settings.exploit_from or setup.classes.milestones[-1]
-        if self.exploit_from not in setup.classes.milestones:
+        self.settings, self.context = settings, context
+        self.exploit_from = settings.exploit_from or context.classes.milestones[-1]
+        if self.exploit_from not in context.classes.milestones:
             raise SupervisionError(
                 "supervisor.policy.exploit_from: expected one of classes.milestones"
-                f" ({', '.join(setup.classes.milestones)}), found {self.exploit_from!r}"
+                f" ({', '.join(context.classes.milestones)}), found {self.exploit_from!r}"
             )
         folder = prompt_folder(settings.prompts)
         self.prompts = {name: load_prompt(name, folder) for name in _FILES}
         self.values = {
-            **fixed_values(setup.schema, setup.classes, setup.library()),
+            **fixed_values(context.schema, context.classes, context.library()),
             **_rates(settings),
-            **standing_values(settings.informed, setup),
+            **standing_values(settings.informed, context),
         }
         used = {v for name in self._asked() for v in self.prompts[name].variables}
-        if settings.candidates > 1 and setup.inject and not {"answer", "tree_field"} <= used:
+        if settings.candidates > 1 and context.inject and not {"answer", "tree_field"} <= used:
             raise SupervisionError(
                 "Expected {{answer}} and {{tree_field}} in the prompts for trees in"
                 f" {folder}, as supervisor.policy.candidates={settings.candidates} needs them,"
@@ -98,15 +100,15 @@ class Adviser:
             )
         first = "reasoning" in used and settings.informed.reasoning
         self._order: Callable[[Shape], Shape] = reasons_first if first else dict
-        self.tells_of_run = bool(used.intersection(LATER))
-        self._run = Chronicle()
-        self._last: tuple[PopulationState, Told] | None = None
+        self.uses_history = bool(used.intersection(RUN_VALUES))
+        self._history = RunHistory()
+        self._last: tuple[PopulationState, RunValues] | None = None
         for prompt in self.prompts.values():
             size = _size(settings.explore)
-            render(prompt, {**self.values, **size, **dict.fromkeys(_LATER, "")})
+            render(prompt, {**self.values, **size, **dict.fromkeys(_PER_GENERATION, "")})
         part = settings.fallback
         with blaming(path_of(part.factory)):
-            self.fallback: Supervisor = part.factory.make(part.settings(), setup)
+            self.fallback: Supervisor = part.factory.make(part.settings(), context)
 
     def advise(
         self,
@@ -125,38 +127,25 @@ class Adviser:
         generation = state.now.generation
         how = self._given_up(calls, generation) or dialect(generation)
         if isinstance(how, Failure):
-            rate, tree = self._unasked(calls, generation, how)
+            rate = unasked(calls, generation, "rate", how) if self.context.adapt_mutation else None
+            tree = unasked(calls, generation, "tree", how) if self.context.inject else None
         else:
             rate, tree = self._both(state, calls, how)
-            if episodes := self._told(state).episodes:
+            if episodes := self._run_values(state).episodes:
                 calls.transcript.play(Played(generation, "traces", episodes))
         asked = [outcome for outcome in (rate, tree) if outcome is not None]
         missing = sum(outcome.value is None for outcome in asked)
         backup = ask(self.fallback, state, rng) if missing else None
         guidance = Guidance(None, None, _source(missing, len(asked)), notes=_notes(rate, tree))
-        if rate is not None and (decision := rate.value or backup) is not None:
-            guidance = replace(
-                guidance,
-                mutation_rate=decision.mutation_rate,
-                phase=decision.phase,
-                pattern=decision.pattern,
-                intervention=decision.intervention,
-                risk=decision.risk,
-                reasoning=decision.reasoning,
-            )
-        if tree is not None and (proposal := tree.value or backup) is not None:
-            guidance = replace(
-                guidance,
-                tree=proposal.tree,
-                target=proposal.target,
-                rationale=proposal.rationale,
-            )
+        for outcome, names in ((rate, DECISION), (tree, _TREE)):
+            if outcome is not None and (said := outcome.value or backup) is not None:
+                guidance = replace(guidance, **{name: getattr(said, name) for name in names})
         return guidance
 
     def see(self, generation: Seen) -> None:
-        """See `Witness`: keeps what prompts tell of a run; others need nothing of it."""
-        if self.tells_of_run:
-            self._run = self._run.followed_by(generation)
+        """See `Witness`: keeps what prompts show of a run; others need nothing of it."""
+        if self.uses_history:
+            self._history = self._history.followed_by(generation)
 
     def too_short(self) -> str:
         """Which system prompts the model will not keep, in words; "" for none, or unknown."""
@@ -164,7 +153,7 @@ class Adviser:
         if not self.settings.cache or least is None:
             return ""
         size = _size(self.settings.explore)
-        values = {**self.values, **size, **dict.fromkeys(_LATER, "")}
+        values = {**self.values, **size, **dict.fromkeys(_PER_GENERATION, "")}
         tokens = {
             name: round(len(render(prompt, values)[0]) / self.settings.facts.characters, -2)
             for name, prompt in self.prompts.items()
@@ -180,8 +169,8 @@ class Adviser:
 
     def _asked(self) -> list[str]:
         """The prompts that a run may need, repairs left out."""
-        trees = ["tree_explore", "tree_exploit"] if self.setup.inject else []
-        return ["mutation_rate"] * self.setup.adapt_mutation + trees
+        trees = ["tree_explore", "tree_exploit"] if self.context.inject else []
+        return ["mutation_rate"] * self.context.adapt_mutation + trees
 
     def rate_request(self, state: PopulationState, dialect: Dialect) -> Request:
         """The question for a mutation rate."""
@@ -206,54 +195,40 @@ class Adviser:
             )
         return Failure(FailureKind.USELESS, f"no usable answer to {found} questions in a row")
 
-    def _unasked(
-        self, calls: Calls, generation: int, why: Failure
-    ) -> tuple[Conversation[Decision] | None, Conversation[Proposal] | None]:
-        """No model can be asked: the fallback answers what would be asked."""
-        rate: Conversation[Decision] | None = None
-        tree: Conversation[Proposal] | None = None
-        if self.setup.adapt_mutation:
-            rate = unasked(calls, generation, "rate", why)
-        if self.setup.inject:
-            tree = unasked(calls, generation, "tree", why)
-        return rate, tree
-
     def _both(
         self, state: PopulationState, calls: Calls, dialect: Dialect
-    ) -> tuple[Conversation[Decision] | None, Conversation[Proposal] | None]:
+    ) -> tuple[Conversation[Guidance] | None, Conversation[Proposal] | None]:
         """Asks for what is used: for both at the same time, unless the budget is nearly used up."""
-        adapt, inject = self.setup.adapt_mutation, self.setup.inject
+        adapt, inject = self.context.adapt_mutation, self.context.inject
         for_rate = self.rate_request(state, dialect)
         for_tree = self.tree_request(state, dialect)
-        how = dialect.reading
         if adapt and inject and calls.room_for((for_rate, for_tree), self.settings.repairs):
-            aside = _aside(lambda: self._tree(state, calls, for_tree, how))
-            return self._rate(state, calls, for_rate, how), aside.result()
+            aside = _aside(lambda: self._tree(state, calls, for_tree))
+            return self._rate(state, calls, for_rate), aside.result()
         return (
-            self._rate(state, calls, for_rate, how) if adapt else None,
-            self._tree(state, calls, for_tree, how) if inject else None,
+            self._rate(state, calls, for_rate) if adapt else None,
+            self._tree(state, calls, for_tree) if inject else None,
         )
 
     def _rate(
-        self, state: PopulationState, calls: Calls, request: Request, how: Reading
-    ) -> Conversation[Decision]:
-        return self._ask(calls, state, "rate", request, check_decision(self.settings.rate, how))
+        self, state: PopulationState, calls: Calls, request: Request
+    ) -> Conversation[Guidance]:
+        return self._ask(calls, state, "rate", request, check_decision(self.settings.rate))
 
     def _tree(
-        self, state: PopulationState, calls: Calls, request: Request, how: Reading
+        self, state: PopulationState, calls: Calls, request: Request
     ) -> Conversation[Proposal]:
         _, size = self._tree_phase(state)
-        most = self.setup.limits
+        most = self.context.limits
         limits = Limits(min(size.most_depth, most.max_depth), min(size.most_nodes, most.max_nodes))
-        words, targets = self.setup.schema.vocabulary, state.targets
-        check = check_proposal(limits, words, targets, how, self.settings.candidates)
+        words, targets = self.context.schema.vocabulary, state.targets
+        check = check_proposal(limits, words, targets, self.settings.candidates)
         found = self._ask(calls, state, "tree", request, check)
         if found.value is None or not found.value.others:
             return found
-        trial = try_out(found.value, state, self.setup)
-        generation = state.now.generation
-        calls.transcript.play(Played(generation, "trial", trial.episodes, trial.gain))
-        return replace(found, value=trial.chosen, trial=trial.note)
+        chosen, played, note = try_out(found.value, state, self.context)
+        calls.transcript.play(played)
+        return replace(found, value=chosen, trial=note)
 
     def _ask(
         self, calls: Calls, state: PopulationState, part: str, request: Request, check: Check[T]
@@ -289,13 +264,13 @@ class Adviser:
                 **self.values,
                 **values,
                 "generation": str(state.now.generation),
-                "state": state_text(state, self.setup.crisis),
+                "state": state_text(state, self.context.crisis),
                 "urgency": urgency(state, how.rare),
                 "answer": form(shape),
                 "tree_field": _TREES_FIELD.format(how.candidates)
                 if "trees" in shape
                 else _TREE_FIELD,
-                **self._told(state).values,
+                **self._run_values(state).values,
             },
         )
         return Request(
@@ -311,11 +286,12 @@ class Adviser:
             extra=how.extra_body,
         )
 
-    def _told(self, state: PopulationState) -> Told:
-        """What prompts tell of the run so far; worked out once a generation."""
+    def _run_values(self, state: PopulationState) -> RunValues:
+        """What prompts show of the run so far; worked out once a generation."""
         if self._last is None or self._last[0] is not state:
-            how = self.settings.informed
-            found = told(how, self.setup, state, self._run) if self.tells_of_run else UNTOLD
+            found = NO_VALUES
+            if self.uses_history:
+                found = run_values(self.settings.informed, self.context, state, self._history)
             self._last = (state, found)
         return self._last[1]
 
@@ -346,20 +322,20 @@ def _source(missing: int, asked: int) -> str:
 
 
 def _notes(
-    rate: Conversation[Decision] | None, tree: Conversation[Proposal] | None
+    rate: Conversation[Guidance] | None, tree: Conversation[Proposal] | None
 ) -> dict[str, str]:
     """For the record: where each part comes from, and the hash of every prompt of it."""
     notes = {}
     for name, outcome in (("rate", rate), ("tree", tree)):
         if outcome is not None:
-            why = f": {outcome.why[:REASON]}" if outcome.why else ""
-            notes[name] = outcome.source + why
+            end = outcome.end
+            notes[name] = end.source + (f": {end.why[:REASON]}" if end.why else "")
             if outcome.prompts:
                 notes[f"{name}_prompts"] = " ".join(outcome.prompts)
             if outcome.trial:
                 notes["trial"] = outcome.trial
-            if outcome.rejected:
-                notes[f"{name}_rejected"] = " ".join(outcome.rejected)
+            if end.rejected:
+                notes[f"{name}_rejected"] = " ".join(end.rejected)
     return notes
 
 

@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from math import inf
-from typing import Final, Generic, Literal, Protocol, TypeVar
+from typing import Any, Final, Generic, Literal, Protocol, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, Field
@@ -59,8 +59,8 @@ def final(answer: Reply | Failure, attempt: int, how: RetrySettings) -> bool:
 
 def _may_help(failure: Failure) -> bool:
     """Whether another attempt may: as the server says, else by the kind of the failure."""
-    told = failure.should_retry
-    return failure.kind in TRANSIENT if told is None else told
+    asked = failure.should_retry
+    return failure.kind in TRANSIENT if asked is None else asked
 
 
 def wait(failure: Failure, attempt: int, how: RetrySettings, rng: np.random.Generator) -> float:
@@ -258,13 +258,11 @@ class LiveCalls:
 
 @dataclass(frozen=True, slots=True)
 class Conversation(Generic[T]):
-    """The result of a question and its repairs."""
+    """A question with its repairs, and the result."""
 
     value: T | None  # None: no usable answer
-    source: str  # "llm", "llm, repaired", "llm, clamped from 0.8", "fallback"
-    why: str  # of the fallback, else ""
-    rejected: tuple[RejectionStage, ...]  # stages that turned an answer away, in order
-    prompts: tuple[str, ...]  # SHA-256 of each rendered prompt, hexadecimal
+    end: Conclusion  # as the transcript keeps it
+    prompts: tuple[str, ...] = ()  # SHA-256 of each rendered prompt, hexadecimal
     trial: str = ""  # which of several candidates was chosen, and why
 
 
@@ -281,7 +279,7 @@ def converse(
     """Asks, with at most `repairs` turns more; `repair` words what is wrong."""
     rejected: list[RejectionStage] = []
     prompts: list[str] = []
-    why = ""
+    value, source, why = None, "fallback", ""
     for turn in range(1 + repairs):
         prompts.append(request.prompt_digest)
         answer = calls.ask(Call(generation, part, turn), request)
@@ -291,31 +289,20 @@ def converse(
         found = check(answer)
         if not isinstance(found, Rejection):
             words = ("llm", "repaired" if turn else "", found.change)
-            source = ", ".join(word for word in words if word)
-            return _concluded(
-                calls,
-                generation,
-                part,
-                Conversation(found.value, source, "", tuple(rejected), tuple(prompts)),
-            )
+            value, source, why = found.value, ", ".join(word for word in words if word), ""
+            break
         rejected.append(found.stage)
         why = f"{found.stage}: {found.error}"
         if found.stage is RejectionStage.REFUSED:
             break
         request = request.followed_by(answer.text[:QUOTED], repair(found))
-    outcome: Conversation[T] = Conversation(None, "fallback", why, tuple(rejected), tuple(prompts))
-    return _concluded(calls, generation, part, outcome)
+    end = Conclusion(generation, part, source, why, tuple(rejected))
+    calls.transcript.conclude(end)
+    return Conversation(value, end, tuple(prompts))
 
 
-def unasked(calls: Calls, generation: int, part: str, why: Failure) -> Conversation[T]:
+def unasked(calls: Calls, generation: int, part: str, why: Failure) -> Conversation[Any]:
     """A question that is not asked, and why."""
-    outcome: Conversation[T] = Conversation(None, "fallback", f"{why.kind}: {why.message}", (), ())
-    return _concluded(calls, generation, part, outcome)
-
-
-def _concluded(
-    calls: Calls, generation: int, part: str, outcome: Conversation[T]
-) -> Conversation[T]:
-    found = Conclusion(generation, part, outcome.source, outcome.why, outcome.rejected)
-    calls.transcript.conclude(found)
-    return outcome
+    end = Conclusion(generation, part, "fallback", f"{why.kind}: {why.message}", ())
+    calls.transcript.conclude(end)
+    return Conversation(None, end)

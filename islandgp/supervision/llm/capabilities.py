@@ -11,11 +11,12 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 from islandgp.errors import SupervisionError
+from islandgp.plain import made_of
 from islandgp.supervision.llm.calls import Calls
 from islandgp.supervision.llm.message import TRANSIENT, Failure, FailureKind, Reply, Request
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.transcript import Call, Transcript
-from islandgp.supervision.llm.validation import Reading, find_object
+from islandgp.supervision.llm.validation import find_object
 
 _SYSTEM: Final = "Answer in one short sentence."
 _QUESTION: Final = "Please greet me."
@@ -34,7 +35,6 @@ class Dialect:
     structured: bool  # with a JSON schema; else a JSON object is looked for in the text
     temperature: float | None  # None: not sent
     note: str  # one line for people: what the probe found
-    reading: Reading = "first"  # which JSON object of a text counts; older transcripts lack it
 
     def __str__(self) -> str:
         output = "structured output" if self.structured else "JSON found in text"
@@ -74,8 +74,10 @@ class Dialects:
     def _known(self, generation: int) -> Dialect | None:
         start, learnt = self.transcript.start, self.transcript.learnt
         if start is not None and start["dialect"] is not None:
-            return Dialect(**start["dialect"])
-        return Dialect(**learnt[1]) if learnt is not None and learnt[0] <= generation else None
+            return made_of(Dialect, start["dialect"])
+        if learnt is None or learnt[0] > generation:
+            return None
+        return made_of(Dialect, learnt[1])
 
 
 def find_dialect(calls: Calls, settings: LLMSettings, generation: int = -1) -> Dialect | Failure:
@@ -102,7 +104,7 @@ def find_dialect(calls: Calls, settings: LLMSettings, generation: int = -1) -> D
         if isinstance(answer, Reply):
             if settings.output == "auto" and structured and answer.text:
                 structured = find_object(answer.text, ["greeting"]) is not None
-            return Dialect(structured, temperature, "as the probe found", "last")
+            return Dialect(structured, temperature, "as the probe found")
         if generation < 0 and answer.kind is FailureKind.UNREACHABLE:
             raise _hopeless(answer, settings)
         if answer.kind in TRANSIENT or answer.kind is FailureKind.BUDGET:

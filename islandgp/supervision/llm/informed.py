@@ -1,14 +1,15 @@
-"""What `prompts=informed` tells beyond the paper's prompts: rewards, fates, traces, decisions.
+"""What `prompts=informed` adds to the paper's prompts: rewards, injected trees and the like.
 
 Each part can be switched off. All of it follows from configuration, the domain's
-declaration and the records, and has a largest size.
+declaration and the records of generations, which a run that goes on and a replay have as
+well, and has a largest size.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import fmean
 from typing import Final
 
@@ -16,17 +17,19 @@ from pydantic import BaseModel, Field
 
 from islandgp.bt.language import parse
 from islandgp.domain import Schema
-from islandgp.evolution.record import IndividualRecord
+from islandgp.evolution.population import Origin
+from islandgp.evolution.record import GuidanceRecord, IndividualRecord
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.rewards import Reward, RewardTable
+from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import Crisis, PopulationState
 from islandgp.supervision.base import RunContext, Seen
-from islandgp.supervision.llm.chronicle import KEPT, Chronicle, Fate, Past, ranked
-from islandgp.supervision.llm.story import story
+from islandgp.supervision.llm.episode import describe_episode
 from islandgp.supervision.state_json import title
 
+KEPT: Final = 20  # injected trees and decisions that are remembered
 TREE: Final = 1500  # characters of a tree that is shown, at most
-ROWS: Final = 40  # rewards and classes that are told, at most
+ROWS: Final = 40  # rewards and classes that are shown, at most
 SHOWN: Final = 2000  # characters of rewards that are no table of events
 PARTS: Final = 3  # components of a class's earnings
 
@@ -44,47 +47,127 @@ class InformedSettings(BaseModel, frozen=True, extra="forbid"):
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class InjectedTree:
+    """A tree that was injected, and what has become of it."""
+
+    generation: int  # in which it was evaluated first
+    target: str  # what it was for
+    new: IndividualRecord  # when it was evaluated first, perhaps after a mutation
+    rank: int  # by fitness when it was new, from 1
+    alive: frozenset[str]  # ids of the living that descend from it, itself and copies included
+    most_alive: int  # the largest number of them in any generation
+    last: int  # the last generation that had any
+    unchanged: bool  # the very tree is among them
+    best_rank: int | None  # of the fittest of them now; None: none is left
+
+
+@dataclass(frozen=True, slots=True)
+class PastDecision:
+    """A decision, and the generations before and after it."""
+
+    guidance: GuidanceRecord
+    before: Snapshot
+    after: Snapshot
+
+
+@dataclass(frozen=True, slots=True)
+class RunHistory:
+    """A run so far."""
+
+    now: Seen | None = None  # the last generation
+    injected: tuple[InjectedTree, ...] = ()  # of the trees injected last, oldest first
+    decisions: tuple[PastDecision, ...] = ()  # the last decisions, oldest first
+
+    def followed_by(self, seen: Seen) -> RunHistory:
+        """With one generation more. Generations that it was not given are not in it."""
+        order = ranked(seen.individuals)
+        ranks = {i.id: rank for rank, i in enumerate(order, 1)}
+        trees = [_followed(tree, seen, ranks) for tree in self.injected]
+        trees += [_new(i, seen, ranks) for i in seen.individuals if i.origin == Origin.INJECTED]
+        decisions = self.decisions
+        if self.now is not None and seen.guidance is not None:
+            decision = PastDecision(seen.guidance, self.now.snapshot, seen.snapshot)
+            decisions = (*decisions, decision)
+        return RunHistory(seen, tuple(trees[-KEPT:]), decisions[-KEPT:])
+
+
+def ranked(individuals: Sequence[IndividualRecord]) -> list[IndividualRecord]:
+    """Best first; equals in slot order."""
+    return sorted(individuals, key=lambda i: -i.fitness)
+
+
+def _new(i: IndividualRecord, seen: Seen, ranks: dict[str, int]) -> InjectedTree:
+    target = "" if seen.guidance is None else seen.guidance.target or ""
+    rank = ranks[i.id]
+    return InjectedTree(
+        generation=seen.snapshot.generation,
+        target=target,
+        new=i,
+        rank=rank,
+        alive=frozenset({i.id}),
+        most_alive=1,
+        last=seen.snapshot.generation,
+        unchanged=True,
+        best_rank=rank,
+    )
+
+
+def _followed(tree: InjectedTree, seen: Seen, ranks: dict[str, int]) -> InjectedTree:
+    heirs = [i for i in seen.individuals if not tree.alive.isdisjoint(i.parents)]
+    return replace(
+        tree,
+        alive=frozenset(i.id for i in heirs),
+        most_alive=max(tree.most_alive, len(heirs)),
+        last=seen.snapshot.generation if heirs else tree.last,
+        unchanged=any(i.tree == tree.new.tree for i in heirs),
+        best_rank=min((ranks[i.id] for i in heirs), default=None),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class RunValues:
     """Values for a generation's prompts, and what they took."""
 
     values: dict[str, str]
     episodes: int  # that were run for them
 
 
-def standing_values(how: InformedSettings, setup: RunContext) -> dict[str, str]:
+def standing_values(how: InformedSettings, context: RunContext) -> dict[str, str]:
     """Values that no generation changes; "" for a part that is left out."""
     return {
         "reasoning": "first" if how.reasoning else "",
         "differ": "differ" if how.differ else "",
         "traces_told": "told" if how.traces else "",
         "decisions_told": "told" if how.decisions else "",
-        "rewards": _rewards(setup.rewards, setup.schema) if how.rewards else "",
-        "thresholds": _thresholds(setup.crisis) if how.rewards else "",
+        "rewards": _rewards(context.rewards, context.schema) if how.rewards else "",
+        "thresholds": _thresholds(context.crisis) if how.rewards else "",
     }
 
 
-LATER: Final = ("earnings", "injected", "traces", "decisions")
-"""Values that `told` gives."""
+RUN_VALUES: Final = ("earnings", "injected", "traces", "decisions")
+"""Values that `run_values` gives."""
 
-UNTOLD: Final = Told(dict.fromkeys(LATER, ""), 0)
+NO_VALUES: Final = RunValues(dict.fromkeys(RUN_VALUES, ""), 0)
 
 
-def told(how: InformedSettings, setup: RunContext, state: PopulationState, run: Chronicle) -> Told:
+def run_values(
+    how: InformedSettings, context: RunContext, state: PopulationState, run: RunHistory
+) -> RunValues:
     """The other values; "" for a part that is left out, or of which nothing is known yet."""
     if run.now is None:
-        return UNTOLD
-    values, episodes = dict.fromkeys(LATER, ""), 0
+        return NO_VALUES
+    values, episodes = dict.fromkeys(RUN_VALUES, ""), 0
     if how.classes:
-        values["earnings"] = "\n".join(_earnings(run.now.individuals, setup.classes))
+        values["earnings"] = "\n".join(_earnings(run.now.individuals, context.classes))
     if how.injected:
-        fates = [_fate(fate, run.now) for fate in run.fates[-how.injected :]]
-        values["injected"] = "\n\n".join(fates)
+        trees = [_injected(tree, run.now) for tree in run.injected[-how.injected :]]
+        values["injected"] = "\n\n".join(trees)
     if how.decisions:
-        lines = [_decision(past, setup.classes) for past in run.past[-how.decisions :]]
+        lines = [_decision(past, context.classes) for past in run.decisions[-how.decisions :]]
         values["decisions"] = "\n".join(lines)
     if how.traces:
-        values["traces"], episodes = _traces(setup, state, run.now)
-    return Told(values, episodes)
+        values["traces"], episodes = _traces(context, state, run.now)
+    return RunValues(values, episodes)
 
 
 def _rewards(rewards: BaseModel, schema: Schema) -> str:
@@ -147,24 +230,24 @@ def _components(members: Sequence[IndividualRecord]) -> str:
     return ", ".join(f"{c} {means[c]:+,.0f}" for c in largest if means[c]) or "nothing"
 
 
-def _fate(fate: Fate, now: Seen) -> str:
-    tiers = ", ".join(f"{title(tier)} Robot" for tier in fate.tiers)
+def _injected(tree: InjectedTree, now: Seen) -> str:
+    tiers = ", ".join(f"{title(tier)} Robot" for tier in tree.new.tiers)
     start = (
-        f"Generation {fate.generation}, for {fate.target or 'nothing'}"
-        f"{', mutated at once' if fate.mutation else ''}: {fate.fitness:,.0f} points, rank"
-        f" {fate.rank} of {len(now.individuals)}{f', {tiers}' if tiers else ''}."
+        f"Generation {tree.generation}, for {tree.target or 'nothing'}"
+        f"{', mutated at once' if tree.new.mutation else ''}: {tree.new.fitness:,.0f} points, rank"
+        f" {tree.rank} of {len(now.individuals)}{f', {tiers}' if tiers else ''}."
     )
-    if fate.best_rank is None:
+    if tree.best_rank is None:
         end = (
-            f"It died out after generation {fate.last}; at most {fate.most_alive} descended from"
+            f"It died out after generation {tree.last}; at most {tree.most_alive} descended from"
             " it at a time."
         )
     else:
-        same = "it lives on unchanged" if fate.unchanged else "it lives on in changed trees only"
-        n = len(fate.alive)
+        same = "it lives on unchanged" if tree.unchanged else "it lives on in changed trees only"
+        n = len(tree.alive)
         alive = "1 living individual descends" if n == 1 else f"{n} living individuals descend"
-        end = f"{alive} from it, the best of rank {fate.best_rank}; {same}."
-    return f"{start} {end}\n```\n{_cut(fate.tree)}\n```"
+        end = f"{alive} from it, the best of rank {tree.best_rank}; {same}."
+    return f"{start} {end}\n```\n{_cut(tree.new.tree)}\n```"
 
 
 def _cut(tree: str) -> str:
@@ -172,7 +255,7 @@ def _cut(tree: str) -> str:
     return text if len(text) <= TREE else text[: TREE - 3] + "..."
 
 
-def _decision(past: Past, classes: Classes) -> str:
+def _decision(past: PastDecision, classes: Classes) -> str:
     g, before, after = past.guidance, past.before, past.after
     by = "" if g.source == "llm" else f" by {g.source}"
     rate = f"rate {g.applied_rate:.2f}" + (f", enforced: crisis of {g.crisis}" if g.crisis else "")
@@ -192,34 +275,29 @@ def _decision(past: Past, classes: Classes) -> str:
 
 def most_lacking(individuals: Sequence[IndividualRecord], classes: Classes) -> IndividualRecord:
     """The individual that shows the fewest behaviours, the least fit of equals."""
-
-    def shown(i: IndividualRecord) -> int:
-        return sum(i.counters[counter] > 0 for counter in classes.behaviours.values())
-
-    return min(ranked(individuals)[::-1], key=lambda i: (shown(i), i.fitness))
+    return min(ranked(individuals)[::-1], key=lambda i: (len(classes.shown(i.counters)), i.fitness))
 
 
-def _traces(setup: RunContext, state: PopulationState, now: Seen) -> tuple[str, int]:
+def _traces(context: RunContext, state: PopulationState, now: Seen) -> tuple[str, int]:
     """The best tree and the most lacking one in the first world in which they were evaluated."""
-    best, worst = ranked(now.individuals)[0], most_lacking(now.individuals, setup.classes)
+    best, worst = ranked(now.individuals)[0], most_lacking(now.individuals, context.classes)
     named = [("The fittest tree", best)]
     if worst.tree != best.tree:
-        lacking = ", ".join(
-            name for name in state.lacking if not worst.counters[setup.classes.behaviours[name]] > 0
-        )
+        shown = context.classes.shown(worst.counters)
+        lacking = ", ".join(name for name in state.lacking if name not in shown)
         named.append((f"The most lacking tree (no {lacking or 'behaviour lacks'})", worst))
     each = len(now.worlds) // len(now.individuals)  # 0: fewer worlds than individuals, all common
     texts = []
     for name, i in named:
         seed = now.worlds[now.individuals.index(i) * each]
-        texts.append(_trace(name, i, setup, seed, now))
+        texts.append(_trace(name, i, context, seed, now))
     return "\n\n".join(texts), len(texts)
 
 
-def _trace(name: str, i: IndividualRecord, setup: RunContext, seed: int, now: Seen) -> str:
-    tree = parse(i.tree, setup.schema.vocabulary)
-    domain = setup.domain_in(now.snapshot.generation)
-    outcome, lines = story(domain, tree, seed, now.multipliers)
+def _trace(name: str, i: IndividualRecord, context: RunContext, seed: int, now: Seen) -> str:
+    tree = parse(i.tree, context.schema.vocabulary)
+    domain = context.domain_in(now.snapshot.generation)
+    outcome, lines = describe_episode(domain, tree, seed, now.multipliers)
     head = (
         f"{name}, of class {i.specialist}, {i.fitness:,.0f} points ({_components([i])}). In an"
         f" episode of {outcome.seconds:,.0f} s that ended with {', '.join(outcome.endings)} it did:"

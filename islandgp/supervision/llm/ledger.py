@@ -83,15 +83,38 @@ class Caps(BaseModel, frozen=True, extra="forbid"):
     seconds: float | None = Field(ge=0)  # spent on attempts and on waiting between them
 
 
-@dataclass(slots=True)
-class Sums:
-    """What some attempts took together."""
+@dataclass(frozen=True, slots=True)
+class Bill:
+    """What some requests take together."""
 
-    requests: int = 0
-    input: int = 0
-    output: int = 0
-    usd: float = 0.0
-    seconds: float = 0.0
+    requests: float
+    input: float  # tokens
+    output: float  # tokens
+    usd: float | None  # None: an unknown price
+
+    @classmethod
+    def of(cls, requests: float, usage: Usage, price: Price | None) -> Bill:
+        """Requests that take so many tokens together."""
+        usd = None if price is None else cost(usage, price)
+        return cls(requests, usage.read, usage.output, usd)
+
+    def __add__(self, other: Bill) -> Bill:
+        both = None if self.usd is None or other.usd is None else self.usd + other.usd
+        return Bill(
+            self.requests + other.requests,
+            self.input + other.input,
+            self.output + other.output,
+            both,
+        )
+
+    def against(self, caps: Caps) -> dict[str, tuple[float, float | None]]:
+        """What there is of each sort, and its cap, by the cap's name."""
+        return {
+            "requests": (self.requests, caps.requests),
+            "input_tokens": (self.input, caps.input_tokens),
+            "output_tokens": (self.output, caps.output_tokens),
+            "usd": (self.usd or 0.0, caps.usd),
+        }
 
 
 def known_usage(answer: Reply | Failure) -> Usage | None:
@@ -103,10 +126,6 @@ def known_usage(answer: Reply | Failure) -> Usage | None:
     if isinstance(answer, Reply):
         return answer.usage
     return None if answer.kind in CHARGED else Usage()
-
-
-def _input(usage: Usage) -> int:
-    return usage.input + usage.cache_read + usage.cache_write
 
 
 class Ledger:
@@ -121,7 +140,7 @@ class Ledger:
 
         `waited` are the seconds before it that stand in no attempt yet.
         """
-        for name, found, cap in self._after(1, next_at_most):
+        for name, (found, cap) in self._after(1, next_at_most).items():
             if cap is not None and found > cap:
                 return f"another request could pass the cap {name}={cap}"
         if self.seconds_left() <= waited:
@@ -129,44 +148,31 @@ class Ledger:
         return ""
 
     def seconds_left(self) -> float:
-        """Until the cap on seconds is reached, >= 0; infinite without one."""
-        most = self.caps.seconds
-        return math.inf if most is None else max(0.0, most - self._most().seconds)
+        """Until the cap on seconds is reached, >= 0; infinite without one.
+
+        Waiting counts also where a cap ended it.
+        """
+        if self.caps.seconds is None:
+            return math.inf
+        spent = sum(a.seconds + a.waited for a in list(self.transcript.attempts))
+        return max(0.0, self.caps.seconds - spent)
 
     def room_for(self, requests: int, at_most: Usage, *, seconds: float) -> bool:
         """Whether so much more keeps every cap, in whatever order it comes."""
-        late = self.caps.seconds is not None and self._most().seconds + seconds > self.caps.seconds
-        return not late and all(
-            cap is None or found <= cap for _, found, cap in self._after(requests, at_most)
+        return seconds <= self.seconds_left() and all(
+            cap is None or found <= cap for found, cap in self._after(requests, at_most).values()
         )
 
-    def _after(self, requests: int, at_most: Usage) -> list[tuple[str, float, float | None]]:
-        """The caps by name: what would be used after so much more, and the cap."""
-        most, caps = self._most(), self.caps
-        return [
-            ("requests", most.requests + requests, caps.requests),
-            ("input_tokens", most.input + _input(at_most), caps.input_tokens),
-            ("output_tokens", most.output + at_most.output, caps.output_tokens),
-            ("usd", most.usd + self._usd(at_most), caps.usd),
-        ]
+    def _after(self, requests: int, at_most: Usage) -> dict[str, tuple[float, float | None]]:
+        """What would be used after so much more, and the caps."""
+        return (self._most() + Bill.of(requests, at_most, self.price)).against(self.caps)
 
-    def _usd(self, usage: Usage) -> float:
-        return 0.0 if self.price is None else cost(usage, self.price)
-
-    def _most(self) -> Sums:
+    def _most(self) -> Bill:
         """The most that all attempts so far may have taken."""
-        sums = Sums()
-        for usage in (
-            *(a.at_most for a in _sent(self.transcript.attempts)),
-            *(sent.at_most for sent in self.transcript.lost()),
-        ):
-            sums.requests += 1
-            sums.input += _input(usage)
-            sums.output += usage.output
-            sums.usd += self._usd(usage)
-        # Waiting counts also where a cap ended it.
-        sums.seconds = sum(a.seconds + a.waited for a in list(self.transcript.attempts))
-        return sums
+        sent = [a.at_most for a in _sent(self.transcript.attempts)]
+        sent += [s.at_most for s in self.transcript.lost()]
+        bills = (Bill.of(1, usage, self.price) for usage in sent)
+        return sum(bills, Bill.of(0, Usage(), self.price))
 
     def totals(self) -> dict[str, float]:
         """Sums from the run's start by name, for the costs of a generation and for MLflow."""
@@ -197,9 +203,9 @@ class Ledger:
         if trials := [p for p in played if p.purpose == "trial"]:
             found["trials"] = len(trials)
             found["trial_gain"] = sum(p.gain for p in trials)
-        if self.price is not None:
+        if (most := self._most().usd) is not None:
             found["cost_usd"] = sum(a.usd or 0.0 for a in attempts)
-            found["cost_usd_at_most"] = self._most().usd
+            found["cost_usd_at_most"] = most
         found |= {f"failures_{kind}": count for kind, count in sorted(failures.items())}
         found |= {f"rejected_{stage}": count for stage, count in sorted(rejected.items())}
         return found

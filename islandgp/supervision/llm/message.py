@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from typing import Any, Final, Protocol
 
@@ -63,6 +63,11 @@ class Usage:
     cache_read: int = 0
     cache_write: int = 0
 
+    @property
+    def read(self) -> int:
+        """All tokens of the request."""
+        return self.input + self.cache_read + self.cache_write
+
 
 @dataclass(frozen=True, slots=True)
 class Request:
@@ -73,7 +78,7 @@ class Request:
     turns: tuple[str, ...]  # ours and the model's by turns, ours first and last
     max_tokens: int
     temperature: float | None = None  # None: not sent
-    schema: dict[str, Any] | None = field(default=None)  # JSON schema; None: not sent
+    schema: dict[str, Any] | None = None  # JSON schema; None: not sent
     cache: bool = False  # ask the server to keep the system prompt
     thinking: dict[str, Any] | None = None  # as the API takes it; None: not sent
     effort: str | None = None  # None: not sent
@@ -91,17 +96,8 @@ class Request:
 
     def plain(self) -> dict[str, Any]:
         """As JSON values. Fields that came later stand there only where they say something."""
-        later = {"thinking": self.thinking, "effort": self.effort, "extra": self.extra}
-        return {
-            "model": self.model,
-            "system": self.system,
-            "turns": list(self.turns),
-            "max_tokens": self.max_tokens,
-            "temperature": self.temperature,
-            "schema": self.schema,
-            "cache": self.cache,
-            **{name: value for name, value in later.items() if value is not None},
-        }
+        later = ("thinking", "effort", "extra")
+        return {k: v for k, v in asdict(self).items() if v is not None or k not in later}
 
     def followed_by(self, answer: str, question: str) -> Request:
         """The request that goes on after an answer; the API takes no empty turn."""

@@ -16,15 +16,15 @@ from pathlib import Path
 from typing import Final
 
 from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS
-from islandgp.bt.node import ABORTS, KINDS, REPEATS
+from islandgp.bt.node import KINDS, REPEATS
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.domain import Schema
 from islandgp.errors import SupervisionError
 from islandgp.resources import resource
-from islandgp.scoring.classes import EXPLORATION, INTEGRATION, RARE, Classes, Tier
+from islandgp.scoring.classes import Classes, Tier
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.library import Library
-from islandgp.supervision.state_json import field_meanings, title
+from islandgp.supervision.state_json import field_meanings, title, words
 
 _VARIABLE: Final = re.compile(r"\{\{\s*#?\s*([A-Za-z_][\w.]*)\s*\}\}")
 _SECTION: Final = re.compile(r"\{\{#([A-Za-z_][\w.]*)\}\}(.*?)\{\{/\1\}\}", re.DOTALL)
@@ -33,21 +33,6 @@ _PART: Final = re.compile(r"^# (system|user)\s*$", re.MULTILINE)
 
 SETS: Final = ("paper", "informed")
 """The project's own prompts; `paper` stands in `prompts` itself."""
-
-AIMS: Final[dict[str, str]] = {
-    RARE: "does what has almost died out; for a population of low diversity",
-    INTEGRATION: "brings several behaviours together; for one that has found them all",
-    EXPLORATION: "is unlike the others; for a population in stagnation or crisis",
-}
-"""Rows of Table 7 that are no behaviour, told to the model."""
-
-ABORT_RULES: Final[dict[str, str]] = {
-    "none": "the condition is asked only when the guard is reached; then its child goes on",
-    "self": "the guard stops its own child as soon as the condition is false",
-    "lower": "as soon as the condition is true the guard takes over from later branches",
-    "both": "the guard does both; this is what it does when nothing is said",
-}
-"""The abort rules of a `when`, told to the model; docs/semantics.md says it exactly."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,11 +105,11 @@ def _fill(template: str, name: str, values: Mapping[str, str]) -> str:
     return _VARIABLE.sub(known, shown)
 
 
-def language(words: Vocabulary) -> str:
+def language(vocabulary: Vocabulary) -> str:
     """The language's reference, made from the grammar and the domain's vocabulary."""
     grammar = (resource("grammar") / "bt.lark").read_text(encoding="utf-8").strip()
-    numbers = [name for name, key in words.keys.items() if not key.flag]
-    flags = [name for name, key in words.keys.items() if key.flag]
+    numbers = [name for name, key in vocabulary.keys.items() if not key.flag]
+    flags = [name for name, key in vocabulary.keys.items() if key.flag]
     return "\n".join(
         (
             "The grammar, in Lark's notation:",
@@ -135,16 +120,16 @@ def language(words: Vocabulary) -> str:
             *(f"- {name}: {kind.meaning}" for name, kind in KINDS.items()),
             "",
             f"A repeater counts from {REPEATS[0]} to {REPEATS[1]}. What a `when` stops:",
-            *(f"- abort {name}: {ABORT_RULES[name]}" for name in ABORTS),
+            *(f"- abort {name}: {rule}" for name, rule in words("abort_rules").items()),
             "",
             "Actions:",
-            *(f"- {name}: {action.meaning}" for name, action in words.actions.items()),
+            *(f"- {name}: {action.meaning}" for name, action in vocabulary.actions.items()),
             "",
             f"Keys that are numbers, compared with one of {' '.join(OPERATORS)}:",
-            *(f"- {name}: {words.keys[name].meaning}" for name in numbers),
+            *(f"- {name}: {vocabulary.keys[name].meaning}" for name in numbers),
             "",
             f"Keys that are yes or no, as `when KEY` or `when {FLAG_OPERATORS[1]} KEY`:",
-            *(f"- {name}: {words.keys[name].meaning}" for name in flags),
+            *(f"- {name}: {vocabulary.keys[name].meaning}" for name in flags),
         )
     )
 
@@ -154,7 +139,10 @@ def fixed_values(schema: Schema, classes: Classes, library: Library) -> dict[str
     meanings = field_meanings(schema, classes)
     counters = {name: schema.counters[c].meaning for name, c in classes.behaviours.items()}
     targets = {
-        name: f"shows {text}; for a population that lacks it" for name, text in counters.items()
+        **{
+            name: f"shows {text}; for a population that lacks it" for name, text in counters.items()
+        },
+        **words("aims"),
     }
     return {
         "task": schema.task,
@@ -164,7 +152,7 @@ def fixed_values(schema: Schema, classes: Classes, library: Library) -> dict[str
         "top_milestone": title(classes.milestones[-1]),
         "language": language(schema.vocabulary),
         "fields": "\n".join(f"- {name}: {meaning}" for name, meaning in meanings.items()),
-        "targets": "\n".join(f"- {t}: {meaning}" for t, meaning in {**targets, **AIMS}.items()),
+        "targets": "\n".join(f"- {name}: {meaning}" for name, meaning in targets.items()),
         **{f"examples.{part}": _examples(part, library) for part in ("explore", "exploit", "poor")},
     }
 

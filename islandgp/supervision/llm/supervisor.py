@@ -39,21 +39,23 @@ class LLM:
     Settings = LLMSettings
 
     @classmethod
-    def ready(cls, settings: LLMSettings, setup: RunContext) -> None:  # noqa: ARG003 -- the protocol's
+    def ready(cls, settings: LLMSettings, context: RunContext) -> None:  # noqa: ARG003 -- the protocol's
         """Raises SupervisionError where there is neither a key nor an address."""
         if _key(settings) is None and settings.address is None:
             raise SupervisionError(_WAYS)
 
     @classmethod
-    def make(cls, settings: LLMSettings, setup: RunContext) -> LLM:
+    def make(cls, settings: LLMSettings, context: RunContext) -> LLM:
         """See `Supervisor`."""
-        cls.ready(settings, setup)
-        return cls(settings, setup, AnthropicClient(key=_key(settings), base_url=settings.address))
+        cls.ready(settings, context)
+        return cls(
+            settings, context, AnthropicClient(key=_key(settings), base_url=settings.address)
+        )
 
-    def __init__(self, settings: LLMSettings, setup: RunContext, client: Client) -> None:
+    def __init__(self, settings: LLMSettings, context: RunContext, client: Client) -> None:
         """Nothing is sent and nothing written before `start`, or the first question."""
-        self.settings, self.setup, self.client = settings, setup, client
-        self.adviser = Adviser(settings, setup)
+        self.settings, self.context, self.client = settings, context, client
+        self.adviser = Adviser(settings, context)
         self._calls: LiveCalls | None = None
         self._warned = False
 
@@ -66,9 +68,9 @@ class LLM:
             self.close()
             raise
         if calls.transcript.start is None:
-            told = self.settings.model_dump(mode="json", exclude={"api_key"})
+            settings = self.settings.model_dump(mode="json", exclude={"api_key"})
             known = asdict(found) if isinstance(found, Dialect) else None
-            calls.transcript.begin({"settings": told, "dialect": known})
+            calls.transcript.begin({"settings": settings, "dialect": known})
         place = self.settings.address or "the Anthropic API"
         name, retires = self.settings.model_name, self.settings.facts.retires
         how = found if isinstance(found, Dialect) else f"no answer yet: {found.message}; {_AGAIN}"
@@ -109,7 +111,7 @@ class LLM:
 
     def _open(self) -> LiveCalls:
         if self._calls is None:
-            folder, how = self.setup.folder, self.settings
+            folder, how = self.context.folder, self.settings
             transcript = Transcript(None if folder is None else folder / NAME)
             ledger = Ledger(transcript, how.price, how.caps)
             self._calls = LiveCalls(
@@ -117,7 +119,7 @@ class LLM:
                 transcript,
                 ledger,
                 how.retry,
-                seed=self.setup.seed,
+                seed=self.context.seed,
                 on_outage=how.on_outage,
             )
             self._dialects = Dialects(how, transcript, self._calls)

@@ -26,8 +26,8 @@ from threading import Lock
 from typing import Any, Final, TypeVar
 
 from islandgp.errors import SupervisionError
-from islandgp.plain import UNREADABLE, must_fit, read_json
-from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage
+from islandgp.plain import UNREADABLE, made_of, read_json
+from islandgp.supervision.llm.message import Failure, Reply, Request, Usage
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,37 +116,16 @@ def from_line(line: Mapping[str, Any], systems: Mapping[str, str]) -> Attempt:
     Raises:
         ValueError, KeyError, TypeError: they are not those of an attempt.
     """
-    said = line["request"]
-    request = Request(**{**said, "system": systems[said["system"]], "turns": tuple(said["turns"])})
-    answer: Reply | Failure
-    if line["reply"] is not None:
-        reply = line["reply"]
-        answer = Reply(**{**reply, "usage": _usage(reply["usage"])})
-    else:
-        failure = line["failure"]
-        answer = Failure(**{**failure, "kind": FailureKind(failure["kind"])})
-    return Attempt(
-        call=Call(line["generation"], line["part"], line["turn"]),
-        number=line["attempt"],
-        request=request,
-        answer=answer,
-        usage=_usage(line["usage"]),
-        at_most=Usage(**line["at_most"]),
-        usd=line["usd"],
-        seconds=line["seconds"],
-        waited=line["waited"],
-        at=line["at"],
-    )
-
-
-def _usage(found: Mapping[str, Any] | None) -> Usage | None:
-    return None if found is None else Usage(**found)
+    asked = {**line["request"], "system": systems[line["request"]["system"]]}
+    answer = line["failure"] if line["reply"] is None else line["reply"]
+    own = {"call": line, "number": line["attempt"], "request": asked, "answer": answer}
+    return made_of(Attempt, {**line, **own})
 
 
 NAME: Final = "transcript.jsonl"
 FORMAT: Final = 1
 
-T = TypeVar("T", Sent, Attempt, Played, Conclusion)
+T = TypeVar("T", Played, Conclusion)
 
 
 class Transcript:
@@ -272,15 +251,13 @@ class Transcript:
                 elif kind == "dialect":
                     self.learnt = (line["generation"], line["dialect"])
                 elif kind == "sent":
-                    call, at_most = Call(**line["call"]), Usage(**line["at_most"])
-                    self.sent.append(_checked(Sent(call, line["number"], at_most)))
+                    self.sent.append(made_of(Sent, line))
                 elif kind == "attempt":
-                    self.attempts.append(_checked(from_line(line, self._systems)))
+                    self.attempts.append(from_line(line, self._systems))
                 elif kind == "played":
-                    self.played.append(_checked(Played(**line)))
+                    self.played.append(made_of(Played, line))
                 elif kind == "part":
-                    part = Conclusion(**{**line, "rejected": tuple(line["rejected"])})
-                    self.parts.append(_checked(part))
+                    self.parts.append(made_of(Conclusion, line))
         except UNREADABLE as error:
             raise SupervisionError(
                 f"Expected a transcript in {path}, found a damaged file"
@@ -301,9 +278,3 @@ def find_transcript(place: Path) -> Path:
             " a run with supervisor=llm leaves one in its folder."
         )
     return path
-
-
-def _checked(found: T) -> T:
-    """A noun that was made of a line's values. Raises ValueError where one has another type."""
-    must_fit(type(found), json.dumps(asdict(found)))
-    return found

@@ -7,35 +7,31 @@ factors of the generation that the tree will join.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from islandgp.bt.node import Node
 from islandgp.domain import Outcome
 from islandgp.scoring.classes import INTEGRATION, RARE, Classes, does
 from islandgp.scoring.state import PopulationState
-from islandgp.seeding import Stream, stream
+from islandgp.seeding import Stream, seed_of
 from islandgp.supervision.base import RunContext
-from islandgp.supervision.llm.answers import Proposal
+from islandgp.supervision.llm.transcript import Played
+from islandgp.supervision.llm.validation import Proposal
 
 
-@dataclass(frozen=True, slots=True)
-class Trial:
-    """What came of some candidates."""
+def try_out(
+    proposal: Proposal, state: PopulationState, context: RunContext
+) -> tuple[Proposal, Played, str]:
+    """The candidate that does best for its target, its episodes, and a note for the record.
 
-    chosen: Proposal
-    episodes: int
-    gain: float  # points of the chosen tree above those of the first, which would have been it
-    note: str  # for the record
-
-
-def try_out(proposal: Proposal, state: PopulationState, setup: RunContext) -> Trial:
-    """The candidate that does best for its target; the first of equals."""
+    Of equals it is the first, which would have been injected without a trial: its gain is the
+    difference to that one.
+    """
     trees: Sequence[Node] = (proposal.tree, *proposal.others)
-    rng = stream(setup.seed, Stream.TRIAL, generation=state.now.generation)
-    seed = int(rng.integers(2**32))
-    domain = setup.domain_in(state.now.generation + 1)
+    seed = seed_of(context.seed, Stream.TRIAL, generation=state.now.generation)
+    domain = context.domain_in(state.now.generation + 1)
     outcomes = [domain.run_episode(tree, seed, state.multipliers) for tree in trees]
-    worth = [_worth(o, proposal.target, state, setup.classes) for o in outcomes]
+    worth = [_worth(o, proposal.target, state, context.classes) for o in outcomes]
     best = max(range(len(trees)), key=lambda i: worth[i])
     gain = outcomes[best].fitness - outcomes[0].fitness
     note = (
@@ -43,7 +39,8 @@ def try_out(proposal: Proposal, state: PopulationState, setup: RunContext) -> Tr
         f" {proposal.target}, {worth[best][1]:,.0f} points; the first has {worth[0][0]:g} and"
         f" {worth[0][1]:,.0f}"
     )
-    return Trial(replace(proposal, tree=trees[best], others=()), len(trees), gain, note)
+    played = Played(state.now.generation, "trial", len(trees), gain)
+    return replace(proposal, tree=trees[best], others=()), played, note
 
 
 def _worth(

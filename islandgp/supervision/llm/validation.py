@@ -1,5 +1,6 @@
-"""The validation that an answer goes through before anything in it is used (section 2.4.6).
+"""What a model must answer, and the validation before anything of it is used (section 2.4.6).
 
+A shape says which fields an answer has: for a prompt, as a JSON schema, and to check them.
 A decision: JSON, fields, range. A tree: JSON, fields, grammar, names, limits.
 Each stage ends in a rejection that says what was wrong, in words that a model
 can mend its answer by.
@@ -9,7 +10,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Final, Generic, Literal, TypeAlias, TypeVar
@@ -20,26 +21,117 @@ from islandgp.bt.language import parse
 from islandgp.bt.node import Limits, Node, check_limits
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.errors import DomainError, LimitError, TreeError, UnknownNameError
-from islandgp.supervision.base import Pattern, Phase
-from islandgp.supervision.llm.answers import (
-    DECISION,
-    LONGEST,
-    Decision,
-    FieldType,
-    Proposal,
-    faults,
-    proposal_shape,
-)
+from islandgp.supervision.base import Guidance, Pattern, Phase
 from islandgp.supervision.llm.message import SANE, Reply, clean
 
 T = TypeVar("T")
-Reading = Literal["first", "last"]
-"""Which JSON object of an answer counts; "first" is how older transcripts were read."""
 
 _CANDIDATES: Final = 2000  # places of a text where a JSON object is looked for
-_FIRST_CANDIDATES: Final = 20  # the same for "first"
 _THINKING: Final = re.compile(r"<(think(?:ing)?)>.*?(?:</\1>|\Z)", re.DOTALL | re.IGNORECASE)
 _THOUGHT: Final = re.compile(r"</think(?:ing)?>", re.IGNORECASE)
+
+
+LONGEST: Final = 1000  # characters of an explanation that the record keeps
+
+
+@dataclass(frozen=True, slots=True)
+class FieldType:
+    """What a field of an answer may be."""
+
+    form: str  # as a prompt shows it; "": as the field's name
+    wanted: str  # as an error asks for it
+    schema: Mapping[str, Any]  # JSON schema
+    fits: Callable[[Any], bool]  # whether a value is one
+
+
+def _is_number(value: Any) -> bool:
+    # NaN, infinity and whole numbers of 400 digits are JSON to Python, but no numbers to us.
+    return isinstance(value, (int, float)) and type(value) is not bool and abs(value) < 1e300
+
+
+def _are_texts(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(v, str) for v in value)
+
+
+def one_of(words: Sequence[str]) -> FieldType:
+    """One of some words."""
+    schema = {"type": "string", "enum": list(words)}
+    return FieldType("", f"one of {', '.join(words)}", schema, lambda value: value in words)
+
+
+NUMBER: Final = FieldType("NUMBER", "a number", {"type": "number"}, _is_number)
+FLAG: Final = FieldType(
+    "true or false", "true or false", {"type": "boolean"}, lambda value: isinstance(value, bool)
+)
+TEXT: Final = FieldType("TEXT", "a text", {"type": "string"}, lambda value: isinstance(value, str))
+TEXTS: Final = FieldType(
+    "[TEXT, TEXT, ...]",
+    "a list of texts, one at least",
+    {"type": "array", "items": {"type": "string"}},
+    _are_texts,
+)
+
+Shape: TypeAlias = Mapping[str, FieldType]
+"""The fields of an answer, which are those of a Guidance."""
+
+DECISION: Final[Shape] = {
+    "mutation_rate": NUMBER,
+    "phase": one_of(list(Phase)),
+    "pattern": one_of(list(Pattern)),
+    "intervention": FLAG,
+    "risk": TEXT,
+    "reasoning": TEXT,
+}
+"""The answer to the prompt `mutation_rate`."""
+
+
+def proposal_shape(targets: Sequence[str], candidates: int = 1) -> Shape:
+    """The shape of an answer to a prompt for a tree, or for several candidates."""
+    trees = {"tree": TEXT} if candidates == 1 else {"trees": TEXTS}
+    return {**trees, "target": one_of(targets), "rationale": TEXT}
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """The answer to a prompt for a tree."""
+
+    tree: Node  # inside the limits
+    target: str  # one of the state's targets
+    rationale: str
+    others: tuple[Node, ...] = ()  # candidates that came with it, inside the limits, too
+
+
+def reasons_first(shape: Shape) -> Shape:
+    """The shape in the other order: what decides comes last, and a model writes it last."""
+    return dict(reversed(list(shape.items())))
+
+
+def form(shape: Shape) -> str:
+    """The shape as a prompt shows it."""
+    return "{" + ", ".join(f'"{n}": {kind.form or n.upper()}' for n, kind in shape.items()) + "}"
+
+
+def schema(shape: Shape) -> dict[str, Any]:
+    """The JSON schema of a shape. Ranges are not in it: servers drop them."""
+    return {
+        "type": "object",
+        "properties": {field: dict(kind.schema) for field, kind in shape.items()},
+        "required": list(shape),
+        "additionalProperties": False,
+    }
+
+
+def faults(found: Mapping[str, Any], shape: Shape) -> list[str]:
+    """What is wrong with the types of an answer's fields, a line each; fields too many are fine."""
+    wrong = []
+    for field, kind in shape.items():
+        if field not in found:
+            wrong.append(f"{field}: expected a value, found none")
+        elif not kind.fits(found[field]):
+            text = repr(found[field])
+            shown = text if len(text) <= 60 else text[:60] + "..."
+            wrong.append(f"{field}: expected {kind.wanted}, found {shown}")
+    return wrong
 
 
 class RejectionStage(StrEnum):
@@ -87,11 +179,11 @@ class RateSettings(BaseModel, frozen=True, extra="forbid"):
         return self
 
 
-def check_decision(rates: RateSettings, reading: Reading = "last") -> Check[Decision]:
+def check_decision(rates: RateSettings) -> Check[Guidance]:
     """The validation of decisions."""
 
-    def check(reply: Reply) -> Accepted[Decision] | Rejection:
-        found = _fields(reply, DECISION, reading)
+    def check(reply: Reply) -> Accepted[Guidance] | Rejection:
+        found = _fields(reply, DECISION)
         if isinstance(found, Rejection):
             return found
         asked = float(found["mutation_rate"])
@@ -105,13 +197,15 @@ def check_decision(rates: RateSettings, reading: Reading = "last") -> Check[Deci
                 )
             rate = min(rates.most, max(rates.least, asked))
             change = f"clamped from {asked}"
-        decision = Decision(
+        decision = Guidance(
             rate,
-            Phase(found["phase"]),
-            Pattern(found["pattern"]),
-            found["intervention"],
-            found["risk"][:LONGEST],
-            found["reasoning"][:LONGEST],
+            None,
+            "llm",
+            phase=Phase(found["phase"]),
+            pattern=Pattern(found["pattern"]),
+            intervention=found["intervention"],
+            risk=found["risk"][:LONGEST],
+            reasoning=found["reasoning"][:LONGEST],
         )
         return Accepted(decision, change)
 
@@ -122,14 +216,13 @@ def check_proposal(
     limits: Limits,
     vocabulary: Vocabulary,
     targets: tuple[str, ...],
-    reading: Reading = "last",
     candidates: int = 1,
 ) -> Check[Proposal]:
     """The validation of trees. Of several candidates those count that go through, one at least."""
     shape = proposal_shape(targets, candidates)
 
     def check(reply: Reply) -> Accepted[Proposal] | Rejection:
-        found = _fields(reply, shape, reading)
+        found = _fields(reply, shape)
         if isinstance(found, Rejection):
             return found
         texts = found["trees"][:candidates] if candidates > 1 else [found["tree"]]
@@ -158,16 +251,14 @@ def _check_tree(text: str, limits: Limits, vocabulary: Vocabulary) -> Node | Rej
     return tree
 
 
-def _fields(
-    reply: Reply, shape: Mapping[str, FieldType], reading: Reading
-) -> dict[str, Any] | Rejection:
+def _fields(reply: Reply, shape: Shape) -> dict[str, Any] | Rejection:
     """The answer's JSON object, with every field of the right type."""
     if reply.stop_reason == "refusal":
         return Rejection(RejectionStage.REFUSED, "the model refused to answer")
     if not reply.text.strip():
-        return _no_text(reply, reading)
-    found = find_object(reply.text, shape, reading)
-    if found is None or (reading == "last" and _cut_off(reply)):
+        return _no_text(reply)
+    found = find_object(reply.text, shape)
+    if found is None or _cut_off(reply):
         return Rejection(RejectionStage.JSON, _no_json(reply))
     if wrong := faults(found, shape):
         return Rejection(RejectionStage.FIELDS, "\n".join(wrong))
@@ -175,9 +266,9 @@ def _fields(
     return {key: clean(value) if isinstance(value, str) else value for key, value in found.items()}
 
 
-def _no_text(reply: Reply, reading: Reading) -> Rejection:
+def _no_text(reply: Reply) -> Rejection:
     """Nothing was said; a model that ran out of tokens while it was thinking may still say it."""
-    if reply.stop_reason == "max_tokens" and reading == "last":
+    if reply.stop_reason == "max_tokens":
         return Rejection(
             RejectionStage.JSON,
             "Expected one JSON object, found an answer that was cut off before its first word;"
@@ -197,9 +288,7 @@ def _no_json(reply: Reply) -> str:
     return "Expected one JSON object, found none that can be read."
 
 
-def find_object(
-    text: str, fields: Collection[str], reading: Reading = "last"
-) -> dict[str, Any] | None:
+def find_object(text: str, fields: Collection[str]) -> dict[str, Any] | None:
     """The last JSON object in a text that has all of the fields, else any of them, else the last.
 
     It may stand between other words, as in the answers of servers that take no schema:
@@ -207,8 +296,6 @@ def find_object(
     """
     if len(text) > SANE:
         return None
-    if reading == "first":
-        return _first_object(text, fields)
     found, _ = _objects(text)
     whole = [value for value in found if all(field in value for field in fields)]
     some = [value for value in found if any(field in value for field in fields)]
@@ -233,22 +320,3 @@ def _objects(text: str) -> tuple[list[dict[str, Any]], str]:
             found.append(value)
             at = text.find("{", end)
     return found, text[end:]
-
-
-def _first_object(text: str, fields: Collection[str]) -> dict[str, Any] | None:
-    """How transcripts were read whose dialect does not say so: the first object that fits."""
-    decoder = json.JSONDecoder()
-    other: dict[str, Any] | None = None
-    at = -1
-    for _ in range(_FIRST_CANDIDATES):
-        at = text.find("{", at + 1)
-        if at < 0:
-            break
-        try:
-            found, _ = decoder.raw_decode(text, at)
-        except (ValueError, RecursionError):
-            continue
-        if any(field in found for field in fields):
-            return dict(found)
-        other = other or found
-    return other

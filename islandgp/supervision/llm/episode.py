@@ -1,4 +1,4 @@
-"""What a tree did in one episode, told in a few lines of words."""
+"""What a tree did in one episode, described in a few lines."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from islandgp.domain import Domain, Outcome, Scene, Schema
 SPANS: Final = 8  # lines of the course of an episode, at most
 BINS: Final = 60  # pieces of an episode that spans are made of
 NAMED: Final = 3  # actions and events of a span, at most
-KEYS: Final = 12  # keys whose course is told, at most
+KEYS: Final = 12  # keys whose course is described, at most
 LINE: Final = 240  # characters of a line, at most
 
 
-class Watcher:
-    """An observer that keeps what a story needs."""
+class EpisodeLog:
+    """An observer that keeps what the description needs."""
 
     def __init__(self, tree: Node) -> None:
         self.actions = [str(n.args[0]) if n.kind == "action" else "" for n in walk(tree)]
@@ -62,23 +62,23 @@ class Stretch:
         return Stretch(self.begin, other.end, self.actions + other.actions)
 
     def apart(self, other: Stretch) -> float:
-        """How much is lost by telling two spans as one: 0 where they are alike."""
+        """How much is lost by describing two stretches as one: 0 where they are alike."""
         n, m = self.end - self.begin, other.end - other.begin
         names = self.actions | other.actions
         differ = sum(abs(self.actions[name] / n - other.actions[name] / m) for name in names)
         return differ * n * m / (n + m)
 
 
-def story(
+def describe_episode(
     domain: Domain, tree: Node, seed: int, weights: Mapping[str, float]
 ) -> tuple[Outcome, list[str]]:
-    """An episode's outcome and its story: at most SPANS + KEYS + 2 lines of LINE characters.
+    """An episode's outcome and its description: at most SPANS + KEYS + 2 lines of LINE characters.
 
     It runs one episode, which is a function of the arguments.
     """
-    seen = Watcher(tree)
-    outcome = domain.run_episode(tree, seed, weights, seen)
-    lines = [*_course(seen, domain.step_s), *_never(seen), *_keys(seen, domain)]
+    log = EpisodeLog(tree)
+    outcome = domain.run_episode(tree, seed, weights, log)
+    lines = [*_course(log, domain.step_s), *_never(log), *_keys(log, domain)]
     return outcome, [line if len(line) <= LINE else line[: LINE - 3] + "..." for line in lines]
 
 
@@ -95,9 +95,9 @@ def spans(doing: Sequence[str]) -> list[Stretch]:
     return found
 
 
-def _course(seen: Watcher, step_s: float) -> Iterator[str]:
-    last = len(seen.doing) - 1
-    for span in spans(seen.doing):
+def _course(log: EpisodeLog, step_s: float) -> Iterator[str]:
+    last = len(log.doing) - 1
+    for span in spans(log.doing):
         length = span.end - span.begin
         did = ", ".join(
             f"{name or 'nothing'} {count / length:.0%}"
@@ -105,7 +105,7 @@ def _course(seen: Watcher, step_s: float) -> Iterator[str]:
         )
         inside = [
             (event, points)
-            for tick, event, points in seen.credits
+            for tick, event, points in log.credits
             if span.begin <= min(tick, last) < span.end
         ]
         times = Counter(event for event, _ in inside)
@@ -115,19 +115,19 @@ def _course(seen: Watcher, step_s: float) -> Iterator[str]:
         yield f"- {span.begin * step_s:.0f} to {span.end * step_s:.0f} s: {did}{tail}"
 
 
-def _never(seen: Watcher) -> Iterator[str]:
-    done = set(seen.doing)
-    never = dict.fromkeys(name for name in seen.actions if name and name not in done)
+def _never(log: EpisodeLog) -> Iterator[str]:
+    done = set(log.doing)
+    never = dict.fromkeys(name for name in log.actions if name and name not in done)
     if never:
         yield f"- hardly or never done, though in the tree: {', '.join(never)}"
 
 
-def _keys(seen: Watcher, domain: Domain) -> Iterator[str]:
+def _keys(log: EpisodeLog, domain: Domain) -> Iterator[str]:
     schema: Schema = domain.schema
-    if not seen.boards:
+    if not log.boards:
         return
     for place, (name, key) in enumerate(list(schema.vocabulary.keys.items())[:KEYS]):
-        values = [board[place] for board in seen.boards]
+        values = [board[place] for board in log.boards]
         if key.flag:
             yield f"- {name}: yes in {sum(v != 0 for v in values) / len(values):.0%} of the time"
             continue
