@@ -8,17 +8,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from islandgp.bt.builder import Builder
-from islandgp.bt.condition import Compound, Condition
 from islandgp.bt.includes import ParsedFile
 from islandgp.bt.language import built, files_of, words
-from islandgp.bt.node import Argument, Node
-from islandgp.bt.printer import Named, number_text
+from islandgp.bt.node import Node
+from islandgp.bt.printer import number_text
 from islandgp.bt.vocabulary import Vocabulary
 
 if TYPE_CHECKING:
@@ -103,54 +102,6 @@ def read(
         of_file = _Reader(part, builder).file({})
         included |= {d.name: d for d in of_file.definitions if isinstance(d, Definition)}
     return _Reader(parts[-1], builder).file(included)
-
-
-def expanded(file: File) -> Iterator[Written]:
-    """As written, each node of the tree that the file means, in document order.
-
-    A node of a named subtree comes as often as the subtree is used, with the numbers of that use;
-    one of an included subtree stands where it is used.
-    """
-    own = {d.name: d for d in file.definitions if isinstance(d, Definition)}
-
-    def visit(
-        written: Written, values: Mapping[str, float], place: Written | None
-    ) -> Iterator[Written]:
-        while written.node.kind == "use":
-            name, *given = written.node.args
-            definition = own.get(str(name)) or file.included[str(name)]
-            if definition.name not in own:
-                place = place or written
-            numbers = [_bound(value, values) for value in given]
-            values = dict(zip(definition.parameters, map(_as_number, numbers), strict=True))
-            written = definition.body
-        node = written.node
-        if values:
-            node = node._replace(args=tuple(_bound(each, values) for each in node.args))
-        at = place or written
-        yield replace(written, node=node, line=at.line, column=at.column)
-        for child in written.children:
-            yield from visit(child, values, place)
-
-    if file.root is not None:
-        yield from visit(file.root, {}, None)
-
-
-def _bound(value: Argument, values: Mapping[str, float]) -> Argument:
-    """An argument of a node with the values of parameters."""
-    if isinstance(value, Named):
-        return Named(value.name, values.get(value.name, value))
-    if isinstance(value, Condition):
-        return value._replace(number=_as_number(_bound(value.number, values)))
-    if isinstance(value, Compound):
-        parts = tuple(_bound(part, values) for part in value.parts)
-        return Compound(value.word, tuple(p for p in parts if isinstance(p, Condition | Compound)))
-    return value
-
-
-def _as_number(value: Argument) -> float:
-    assert isinstance(value, int | float)
-    return value
 
 
 class _Word(NamedTuple):
