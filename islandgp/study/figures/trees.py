@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node, depth, size
-from islandgp.bt.render import COLOURS, label
+from islandgp.bt.render import LOOKS, label
 from islandgp.study.arms import Comparison, Run
 from islandgp.study.figures.drawing import COLUMN, FAINT, WIDTH, Picture, picture
 from islandgp.study.library import library_names
@@ -183,7 +183,7 @@ def _column(axes: Axes, rows: list[OutlineRow], shown: range, scale: float) -> N
 def _node(axes: Axes, row: OutlineRow, place: int, scale: float) -> None:
     from matplotlib.patches import FancyBboxPatch
 
-    fill, _ = COLOURS[row.node.kind]  # its line has an arm's colour
+    fill = LOOKS[row.node.kind].fill  # its line has an arm's colour
     text, left = label(row.node), INDENT * row.level
     width = LETTER * len(text) + PADDING
     axes.add_patch(
