@@ -237,18 +237,18 @@ class Builder:
             args, first = (self._repeats(parts[1]),), 2
         return Node(kind, args), parts[first:]
 
-    def written(self, tree: _Tree, parameters: Sequence[str]) -> tuple[Node, Sequence[_Tree]]:
-        """A node of what has been built, as it is written, and the trees of its children.
+    def written(self, tree: _Tree, parameters: Sequence[str]) -> Node:
+        """A node of what has been built, as it is written, without its children.
 
         It stands in a subtree with these parameters. The number of a constant or a parameter is
         a `Named`, and a `use` is a node of the kind "use" with the subtree's name and numbers.
         """
         self._named, self._values = True, dict.fromkeys(parameters, 1.0)
         if tree.data != "use":
-            return self._head(tree)
+            return self._head(tree)[0]
         name, *given = tree.children
         numbers = [self._number(each) for part in given for each in part.children]
-        return Node("use", (str(name), *numbers)), ()
+        return Node("use", (str(name), *numbers))
 
     def _use(self, tree: _Tree, name: _Token, given: Sequence[_Token], level: int) -> Node:
         if name in self._templates:
