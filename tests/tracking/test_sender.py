@@ -166,7 +166,7 @@ def test_the_process_sends_a_run_and_ends_with_its_input(
     (run,) = store.client.search_runs([store.experiment])
     assert run.info.status == "KILLED"
     assert [step for step, _ in history(store, run.info.run_id)] == [0, 1, 2]
-    process = follows._line._sender._process
+    process = follows._client._sender._process
     assert os.getpgid(process.pid) != os.getpgid(0)  # Ctrl-C in a terminal does not reach it
     process.stdin.close()
     assert process.wait(60) == 0
@@ -183,7 +183,7 @@ def test_a_process_that_is_killed_is_made_again(
     follows.start(folder)
     for step in steps()[:3]:
         folder.append(step)
-    os.kill(follows._line._sender._process.pid, signal.SIGKILL)
+    os.kill(follows._client._sender._process.pid, signal.SIGKILL)
     assert follows.finish(Status.KILLED).endswith("ui shows it")
     folder.close()
     (run,) = store.client.search_runs([store.experiment])
