@@ -10,7 +10,7 @@ from benchmarks.figure import Effort, Figure, at_most
 from benchmarks.pinned import endless, example, points, settings
 from benchmarks.turns import medians, ratio, turns
 from islandgp.domains.island.episode import run_episode
-from islandgp.domains.island.schedule import write_script
+from islandgp.domains.island.schedule import draw_schedule
 from islandgp.domains.island.space import build_space
 from islandgp.domains.island.world import World
 
@@ -52,7 +52,7 @@ def _episode(world: World, seed: int) -> Callable[[], object]:
 
 def _bare(world: World, seed: int, steps: int) -> Callable[[], object]:
     """The same space with everybody in motion, and nobody who looks."""
-    physics = build_space(world, write_script(world, seed))
+    physics = build_space(world, draw_schedule(world, seed))
     for shape in physics.robot.shapes:
         shape.elasticity = 1.0
     physics.robot.velocity = (0.6 * world.robot.speed, 0.8 * world.robot.speed)

@@ -30,7 +30,7 @@ from islandgp.bt.condition import OPERATORS
 from islandgp.bt.includes import MAX_FILES
 from islandgp.bt.language import MAX_CHARACTERS, parse, to_text
 from islandgp.bt.node import ABORTS, KINDS, POLICIES, REPEATS
-from islandgp.bt.render import SYMBOLS
+from islandgp.bt.render import LOOKS
 from islandgp.commands.setting import configured
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.evaluation.base import Job, Problem, simulate
@@ -72,7 +72,7 @@ def tables() -> dict[str, str]:
             [
                 (
                     _WRITTEN.get(name, f"`{name} {{ ... }}`"),
-                    SYMBOLS[name],
+                    LOOKS[name].sign,
                     {0: "none", 1: "one"}.get(kind.children[1], "one or more"),
                     kind.meaning,
                 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from functools import cache
-from typing import Any, Final, NoReturn, TypeVar
+from typing import Any, Final, NoReturn, TypeVar, cast
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -62,6 +62,12 @@ def _validated(kind: Any, text: bytes) -> Any:
         at = ".".join(map(str, first["loc"][:8])) or "the whole"
         message = first["msg"]
         raise ValueError(f"{at:.100}: {message[0].lower()}{message[1:]:.100}") from None
+
+
+def typed(kind: type[T], plain: Any) -> T:
+    """The value of a dataclass from plain values that `must_fit`, with all that is inside it."""
+    adapter: TypeAdapter[T] = _adapter(cast("Any", kind))
+    return adapter.validate_python(plain)
 
 
 def _without_halves(text: str | bytes) -> bytes:

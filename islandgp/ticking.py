@@ -17,9 +17,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping
+from functools import cache, wraps
 from inspect import isgeneratorfunction
 from math import isfinite
-from typing import Any, ClassVar, Protocol, Self, TypeAlias
+from threading import local
+from typing import Any, ClassVar, ParamSpec, Protocol, Self, TypeAlias, TypeVar
 
 from pydantic import BaseModel
 
@@ -31,9 +33,26 @@ from islandgp.domain import Observer, Outcome, Scene, Schema
 from islandgp.errors import DomainError
 from islandgp.scoring.rewards import RewardTable, worth
 
-__all__ = ["RUNNING", "EventLog", "Leaf", "Simulation", "Stepped", "run_ticks"]
+__all__ = ["RUNNING", "EventLog", "Leaf", "Simulation", "Stepped", "once_a_thread", "run_ticks"]
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 Leaf: TypeAlias = Callable[[], int] | Callable[[], Generator[None, None, bool]]
+
+
+def once_a_thread(make: Callable[P, T]) -> Callable[P, T]:
+    """Makes something once in each thread for the same arguments, e.g. a simulator."""
+    of_thread = local()
+
+    @wraps(make)
+    def made(*args: P.args, **named: P.kwargs) -> T:
+        if not hasattr(of_thread, "made"):
+            of_thread.made = cache(make)
+        found: T = of_thread.made(*args, **named)
+        return found
+
+    return made
 
 
 class EventLog:

@@ -47,7 +47,7 @@ def _sender_in_this_process(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Loading MLflow takes seconds: the tests of this process do so once, and not in another."""
     monkeypatch.setattr(mlflow.MLflow, "sender", InThread)
     yield
-    mlflow.close_line()
+    mlflow.close_client()
 
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

@@ -9,7 +9,7 @@ from pymunk import Vec2d
 
 from islandgp.domains.island.events import Award, Event, EventLog
 from islandgp.domains.island.robot import steer
-from islandgp.domains.island.schedule import write_script
+from islandgp.domains.island.schedule import draw_schedule
 from islandgp.domains.island.space import build_space
 from islandgp.domains.island.world import ROCK_MARGIN, Point, World
 
@@ -28,16 +28,16 @@ class Island:
 
     def __init__(self, world: World, seed: int, award: Award) -> None:
         self.world = world
-        self.script = write_script(world, seed)
-        self.physics = build_space(world, self.script)
+        self.schedule = draw_schedule(world, seed)
+        self.physics = build_space(world, self.schedule)
         self.robot, self.people = self.physics.robot, self.physics.humanoids
         self.event_log = EventLog(award)
-        self.garbage = [Item(z.real, z.imag) for z in self.script.garbage]
+        self.garbage = [Item(z.real, z.imag) for z in self.schedule.garbage]
         self._lay_out()
         self.carried = np.zeros(len(self.people), dtype=int)  # items of each humanoid
         self.met = np.zeros(len(self.people), dtype=bool)  # humanoids seen before
         gap = world.robot.radius + ROCK_MARGIN
-        self.rocks = [(x, y, radius + gap) for x, y, radius in self.script.obstacles]
+        self.rocks = [(x, y, radius + gap) for x, y, radius in self.schedule.obstacles]
         self.step = self.spawn = self.turn = 0
         self.dt = world.episode.step
         self.stride = world.robot.speed * self.dt  # m a step
@@ -143,14 +143,14 @@ class Island:
         self._account()
 
     def _play_script(self) -> None:
-        while self.script.spawns[self.spawn][0] == self.step:
-            _, x, y = self.script.spawns[self.spawn]
+        while self.schedule.spawns[self.spawn][0] == self.step:
+            _, x, y = self.schedule.spawns[self.spawn]
             self.spawn += 1
             if len(self.garbage) < self.world.garbage.most:
                 self.garbage.append(Item(x, y))
                 self._lay_out()
-        while self.script.turns[self.turn][0] == self.step:
-            _, who, vx, vy = self.script.turns[self.turn]
+        while self.schedule.turns[self.turn][0] == self.step:
+            _, who, vx, vy = self.schedule.turns[self.turn]
             self.turn += 1
             self.people[who].velocity = (vx, vy)
             self.carried[who] = min(self.carried[who] + 1, self.world.humanoids.most_items)

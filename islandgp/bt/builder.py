@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from textwrap import shorten
 from typing import Any, Final, TypeAlias
@@ -34,11 +34,17 @@ NO_TREE: Final = Node("sequence")
 _NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?")
 
 
+_Places: TypeAlias = list[Any]
+"""Where nodes stand, in document order: a word, or (a subtree, its use)."""
+
+
 @dataclass(frozen=True, slots=True)
 class _Subtree:
     node: Node
     nodes: int  # expanded
     levels: int  # expanded
+    places: _Places
+    source: Source
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,14 +64,20 @@ class Builder:
     """
 
     def __init__(
-        self, source: Source, vocabulary: Vocabulary | None, *, marked: bool = False
+        self,
+        source: Source,
+        vocabulary: Vocabulary | None,
+        *,
+        marked: bool = False,
+        named: bool = False,
     ) -> None:
         """Without a vocabulary every name is an action, and every key a flag or a number.
 
-        Marked: the root of a subtree that is used is a `Used`.
+        Marked: the root of a subtree that is used is a `Used`. Named: the numbers of constants
+        and parameters are `Named`.
         """
         self._marked = marked
-        self._named = False  # whether numbers of constants and parameters keep their names
+        self._named = named
         self._source = source
         self._vocabulary = vocabulary
         self._subtrees: dict[str, _Subtree] = {}
@@ -80,6 +92,7 @@ class Builder:
         self._base = 1  # level of the root of what is being built
         self._name = ""  # of the subtree that is being built
         self._terms = 0  # of the condition that is being built
+        self._places: _Places = []  # of the tree that is being built
 
     def build(self, parts: Sequence[ParsedFile]) -> Node:
         """The Node of the last part's tree; raises TreeError for whatever is wrong in the text."""
@@ -119,7 +132,7 @@ class Builder:
             self._define_with(name, before[0].children, body)
         else:
             node = self._whole(body, name)
-            self._subtrees[str(name)] = _Subtree(node, self.nodes, self.levels)
+            self._subtrees[str(name)] = self._finished(node)
         self._later.discard(str(name))
 
     def _define_with(self, name: _Token, parameters: Sequence[_Token], body: _Tree) -> None:
@@ -156,28 +169,53 @@ class Builder:
                 kind=LimitError,
             )
         kept = self._source, self._values, self._name, self._base
-        sizes = self.nodes, self.levels
+        outside = self.nodes, self.levels, self._places
         self._source = template.source
         self._values = dict(zip(template.parameters, values, strict=True))
         self._open += 1
         node = self._whole(template.body, str(name), self._base + level - 1)
         self._open -= 1
+        found = self._instances[key] = self._finished(node)
         self._source, self._values, self._name, self._base = kept
-        found = self._instances[key] = _Subtree(node, self.nodes, self.levels)
-        self.nodes, self.levels = sizes
+        self.nodes, self.levels, self._places = outside
         return found
+
+    def _finished(self, node: Node) -> _Subtree:
+        return _Subtree(node, self.nodes, self.levels, self._places, self._source)
 
     def _whole(self, tree: _Tree, name: str = "", base: int = 1) -> Node:
         """A tree whose root is on the level `base` of all that is being built."""
         self.nodes = self.levels = 0
-        self._name, self._base = name, base
+        self._name, self._base, self._places = name, base, []
         return self._node(tree, 1)
+
+    def places(self) -> list[tuple[int, int]]:
+        """Line and column of each node of the tree that was built, in document order.
+
+        A node of an included subtree stands where that is used. The grammar's trees must be placed.
+        """
+        found: list[tuple[int, int]] = []
+        inside: list[tuple[Iterator[Any], tuple[int, int] | None]] = [(iter(self._places), None)]
+        while inside:
+            rest, at = inside[-1]
+            for each in rest:
+                if isinstance(each, tuple):
+                    subtree, use = each
+                    own = subtree.source is self._source
+                    here = at or (None if own else (use.meta.line, use.meta.column))
+                    inside.append((iter(subtree.places), here))
+                    break
+                found.append(at or (each.line, each.column))
+            else:
+                inside.pop()
+        return found
 
     def _node(self, tree: _Tree, level: int) -> Node:
         kind, parts = str(tree.data), tree.children
         if kind == "use":
-            return self._use(parts[0], parts[1].children if parts[1:] else [], level)
+            return self._use(tree, parts[0], parts[1].children if parts[1:] else [], level)
         self._count(parts[0], nodes=1, deepest=level)
+        self._places.append(parts[0])
         node, below = self._head(tree)
         return node._replace(children=tuple([self._node(part, level + 1) for part in below]))
 
@@ -199,20 +237,20 @@ class Builder:
             args, first = (self._repeats(parts[1]),), 2
         return Node(kind, args), parts[first:]
 
-    def written(self, tree: _Tree, parameters: Sequence[str]) -> tuple[Node, Sequence[_Tree]]:
-        """A node of what has been built, as it is written, and the trees of its children.
+    def written(self, tree: _Tree, parameters: Sequence[str]) -> Node:
+        """A node of what has been built, as it is written, without its children.
 
         It stands in a subtree with these parameters. The number of a constant or a parameter is
         a `Named`, and a `use` is a node of the kind "use" with the subtree's name and numbers.
         """
         self._named, self._values = True, dict.fromkeys(parameters, 1.0)
         if tree.data != "use":
-            return self._head(tree)
+            return self._head(tree)[0]
         name, *given = tree.children
         numbers = [self._number(each) for part in given for each in part.children]
-        return Node("use", (str(name), *numbers)), ()
+        return Node("use", (str(name), *numbers))
 
-    def _use(self, name: _Token, given: Sequence[_Token], level: int) -> Node:
+    def _use(self, tree: _Tree, name: _Token, given: Sequence[_Token], level: int) -> Node:
         if name in self._templates:
             subtree = self._instance(name, given, level)
         elif name not in self._subtrees:
@@ -224,6 +262,7 @@ class Builder:
         else:
             subtree = self._subtrees[str(name)]
         self._count(name, nodes=subtree.nodes, deepest=level + subtree.levels - 1)
+        self._places.append((subtree, tree))
         if not self._marked:
             return subtree.node
         return Used.of(subtree.node, use_text(str(name), [self._number(each) for each in given]))
@@ -317,21 +356,18 @@ class Builder:
 
     def _repeats(self, token: _Token) -> float:
         fewest, most = REPEATS
-        count = 0
+        count = 0.0
         if token.type == "NAME":
-            value = self._number(token)
-            if self._named:
-                return value
-            count = int(value) if value == int(value) else 0
+            count = self._number(token)
         elif token.isdecimal() and len(token) < 10:
             count = int(token)
-        if not fewest <= count <= most:
+        if count != int(count) or not fewest <= count <= most:
             raise self._source.error_at(
                 token,
                 f"a repeater can't repeat {shown(token)} times",
                 expected=f"a whole number from {fewest} to {most}",
             )
-        return count
+        return count if isinstance(count, Named) else int(count)
 
     def _unknown_number(self, name: _Token) -> TreeError:
         names = {**self._values, **self._constants}

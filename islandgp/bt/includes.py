@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from islandgp.bt.source import Source, shown
+from islandgp.bt.source import Source, plain, shown
 from islandgp.errors import LimitError
 
 _INCLUDE: Final = re.compile(r'^\s*include\s*"([^"\n]+)"', re.MULTILINE)
@@ -155,7 +155,7 @@ def _text(source: Source, token: Any, path: Path, most: int) -> str:
             expected="fewer characters; all files together count as one",
             kind=LimitError,
         )
-    return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
+    return plain(text)
 
 
 def _shown(path: Path, folder: Path | None) -> str:

@@ -10,38 +10,25 @@ import re
 from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from islandgp.bt.builder import MAX_LEVELS, MAX_NODES, MAX_NUMBER, Builder
+from islandgp.bt.builder import MAX_LEVELS as MAX_LEVELS
+from islandgp.bt.builder import MAX_NODES as MAX_NODES
+from islandgp.bt.builder import MAX_NUMBER as MAX_NUMBER
+from islandgp.bt.builder import Builder
 from islandgp.bt.condition import Asked
 from islandgp.bt.diagnosis import syntax_error
 from islandgp.bt.includes import ParsedFile, gathered
 from islandgp.bt.node import Node
-from islandgp.bt.printer import to_text
+from islandgp.bt.printer import to_text as to_text
 from islandgp.bt.source import Source, shown
+from islandgp.bt.source import plain as plain
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.errors import DomainError, LimitError
 from islandgp.resources import resource
 
 if TYPE_CHECKING:
     from lark import Lark, Token
-
-__all__ = [
-    "MAX_CHARACTERS",
-    "MAX_LEVELS",
-    "MAX_NODES",
-    "MAX_NUMBER",
-    "built",
-    "domain_of",
-    "domain_place",
-    "files_of",
-    "following",
-    "parse",
-    "parse_condition",
-    "plain",
-    "to_text",
-    "words",
-]
 
 MAX_CHARACTERS: Final = 100_000  # of a text
 _GAP: Final = r"(?:[ \t\n]|#[^\n]*+)"  # between two words; possessive, so that it cannot backtrack
@@ -119,6 +106,28 @@ def built(builder: Builder, parts: Sequence[ParsedFile]) -> Node:
     alone = len(parts) == 1 and len(parts[0].tree.children) == 1
     _check_length(parts[-1].source, node, expanded=not alone, indents=size)
     return node
+
+
+class PlacedTree(NamedTuple):
+    """The tree that a text means, with the names of its constants and parameters."""
+
+    node: Node
+    places: list[tuple[int, int]]  # line and column of each node, in document order
+    file: Any  # lark.Tree of the text
+
+
+def parse_placed(
+    text: str,
+    vocabulary: Vocabulary | None = None,
+    *,
+    name: str = "<tree>",
+    folder: Path | None = None,
+) -> PlacedTree:
+    """The tree of a text, and where its nodes are written. Arguments and errors as in `parse`."""
+    parts = files_of(text, vocabulary, name=name, folder=folder, placed=True)
+    built(Builder(parts[-1].source, vocabulary), parts)
+    builder = Builder(parts[-1].source, vocabulary, named=True)
+    return PlacedTree(builder.build(parts), builder.places(), parts[-1].tree)
 
 
 def _parsed(source: Source, rule: str, vocabulary: Vocabulary | None, placed: bool) -> Any:
@@ -199,11 +208,6 @@ def _check_domain(source: Source, name: Token, vocabulary: Vocabulary | None) ->
             expected=f"domain {vocabulary.domain}, or a command with domain={name}",
         )
         raise DomainError(str(message))
-
-
-def plain(text: str) -> str:
-    """The text with line ends "\\n" and without a byte order mark: what places are counted in."""
-    return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
 
 
 def words(text: str) -> Iterator[Token]:

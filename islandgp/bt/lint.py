@@ -8,17 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
-from typing import Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 from islandgp.bt.condition import Asked, terms
-from islandgp.bt.language import plain
+from islandgp.bt.language import parse_placed, plain
 from islandgp.bt.node import FAILURE, Node, condition_of, size
 from islandgp.bt.outcomes import HANDS_OVER, ends, never
 from islandgp.bt.printer import condition_text, head
 from islandgp.bt.source import Source
-from islandgp.bt.syntax import Definition, File, Written, expanded, read
 from islandgp.bt.truth import (
     Standing,
     below,
@@ -59,13 +57,8 @@ class LintWarning:
 
     def text(self, source: str, *, name: str) -> str:
         """The warning with the offending line and a caret, in the form of errors."""
-        written = Source(_plain(source), name)
+        written = Source(plain(source), name)
         return str(written.error(f"warning: {self.message}", self.line, self.column))
-
-
-@lru_cache(maxsize=1)
-def _plain(text: str) -> str:
-    return plain(text)
 
 
 class _Place(NamedTuple):
@@ -86,31 +79,19 @@ def warnings(
     Raises:
         TreeError: the text is not a tree of the language.
     """
-    file = read(text, vocabulary, name=name, folder=folder)
-    written = list(expanded(file))
+    tree, written, file = parse_placed(text, vocabulary, name=name, folder=folder)
     found = set(_unused(file))
     cold: set[int] = set()  # places below a node that never runs: one warning is enough
-    places = list(_places(_tree(written), root_of(vocabulary), ()))
+    places = list(_places(tree, root_of(vocabulary), ()))
     course = _Course(places)
     for index, place in enumerate(places):
         if index in cold:
             continue
         for at, code, message in _about(place, index, course):
-            found.add(LintWarning(written[at].line, written[at].column, message, code))
+            found.add(LintWarning(*written[at], message, code))
             if code == "unreachable":
                 cold.update(range(at, at + size(places[at].node)))
     return sorted(found)
-
-
-def _tree(written: Sequence[Written]) -> Node:
-    """The expanded tree of its nodes in document order."""
-    rest = iter(written)
-
-    def build() -> Node:
-        one = next(rest)
-        return one.node._replace(children=tuple(build() for _ in one.children))
-
-    return build()
 
 
 def _places(node: Node, standing: Standing, above: Above) -> Iterator[_Place]:
@@ -119,21 +100,14 @@ def _places(node: Node, standing: Standing, above: Above) -> Iterator[_Place]:
         yield from _places(child, below(node, standing, index), (*above, (node, index)))
 
 
-def _unused(file: File) -> Iterator[LintWarning]:
-    used = {w.node.args[0] for w in _all(file) if w.node.kind == "use"}
-    for definition in file.definitions:
-        if isinstance(definition, Definition) and definition.name not in used:
-            message = f"subtree {definition.name!r} is never used"
-            yield LintWarning(definition.line, definition.column, message, "unused-subtree")
-
-
-def _all(file: File) -> Iterator[Written]:
-    waiting = [d.body for d in file.definitions if isinstance(d, Definition)]
-    waiting += [file.root] if file.root is not None else []
-    while waiting:
-        written = waiting.pop()
-        yield written
-        waiting += written.children
+def _unused(file: Any) -> Iterator[LintWarning]:
+    """Subtrees that a file defines and never uses; `file`: as the grammar has it."""
+    used = {str(use.children[0]) for use in file.find_data("use")}
+    for subtree in file.find_data("subtree"):
+        name = subtree.children[0]
+        if name not in used:
+            message = f"subtree {str(name)!r} is never used"
+            yield LintWarning(name.line, name.column, message, "unused-subtree")
 
 
 def _about(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, str]]:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
-from islandgp.bt.condition import OPERATORS, terms
-from islandgp.bt.language import plain, words
-from islandgp.bt.node import condition_of
-from islandgp.bt.printer import Named, number_text
-from islandgp.bt.syntax import Definition, File, Statement, Written, read
+from islandgp.bt.builder import Builder
+from islandgp.bt.language import built, files_of, plain
+from islandgp.bt.printer import number_text
 from islandgp.bt.vocabulary import Vocabulary
 
 REPEATS: Final = "repeater"
@@ -41,13 +39,23 @@ def numbers_of(
 
     `name` and `folder` are those of `parse`. Raises TreeError as `parse` does.
     """
-    file = read(text, vocabulary, name=name, folder=folder)
-    tokens = [word for word in words(text) if word.type == "NUMBER"]
-    return [
-        Number(label, float(token), purposes, token.line or 1, start, start + len(token))
-        for (label, purposes), token in zip(_slots(file), tokens, strict=True)
-        if (start := token.start_pos) is not None
-    ]
+    parts = files_of(text, vocabulary, name=name, folder=folder)
+    built(Builder(parts[-1].source, vocabulary), parts)
+    taken: dict[str, dict[str, Purposes]] = {}  # by subtree and parameter
+    slots: list[_Slot] = []
+    for part in parts:  # the text itself is the last
+        slots = [slot for tree in part.tree.children for slot in _slots(tree, taken)]
+    of_constants: dict[str, Purposes] = {}
+    found: list[Number] = []
+    for label, purposes, word, constant in reversed(slots):  # defined before it is used
+        if constant:
+            purposes = of_constants.get(constant, _NONE)
+        if word.type == "NAME":
+            of_constants[str(word)] = of_constants.get(str(word), _NONE) | purposes
+        else:
+            place = word.line, word.start_pos, word.end_pos
+            found.append(Number(label, float(word), purposes, *place))
+    return found[::-1]
 
 
 def with_numbers(text: str, numbers: Sequence[Number], values: Sequence[float]) -> str:
@@ -61,73 +69,42 @@ def with_numbers(text: str, numbers: Sequence[Number], values: Sequence[float]) 
     return "".join([*parts, text[end:]])
 
 
-@dataclass(frozen=True, slots=True)
-class _Slot:
+class _Slot(NamedTuple):
     """A place where a number is wanted."""
 
     label: str
     purposes: Purposes
-    named: str = ""  # the constant or the parameter that stands there
+    word: Any  # lark.Token: a number, or the name of a constant or a parameter
     constant: str = ""  # the constant whose value it is
 
 
-def _slots(file: File) -> list[tuple[str, Purposes]]:
-    """Label and purposes of each number that is written out, in the file's order."""
-    taken: dict[str, dict[str, Purposes]] = {}  # by subtree and parameter
-    for definition in file.included.values():
-        list(_defined(definition, taken))
-    slots: list[_Slot] = []
-    for part in file.definitions:
-        slots += [_constant(part)] if isinstance(part, Statement) else _defined(part, taken)
-    if file.root is not None:
-        slots += _inside(file.root, taken)
-    of_constants: dict[str, Purposes] = {}
-    found: list[tuple[str, Purposes]] = []
-    for slot in reversed(slots):  # a constant is defined before it is used
-        if slot.constant:
-            slot = replace(slot, purposes=of_constants.get(slot.constant, _NONE))
-        if slot.named:
-            of_constants[slot.named] = of_constants.get(slot.named, _NONE) | slot.purposes
-        else:
-            found.append((slot.label, slot.purposes))
-    return found[::-1]
+def _slots(tree: Any, taken: dict[str, dict[str, Purposes]]) -> Iterator[_Slot]:
+    """The slots in a lark.Tree, in order, but those of a subtree's own parameters.
 
-
-def _constant(line: Statement) -> _Slot:
-    """`constant low = 20`, or with the name of another constant."""
-    _, name, _, value = line.text.split()
-    named = value if value[0].isalpha() or value[0] == "_" else ""
-    return _Slot(f"constant {name} =", _NONE, named, name)
-
-
-def _defined(definition: Definition, taken: dict[str, dict[str, Purposes]]) -> Iterator[_Slot]:
-    """The slots of a subtree but those of its parameters, whose purposes are put into `taken`."""
-    own = dict.fromkeys(definition.parameters, _NONE)
-    for slot in list(_inside(definition.body, taken)):
-        if slot.named in own:
-            own[slot.named] |= slot.purposes
-        else:
-            yield slot
-    taken[definition.name] = own
-
-
-def _inside(written: Written, taken: Mapping[str, Mapping[str, Purposes]]) -> Iterator[_Slot]:
-    """The slots of a node and of those below it."""
-    node = written.node
-    if node.kind == "when":
-        for term in terms(condition_of(node)):
-            if term.operator in OPERATORS:
-                label = f"{term.key} {term.operator}"
-                yield _Slot(label, frozenset({term.key}), _name_of(term.number))
-    elif node.kind == "repeater":
-        yield _Slot("repeater", frozenset({REPEATS}), _name_of(node.args[0]))
-    elif node.kind == "use":
-        subtree, *given = node.args
-        for value, (parameter, purposes) in zip(given, taken[str(subtree)].items(), strict=False):
-            yield _Slot(f"use {subtree}: {parameter} =", purposes, _name_of(value))
-    for child in written.children:
-        yield from _inside(child, taken)
-
-
-def _name_of(value: object) -> str:
-    return value.name if isinstance(value, Named) else ""
+    The purposes of the latter are put into `taken`.
+    """
+    match str(tree.data), tree.children:
+        case "subtree", [name, *parameters, body]:
+            own = {str(word): _NONE for each in parameters for word in each.children}
+            for slot in list(_slots(body, taken)):
+                if slot.word in own:
+                    own[str(slot.word)] |= slot.purposes
+                else:
+                    yield slot
+            taken[str(name)] = own
+        case "constant", [name, word]:
+            yield _Slot(f"constant {name} =", _NONE, word, str(name))
+        case "comparison", [key, operator, word]:
+            yield _Slot(f"{key} {operator}", frozenset({str(key)}), word)
+        case "use", [name, given]:
+            for (parameter, purposes), word in zip(
+                taken[name].items(), given.children, strict=True
+            ):
+                yield _Slot(f"use {name}: {parameter} =", purposes, word)
+        case "repeater", [_, word, child]:
+            yield _Slot("repeater", frozenset({REPEATS}), word)
+            yield from _slots(child, taken)
+        case _, parts:
+            for part in parts:
+                if hasattr(part, "children"):  # no word
+                    yield from _slots(part, taken)

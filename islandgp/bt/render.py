@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 from itertools import count
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from islandgp.bt.node import KINDS, Node, walk
 from islandgp.bt.printer import head
@@ -19,34 +19,33 @@ from islandgp.bt.printer import head
 if TYPE_CHECKING:
     from rich.text import Text
 
-SYMBOLS: Final[dict[str, str]] = {
-    "selector": "?",
-    "sequence": "\N{RIGHTWARDS ARROW}",
-    "parallel": "\N{RIGHTWARDS PAIRED ARROWS}",
-    "inverter": "\N{NOT SIGN}",
-    "repeater": "\N{CLOCKWISE OPEN CIRCLE ARROW}",
-    "when": "\N{WHITE DIAMOND}",
-    "action": "",
+
+class Look(NamedTuple):
+    """How the nodes of a kind are drawn; kinds differ in shape and sign too."""
+
+    sign: str  # as the literature draws it
+    style: str  # of rich; a terminal without colours shows the same text
+    fill: str
+    line: str
+    dot: str = "box"  # shape of Graphviz
+    mermaid: tuple[str, str] = ("[", "]")  # brackets around its label
+
+
+LOOKS: Final[dict[str, Look]] = {
+    "selector": Look("?", "bold cyan", "#d7ecfa", "#0072b2"),
+    "sequence": Look("\N{RIGHTWARDS ARROW}", "bold blue", "#dfe6f7", "#3f5fa8"),
+    "parallel": Look("\N{RIGHTWARDS PAIRED ARROWS}", "bold magenta", "#f3e0ec", "#a8437e"),
+    "inverter": Look("\N{NOT SIGN}", "red", "#fbe3d6", "#d55e00"),
+    "repeater": Look("\N{CLOCKWISE OPEN CIRCLE ARROW}", "magenta", "#efe3f5", "#7f4fa3"),
+    "when": Look("\N{WHITE DIAMOND}", "yellow", "#fdf0cf", "#b57a00", "hexagon", ("{{", "}}")),
+    "action": Look("", "green", "#d6f1e6", "#00775a", "ellipse", ("([", "])")),
 }
-"""A sign per kind of node, as the literature draws them."""
 
 
 def label(node: Node) -> str:
     """One line that names a node: its sign and its canonical head."""
     text = head(node).removeprefix("when ")
-    return f"{SYMBOLS[node.kind]} {text}".strip()
-
-
-STYLES: Final[dict[str, str]] = {
-    "selector": "bold cyan",
-    "sequence": "bold blue",
-    "parallel": "bold magenta",
-    "inverter": "red",
-    "repeater": "magenta",
-    "when": "yellow",
-    "action": "green",
-}
-"""How rich colours each kind; a terminal without colours shows the same text."""
+    return f"{LOOKS[node.kind].sign} {text}".strip()
 
 
 def branches(node: Node, before: str = "", below: str = "") -> Iterator[tuple[str, Node]]:
@@ -71,7 +70,7 @@ def to_rich(tree: Node, notes: Sequence[Text] | None = None) -> Text:
     from rich.text import Text
 
     drawn = [
-        Text().append(before, "dim").append(label(node), STYLES[node.kind])
+        Text().append(before, "dim").append(label(node), LOOKS[node.kind].style)
         for before, node in branches(tree)
     ]
     if notes is not None:
@@ -135,17 +134,6 @@ def _rows(tree: Node) -> tuple[list[float], list[int]]:
     return rows, parents
 
 
-COLOURS: Final[dict[str, tuple[str, str]]] = {
-    "selector": ("#d7ecfa", "#0072b2"),
-    "sequence": ("#dfe6f7", "#3f5fa8"),
-    "parallel": ("#f3e0ec", "#a8437e"),
-    "inverter": ("#fbe3d6", "#d55e00"),
-    "repeater": ("#efe3f5", "#7f4fa3"),
-    "when": ("#fdf0cf", "#b57a00"),
-    "action": ("#d6f1e6", "#00775a"),
-}
-"""Fill and line of each kind of node; kinds differ in shape and sign too."""
-
 FONT: Final = "ui-monospace,'DejaVu Sans Mono',Menlo,Consolas,monospace"
 
 
@@ -153,7 +141,7 @@ def to_svg(tree: Node) -> str:
     """The picture as the text of an SVG file."""
     boxes, width, height = lay_out(tree)
     style = "".join(
-        f".{kind} path{{fill:{fill};stroke:{stroke}}}" for kind, (fill, stroke) in COLOURS.items()
+        f".{kind} path{{fill:{look.fill};stroke:{look.line}}}" for kind, look in LOOKS.items()
     )
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:g}" height="{height:g}"'
@@ -206,11 +194,6 @@ def _outline(kind: str, width: float) -> str:
     )
 
 
-_DOT_SHAPES: Final = {"when": "hexagon", "action": "ellipse"}
-_MERMAID_SHAPES: Final[dict[str, tuple[str, str]]] = {
-    "when": ("{{", "}}"),
-    "action": ("([", "])"),
-}
 _ESCAPES: Final = str.maketrans({"<": "&lt;", ">": "&gt;", '"': "&quot;"})
 
 
@@ -229,9 +212,9 @@ def to_dot(tree: Node) -> str:
 
 def _dot_lines(tree: Node) -> Iterator[str]:
     for name, node, parent in _named(tree, count()):
-        fill, stroke = COLOURS[node.kind]
-        look = f'shape={_DOT_SHAPES.get(node.kind, "box")}, fillcolor="{fill}", color="{stroke}"'
-        yield f'  {name} [label="{label(node)}", {look}]'
+        look = LOOKS[node.kind]
+        drawn = f'shape={look.dot}, fillcolor="{look.fill}", color="{look.line}"'
+        yield f'  {name} [label="{label(node)}", {drawn}]'
         if parent:
             yield f"  {parent} -> {name}"
 
@@ -248,10 +231,10 @@ def to_mermaid(tree: Node) -> str:
     """The text of a flowchart; nodes are n0, n1, ... in document order."""
     lines = ["flowchart TD"]
     for name, node, parent in _named(tree, count()):
-        left, right = _MERMAID_SHAPES.get(node.kind, ("[", "]"))
+        left, right = LOOKS[node.kind].mermaid
         lines.append(f'  {name}{left}"{label(node).translate(_ESCAPES)}"{right}:::{node.kind}')
         if parent:
             lines.append(f"  {parent} --- {name}")
-    for kind, (fill, stroke) in COLOURS.items():
-        lines.append(f"  classDef {kind} fill:{fill},stroke:{stroke},color:#1b2733")
+    for kind, look in LOOKS.items():
+        lines.append(f"  classDef {kind} fill:{look.fill},stroke:{look.line},color:#1b2733")
     return "\n".join(lines) + "\n"

@@ -73,6 +73,12 @@ class Source:
 
 
 @lru_cache(maxsize=1)  # a file may have thousands of warnings
+def plain(text: str) -> str:
+    """The text with line ends "\\n" and without a byte order mark: what places are counted in."""
+    return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
+
+
+@lru_cache(maxsize=1)
 def _lines(text: str) -> list[str]:
     return text.split("\n")
 

@@ -252,7 +252,8 @@ def _lines(error: ValidationError, config: Mapping[str, Any]) -> Iterator[str]:
             continue  # what is wrong in an item is not counted
         if e["loc"][0:1] == ("tags",) and e["loc"][-1] != "[key]":
             name = f"tags.{e['loc'][1]}" if e["loc"][1:] else "tags"
-            yield f"{name}={e['input']!r}: expected text, a number, true or false; give one of these"
+            given = f"{name}={e['input']!r}"
+            yield f"{given}: expected text, a number, true or false; give one of these"
             continue
         path = ".".join(str(part) for part in e["loc"])
         message = e["msg"].removeprefix("Value error, ")

@@ -11,7 +11,7 @@ import json
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from itertools import islice
 from pathlib import Path
 from shutil import copymode
@@ -23,14 +23,8 @@ from pydantic import Field
 from islandgp.bt.language import parse, to_text
 from islandgp.errors import RunError, TreeError, brief
 from islandgp.evolution.population import Ancestor, Individual, Origin
-from islandgp.evolution.record import (
-    Champion,
-    GenerationRecord,
-    GuidanceRecord,
-    IndividualRecord,
-    RunState,
-)
-from islandgp.plain import UNREADABLE, must_fit, read_json
+from islandgp.evolution.record import Champion, RunState
+from islandgp.plain import UNREADABLE, must_fit, read_json, typed
 from islandgp.scoring.snapshot import Snapshot
 
 
@@ -213,41 +207,10 @@ def state_of(plain: dict[str, Any], history: Iterable[Snapshot]) -> RunState:
             name: Ancestor(**{**a, "tree": parse(a["tree"])})
             for name, a in plain["archive"].items()
         },
-        champion=None
-        if champion is None
-        else Champion(champion["generation"], individual_record(champion["record"])),
+        champion=None if champion is None else typed(Champion, champion),
     )
 
 
 def _individual(plain: dict[str, Any]) -> Individual:
-    return Individual(
-        id=plain["id"],
-        tree=parse(plain["tree"]),
-        origin=Origin(plain["origin"]),
-        parents=tuple(plain["parents"]),
-        mutation=plain["mutation"],
-    )
-
-
-def individual_record(plain: dict[str, Any]) -> IndividualRecord:
-    """An individual's line from its JSON."""
-    lists = ("parents", "tiers", "endings")
-    return IndividualRecord(**{**plain, **{name: tuple(plain[name]) for name in lists}})
-
-
-def snapshot(plain: dict[str, Any]) -> Snapshot:
-    """A generation in numbers from its JSON; older records hold some numbers twice."""
-    return Snapshot(**{field.name: plain[field.name] for field in fields(Snapshot)})
-
-
-def generation_record(plain: dict[str, Any]) -> GenerationRecord:
-    """A generation's record from its JSON."""
-    guidance = plain["guidance"]
-    return GenerationRecord(
-        snapshot=snapshot(plain["snapshot"]),
-        worlds=tuple(plain["worlds"]),
-        origins=plain["origins"],
-        stagnant_generations=plain["stagnant_generations"],
-        individuals=tuple(map(individual_record, plain["individuals"])),
-        guidance=None if guidance is None else GuidanceRecord(**guidance),
-    )
+    own = {"origin": Origin(plain["origin"]), "parents": tuple(plain["parents"])}
+    return Individual(**{**plain, **own, "tree": parse(plain["tree"])})

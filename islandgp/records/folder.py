@@ -31,14 +31,13 @@ from filelock import FileLock, Timeout
 
 from islandgp.errors import BusyError, IslandError, RunError
 from islandgp.evolution.record import Cost, GenerationRecord, RunState, Step
+from islandgp.plain import typed
 from islandgp.records.checkpoint import (
     damaged,
-    generation_record,
     read_checkpoint,
     reading,
     remove_leftovers,
     save_state,
-    snapshot,
     state_of,
     usable,
     write_atomic,
@@ -60,6 +59,7 @@ from islandgp.records.lines import (
     wrong_record,
 )
 from islandgp.records.parameters import without_credentials
+from islandgp.scoring.snapshot import Snapshot
 
 LINEAGE: Final = (
     "generation",
@@ -263,7 +263,7 @@ class RunFolder:
         for i, line in enumerate(self._costs.head(len(lines))):
             self._costs.value(line, i)
         with reading("a checkpoint", file):
-            state = state_of(plain, (snapshot(record["snapshot"]) for record in history))
+            state = state_of(plain, (typed(Snapshot, record["snapshot"]) for record in history))
         return state, expected is not None
 
     def restore(self) -> None:
@@ -346,7 +346,7 @@ class RunFolder:
 
     def generations(self) -> Iterator[GenerationRecord]:
         """The same, as the loop made them. Raises RunError."""
-        return map(generation_record, self.checked_records())
+        return (typed(GenerationRecord, record) for record in self.checked_records())
 
     def costs(self, first: int = 0) -> Iterator[dict[str, Any]]:
         """What the generations took, from the `first` on; `at` is ms since 1970."""

@@ -26,7 +26,7 @@ from islandgp.records.folder import RunFolder, Status, locked, take
 class SweepJob:
     """One job of a sweep."""
 
-    slot: str  # the folder that its configuration names; "" in files of earlier versions
+    slot: str  # the folder that its configuration names
     folder: str  # the run's folder inside the sweep's: the slot, or a new one beside it
     supervisor: str
     seed: int
@@ -107,19 +107,16 @@ class SweepFolder:
         if not path.exists():
             return None
         try:
-            plain = read_json(path.read_bytes())
-            jobs = tuple(
-                SweepJob(**{"slot": "", **job, "choices": tuple(job["choices"])})
-                for job in plain["jobs"]
-            )
-            found = SweepFile(**{**plain, "commands": tuple(plain["commands"]), "jobs": jobs})
-            must_fit(SweepFile, json.dumps(asdict(found)))
+            text = path.read_bytes()
+            must_fit(SweepFile, text)
+            plain = read_json(text)
+            jobs = (SweepJob(**{**j, "choices": tuple(j["choices"])}) for j in plain["jobs"])
+            return SweepFile(**{**plain, "commands": tuple(plain["commands"]), "jobs": tuple(jobs)})
         except UNREADABLE as error:
             raise RunError(
                 f"Expected the jobs of a sweep in {path}, found a damaged file ({brief(error)});"
                 " delete it: the runs beside it stay as they are."
             ) from error
-        return found
 
     def run(self, job: SweepJob) -> RunFolder:
         """A job's own folder."""
@@ -142,18 +139,8 @@ class SweepFolder:
 
 
 def _merged(old: Sequence[SweepJob], new: Sequence[SweepJob]) -> tuple[SweepJob, ...]:
-    """All jobs, a new one in the place of the old one of its slot.
-
-    An old job without a slot has that of the new job that is the same, or else its own folder.
-    """
-    slots = {_what(job): job.slot for job in new}
-    placed = {job.slot or slots.get(_what(job), job.folder): job for job in old}
-    return tuple((placed | {job.slot: job for job in new}).values())
-
-
-def _what(job: SweepJob) -> tuple[str, int, frozenset[str]]:
-    """What a job was asked to be."""
-    return job.supervisor, job.seed, frozenset(job.choices)
+    """All jobs, a new one in the place of the old one of its slot."""
+    return tuple({job.slot: job for job in (*old, *new)}.values())
 
 
 def arm_of(folder: Path) -> str:

@@ -18,8 +18,7 @@ import yaml
 from islandgp.errors import RunError, StudyError, brief
 from islandgp.evaluation.base import check_version
 from islandgp.evolution.record import Champion, Cost
-from islandgp.plain import UNREADABLE
-from islandgp.records.checkpoint import individual_record
+from islandgp.plain import UNREADABLE, typed
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import flatten
 from islandgp.study.arms import Arm, Run
@@ -77,7 +76,7 @@ def read(found: Found) -> Run:
             flat=found.flat,
             records=tuple(folder.generations()),
             costs=tuple(_cost(plain) for plain in folder.costs()),
-            champion=Champion(champion["generation"], individual_record(champion["record"])),
+            champion=typed(Champion, champion),
             validation=tuple((champion["validation"] or {"worlds": ()})["worlds"]),
         )
     except RunError as error:

@@ -6,14 +6,14 @@ third answer; then the same run again from its transcript, with no server.
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from islandgp.records.folder import RunFolder
 from islandgp.running.app import main
 from islandgp.testing.faults import Fault, every
 from islandgp.testing.server import MessagesServer
@@ -55,7 +55,8 @@ def demo(overrides: Sequence[str]) -> int:
     if code:
         return code
     live = _folder(home / "live")
-    _tell(_lines(live / "generations.jsonl"), _lines(live / "costs.jsonl")[-1]["llm"], asked)
+    *_, cost = RunFolder(live).costs()
+    _tell(RunFolder(live).records(), cost["llm"], asked)
     print(f"\nEvery question and answer: {live / 'transcript.jsonl'}")
     print("\nThe same run again from that transcript, with the server gone:\n")
     record = f"supervisor.policy.transcript='{live}'"  # quoted: the path has a "=" in it
@@ -72,11 +73,7 @@ def _folder(runs: Path) -> Path:
     return next(runs.glob("*/*/generations.jsonl")).parent
 
 
-def _lines(file: Path) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
-
-
-def _tell(records: Sequence[dict[str, Any]], spent: dict[str, float], asked: int) -> None:
+def _tell(records: Iterable[dict[str, Any]], spent: dict[str, float], asked: int) -> None:
     """Where each generation's guidance came from, and what it took."""
     print("generation  rate  guidance")
     for record in records:

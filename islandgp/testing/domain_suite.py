@@ -67,6 +67,13 @@ class DomainSuite:
         for slot in range(self.random_trees):
             yield random_tree(np.random.default_rng(slot), space)
 
+    def watched(self) -> Iterator[tuple[Domain, Node, Outcome, _Seen]]:
+        """A domain, and each of `trees` with what came of it in an episode that was watched."""
+        domain = self.make_domain()
+        for tree in self.trees(domain):
+            seen = _Seen()
+            yield domain, tree, domain.run_episode(tree, 0, {}, seen), seen
+
     def test_an_episode_is_a_function_of_tree_seed_and_weights(self) -> None:
         """The same again gives the same outcome, whatever ran before, in whatever instance."""
         one, other = self.make_domain(), self.make_domain()
@@ -106,17 +113,13 @@ class DomainSuite:
 
     def test_an_observer_changes_nothing(self) -> None:
         """An episode that is watched has the same outcome."""
-        domain = self.make_domain()
-        for tree in self.trees(domain):
-            outcome, _ = _watched(domain, tree)
+        for domain, tree, outcome, _ in self.watched():
             assert outcome == domain.run_episode(tree, 0, {}), "Expected the same when watched."
 
     def test_the_blackboard_keeps_its_ranges(self) -> None:
         """Flags are 0 or 1; numbers lie between the key's `low` and `most`."""
-        domain = self.make_domain()
-        keys = domain.schema.vocabulary.keys
-        for tree in self.trees(domain):
-            _, seen = _watched(domain, tree)
+        for domain, _, _, seen in self.watched():
+            keys = domain.schema.vocabulary.keys
             assert seen.boards, "Expected `observer.tick` to be called for each tick."
             for board in seen.boards:
                 assert len(board) == len(keys), "Expected a value for each key of the vocabulary."
@@ -131,10 +134,8 @@ class DomainSuite:
 
     def test_actions_return_the_statuses_that_they_declare(self) -> None:
         """`simplify` rewrites trees by these statuses."""
-        domain = self.make_domain()
-        for tree in self.trees(domain):
+        for domain, tree, _, seen in self.watched():
             nodes = list(walk(tree))
-            _, seen = _watched(domain, tree)
             for place, status in seen.statuses:
                 if nodes[place].kind == "action" and status not in (AGAIN, ABORTED):
                     name = str(nodes[place].args[0])
@@ -147,9 +148,7 @@ class DomainSuite:
 
     def test_credits_add_up_to_the_fitness(self) -> None:
         """What an observer is told of points is what the outcome holds, component by component."""
-        domain = self.make_domain()
-        for tree in self.trees(domain):
-            outcome, seen = _watched(domain, tree)
+        for domain, _, outcome, seen in self.watched():
             sums = dict.fromkeys(domain.schema.components, 0.0)
             for component, points, event, action in seen.credits:
                 assert component in sums, f"Expected a component of the schema, found {component!r}"
@@ -163,10 +162,8 @@ class DomainSuite:
 
     def test_counters_named_like_an_event_count_it(self) -> None:
         """Such a counter is how often the event was credited, where it earns points at all."""
-        domain = self.make_domain()
-        shared = domain.schema.counters.keys() & domain.schema.events.keys()
-        for tree in self.trees(domain):
-            outcome, seen = _watched(domain, tree)
+        for domain, _, outcome, seen in self.watched():
+            shared = domain.schema.counters.keys() & domain.schema.events.keys()
             counts = Counter(event for _, _, event, _ in seen.credits)
             for name in shared & counts.keys():
                 assert outcome.counters[name] == counts[name], (
@@ -176,9 +173,7 @@ class DomainSuite:
 
     def test_scenes_use_the_declared_forms(self) -> None:
         """Each thing has a form of the schema; movers are as many in each tick."""
-        domain = self.make_domain()
-        for tree in self.trees(domain):
-            _, seen = _watched(domain, tree)
+        for domain, _, _, seen in self.watched():
             scenes = [scene for scene in seen.scenes if scene is not None]
             for scene in scenes:
                 for thing in (*scene.fixed, *scene.items, *scene.movers):
@@ -221,11 +216,6 @@ class _Pictures(_Seen):
         if scene is not None and scene.frame is not None and len(self.boards) <= 3:
             begin = scene.frame()[:8]
             assert begin == b"\x89PNG\r\n\x1a\n", f"Expected a PNG, found {begin!r}..."
-
-
-def _watched(domain: Domain, tree: Node) -> tuple[Outcome, _Seen]:
-    seen = _Seen()
-    return domain.run_episode(tree, 0, {}, seen), seen
 
 
 def run_suite(suite: DomainSuite) -> Iterator[tuple[str, str]]:

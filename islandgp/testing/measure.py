@@ -6,7 +6,6 @@ what the path from state to tree can do, and nothing about any language model.
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -62,7 +61,7 @@ def table(folder: Path) -> Iterator[str]:
     for name in ARMS:
         runs = load(folder / name)
         found = runs.runs
-        spent = [_spent(run.path) for run in runs.folders]
+        spent = [list(run.costs())[-1]["llm"] for run in runs.folders]
         given = [run.summary()["answers"] for run in runs.folders]
         halves = sum(2 * g["fallback"] - g["in_part"] for g in given)
         share = halves / (2 * sum(g["total"] for g in given))
@@ -85,11 +84,6 @@ def table(folder: Path) -> Iterator[str]:
             "" if gain is None else f"{gain:+,.0f}",
         )
         yield f"| {' | '.join(cells)} |"
-
-
-def _spent(run: Path) -> dict[str, Any]:
-    lines = (run / "costs.jsonl").read_text(encoding="utf-8").splitlines()
-    return dict(json.loads(lines[-1])["llm"])
 
 
 if __name__ == "__main__":

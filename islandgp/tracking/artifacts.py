@@ -9,8 +9,6 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
-import yaml
-
 from islandgp.bt.language import parse
 from islandgp.evaluation.base import Problem
 from islandgp.records.files import RunMetadata, fallback_words, score
@@ -73,7 +71,7 @@ def _replay(folder: RunFolder) -> str:
     from islandgp.viewer.page import replay_page
 
     champion = folder.summary()["champion"]
-    config = yaml.safe_load(folder.config() or "")
+    config = folder.configuration()
     generation, slot = (int(part) for part in champion["record"]["id"].split("."))
     (record,) = islice(folder.records(generation), 1)
     worlds = record["worlds"]

@@ -13,12 +13,10 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from getpass import getuser
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-import yaml
 from filelock import FileLock
 
 from islandgp.errors import TrackingError
@@ -31,7 +29,7 @@ from islandgp.tracking.artifacts import TABLE, Artifact, artifacts, note
 from islandgp.tracking.metrics import final_metrics, metrics
 from islandgp.tracking.parent import parent_run
 from islandgp.tracking.sent import FILE, LOCK, Sent, read_sent, write_sent
-from islandgp.tracking.store import KEY, POINTS, Place, Store, metric
+from islandgp.tracking.store import POINTS, Place, Store, metric
 
 if TYPE_CHECKING:
     from mlflow.entities import Metric
@@ -85,7 +83,7 @@ class Mirror:
             sent = nothing
         run = self.store.find(self._key, sent.run)
         if run is None:
-            sent = replace(nothing, run=create_run(self.store, self.about, self._key))
+            sent = replace(nothing, run=self._create())
         elif run.info.run_id != sent.run:
             sent = replace(nothing, run=str(run.info.run_id))
         there = self.store.last_step(sent.run, MARK) + 1
@@ -109,14 +107,19 @@ class Mirror:
         self._sure = True
         return sent
 
+    def _create(self) -> str:
+        about = self.about
+        return self.store.create(
+            self._key, about.title, command=about.command, started=about.started, tags=about.tags
+        )
+
     def _begin(self, run: str) -> None:
         from mlflow.entities import Param
 
-        config = self.folder.config() or ""
-        pairs = flat(yaml.safe_load(config))
+        pairs = flat(self.folder.configuration())
         while batch := [Param(k, v[:LONGEST]) for k, v in islice(pairs, PARAMETERS)]:
             self.store.client.log_batch(run, params=batch)
-        self.store.client.log_text(run, config, "config.yaml")
+        self.store.client.log_text(run, self.folder.config() or "", "config.yaml")
 
     def _generations(self, sent: Sent) -> Sent:
         settled = self.folder.settled()
@@ -212,21 +215,6 @@ def end_of(status: Status, generations: int) -> str:
 def key_of(about: RunMetadata) -> str:
     """What `Store.find` finds a run by: a folder may hold another run after `resume=force`."""
     return f"{about.id}.{about.identity}"
-
-
-def create_run(store: Store, about: RunMetadata, key: str) -> str:
-    """A new MLflow run that `Store.find(key)` finds again."""
-    tags = {
-        **about.tags,
-        KEY: key,
-        "mlflow.user": getuser(),
-        "mlflow.source.type": "LOCAL",
-        "mlflow.source.name": about.command,
-    }
-    run = store.client.create_run(
-        store.experiment, start_time=about.started, tags=tags, run_name=about.title
-    )
-    return str(run.info.run_id)
 
 
 def log_files(store: Store, run: str, files: Iterable[Artifact]) -> None:

@@ -26,8 +26,8 @@ SILENT: Final = 2.0  # s of waiting before the user is told
 numbers: Final = count()  # of orders, each of them given once
 
 
-class Line:
-    """The line to a sender: gives orders, and waits for them as long as there is a reason to."""
+class SenderClient:
+    """Gives orders to a sender, and waits for them as long as there is a reason to."""
 
     def __init__(self, make: Callable[[Tell], Sender]) -> None:
         """`make` makes the sender, now and once more where it ends."""
@@ -112,23 +112,23 @@ class Line:
         self._sender.close()
 
 
-_lines: Final[list[Line]] = []  # at most one: runs of one process share its sender
+_clients: Final[list[SenderClient]] = []  # at most one: runs of one process share its sender
 
 
-def shared_line(make: Callable[[Tell], Sender]) -> Line:
-    """The line of this process's runs, whose sender has loaded MLflow once for all of them."""
-    if _lines and _lines[0].ended:
-        close_line()
-    if not _lines:
-        _lines.append(Line(make))
-    return _lines[0]
+def shared_client(make: Callable[[Tell], Sender]) -> SenderClient:
+    """The client of this process's runs, whose sender has loaded MLflow once for all of them."""
+    if _clients and _clients[0].ended:
+        close_client()
+    if not _clients:
+        _clients.append(SenderClient(make))
+    return _clients[0]
 
 
 @atexit.register
-def close_line() -> None:
+def close_client() -> None:
     """Ends the sender of this process's runs, if there is one."""
-    while _lines:
-        _lines.pop().close()
+    while _clients:
+        _clients.pop().close()
 
 
 class MLflow:
@@ -155,9 +155,9 @@ class MLflow:
     def start(self, folder: RunFolder) -> None:
         """See `Tracker`."""
         self._folder = folder
-        self._line = shared_line(MLflow.sender)
+        self._client = shared_client(MLflow.sender)
         if not folder.finished():
-            self._line.give(self._order(Status.RUNNING))
+            self._client.give(self._order(Status.RUNNING))
 
     def generation(self) -> None:
         """See `Tracker`: the sender looks for generations by itself."""
@@ -165,12 +165,12 @@ class MLflow:
     def finish(self, status: Status) -> str:
         """See `Tracker`."""
         order = self._order(status)
-        self._line.give(order)
-        reason = self._line.wait([order], self.patience, self.place.uri)
+        self._client.give(order)
+        reason = self._client.wait([order], self.patience, self.place.uri)
         if not reason:
             return f"MLflow: {self.place.uri}; {program()} ui shows it"
         if self.patience:
-            close_line()
+            close_client()
         return (
             f"MLflow: {self.place.uri} has not got all records ({reason}). They are safe; this"
             f" sends them:\n  {program()} sync {self._folder.path}"
@@ -186,11 +186,11 @@ def send_sweeps(folders: Sequence[Path], patience: float, places: Iterable[Place
 
     `places` are those of the jobs' configurations, whose credentials the folders lack.
     """
-    line = shared_line(MLflow.sender)
+    client = shared_client(MLflow.sender)
     several = tuple(dict.fromkeys(places))
     orders = [Order(next(numbers), str(f.absolute()), places=several) for f in folders]
     for order in orders:
-        line.give(order)
-    reason = line.wait(orders, patience, "the sweep's records")
-    close_line()
+        client.give(order)
+    reason = client.wait(orders, patience, "the sweep's records")
+    close_client()
     return reason

@@ -6,7 +6,6 @@ import hashlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from getpass import getuser
 from pathlib import Path
 from typing import Final
 
@@ -17,7 +16,7 @@ from islandgp.records.parameters import ending_in_digest
 from islandgp.records.sweep_folder import SweepFile, SweepFolder
 from islandgp.tracking.chart import svg
 from islandgp.tracking.sent import LOCK, Sent, read_sent, write_sent
-from islandgp.tracking.store import KEY, POINTS, Store, metric
+from islandgp.tracking.store import POINTS, Store, metric
 from islandgp.tracking.summary import ArmSummary, arm_table, arms, curves_csv, panels, sweep_note
 
 LONGEST: Final = 180  # characters of an arm's name in a metric's; MLflow takes 250 for the whole
@@ -72,7 +71,7 @@ def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> str | None:
 
 def _parent(sweep: SweepFolder, file: SweepFile, store: Store) -> Sent:
     sent, place = read_sent(sweep.path), store.place
-    if sent is None or (sent.uri, sent.experiment) != (place.uri, place.experiment):
+    if sent is None or not sent.is_in(place, sent.identity):
         sent = Sent(place.uri, place.experiment, "", "")
     run = store.find(file.id, sent.run)
     if run is None:
@@ -84,19 +83,10 @@ def _parent(sweep: SweepFolder, file: SweepFile, store: Store) -> Sent:
 
 
 def _create(sweep: SweepFolder, file: SweepFile, store: Store) -> Sent:
-    tags = {
-        "kind": "sweep",
-        "sweep": sweep.path.name,
-        KEY: file.id,
-        "mlflow.user": getuser(),
-        "mlflow.source.type": "LOCAL",
-        "mlflow.source.name": file.commands[-1],
-        "mlflow.note.content": f"`{file.commands[-1]}`",
-    }
-    run = store.client.create_run(
-        store.experiment, start_time=file.started, tags=tags, run_name=f"sweep {sweep.path.name}"
-    )
-    return Sent(store.place.uri, store.place.experiment, "", str(run.info.run_id))
+    name, command = sweep.path.name, file.commands[-1]
+    tags = {"kind": "sweep", "sweep": name, "mlflow.note.content": f"`{command}`"}
+    run = store.create(file.id, f"sweep {name}", command=command, started=file.started, tags=tags)
+    return Sent(store.place.uri, store.place.experiment, "", run)
 
 
 def _digest(found: list[ArmSummary]) -> str:

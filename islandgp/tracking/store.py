@@ -10,9 +10,10 @@ import gc
 import logging
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from errno import EACCES, EISDIR, ENOSPC
+from getpass import getuser
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -149,6 +150,21 @@ class Store:
                 " restore it in the MLflow UI, or choose another tracking.policy.experiment."
             )
         return str(found.experiment_id)
+
+    def create(
+        self, key: str, name: str, *, command: str, started: int, tags: Mapping[str, str]
+    ) -> str:
+        """A new run that `find(key)` finds again; returns its id. `started`: ms since 1970."""
+        own = {
+            KEY: key,
+            "mlflow.user": getuser(),
+            "mlflow.source.type": "LOCAL",
+            "mlflow.source.name": command,
+        }
+        run = self.client.create_run(
+            self.experiment, start_time=started, tags={**tags, **own}, run_name=name
+        )
+        return str(run.info.run_id)
 
     def find(self, key: str, known: str = "") -> Run | None:
         """The run whose tag `KEY` is `key`: the one with the id `known`, or else the fullest.

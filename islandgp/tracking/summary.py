@@ -7,7 +7,7 @@ proper are `islandgp.study`'s; here are means and deviations to look at.
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from io import StringIO
 from math import inf
@@ -20,11 +20,11 @@ from islandgp.records.sweep_folder import SweepFile, SweepFolder, SweepJob
 from islandgp.supervision.state_json import title
 from islandgp.tracking.chart import Line, Panel
 
-MEASURES: Final[dict[str, Callable[[dict[str, Any]], float]]] = {
-    "best fitness": lambda s: float(s["best"]),
-    "mean fitness": lambda s: float(s["mean"]),
-    "diversity": lambda s: float(s["diversity"]),
-    "mutation rate": lambda s: float(s["rate"]),
+MEASURES: Final = {
+    "best fitness": "best",
+    "mean fitness": "mean",
+    "diversity": "diversity",
+    "mutation rate": "rate",
 }
 """What is drawn over generations: a name, and the number in a snapshot."""
 
@@ -56,14 +56,14 @@ def arms(sweep: SweepFolder, file: SweepFile) -> list[ArmSummary]:
 
 def _arm(sweep: SweepFolder, name: str, jobs: list[SweepJob]) -> ArmSummary:
     finished = [job for job in jobs if sweep.run(job).finished()]
-    runs = [[record["snapshot"] for record in sweep.run(job).records()] for job in finished]
-    length = min((len(run) for run in runs), default=0)
     summaries = tuple(sweep.run(job).summary() for job in finished)
-    curves = [
-        _curve(measure, [[of(run[g]) for run in runs] for g in range(length)])
-        for measure, of in {**MEASURES, **_robots(milestones(summaries))}.items()
-        if length
-    ]
+    tiers = milestones(summaries)
+    runs = [[_measured(r["snapshot"], tiers) for r in sweep.run(j).records()] for j in finished]
+    generations = list(zip(*runs, strict=False))  # as far as all runs have come
+    measures = generations[0][0] if generations else ()
+    curves = (
+        _curve(name, [[run[name] for run in each] for each in generations]) for name in measures
+    )
     return ArmSummary(name, tuple(jobs), tuple(finished), summaries, tuple(curves))
 
 
@@ -72,13 +72,11 @@ def milestones(summaries: Sequence[dict[str, Any]]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(tier for s in summaries for tier in s["first"]))
 
 
-def _robots(tiers: Sequence[str]) -> dict[str, Callable[[dict[str, Any]], float]]:
-    """A measure for each tier: how many individuals reach it."""
-
-    def of(tier: str) -> Callable[[dict[str, Any]], float]:
-        return lambda s: float(s["tiers"].get(tier, 0))
-
-    return {f"{title(tier).lower()} robots": of(tier) for tier in tiers}
+def _measured(snapshot: dict[str, Any], tiers: Sequence[str]) -> dict[str, float]:
+    """A generation's measures by name: MEASURES, and how many individuals reach each tier."""
+    found = {name: float(snapshot[key]) for name, key in MEASURES.items()}
+    reached = {f"{title(t).lower()} robots": float(snapshot["tiers"].get(t, 0)) for t in tiers}
+    return found | reached
 
 
 def _curve(name: str, columns: list[list[float]]) -> Curve:

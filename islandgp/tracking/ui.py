@@ -17,6 +17,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from time import monotonic, sleep
 from typing import Any, Final
 from urllib.error import URLError
@@ -62,43 +63,16 @@ def _milestones(store: Store) -> list[str]:
 
 
 def _state(tiers: list[str]) -> dict[str, Any]:
+    """The view as MLflow's pages write it; `arms_view.json` has what is the same in each."""
+    view = json.loads(Path(__file__).with_name("arms_view.json").read_text(encoding="utf-8"))
     charts = [*CHARTS[:2], *(f"tiers/{tier}" for tier in tiers), *CHARTS[2:]]
-    section = {"uuid": KEY, "name": "Arms", "display": True, "isReordered": False}
     return {
-        "groupBy": {
-            "aggregateFunction": "average",
-            "groupByKeys": [{"mode": "tag", "groupByData": "arm"}],
-        },
-        "runsHiddenMode": "SHOW_ALL",
-        "useGroupedValuesInCharts": True,
-        "hideEmptyCharts": True,
+        **view["state"],
         "selectedColumns": [*COLUMNS, *(f"metrics.`run/first_{tier}`" for tier in tiers)],
-        "compareRunSections": [{**section, "deleted": False, "isGenerated": False}],
-        "compareRunCharts": [_chart(name) for name in charts],
-    }
-
-
-def _chart(name: str) -> dict[str, Any]:
-    return {
-        "uuid": name,
-        "type": "LINE",
-        "metricSectionId": KEY,
-        "metricKey": name,
-        "selectedMetricKeys": [name],
-        "runsCountToCompare": 100,
-        "deleted": False,
-        "isGenerated": False,
-        "lineSmoothness": 0,
-        "xAxisKey": "step",
-        "selectedXAxisMetricKey": "",
-        "yAxisKey": "metric",
-        "yAxisExpressions": [],
-        "scaleType": "linear",
-        "xAxisScaleType": "linear",
-        "range": {},
-        "useGlobalXaxisKey": True,
-        "useGlobalLineSmoothing": True,
-        "ignoreOutliers": False,
+        "compareRunCharts": [
+            {**view["chart"], "uuid": name, "metricKey": name, "selectedMetricKeys": [name]}
+            for name in charts
+        ],
     }
 
 

@@ -9,10 +9,9 @@ from time import process_time
 import pytest
 
 from islandgp.bt.format import format_text
-from islandgp.bt.language import parse, to_text
+from islandgp.bt.language import parse, parse_placed, to_text
 from islandgp.bt.lint import warnings
-from islandgp.bt.node import walk
-from islandgp.bt.syntax import expanded, read
+from islandgp.bt.node import size
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import IslandError, LimitError, TreeError, UnknownNameError
 
@@ -58,8 +57,9 @@ def test_what_a_file_means(folder: Path) -> None:
     """Numbers stand in place of names; a parameter hides a constant of its name."""
     tree = parse(MAIN, VOCABULARY, folder=folder)
     assert tree == parse(MEANT, VOCABULARY)
-    file = read(MAIN, VOCABULARY, folder=folder)
-    assert [w.node.args for w in expanded(file)] == [n.args for n in walk(tree)]
+    placed = parse_placed(MAIN, VOCABULARY, folder=folder)
+    assert placed.node == tree
+    assert len(placed.places) == size(tree)
 
 
 def test_fmt_keeps_them(folder: Path) -> None:

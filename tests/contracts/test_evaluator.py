@@ -384,7 +384,7 @@ def test_points_that_cannot_be_counted_are_told(points: float) -> None:
         curriculum=SimpleNamespace(multipliers=lambda _: {}),
         at=lambda _: SimpleNamespace(run_episode=lambda *_: SimpleNamespace(fitness=points)),
     )
-    with pytest.raises(EvaluationError, match="world seed 1, stage 0, found .* points; lower"):
+    with pytest.raises(EvaluationError, match=r"world seed 1, stage 0, found .* points; lower"):
         simulate(setting, Job("PatrolWaypoint", 0, 1))
 
 

@@ -334,17 +334,38 @@ def test_the_return_is_the_fitness() -> None:
 
 
 class _Boards:
-    """Keeps the blackboard of each tick."""
+    """Keeps the blackboard of each tick, and which actions earn points."""
 
     def __init__(self) -> None:
         self.seen: list[tuple[float, ...]] = []
+        self.earners: set[str] = set()
 
     def node(self, place: int, status: int) -> None: ...
 
     def tick(self, board: Sequence[float], _scene: Scene | None) -> None:
         self.seen.append(tuple(board))
 
-    def credit(self, component: str, points: float, event: str, action: str) -> None: ...
+    def credit(self, _component: str, _points: float, _event: str, action: str) -> None:
+        self.earners.add(action)
+
+
+@pytest.mark.parametrize(
+    ("tree", "earner"),
+    [
+        ("PushRight", "PushRight"),
+        ("Shove", "Shove"),
+        ("sequence { PushRight Shove }", "Shove"),
+        ("when angle > 99 { PushLeft }", ""),
+    ],
+)
+def test_points_are_credited_to_the_action_that_was_chosen(tree: str, earner: str) -> None:
+    """Also where two actions have one number, and where the tree chose none."""
+    config = plain("domain=cartpole")
+    config["world"]["actions"]["Shove"] = {"do": 1, "meaning": "pushes the cart to the right"}
+    domain = read_settings(config).make_domain()
+    boards = _Boards()
+    domain.run_episode(parse(tree, domain.schema.vocabulary), 0, {}, boards)
+    assert boards.earners == {earner}
 
 
 def test_values_beyond_the_range_are_cut() -> None:

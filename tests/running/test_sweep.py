@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -249,30 +248,3 @@ def test_a_run_made_anew_never_takes_the_folder_of_another(
     jobs = file_in(tmp_path / "runs/d.2").jobs
     assert [job.choices[-1] for job in jobs] == ["gp.mutation_rate=0", "gp.mutation_rate=0.2"]
     assert [job.folder.removeprefix(job.slot) for job in jobs] == ["~2", ""]
-
-
-def test_a_sweeps_file_of_an_earlier_version_is_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Its jobs are known by what they were asked to be; a later command adds what was lost."""
-    monkeypatch.chdir(tmp_path)
-    words = [*INSTANT, "gp.mutation_rate=0.1,0.3", "-m"]
-    assert main([*words, "seed=0,1"]) == 0
-    path = tmp_path / "runs/default/sweep.json"
-    plain = json.loads(path.read_text())
-    for job in plain["jobs"]:
-        del job["slot"]
-    plain["jobs"] = plain["jobs"][2:]
-    path.write_text(json.dumps(plain))
-    assert [job.slot for job in file_in(path.parent).jobs] == ["", ""]
-    assert main([*words, "seed=1,2", "resume=never"]) == 0
-    jobs = file_in(path.parent).jobs
-    assert sorted(
-        (job.choices[-1], job.seed, job.slot != "", "~" in job.folder) for job in jobs
-    ) == [
-        ("gp.mutation_rate=0.1", 1, True, True),
-        ("gp.mutation_rate=0.1", 2, True, False),
-        ("gp.mutation_rate=0.3", 0, False, False),
-        ("gp.mutation_rate=0.3", 1, True, True),
-        ("gp.mutation_rate=0.3", 2, True, False),
-    ]

@@ -13,6 +13,7 @@ import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from islandgp.errors import in_the_way
+from islandgp.resources import resource
 from islandgp.running.app import main
 from tests.running.commands import ROOT
 from tests.settings.test_composing import options

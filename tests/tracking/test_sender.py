@@ -14,7 +14,7 @@ import pytest
 
 from islandgp.records.folder import Status
 from islandgp.tracking import mlflow
-from islandgp.tracking.mlflow import Line, MLflow
+from islandgp.tracking.mlflow import MLflow, SenderClient
 from islandgp.tracking.sender import InProcess, Kind, Order, Report, Tell
 from islandgp.tracking.store import Store
 from tests.tracking.folders import begun, history, place, steps, written
@@ -29,7 +29,7 @@ class Told:
     """A clock and a condition in which reports come at times of a script."""
 
     script: list[tuple[float, Report]]  # s after the one before, and what comes then
-    line: Any = None
+    client: Any = None
     now: float = 0
     waits: list[float] = field(default_factory=list)
 
@@ -45,7 +45,7 @@ class Told:
         self.now += min(after, seconds)
         if after <= seconds:
             del self.script[0]
-            self.line._hear(report)
+            self.client._hear(report)
         elif self.script:
             self.script[0] = (after - seconds, report)
 
@@ -65,11 +65,11 @@ class Deaf:
 
 
 def waited(monkeypatch: pytest.MonkeyPatch, script: Sequence[tuple[float, Report]]) -> Told:
-    """A clock that is set to 0, with a line whose orders are carried out by the script."""
+    """A clock that is set to 0, with a client whose orders are carried out by the script."""
     told = Told(list(script))
     monkeypatch.setattr(mlflow, "monotonic", lambda: told.now)
-    told.line = Line(Deaf)
-    told.line._changed = told
+    told.client = SenderClient(Deaf)
+    told.client._changed = told
     return told
 
 
@@ -95,7 +95,7 @@ def test_how_long_the_end_of_a_run_waits(
 ) -> None:
     """As long as MLflow is loaded, a store made or records arrive; and else the patience."""
     told = waited(monkeypatch, script)
-    assert told.line.wait([Order(0, "runs/a")], 20, "sqlite:///x") == reason
+    assert told.client.wait([Order(0, "runs/a")], 20, "sqlite:///x") == reason
     assert told.now == seconds
     assert capsys.readouterr().err.count("Ctrl-C leaves") == (seconds > 2)
 
@@ -103,7 +103,7 @@ def test_how_long_the_end_of_a_run_waits(
 def test_without_patience_nothing_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
     """Not even for a store that is being made: a sweep's end does that."""
     told = waited(monkeypatch, [(1, LOADING)])
-    assert told.line.wait([Order(0, "runs/a")], 0, "sqlite:///x") == "no answer in 0 s"
+    assert told.client.wait([Order(0, "runs/a")], 0, "sqlite:///x") == "no answer in 0 s"
     assert told.now == 0
 
 
@@ -115,7 +115,7 @@ def test_ctrl_c_ends_the_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(told, "wait", pressed)
-    assert "did not wait" in told.line.wait([Order(0, "runs/a")], 20, "sqlite:///x")
+    assert "did not wait" in told.client.wait([Order(0, "runs/a")], 20, "sqlite:///x")
 
 
 def test_a_store_that_is_slow_to_be_made_is_waited_for(
@@ -166,7 +166,7 @@ def test_the_process_sends_a_run_and_ends_with_its_input(
     (run,) = store.client.search_runs([store.experiment])
     assert run.info.status == "KILLED"
     assert [step for step, _ in history(store, run.info.run_id)] == [0, 1, 2]
-    process = follows._line._sender._process
+    process = follows._client._sender._process
     assert os.getpgid(process.pid) != os.getpgid(0)  # Ctrl-C in a terminal does not reach it
     process.stdin.close()
     assert process.wait(60) == 0
@@ -183,7 +183,7 @@ def test_a_process_that_is_killed_is_made_again(
     follows.start(folder)
     for step in steps()[:3]:
         folder.append(step)
-    os.kill(follows._line._sender._process.pid, signal.SIGKILL)
+    os.kill(follows._client._sender._process.pid, signal.SIGKILL)
     assert follows.finish(Status.KILLED).endswith("ui shows it")
     folder.close()
     (run,) = store.client.search_runs([store.experiment])

@@ -9,9 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from islandgp.bt.format import format_text
-from islandgp.bt.language import parse, to_text, words
-from islandgp.bt.node import Node
-from islandgp.bt.syntax import expanded, read
+from islandgp.bt.language import parse, parse_placed, to_text, words
+from islandgp.bt.node import Node, walk
 from tests.composed import composed
 from tests.strategies import nodes
 from tests.trees.shell import Cli
@@ -64,9 +63,11 @@ def test_places_are_those_of_the_nodes(tree: Node) -> None:
     """Each node of the expanded tree knows the word at which it stands in the text."""
     text = to_text(tree)
     lines = text.split("\n")
-    for written in expanded(read(text)):
-        word = written.node.args[0] if written.node.kind == "action" else written.node.kind
-        assert lines[written.line - 1][written.column - 1 :].startswith(str(word))
+    found = parse_placed(text)
+    assert found.node == tree
+    for node, (line, column) in zip(walk(tree), found.places, strict=True):
+        word = node.args[0] if node.kind == "action" else node.kind
+        assert lines[line - 1][column - 1 :].startswith(str(word))
 
 
 MESSY = """\

@@ -12,7 +12,7 @@ One tick of ours is one call of `Tree::tickExactlyOnce()`.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Final
+from typing import Final, NamedTuple
 from xml.sax.saxutils import escape, quoteattr
 
 from islandgp.bt.condition import Compound, Condition, terms
@@ -35,36 +35,36 @@ TREE_ID: Final = "Robot"
 REST: Final = "rest"  # the name of a node that holds the later branches of the one above it
 HEADER: Final = "islandgp_nodes.hpp"
 
-TAGS: Final[dict[str, str]] = {
-    "fallback": "Fallback",
-    "sequence": "Sequence",
-    "reactive_fallback": "ReactiveFallback",
-    "reactive_sequence": "ReactiveSequence",
-    "parallel": "Parallel",
-    "inverter": "Inverter",
-    "repeat": "Repeat",
-    "check": "ScriptCondition",
-}
-"""Our names of `plan` and theirs."""
 
-OWN_TAGS: Final[dict[str, str]] = {
-    "when": "When",
-    "interruptible_fallback": "InterruptibleFallback",
-    "interruptible_sequence": "InterruptibleSequence",
-    "judged_parallel": "JudgedParallel",
-    "repeat_per_tick": "RepeatPerTick",
-}
-"""Our names of `plan`, and the nodes of ours for this library."""
+class NodeType(NamedTuple):
+    """A node over there."""
 
-_PORTS: Final[dict[str, tuple[str, ...]]] = {
-    "when": ("condition", "abort"),
-    "judged_parallel": ("success", "failure"),
-    "repeat_per_tick": ("num_cycles",),
+    tag: str
+    attributes: tuple[str, ...] = ()  # of ours: what stands for our arguments, in their order
+    ours: str = ""  # Control, Decorator: what Groot must know of a node of ours; "": the library's
+
+
+NODES: Final[dict[str, NodeType]] = {
+    "fallback": NodeType("Fallback"),
+    "sequence": NodeType("Sequence"),
+    "reactive_fallback": NodeType("ReactiveFallback"),
+    "reactive_sequence": NodeType("ReactiveSequence"),
+    "parallel": NodeType("Parallel", ("success_count", "failure_count")),
+    "inverter": NodeType("Inverter"),
+    "repeat": NodeType("Repeat", ("num_cycles",)),
+    "check": NodeType("ScriptCondition", ("code",)),
+    "when": NodeType("When", ("condition", "abort"), "Decorator"),
+    "interruptible_fallback": NodeType("InterruptibleFallback", (), "Control"),
+    "interruptible_sequence": NodeType("InterruptibleSequence", (), "Control"),
+    "judged_parallel": NodeType("JudgedParallel", ("success", "failure"), "Control"),
+    "repeat_per_tick": NodeType("RepeatPerTick", ("num_cycles",), "Decorator"),
 }
-"""Attributes of our nodes: the arguments of ours, in their order."""
+"""By our names of `plan`."""
+
+TAGS: Final = {node.tag: kind for kind, node in NODES.items()}
 
 BUILT_IN: Final = frozenset((
-    *TAGS.values(), *OWN_TAGS.values(), "Action", "Condition", "Control", "Decorator", "SubTree",
+    *TAGS, "Action", "Condition", "Control", "Decorator", "SubTree",
     "AlwaysFailure", "AlwaysSuccess", "AsyncFallback", "AsyncSequence", "Delay", "EntryUpdated",
     "ForceFailure", "ForceSuccess", "IfThenElse", "KeepRunningUntilFailure", "LoopBool",
     "LoopDouble", "LoopInt", "LoopString", "ManualSelector", "ParallelAll", "Precondition",
@@ -175,7 +175,7 @@ def _lines(part: TargetNode, indent: str) -> Iterator[str]:
     if part.kind == "check":
         yield f"{indent}<ScriptCondition code={quoteattr(_script(part.args[0]))}/>"
         return
-    tag = TAGS.get(part.kind) or OWN_TAGS[part.kind]
+    tag = NODES[part.kind].tag
     yield f"{indent}<{tag}{_attributes(part)}>"
     for child in part.children:
         yield from _lines(child, indent + "  ")
@@ -183,17 +183,15 @@ def _lines(part: TargetNode, indent: str) -> Iterator[str]:
 
 
 def _attributes(part: TargetNode) -> str:
-    if part.kind in _PORTS:
-        values = ((name, _word(v)) for name, v in zip(_PORTS[part.kind], part.args, strict=True))
-        return "".join(f" {name}={quoteattr(value)}" for name, value in values)
-    if part.kind == "repeat":
-        return f' num_cycles="{_word(part.args[0])}"'
     if part.kind == "parallel":
         success, failure = part.args
         # With success all, the first failure fails it, whatever stands here.
         fails = 1 if failure == "one" or success == "all" else len(part.children)
         return f' success_count="{1 if success == "one" else -1}" failure_count="{fails}"'
-    return f' name="{REST}"' if part.rest else ""
+    if part.rest:
+        return f' name="{REST}"'
+    values = zip(NODES[part.kind].attributes, map(_word, part.args), strict=False)
+    return "".join(f" {name}={quoteattr(value)}" for name, value in values)
 
 
 def _word(value: Argument) -> str:
@@ -204,14 +202,13 @@ def _word(value: Argument) -> str:
 
 def _model(kind: str) -> Iterator[str]:
     """What Groot must know of a node of ours."""
-    sort = "Decorator" if kind in ("when", "repeat_per_tick") else "Control"
-    ports = _PORTS.get(kind, ())
-    if not ports:
-        yield f'    <{sort} ID="{OWN_TAGS[kind]}"/>'
+    tag, attributes, sort = NODES[kind]
+    if not attributes:
+        yield f'    <{sort} ID="{tag}"/>'
         return
-    yield f'    <{sort} ID="{OWN_TAGS[kind]}">'
-    for port in ports:
-        yield f'      <input_port name="{port}"/>'
+    yield f'    <{sort} ID="{tag}">'
+    for name in attributes:
+        yield f'      <input_port name="{name}"/>'
     yield f"    </{sort}>"
 
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple, NoReturn
 
 from islandgp.bt.condition import Compound, denied, opposite, terms
-from islandgp.bt.export.behaviortree_cpp import EQUAL, JUDGED, OWN_TAGS, REPEAT, REST, TAGS
+from islandgp.bt.export.behaviortree_cpp import EQUAL, JUDGED, NODES, REPEAT, REST, TAGS
 from islandgp.bt.export.plan import LEVEL, ORDER, RESUMED, Loss, fresh_name, hands_over
 from islandgp.bt.export.scripts import read_condition
 from islandgp.bt.export.xml_reader import Element, read_xml
@@ -26,22 +26,14 @@ from islandgp.errors import LimitError, TreeError
 
 _EXPLICIT: Final = ("Action", "Condition", "Control", "Decorator")  # <Action ID="X"/> is <X/>
 _HIDDEN: Final = {"both": "self", "lower": "none"}  # abort rules of a guard that is not observed
-_ATTRIBUTES: Final[dict[str, tuple[str, ...]]] = {
-    "ScriptCondition": ("code",),
-    "Repeat": ("num_cycles",),
-    "Parallel": ("success_count", "failure_count"),
+_ATTRIBUTES: Final = {
     "SubTree": ("_autoremap",),
-    "When": ("condition", "abort"),
-    "JudgedParallel": ("success", "failure"),
-    "RepeatPerTick": ("num_cycles",),
+    **{node.tag: node.attributes for node in NODES.values()},
 }
 _COMPOSITES: Final = {
-    "Fallback": "selector",
-    "Sequence": "sequence",
-    "ReactiveFallback": "selector",
-    "ReactiveSequence": "sequence",
-    "InterruptibleFallback": "selector",
-    "InterruptibleSequence": "sequence",
+    tag: "selector" if tag.endswith("Fallback") else "sequence"
+    for tag in TAGS
+    if tag.endswith(("Fallback", "Sequence"))
 }
 
 SCOPE = Loss(
@@ -224,7 +216,7 @@ class _Importer:
         return found.node
 
     def _inside(self, element: Element, tag: str) -> Node:
-        if tag not in (*TAGS.values(), *OWN_TAGS.values()) and tag not in self._vocabulary.actions:
+        if tag not in TAGS and tag not in self._vocabulary.actions:
             self._unknown(element, tag)
         self._check_attributes(element, tag)
         if tag in ("Sequence", "Fallback"):
@@ -411,7 +403,7 @@ class _Importer:
         self.differences.setdefault(loss, Difference(element.line, element.column, loss))
 
     def _unknown(self, element: Element, tag: str) -> NoReturn:
-        known = (*TAGS.values(), *OWN_TAGS.values(), "SubTree", *self._vocabulary.actions)
+        known = (*TAGS, "SubTree", *self._vocabulary.actions)
         guess = closest(tag, known)
         hint = f"did you mean {guess}?" if guess else f"there are {', '.join(known)}"
         self._fail(element, f"the language has no node {shown(tag)}; {hint}")

@@ -245,5 +245,5 @@ def parts(part: TargetNode) -> Iterator[TargetNode]:
 
 
 def own_nodes(name: str) -> str:
-    """The text of a file with our nodes: islandgp_nodes.hpp or islandgp_nodes.py."""
+    """The text of a file of `nodes`: our nodes for a library, or what stands around a tree."""
     return (Path(__file__).parent / "nodes" / name).read_text(encoding="utf-8")

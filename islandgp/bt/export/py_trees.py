@@ -34,30 +34,6 @@ from islandgp.bt.vocabulary import NOTHING, Vocabulary
 
 POLICY = Loss("policy", "any failing child fails a Parallel of py_trees; there is no failure all")
 
-_HEAD: Final = '''"""A behaviour tree for py_trees, written by islandgp.
-
-{text}
-Blackboard keys (a robot writes them before each tick):
-{keys}
-"""
-
-import operator
-
-from py_trees.behaviours import CheckBlackboardVariableValue
-from py_trees.common import Access, ComparisonExpression, ParallelPolicy, Status
-from py_trees.composites import Composite, Parallel, Selector, Sequence
-from py_trees.decorators import Decorator, EternalGuard, Inverter, Repeat
-
-
-def check(key, compare, value):
-    """Succeeds when the condition holds."""
-    return CheckBlackboardVariableValue(key, ComparisonExpression(key, value, compare))
-
-
-{own}{subtrees}def create_tree(action):
-    """The root; `action(name)` gives the behaviour of a leaf, a new one at each call."""
-    return {tree}
-'''
 _SUBTREE: Final = '''def {name}(action):
     """A subtree of the tree."""
     return {tree}
@@ -94,10 +70,11 @@ def to_python(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = Fal
     known = {name: key.meaning for name, key in vocabulary.keys.items()} or dict.fromkeys(asked, "")
     keys = "\n".join(f"    {name}: {meaning}".rstrip(": ") for name, meaning in known.items())
     keys = keys.replace("\\", "\\\\").replace('"""', "'''")  # it stands in a docstring
-    taken = {*re.findall(r"\w+", _HEAD + _own()), *keyword.kwlist, *dir(builtins)}
+    module = own_nodes("tree_module.txt")
+    taken = {*re.findall(r"\w+", module + _own()), *keyword.kwlist, *dir(builtins)}
     root, subtrees = separated(whole, taken)
     functions = [_SUBTREE.format(name=n, tree=_body(part)) for n, part in subtrees.items()]
-    return _HEAD.format(
+    return module.format(
         text=text, keys=keys, own=own, subtrees="".join(functions), tree=_body(root)
     )
 

@@ -7,7 +7,6 @@ import warnings
 from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from json import dumps, loads
-from threading import local
 from typing import Any, ClassVar, Final, Self
 
 from pydantic import BaseModel
@@ -18,15 +17,18 @@ from islandgp.bt.node import SUCCESS, Node
 from islandgp.domain import Observer, Outcome, Scene, png
 from islandgp.domains.gymnasium import world as settings
 from islandgp.errors import ConfigError
-from islandgp.scoring.rewards import RewardTable, worth
+from islandgp.scoring.rewards import RewardTable, Worth, worth
+from islandgp.ticking import once_a_thread
 
 HELPERS: Final = ("TimeLimit", "OrderEnforcing", "PassiveEnvChecker")
 """Wrappers of `gymnasium.make` that the domain does without: `ticks` limits the time."""
 
 
-_MADE: Final = local()  # by the arguments of `environment`
+Chosen = tuple[int, str]
+"""The number of an environment's action, and the tree's action that chose it; "" for none."""
 
 
+@once_a_thread
 def environment(name: str, options: str, render: bool) -> Any:
     """An environment, one for all episodes of a thread; `reset` makes it anew.
 
@@ -35,10 +37,6 @@ def environment(name: str, options: str, render: bool) -> Any:
         options: further arguments, as JSON.
         render: whether pictures will be asked for.
     """
-    made: dict[str, Any] = vars(_MADE)
-    key = f"{name} {options} {render}"
-    if key in made:
-        return made[key]
     with warnings.catch_warnings():
         # Importing Box2D warns of its own types; where warnings are errors, it crashes.
         warnings.simplefilter("ignore")
@@ -50,7 +48,6 @@ def environment(name: str, options: str, render: bool) -> Any:
         env = gymnasium.make(name, disable_env_checker=True, **loads(options), **more)
     while type(env).__name__ in HELPERS:
         env = env.env  # type: ignore[attr-defined]
-    made[key] = env
     return env
 
 
@@ -99,27 +96,16 @@ class Gymnasium:
     ) -> Outcome:
         """See `Domain`."""
         world, places = self.world, self.schema.vocabulary.places
-        env, value = self.environment(render=observer is not None), worth(self.rewards, weights)
+        env = self.environment(render=observer is not None)
         components = dict.fromkeys(self.schema.components, 0.0)
         counts = dict.fromkeys(world.signals, 0)
-        board, chosen = [0.0] * len(places), [world.otherwise]
-        tick = compile_tree(
-            tree,
-            {name: _leaf(choice.do, chosen) for name, choice in world.actions.items()},
-            board,
-            places,
-            watch=None if observer is None else observer.node,
-        )
+        board, none = [0.0] * len(places), (world.otherwise, "")
+        chosen: list[Chosen] = [none]
+        leaves = {name: _leaf((choice.do, name), chosen) for name, choice in world.actions.items()}
+        watch = None if observer is None else observer.node
+        tick = compile_tree(tree, leaves, board, places, watch=watch)
         sense = _sense(world.observations, places, board)
-        names = {choice.do: name for name, choice in world.actions.items()}
-
-        def award(event: str, amount: float) -> None:
-            component, points = value(event, amount)
-            if component:
-                components[component] += points
-                if observer is not None:
-                    observer.credit(component, points, event, names.get(chosen[0], ""))
-
+        award = _award(worth(self.rewards, weights), components, chosen, observer)
         take, total, done, ending = env.step, 0.0, 0, ""
         values = env.reset(seed=seed)[0].tolist()
         signals, earns = _signals(world, len(values)), self.rewards.events.keys()
@@ -127,11 +113,11 @@ class Gymnasium:
         scene = None if observer is None else _scene(env, world.shrink)
         while not ending:
             sense(values)
-            chosen[0] = world.otherwise
+            chosen[0] = none
             tick()
             if observer is not None:
                 observer.tick(board, scene)
-            observation, reward, terminated, truncated, _ = take(chosen[0])
+            observation, reward, terminated, truncated, _ = take(chosen[0][0])
             values, reward, done = observation.tolist(), float(reward), done + 1
             total += reward
             award("reward", reward)
@@ -149,24 +135,36 @@ class Gymnasium:
                 ending = "time"
         return Outcome(
             components=components,
-            counters={
-                "return": total,
-                "steps": float(done),
-                **{name: float(n) for name, n in counts.items()},
-            },
+            counters={"return": total, "steps": float(done)}
+            | {name: float(n) for name, n in counts.items()},
             seconds=done * self.step_s,
             endings=(ending,),
         )
 
 
-def _leaf(number: int, chosen: list[int]) -> Tick:
+def _leaf(choice: Chosen, chosen: list[Chosen]) -> Tick:
     """Chooses an action of the environment, and succeeds at once."""
 
     def tick(_fresh: bool) -> int:
-        chosen[0] = number
+        chosen[0] = choice
         return SUCCESS
 
     return tick
+
+
+def _award(
+    value: Worth, components: dict[str, float], chosen: list[Chosen], observer: Observer | None
+) -> Callable[[str, float], None]:
+    """What adds up the points of events, and credits them to the action that was chosen."""
+
+    def award(event: str, amount: float) -> None:
+        component, points = value(event, amount)
+        if component:
+            components[component] += points
+            if observer is not None:
+                observer.credit(component, points, event, chosen[0][1])
+
+    return award
 
 
 def _sense(

@@ -5,7 +5,7 @@ is left to the physics engine alone: everybody who could change something tells
 from which step on, and the loop goes there in one go. `stepwise=True` looks at
 everything in every step instead; the outcome is the same to the last bit.
 
-In `advance` time passes: the physics steps between two looks, with the script's cues.
+In `advance` time passes: the physics steps between two looks, with the schedule's cues.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from islandgp.domains.island.world import FAR, World
 def advance(island: State, until: int) -> None:
     """Moves the island to step `until`, or to the first step where something has changed.
 
-    The script's cues are played on the way, and who is due looks. A contact, an
+    The schedule's cues are played on the way, and who is due looks. A contact, an
     action that may find new garbage, and a look that shows something new end it.
     """
     physics, ground, people, dt = island.physics, island.ground, island.humanoids, island.dt
-    touching, turns = physics.contacts.touching, island.script.turns
+    touching, turns = physics.contacts.touching, island.schedule.turns
     step, turn, shaken = island.step, turns[island.turn][0], island.shaken
     spawn = _next_spawn(island) if ground.room > 0 else FAR
     if shaken:
@@ -80,7 +80,7 @@ def _touch(island: State) -> None:
 
 def _next_spawn(island: State) -> int:
     """The step at which the next item appears; those for which there was no room are over."""
-    spawns, step, i = island.script.spawns, island.step, island.spawn
+    spawns, step, i = island.schedule.spawns, island.step, island.spawn
     while spawns[i][0] <= step:
         i += 1
     island.spawn = i
@@ -89,7 +89,7 @@ def _next_spawn(island: State) -> int:
 
 def _spawn(island: State) -> int:
     """This step's garbage appears. Returns the next step at which some does."""
-    spawns = island.script.spawns
+    spawns = island.schedule.spawns
     at, x, y = spawns[island.spawn]
     while at == island.step and island.ground.room > 0:
         island.ground.drop(x, y)
@@ -101,7 +101,7 @@ def _spawn(island: State) -> int:
 
 def _turn(island: State) -> int:
     """This step's humanoids turn. Returns the next step at which one does."""
-    turns = island.script.turns
+    turns = island.schedule.turns
     at, h, vx, vy = turns[island.turn]
     while at == island.step:
         island.humanoids.turn(h, vx, vy, at)

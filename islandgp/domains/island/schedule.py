@@ -21,8 +21,8 @@ Turn = tuple[int, int, float, float]  # (step, humanoid, vx, vy): it turns and f
 
 
 @dataclass(frozen=True, slots=True)
-class Script:
-    """One day on the island."""
+class Schedule:
+    """The events of one world seed, drawn before its episodes."""
 
     obstacles: tuple[Circle, ...]
     garbage: tuple[complex, ...]  # positions at the start, x + iy
@@ -80,8 +80,8 @@ def _free_points(world: World, rng: np.random.Generator, n: int, clear: float) -
 
 
 @lru_cache(maxsize=4)
-def write_script(world: World, seed: int) -> Script:
-    """The day of `seed`: a function of its arguments alone."""
+def draw_schedule(world: World, seed: int) -> Schedule:
+    """The schedule of `seed`: a function of its arguments alone."""
     rng = np.random.default_rng(seed)
     clear = world.robot.radius + world.robot.pickup_reach
     steps = round(world.episode.length / world.episode.step)
@@ -102,7 +102,7 @@ def write_script(world: World, seed: int) -> Script:
         for step, angle in zip(when[h].tolist(), angles[h].tolist(), strict=True)
         if step <= steps
     )
-    return Script(
+    return Schedule(
         obstacles=obstacles(world),
         garbage=tuple(garbage),
         humanoids=tuple((z.real, z.imag, *v) for z, v in zip(starts, first, strict=True)),

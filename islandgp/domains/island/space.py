@@ -15,7 +15,7 @@ import pymunk
 from pymunk.batch import BodyFields, Buffer, get_space_bodies
 
 from islandgp.domains.island import engine
-from islandgp.domains.island.schedule import Script
+from islandgp.domains.island.schedule import Schedule
 from islandgp.domains.island.world import WALL, World
 
 ROBOT_MASS, HUMANOID_MASS = 50.0, 70.0  # kg
@@ -88,7 +88,7 @@ class Space:
         get_space_bodies(self.space, BodyFields.POSITION, self._buffer)
 
 
-def build_space(world: World, script: Script) -> Space:
+def build_space(world: World, schedule: Schedule) -> Space:
     """A fresh space at step 0."""
     space = pymunk.Space()
     index: dict[pymunk.Shape, int] = {}
@@ -98,7 +98,7 @@ def build_space(world: World, script: Script) -> Space:
         pymunk.Segment(space.static_body, a, b, WALL)
         for a, b in zip(corners, corners[1:] + corners[:1], strict=True)
     ]
-    static += [pymunk.Circle(space.static_body, r, (x, y)) for x, y, r in script.obstacles]
+    static += [pymunk.Circle(space.static_body, r, (x, y)) for x, y, r in schedule.obstacles]
     for i, shape in enumerate(static):
         shape.elasticity = 1.0
         shape.collision_type = CollisionType.STATIC
@@ -112,7 +112,7 @@ def build_space(world: World, script: Script) -> Space:
     space.add(robot, hull)
 
     humanoids = []
-    for i, (x, y, vx, vy) in enumerate(script.humanoids):
+    for i, (x, y, vx, vy) in enumerate(schedule.humanoids):
         body = pymunk.Body(HUMANOID_MASS, float("inf"))
         body.position = (x, y)
         body.velocity = (vx, vy)

@@ -9,7 +9,7 @@ from islandgp.domains.island.events import Award, Event, EventLog
 from islandgp.domains.island.garbage import Ground, Item
 from islandgp.domains.island.humanoids import Humanoids
 from islandgp.domains.island.robot import MICRO, Robot
-from islandgp.domains.island.schedule import Script, write_script
+from islandgp.domains.island.schedule import Schedule, draw_schedule
 from islandgp.domains.island.space import Space, build_space
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.domains.island.world import FAR, EpisodeSettings, World
@@ -46,7 +46,7 @@ class State:
 
     world: World
     limits: Deadlines
-    script: Script
+    schedule: Schedule
     physics: Space
     robot: Robot
     ground: Ground
@@ -58,8 +58,8 @@ class State:
     step: int = 0
     booked: int = 0  # step until which time is in the account
     changed: bool = False  # a flag of the blackboard, since the last tick
-    spawn: int = 0  # index of the script's next garbage
-    turn: int = 0  # index of the script's next turn of a humanoid
+    spawn: int = 0  # index of the schedule's next garbage
+    turn: int = 0  # index of the schedule's next turn of a humanoid
     wake: int = FAR  # a step at which the tree has to be ticked
     free: float = 0.0  # m to drive until an action of the last tick, fresh, would do something else
     shaken: bool = False  # touched a step ago: the engine still moves overlapping bodies apart
@@ -103,19 +103,19 @@ class State:
 
 def build_island(world: World, seed: int, award: Award, thresholds: tuple[float, ...]) -> State:
     """The island of `seed` at step 0. `thresholds`: as a Robot has them."""
-    script = write_script(world, seed)
-    physics = build_space(world, script)
-    robot = Robot(world, physics.robot, script.obstacles, thresholds)
+    schedule = draw_schedule(world, seed)
+    physics = build_space(world, schedule)
+    robot = Robot(world, physics.robot, schedule.obstacles, thresholds)
     walk = world.humanoids.speed * world.episode.step
     # Who has walked into a wall or a rock, or into both, is pushed out by less than it is too deep.
     pushed = 2 * max(0.0, walk - physics.space.collision_slop)
     return State(
         world=world,
         limits=Deadlines.of(world.episode),
-        script=script,
+        schedule=schedule,
         physics=physics,
         robot=robot,
-        ground=Ground(script.garbage, most=world.garbage.most, side=world.side, cell=world.cell),
+        ground=Ground(schedule.garbage, most=world.garbage.most, side=world.side, cell=world.cell),
         humanoids=Humanoids(world.humanoids, physics.humanoids),
         event_log=EventLog(award),
         board=[0.0] * len(VOCABULARY.keys),

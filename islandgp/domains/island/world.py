@@ -17,7 +17,7 @@ Percent = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
 WALL = 1.0  # m, half the thickness of a wall, outside the island
 ROCK_MARGIN = 0.3  # m between the robot's hull and an obstacle it drives around
 MOST_CELLS = 100_000  # of ground: as many are 15 ms and 10 MB for each world
-MOST_CUES = 1_000_000  # items of garbage, and turns of humanoids, that a script holds
+MOST_CUES = 1_000_000  # items of garbage, and turns of humanoids, that a schedule holds
 FAR = 1 << 29  # a step that no episode reaches
 Point = tuple[NotNegative, NotNegative]  # metres from the south-west corner
 
@@ -143,7 +143,7 @@ class World(BaseModel, frozen=True, extra="forbid"):
         return self
 
     @model_validator(mode="after")
-    def _fits_together(self) -> Self:
+    def _points_are_inside(self) -> Self:
         for name, points in (
             ("start", (self.start,)),
             ("chargers", self.chargers),
@@ -156,6 +156,10 @@ class World(BaseModel, frozen=True, extra="forbid"):
                         f"{name}: expected points at least 2 m inside the {self.side:g} m island,"
                         f" found ({x:g}, {y:g})"
                     )
+        return self
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
         if self.garbage.initial > self.garbage.most:
             raise ValueError(
                 f"garbage.initial: expected at most garbage.most={self.garbage.most},"

@@ -5,12 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Generator, Mapping
 from functools import cache
-from threading import local
 from typing import TYPE_CHECKING, Any, Final
 
 from islandgp.domain import Scene, png
 from islandgp.domains.minigrid.memory import Memory
-from islandgp.ticking import EventLog
+from islandgp.ticking import EventLog, once_a_thread
 
 if TYPE_CHECKING:
     from islandgp.domains.minigrid.domain import Levels
@@ -20,7 +19,6 @@ STEPS: Final = ((1, 0), (0, 1), (-1, 0), (0, -1))  # by direction
 TILE: Final = 20  # pixels of a place in pictures
 
 Skill = Generator[None, None, bool]
-Board = Callable[[], int]  # a set of places, as it is now
 
 
 @cache
@@ -38,9 +36,7 @@ def levels() -> dict[str, str]:
     return found
 
 
-_MADE: Final = local()  # by level
-
-
+@once_a_thread
 def environment(level: str) -> Any:
     """The environment of a level, one for all episodes of a thread; `reset` makes it anew.
 
@@ -48,11 +44,9 @@ def environment(level: str) -> Any:
     """
     import gymnasium
 
-    made: dict[str, Any] = vars(_MADE)
-    if level not in made:
-        made[level] = gymnasium.make(levels()[level], disable_env_checker=True).unwrapped
-        made[level].gen_obs = lambda: None
-    return made[level]
+    env: Any = gymnasium.make(levels()[level], disable_env_checker=True).unwrapped
+    env.gen_obs = lambda: None
+    return env
 
 
 def beside(what: str) -> Callable[[Robot], Skill]:

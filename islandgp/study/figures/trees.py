@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node, depth, size
-from islandgp.bt.render import COLOURS, branches, label
+from islandgp.bt.render import LOOKS, branches, label
 from islandgp.study.arms import Comparison, Run
 from islandgp.study.figures.drawing import COLUMN, FAINT, WIDTH, Picture, picture
 from islandgp.study.library import library_names
@@ -174,7 +174,7 @@ def _node(axes: Axes, node: Node, left: float, place: int, scale: float) -> None
             0.8,
             boxstyle="round,pad=0,rounding_size=0.04",
             mutation_aspect=0.8 / LINE,
-            facecolor=COLOURS[node.kind][0],  # its line has an arm's colour
+            facecolor=LOOKS[node.kind].fill,  # its line has an arm's colour
             edgecolor=FAINT,
             linewidth=0.7,
             zorder=2,

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import pytest
 
 from islandgp.domains.island import state
-from islandgp.domains.island.schedule import Circle, Script, Spawn, Turn
+from islandgp.domains.island.schedule import Circle, Schedule, Spawn, Turn
 from islandgp.domains.island.world import FAR
 
 Lay = Callable[..., None]
@@ -26,13 +26,13 @@ def lay(monkeypatch: pytest.MonkeyPatch) -> Lay:
         obstacles: Sequence[Circle] = (),
     ) -> None:
         """`garbage` lies at x + iy, `humanoids` stand at (x, y)."""
-        script = Script(
+        schedule = Schedule(
             obstacles=tuple(obstacles),
             garbage=tuple(garbage),
             humanoids=tuple((x, y, 0.0, 0.0) for x, y in humanoids),
             spawns=(*sorted(spawns), (FAR, 0.0, 0.0)),
             turns=(*sorted(turns), (FAR, 0, 0.0, 0.0)),
         )
-        monkeypatch.setattr(state, "write_script", lambda _world, _seed: script)
+        monkeypatch.setattr(state, "draw_schedule", lambda _world, _seed: schedule)
 
     return put

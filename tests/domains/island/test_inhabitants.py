@@ -8,7 +8,7 @@ from math import hypot
 import pytest
 
 from islandgp.domains.island.events import Event
-from islandgp.domains.island.schedule import write_script
+from islandgp.domains.island.schedule import draw_schedule
 from tests.domains.island.conftest import Lay
 from tests.domains.island.days import day, world
 
@@ -52,9 +52,9 @@ def test_humanoids_carry_ten_and_ask_from_five() -> None:
 def test_humanoids_find_an_item_every_4_to_10_seconds() -> None:
     """Between two items of a humanoid there are 4 to 10 s."""
     island = world()
-    script = write_script(island, 3)
+    schedule = draw_schedule(island, 3)
     for h in range(island.humanoids.count):
-        steps = [0, *(step for step, who, _, _ in script.turns[:-1] if who == h)]
+        steps = [0, *(step for step, who, _, _ in schedule.turns[:-1] if who == h)]
         gaps = [b - a for a, b in pairwise(steps)]
         assert len(gaps) > 40
         assert min(gaps) >= 40
@@ -63,9 +63,9 @@ def test_humanoids_find_an_item_every_4_to_10_seconds() -> None:
 
 def test_humanoids_walk_at_their_speed() -> None:
     """A heading is a velocity of 1.2 m/s in some direction."""
-    script = write_script(world(), 3)
-    speeds = [hypot(vx, vy) for _, _, vx, vy in script.humanoids]
-    speeds += [hypot(vx, vy) for _, _, vx, vy in script.turns[:-1]]
+    schedule = draw_schedule(world(), 3)
+    speeds = [hypot(vx, vy) for _, _, vx, vy in schedule.humanoids]
+    speeds += [hypot(vx, vy) for _, _, vx, vy in schedule.turns[:-1]]
     assert speeds == [pytest.approx(1.2)] * len(speeds)
 
 
@@ -102,11 +102,11 @@ def test_things_have_room() -> None:
     """Garbage and humanoids start on free ground: clear of rocks and walls."""
     island = world()
     for seed in range(20):
-        script = write_script(island, seed)
-        spawned = [complex(x, y) for _, x, y in script.spawns[:-1]]
-        assert len(script.garbage) == 120
+        schedule = draw_schedule(island, seed)
+        spawned = [complex(x, y) for _, x, y in schedule.spawns[:-1]]
+        assert len(schedule.garbage) == 120
         assert len(spawned) == 210
-        for z in (*script.garbage, *spawned, *(complex(h[0], h[1]) for h in script.humanoids)):
+        for z in (*schedule.garbage, *spawned, *(complex(h[0], h[1]) for h in schedule.humanoids)):
             assert 1.6 <= z.real <= 298.4
             assert 1.6 <= z.imag <= 298.4
-            assert all(abs(z - complex(x, y)) > r + 1.6 for x, y, r in script.obstacles)
+            assert all(abs(z - complex(x, y)) > r + 1.6 for x, y, r in schedule.obstacles)
