@@ -92,6 +92,8 @@ def _unreadable(override: str, parser: OverridesParser) -> str:
         return f"{override}: expected KEY=VALUE, found no =; write {override}=VALUE"
     if is_secret(key):
         return f"{key}={HIDDEN}: expected a value, found one that cannot be read; quote it"
+    if value.startswith("~"):
+        return f"{override}: expected a path, found ~, which only a shell reads; write it whole"
     escaped = value.replace("\\", "\\\\").replace('"', '\\"')
     quoted = f'{key}="{escaped}"'
     try:
@@ -115,10 +117,16 @@ def explain(error: Exception, overrides: Sequence[str], source: ConfigSource) ->
         return _no_text(source) or _short(error)
     if "with ListConfig" in text:
         return _no_mapping(source) or _no_option(overrides, source) or _short(error)
-    if match := re.search(r"Multiple values for ([^.]+)\. To override", text):
+    if match := re.search(r"Multiple values for ([^.]+)\. To |^(\S+) appears more than once", text):
+        group = match[1] or match[2]
         return (
-            f"{match[1]}: expected one option, found another one added to it; write"
-            f" {match[1]}=OPTION, without +"
+            f"{group}: expected one option, found another one added to it; write"
+            f" {group}=OPTION, without +"
+        )
+    if "${experiment}_${domain}" in text:
+        return _no_option(overrides, source) or (
+            "domain: expected the name of an option, found none; there are"
+            f" {', '.join(source.options('domain'))}"
         )
     if "Config group override must be" in text:
         return _no_option(overrides, source) or _short(error)
@@ -209,7 +217,7 @@ def _no_option(overrides: Sequence[str], source: ConfigSource) -> str:
     for override in parsed(overrides, source.loader()):
         key, value = override.key_or_group, override.value()
         known = source.options(key)
-        if not known or isinstance(value, str):
+        if not known or isinstance(value, str) or override.is_delete():
             continue
         found = (override.input_line or "").partition("=")[2]
         if isinstance(value, list):
@@ -219,7 +227,7 @@ def _no_option(overrides: Sequence[str], source: ConfigSource) -> str:
             )
         return (
             f"{key}={found}: expected the name of an option, found {found};"
-            f" there are {', '.join(known)}"
+            f" there are {', '.join(known)}; for none leave it out"
         )
     return ""
 
