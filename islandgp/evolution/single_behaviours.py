@@ -39,8 +39,8 @@ def single_behaviours(
     how: MutationSettings,
     evaluator: Evaluator,
     stage: int,
-) -> dict[str, Node]:
-    """A compact tree by behaviour; behaviours that no tree showed are left out.
+) -> Iterator[tuple[str, Node | None]]:
+    """Each behaviour with a compact tree, as soon as it is found; None where no tree showed it.
 
     Args:
         classes: whose behaviours are looked for, by their counters.
@@ -60,7 +60,6 @@ def single_behaviours(
     pool = [random_tree(stream(0, Stream.LIBRARY, slot=i), space) for i in range(POOL)]
     tried = _Tried(evaluator, stage, classes)
     tried.run(pool)
-    found = {}
     for number, behaviour in enumerate(classes.behaviours, 1):
         for r in range(ROUNDS):
             # What was found for one behaviour may be a step towards another.
@@ -71,9 +70,7 @@ def single_behaviours(
             )
             tried.run([_child(rng, parents, space, how) for rng in draws])
         tree = tried.pruned(tried.best(behaviour)[0], behaviour, space)
-        if tried.score(tree, behaviour)[0] > 0:
-            found[behaviour] = tree
-    return found
+        yield behaviour, tree if tried.score(tree, behaviour)[0] > 0 else None
 
 
 def _child(

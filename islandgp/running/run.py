@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -15,7 +16,7 @@ from typing import Any
 import yaml
 
 from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import within
+from islandgp.bt.node import Node, size, within
 from islandgp.config.settings import Settings
 from islandgp.domain import Domain
 from islandgp.errors import ConfigError
@@ -119,18 +120,23 @@ def automatic_library(settings: Settings, domain: Domain) -> Library:
     digest = hashlib.sha256(key.encode()).hexdigest()[:16]
     file = Path(settings.runs) / ".libraries" / f"{digest}.json"
     if not file.exists():
+        behaviours = len(settings.classes.behaviours)
         print("islandgp: searching for a tree of each behaviour, once", file=sys.stderr)
         stages = settings.curriculum.stages
         space = settings.plan(domain).space
         # Where stages change the world, a behaviour is easiest to find in the first one.
         stage = 0 if any(s.world for s in stages) else len(stages) - 1
-        evaluator = make_evaluator(settings)
-        try:
-            found = single_behaviours(
+        found: dict[str, Node] = {}
+        with closing(make_evaluator(settings)) as evaluator:
+            search = single_behaviours(
                 settings.classes, space, settings.gp.mutation, evaluator, stage
             )
-        finally:
-            evaluator.close()
+            for n, (name, tree) in enumerate(search, 1):
+                if tree is not None:
+                    found[name] = tree
+                if settings.progress != "off":
+                    said = "no tree found" if tree is None else f"a tree of {size(tree)} nodes"
+                    print(f"islandgp: {name}: {said} ({n} of {behaviours})", file=sys.stderr)
         file.parent.mkdir(parents=True, exist_ok=True)
         plain = {name: to_text(tree) for name, tree in found.items()}
         write_atomic(file, json.dumps(plain, indent=1).encode())

@@ -99,7 +99,8 @@ def search(limits: Limits | None = None) -> tuple[dict[str, Node], list[Job]]:
     """The trees by behaviour, and the episodes that it took."""
     gp, store = composed().gp, Store()
     space = TreeSpace(gp.trees, STORE, limits or gp.limits)
-    return single_behaviours(CLASSES, space, gp.mutation, store, 3), store.jobs
+    found = single_behaviours(CLASSES, space, gp.mutation, store, 3)
+    return {name: tree for name, tree in found if tree is not None}, store.jobs
 
 
 @cache
