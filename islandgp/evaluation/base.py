@@ -155,7 +155,7 @@ def simulate(problem: Problem, job: Job) -> Outcome:
     try:
         outcome = problem.at(job.stage).run_episode(_tree(job.tree), job.seed, weights)
     except (Exception, SystemExit) as error:  # a simulator may call sys.exit
-        what = f"{type(error).__name__}: {str(error).rstrip('.')}{_raised_in(error)}"
+        what = f"{type(error).__name__}: {str(error).rstrip('.')}{raised_in(error)}"
         raise EvaluationError(blame(job, what)) from error
     if not abs(outcome.fitness) < MOST_POINTS:
         what = f"{outcome.fitness} points; lower the rewards, or mend the domain's amounts"
@@ -173,7 +173,7 @@ KNOWN: Final = (
 """Folders of code that is not the user's own."""
 
 
-def _raised_in(error: BaseException) -> str:
+def raised_in(error: BaseException) -> str:
     """The place in the user's own code that an error came from, ", in FILE, line N"; or ""."""
     frames = extract_tb(error.__traceback__)
     own = [f for f in frames if not any(Path(f.filename).is_relative_to(k) for k in KNOWN)]

@@ -23,6 +23,7 @@ from islandgp.bt.engine import ABORTED
 from islandgp.bt.language import parse
 from islandgp.bt.node import AGAIN, FAILURE, STATUS_NAMES, Limits, Node, walk
 from islandgp.domain import Domain, Observer, Outcome, Scene
+from islandgp.evaluation.base import raised_in
 from islandgp.evolution.random_trees import TreeSettings, TreeSpace, random_tree
 
 SEEDS = (0, 1, 2**32 - 1)
@@ -227,7 +228,8 @@ def run_suite(suite: DomainSuite) -> Iterator[tuple[str, str]]:
             except AssertionError as error:
                 yield _words(name), str(error) or "it does not hold"
             except Exception as error:  # whatever a domain raises breaks this promise
-                yield _words(name), f"Expected no error, found {type(error).__name__}: {error}"
+                what = f"{type(error).__name__}: {error}{raised_in(error)}"
+                yield _words(name), f"Expected no error, found {what}"
             else:
                 yield _words(name), ""
 

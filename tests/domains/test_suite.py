@@ -51,6 +51,21 @@ def pick_place() -> Domain:
     return Problem.recorded(config).domain
 
 
+def test_the_suite_tells_where_a_domain_failed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The file and the line of the user's own code, with what Python said."""
+
+    class Failing(TestPickPlace):
+        def make_domain(self) -> Domain:
+            domain = super().make_domain()
+            monkeypatch.setattr(type(domain).Episode, "sense", lambda _: 1 / 0)  # type: ignore[attr-defined] -- a Stepped domain's
+            return domain
+
+    faults = [fault for _, fault in run_suite(Failing()) if fault.startswith("Expected no error")]
+    line = Failing.make_domain.__code__.co_firstlineno + 2
+    assert faults
+    assert {fault.partition(", in ")[2] for fault in faults} == {f"{__file__}, line {line}"}
+
+
 def test_the_suite_finds_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
     """A domain that keeps state between episodes, or breaks a range, is told in words."""
 
