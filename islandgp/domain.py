@@ -88,10 +88,11 @@ class Schema:
             counted = {name: Counter(event.meaning) for name, event in self.events.items()}
             object.__setattr__(self, "counters", counted)
 
-    def with_actions(self, actions: Mapping[str, Action]) -> Schema:
-        """The same schema with further actions."""
+    def with_actions(self, domain: str, actions: Mapping[str, Action]) -> Schema:
+        """The same schema with further actions, for a domain of that name."""
         all_of_them = {**self.vocabulary.actions, **actions}
-        return replace(self, vocabulary=replace(self.vocabulary, actions=all_of_them))
+        words = replace(self.vocabulary, domain=domain, actions=all_of_them)
+        return replace(self, vocabulary=words)
 
 
 def total(values: Iterable[float]) -> float:

@@ -62,6 +62,9 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
         flatten({key: value for key, value in config.items() if key not in without})
         for config in (old, new)
     )
+    for values in (was, now):  # an empty part is none, where the other has keys in it
+        for key in [key for key, value in values.items() if value == {}]:
+            del values[key]
     return [
         f"{key}: {was.get(key)} -> {now.get(key)}"
         for key in sorted({*was, *now})

@@ -97,7 +97,7 @@ def test_a_status_that_an_action_has_only_behind_another_is_found() -> None:
     declared = Action("drives home", statuses=frozenset({SUCCESS}))
 
     class Homing(Island):
-        schema = Island.schema.with_actions({"ReturnToStart": declared})
+        schema = Island.schema.with_actions("homing", {"ReturnToStart": declared})
         actions: ClassVar[Mapping[str, IslandAction]] = {
             **Island.actions,
             "ReturnToStart": lambda island, _: drive(island, *island.world.start, 5.0),

@@ -281,9 +281,8 @@ def test_a_damaged_sweep_is_told_in_a_line(here: Path, capsys: pytest.CaptureFix
     main([*INSTANT, "-m"])
     file = here / "runs/default/sweep.json"
     file.write_text('{"id": "1"}')
-    assert f" in {file}, found a damaged file ('jobs'); delete it" in in_a_line(
-        capsys, *INSTANT, "-m"
-    )
+    said = in_a_line(capsys, *INSTANT, "-m")
+    assert f" in {file}, found a damaged file (started: field required); delete it" in said
     file.unlink()
     assert main([*INSTANT, "-m"]) == 0
 

@@ -34,7 +34,7 @@ from islandgp.evaluation.serial import Serial
 class Mine(Serial):
     def evaluate(self, jobs):
         with ProcessPoolExecutor(1, get_context("forkserver")) as pool:
-            return list(pool.map(work, [self.setting] * len(jobs), jobs))
+            return list(pool.map(work, [self.problem] * len(jobs), jobs))
 
 def work(setting, job):
     return simulate(setting, job)
