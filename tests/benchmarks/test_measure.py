@@ -21,7 +21,7 @@ FIGURES: Final = {
     "run_s": "run_s_1 run_s_2 run_s_4 speed_up_2 efficiency_2 speed_up_4 efficiency_4"
     " limit_2 limit_4"
     " start_s serial_s cached_share paper_ratio",
-    "overhead_share": "overhead_share_off overhead_share_mlflow episodes_s operators_s"
+    "overhead_share": "overhead_share_off overhead_share_mlflow mlflow_share episodes_s operators_s"
     " supervision_s rest_s run_s_off run_s_mlflow new_store_s command_s",
     "startup_s": "help_s config_error_s first_generation_s worker_mb worker_own_mb",
     "growth": "per_garbage_us per_garbage_power per_humanoid_us per_humanoid_power"
