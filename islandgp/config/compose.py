@@ -163,11 +163,12 @@ def _plan(
     own_ray = launcher == "RayLauncher" and composed.hydra.launcher.ray.init.get("address") is None
     _must_have_no_callbacks(composed.hydra)
     _must_leave_folders(composed.hydra)
-    domain = str(composed.hydra.runtime.choices.get("domain"))
+    domain = composed.hydra.runtime.choices.get("domain")  # None: it stands in the first file
     with open_dict(composed):
         del composed["hydra"]  # what it holds is known only when Hydra runs
     config, settings = read(composed)
-    _must_be_called(domain, settings)
+    if domain is not None:
+        _must_be_called(str(domain), settings)
     ours = [o for o in overrides if _group(o) != "hydra"]
     _must_change_something(ours, composed)
     return Planned(
