@@ -18,6 +18,7 @@ from islandgp.bt.language import parse, to_text
 from islandgp.bt.node import Node
 from islandgp.config.settings import Settings
 from islandgp.domain import Domain, Outcome
+from islandgp.errors import ConfigError
 from islandgp.evaluation.serial import Serial
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import Step
@@ -57,15 +58,21 @@ class Experiment:
 
         Args:
             tree: or its text.
-            worlds: seeds; worlds of evolution have others.
+            worlds: seeds, from 0 to 2**32 - 1; worlds of evolution have others.
             stage: index of the curriculum's stage that scores the episodes; None: the last.
 
         Raises:
             TreeError: the text is not a tree of the domain.
+            ConfigError: there is no such stage or world.
         """
         node = self.parse(tree) if isinstance(tree, str) else self.parse(to_text(tree))
         last = len(self.settings.curriculum.stages) - 1
         stage = last if stage is None else stage
+        if stage not in range(last + 1):
+            raise ConfigError(f"stage: expected 0 to {last}, found {stage!r}")
+        worlds = list(worlds)
+        if odd := [world for world in worlds if world not in range(2**32)]:
+            raise ConfigError(f"worlds: expected seeds from 0 to {2**32 - 1}, found {odd[0]!r}")
         domain = self.settings.problem().at(stage)
         weights = self.settings.curriculum.multipliers(stage)
         return [domain.run_episode(node, seed, weights) for seed in worlds]

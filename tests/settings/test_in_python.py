@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import hydra
 import pytest
@@ -31,3 +32,18 @@ def test_a_program_that_uses_hydra_itself_keeps_its_own() -> None:
     with hydra.initialize_config_dir(str(resource("conf")), version_base="1.3"):
         assert islandgp.compose("seed=3").settings.seed == 3
         assert hydra.compose("config", ["seed=5"]).seed == 5
+
+
+@pytest.mark.parametrize(
+    ("how", "message"),
+    [
+        ({"stage": 9}, r"^stage: expected 0 to 3, found 9$"),
+        ({"stage": -1}, r"^stage: expected 0 to 3, found -1$"),
+        ({"worlds": [3, -1]}, r"^worlds: expected seeds from 0 to 4294967295, found -1$"),
+        ({"worlds": ["one"]}, r"^worlds: expected seeds .*, found 'one'$"),
+    ],
+)
+def test_a_stage_or_world_that_is_not_there(how: dict[str, Any], message: str) -> None:
+    """It is told before any episode."""
+    with pytest.raises(ConfigError, match=message):
+        islandgp.compose().evaluate("PatrolWaypoint", **how)
