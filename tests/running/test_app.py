@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from islandgp.config.compose import run_folder
 from islandgp.errors import ConfigError
@@ -18,6 +19,7 @@ from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
 from islandgp.records.lines import Lines
 from islandgp.records.parameters import shape
+from islandgp.resources import resource
 from islandgp.running.app import main
 from islandgp.running.resume import differences
 from tests.composed import composed, named
@@ -483,6 +485,25 @@ def test_a_configuration_of_the_users_own_comes_first(here: Path) -> None:
     assert main(["--config-dir", "own", "--config-name", "mine", *INSTANT]) == 0
     (leaf_,) = leaf(here, "mine")
     assert leaf_.startswith("baseline-seed5")
+
+
+def test_a_first_file_that_is_whole_in_itself(here: Path) -> None:
+    """It names its domain's class itself, without the group whose files are called as domains."""
+    parts = {"world": "island", "library": "single", "supervisor": "expert"}
+    papers = dict.fromkeys(("rewards", "curriculum", "classes", "allocation", "gp"), "paper")
+    machinery = {"evaluator": "processes", "tracking": "off"}
+    whole = yaml.safe_load(resource("conf/config.yaml").read_text(encoding="utf-8"))
+    whole["defaults"] = [
+        "_self_",
+        *({group: choice} for group, choice in {**parts, **papers, **machinery}.items()),
+        *(line for line in whole["defaults"] if "hydra" in str(line)),
+    ]
+    whole |= {"domain": {"factory": "islandgp.domains.island:Island"}, "name": "whole"}
+    (here / "own").mkdir()
+    (here / "own/mine.yaml").write_text(yaml.safe_dump(whole, sort_keys=False))
+    assert main(["--config-dir", "own", "--config-name", "mine", *INSTANT]) == 0
+    (leaf_,) = leaf(here, "whole")
+    assert RunFolder(here / "runs/whole" / leaf_).summary()["champion"]
 
 
 def test_tags_of_the_users_own(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
