@@ -80,6 +80,14 @@ def test_settings_that_are_no_pydantic_model(
     assert "mysup.Mine.Settings" in line
 
 
+def test_a_supervisor_that_is_none(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As when `make` has no return."""
+    source = WELL + "    @classmethod\n    def make(cls, a, b): pass\n"
+    assert command(here, source) == 2
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert "mysup:Mine failed (TypeError: expected make to return a supervisor" in last
+
+
 def test_a_job_of_a_sweep_names_the_class_too(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

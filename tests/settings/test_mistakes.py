@@ -312,6 +312,8 @@ def test_a_file_in_the_place_of_python_s_own_is_named() -> None:
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == f"islandgp: {in_the_way(Path.cwd())}\n"
     assert "found inspect.py in" in done.stderr
+    Path("numpy.py").touch()  # a module that is installed
+    assert "found inspect.py, numpy.py in" in in_the_way(Path.cwd())
 
 
 PORT = "tracking.policy.uri: expected http://HOST:PORT with a port from 1 to 65535"
