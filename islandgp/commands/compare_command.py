@@ -224,7 +224,7 @@ def _tests(report: Report) -> Iterator[str]:
 def _publish(
     report: Report, study: Comparison, place: Place, folder: Path, files: list[Path]
 ) -> str:
-    from islandgp.study.data import metrics
+    from islandgp.study.writing import metrics
     from islandgp.tracking.comparison import publish
 
     return publish(

@@ -13,6 +13,7 @@ from islandgp.records.parameters import machinery
 from islandgp.study.arms import Arm, Comparison, Run, cut
 from islandgp.study.paper import paper_of
 from islandgp.study.select import Selection, in_short, parse_selection
+from islandgp.study.texts import note
 
 STUDIED: Final = frozenset({"supervisor"})
 """The group in which arms may differ without further ado (section 3.1)."""
@@ -84,11 +85,8 @@ def _alike(arms: Sequence[Arm]) -> Iterator[str]:
         mine = {run.seed: [r.individuals for r in run.records] for run in a.runs}
         same = [seed for seed, individuals in mine.items() if individuals == others.get(seed)]
         if same:
-            yield (
-                f"{a.name} and {b.name} have the same individuals in every generation of"
-                f" {len(same)} of {len(a.runs)} runs (seeds {in_short(sorted(same))}): there they"
-                " differ in nothing that a test could find."
-            )
+            seeds = in_short(sorted(same))
+            yield note("same", a=a.name, b=b.name, same=len(same), runs=len(a.runs), seeds=seeds)
 
 
 def _cuts(arms: Sequence[Arm]) -> list[str]:
@@ -96,10 +94,7 @@ def _cuts(arms: Sequence[Arm]) -> list[str]:
     horizon = min(arm.generations for arm in arms)
     longest = {arm.name: max(len(run.records) for run in arm.runs) for arm in arms}
     return [
-        f"{name} has runs of {n} generations; all that is measured of them ends with generation"
-        f" {horizon - 1}, as in the shortest run."
-        for name, n in longest.items()
-        if n > horizon
+        note("cut", arm=name, n=n, last=horizon - 1) for name, n in longest.items() if n > horizon
     ]
 
 

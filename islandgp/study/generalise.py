@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from itertools import count, islice
 from statistics import fmean
 from typing import Final
 
@@ -22,8 +21,9 @@ from pydantic import ValidationError
 from islandgp.domain import Outcome
 from islandgp.errors import RunError, StudyError
 from islandgp.evaluation.base import Evaluator, Job, Problem
+from islandgp.evolution.validation import worlds_of
 from islandgp.scoring.classes import tiers
-from islandgp.seeding import Stream, stream
+from islandgp.seeding import Stream
 from islandgp.study import library
 from islandgp.study.arms import Comparison, Run
 from islandgp.study.lineage import most_injected
@@ -40,9 +40,7 @@ class Generalisation:
     arm: str  # or what a yardstick is called
     seed: int | None  # of the run whose champion it is; None: a yardstick, a tree from elsewhere
     trained: float | None  # points, its fitness in the generation in which it lived
-    points: tuple[
-        float, ...
-    ]  # in each unseen world, in the order that all trees share; one or more
+    points: tuple[float, ...]  # in each unseen world, in an order that all trees share
     reached: Mapping[str, float]  # by milestone: share of the worlds in which it is such a robot
 
     @property
@@ -74,8 +72,7 @@ def unseen_worlds(study: Comparison, n: int) -> tuple[int, ...]:
     runs = [run for arm in study.arms for run in arm.runs]
     used = {world for run in runs for record in run.records for world in record.worlds}
     used |= {world for run in runs for world in run.validation}
-    drawn = (int(stream(0, Stream.UNSEEN, slot=k).integers(2**32)) for k in count())
-    return tuple(islice((seed for seed in drawn if seed not in used), n))
+    return worlds_of(0, frozenset(used), n, Stream.UNSEEN)
 
 
 def yardsticks(study: Comparison) -> dict[str, str]:

@@ -88,10 +88,15 @@ def _by_span(
     return tuple(map(measure, SPANS))
 
 
+def _mean(key: str, label: str, unit: str, value: Callable[[Snapshot], float]) -> Measure:
+    """The mean of a number over all generations."""
+    return Measure(key, label, unit, lambda run: fmean(map(value, run.snapshots)))
+
+
 TABLE_9: Final = (
     Measure("max_ever", "Max Fitness Ever", "points", lambda r: max(map(best, r.snapshots))),
     Measure("final_max", "Final Max Fitness", "points", lambda r: r.snapshots[-1].best),
-    Measure("mean_max", "Mean Max Fitness", "points", lambda r: fmean(map(best, r.snapshots))),
+    _mean("mean_max", "Mean Max Fitness", "points", best),
     Measure("final_mean", "Final Average Fitness", "points", lambda r: r.snapshots[-1].mean),
 )
 TABLE_10: Final = _by_span("stage", "max fitness", "points", best)
@@ -110,21 +115,14 @@ def emergence(tier: str) -> Measure:
 
 TABLE_12: Final = (
     *_by_span("diversity", "diversity", "Eq. (3)", diversity),
-    Measure(
-        "diversity_overall",
-        "Overall diversity",
-        "Eq. (3)",
-        lambda r: fmean(map(diversity, r.snapshots)),
-    ),
+    _mean("diversity_overall", "Overall diversity", "Eq. (3)", diversity),
 )
-MUTATION: Final = Measure(
-    "mutation_rate", "Mean mutation rate", "rate", lambda r: fmean(s.rate for s in r.snapshots)
-)
-OVERLAPPING: Final = Measure(
+MUTATION: Final = _mean("mutation_rate", "Mean mutation rate", "rate", attrgetter("rate"))
+OVERLAPPING: Final = _mean(
     "diversity_overlapping",
     "Diversity over behaviours that overlap",
     "Eq. (3)",
-    lambda r: fmean(s.overlapping for s in r.snapshots),
+    attrgetter("overlapping"),
 )
 FURTHER: Final = (*TABLE_12, OVERLAPPING, MUTATION)
 """What the paper compares without a test: a family of its own here."""

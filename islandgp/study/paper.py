@@ -96,11 +96,7 @@ class Paper(BaseModel, frozen=True, extra="forbid"):
 
 
 def paper_of(config: Mapping[str, Any]) -> Paper | None:
-    """The figures to show beside a run's; None: there are none of its domain and its classes.
-
-    Raises:
-        StudyError: the file is damaged.
-    """
+    """Figures of a run's domain and classes, if there are any. Raises StudyError if damaged."""
     domain = domain_of(config)
     if domain is None:
         return None

@@ -10,6 +10,7 @@ from typing import Final
 from islandgp.errors import StudyError
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.measures import MUTATION, TABLE_12, all_measures, main_family
+from islandgp.study.texts import note
 
 Pair = tuple[str, str]
 
@@ -143,20 +144,13 @@ def said(plan: AnalysisPlan, study: Comparison) -> Iterator[str]:
     """The plan in sentences."""
     labels = {m.key: m for m in all_measures(study)}
     if plan.primary is not None:
-        label = labels[plan.primary].label
-        yield f"The primary endpoint, {label}, is one test and is not adjusted for others."
+        yield note("primary", measure=labels[plan.primary].label)
     for f in families(study, plan):
-        pairs = ", ".join(f"{a} and {b}" for a, b in f.pairs)
-        yield (
-            f"Family '{f.name}': {pairs}, each by {len(f.measures)} measures"
-            f" ({len(f.pairs) * len(f.measures)} comparisons)."
-        )
+        pairs, n = ", ".join(f"{a} and {b}" for a, b in f.pairs), len(f.measures)
+        yield note("family", name=f.name, pairs=pairs, n=n, tests=len(f.pairs) * n)
     if plan.margins:
         each = ", ".join(
             f"{labels[key].label} {value:,g} ({labels[key].unit})"
             for key, value in plan.margins.items()
         )
-        yield (
-            "Two arms count as alike only where the 95 % interval of their difference lies"
-            f" within the margin: {each}."
-        )
+        yield note("margins", each=each)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Final
 
 from islandgp.study.arms import Comparison
 from islandgp.study.comparable import paired
@@ -28,13 +27,15 @@ from islandgp.study.tables.champions import (
 from islandgp.study.tables.claims import claims_table, primary_table, questions_table
 from islandgp.study.tables.comparisons import (
     diversity_table,
+    emergence_table,
     fitness_table,
     median_table,
     power_table,
+    runs_table,
 )
-from islandgp.study.tables.emergence import emergence_table, runs_table
 from islandgp.study.tables.origins import champion_sources_table, lineage_table, sources_table
 from islandgp.study.tables.supervision import decisions_table, overhead_table
+from islandgp.study.texts import note
 from islandgp.supervision.state_json import title
 
 Item = Table | Picture | str  # a string is a paragraph
@@ -70,22 +71,6 @@ class Report:
         return [i for s in self.sections for i in s.items if isinstance(i, Picture)]
 
 
-SPLIT: Final = (
-    "Generations count from 0, the initial population. Early, mid and late training are epochs"
-    " 1-2, 3-5 and 6-8."
-)
-
-
-METHODS: Final = (
-    "Two arms are compared by the Mann-Whitney U test, two-sided: exact, with ties by counting"
-    " every split of the ranks; only beyond 100 values with ties it is the normal approximation"
-    " corrected for ties and continuity, which the paper takes for all of them (section 3.1)."
-    " Where arms share seeds, Wilcoxon's signed-rank test of the pairs stands beside it and"
-    " decides the verdicts. p-values of each kind of test are adjusted over their family by"
-    " Benjamini and Hochberg; measures that a family does not ask for are adjusted apart."
-)
-
-
 def build(
     study: Comparison,
     unseen: Sequence[Generalisation],
@@ -96,10 +81,11 @@ def build(
     """The report; `unseen` and `controls` are empty where they were left out."""
     findings = examine_all(study, families(study, plan), all_measures(study))
     robots = " and ".join(map(title, study.milestones))
+    with_library = any(control.given for control in controls)
     chapters: dict[str, Iterable[Item]] = {
         "Primary endpoint": _primary(study, plan, findings),
         "What was compared": _compared(study),
-        "Controls without evolution": _controls(study, controls),
+        "Controls without evolution": [controls_table(study, controls)] if with_library else [],
         "The paper's claims": _claims(study, plan, findings),
         "Further questions": _questions(study, plan, findings),
         **_paper_s_tables(study, findings, f"{robots} Robots (section 3.4)"),
@@ -175,11 +161,6 @@ def _primary(study: Comparison, plan: AnalysisPlan, findings: Findings) -> Itera
         yield primary_table(f, plan.margins.get(plan.primary))
 
 
-def _controls(study: Comparison, controls: Sequence[Control]) -> Iterator[Item]:
-    if any(c.given for c in controls):
-        yield controls_table(study, controls)
-
-
 def _claims(study: Comparison, plan: AnalysisPlan, findings: Findings) -> Iterator[Item]:
     if study.paper is not None and study.paper.claims:
         a, b = study.pairs[0]
@@ -207,10 +188,7 @@ def _compared(study: Comparison) -> Iterator[Item]:
     ]
     yield Table.of("arms", "Arms", map(dict.items, rows))
     if all(paired(a, b) for a, b in study.pairs):
-        yield (
-            "All arms ran on the same seeds and from the same start: runs of one seed share their"
-            " initial population and their worlds, so paired tests stand beside the paper's."
-        )
+        yield note("same-start")
     yield from study.notes
     if study.sources:
         yield f"Runs were read from {', '.join(study.sources)}."
@@ -221,9 +199,8 @@ def _trees(study: Comparison) -> Iterator[Item]:
     if early is None:
         yield "No arm injects trees, so there is no Figure 9."
     else:
-        yield tree_figures.drawn("figure-9", "Figure 9. A tree injected early", early)
-    late = tree_figures.late_evolved(study)
-    yield tree_figures.drawn("figure-10", "Figure 10. A tree evolved late", late)
+        yield tree_figures.drawn(early)
+    yield tree_figures.drawn(tree_figures.late_evolved(study))
 
 
 def _beyond(study: Comparison, unseen: Sequence[Generalisation], worlds: int) -> Iterator[Item]:
@@ -249,9 +226,9 @@ def _supervision(study: Comparison) -> Iterator[Item]:
 
 
 def _statistics(study: Comparison, plan: AnalysisPlan, findings: Findings) -> Iterator[Item]:
-    yield METHODS
+    yield note("methods")
     yield from said(plan, study)
-    yield SPLIT
+    yield note("generations")
     heading = "Medians, intervals and paired tests"
     yield from _for_pairs(study, findings, median_table, "medians", heading, all_measures(study))
     yield power_table(study, findings[0].size)

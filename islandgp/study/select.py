@@ -124,11 +124,7 @@ class Selection:
 
 
 def parse_arm(text: str) -> tuple[str, str]:
-    """`expert=supervisor=expert` as ("expert", "supervisor=expert").
-
-    Raises:
-        StudyError: it has no name or no selection.
-    """
+    """`expert=supervisor=expert` as ("expert", "supervisor=expert"). Raises StudyError."""
     name, _, selection = text.partition("=")
     if not re.fullmatch(r"\w[\w.+-]*", name.strip()) or not selection.strip():
         raise StudyError(
@@ -214,11 +210,7 @@ def select(name: str, text: str, runs: Sequence[Found]) -> tuple[Arm, tuple[str,
 
 
 def named(name: str, runs: Sequence[Found]) -> list[Found]:
-    """The runs of the sweep of that name.
-
-    Raises:
-        StudyError: there is none; the message says which sweeps there are.
-    """
+    """The runs of the sweep of that name. Raises StudyError, which says what sweeps there are."""
     found = [run for run in runs if run.flat["name"] == name]
     if not found:
         there = sorted({str(run.flat["name"]) for run in runs})

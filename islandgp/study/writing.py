@@ -1,17 +1,25 @@
-"""A report's files: page, Markdown, tables, figures, exact numbers."""
+"""A report's files: page, Markdown, tables, figures, and the exact numbers behind them."""
 
 from __future__ import annotations
 
 import re
 from base64 import b64encode
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from functools import cache
+from math import isnan
 from pathlib import Path
+from statistics import fmean
 from typing import TYPE_CHECKING
 
 from islandgp.study.arms import Comparison
-from islandgp.study.data import champions_csv, runs_csv, tests_csv
+from islandgp.study.emergence import quantile
+from islandgp.study.findings import Finding
+from islandgp.study.generalise import Generalisation
+from islandgp.study.measures import all_measures, overhead
 from islandgp.study.paper import MARK
 from islandgp.study.report import Report
+from islandgp.study.statistics import mean_sd
 from islandgp.study.table import to_csv
 
 if TYPE_CHECKING:
@@ -70,3 +78,103 @@ def write(report: Report, study: Comparison, folder: Path) -> list[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
     return [folder / name for name in files]
+
+
+def runs_csv(study: Comparison) -> str:
+    """Every run's measures; an empty cell is a tier that never emerged."""
+    measures = all_measures(study)
+    rows = []
+    for arm in study.arms:
+        for run in arm.runs:
+            costs = asdict(overhead(run))
+            numbers = [m.of(run) for m in measures]
+            rows.append([arm.name, run.seed, run.supervisor, run.name, *numbers, *costs.values()])
+    return to_csv(("arm", "seed", "supervisor", "name", *(m.key for m in measures), *costs), rows)
+
+
+def champions_csv(found: Sequence[Generalisation]) -> str:
+    """Each champion in unseen worlds, and its paired difference to each yardstick, in points."""
+    yardsticks = [g for g in found if g.seed is None]
+    columns = ["arm", "seed", "trained", "worlds", "unseen", "worst", *found[0].reached]
+    for y in yardsticks:
+        columns += [f"minus {y.arm}{end}" for end in ("", ", low", ", high")]
+    rows = []
+    for g in found:
+        if g.seed is not None:
+            plain = (g.arm, g.seed, g.trained, g.worlds, g.unseen, g.worst)
+            row: list[object] = [*plain, *g.reached.values()]
+            for y in yardsticks:
+                d = g.minus(y)
+                row += map(_known, (d.estimate, d.low, d.high))
+            rows.append(row)
+    return to_csv(columns, rows)
+
+
+def tests_csv(findings: Sequence[Finding]) -> str:
+    """Every comparison; the mean of a sample with censored runs is left empty.
+
+    Its median is left empty when half of the runs or more are censored.
+    """
+    rows = [_row(f) for f in findings]
+    return to_csv([*rows[0]], [[*row.values()] for row in rows])
+
+
+def _row(f: Finding) -> dict[str, object]:
+    t, p, shift = f.rank, f.paired, f.shift
+    left = [sample.count(None) for sample in f.samples]
+    means = [
+        (None, None) if censored else tuple(map(_known, mean_sd(values)))
+        for values, censored in zip(f.numbers, left, strict=True)
+    ]
+    without = map(fmean, f.numbers) if f.measure.emergence else (None, None)
+    return {
+        "first": f.arms[0],
+        "second": f.arms[1],
+        "measure": f.measure.key,
+        "unit": f.measure.unit,
+        "family": f.family,  # what the adjusted p-values belong to, and its comparisons
+        "family_size": f.size,
+        **_two("n", t.n),
+        "mean_first": means[0][0],
+        "sd_first": means[0][1],
+        "mean_second": means[1][0],
+        "sd_second": means[1][1],
+        **_two("median", (quantile(sample, 0.5) for sample in f.samples)),
+        **_two("censored", left),
+        "U": t.u,
+        "z": t.z,
+        "p": t.p,
+        "kind": t.kind,
+        "p_bh": f.rank_q,
+        "r": t.r,
+        "paired_p": None if p is None else p.p,
+        "paired_kind": None if p is None else p.kind,
+        "paired_p_bh": f.paired_q,
+        "log_rank_p": f.log_rank,
+        "log_rank_p_bh": f.log_rank_q,
+        **_two("without", without),  # for emergence: mean generations lived through without one
+        # Of the means, or of the two before, with its 95 % interval.
+        "difference": _known(shift.estimate),
+        "difference_low": _known(shift.low),
+        "difference_high": _known(shift.high),
+    }
+
+
+def _two(name: str, values: Iterable[object]) -> dict[str, object]:
+    return dict(zip((f"{name}_first", f"{name}_second"), values, strict=True))
+
+
+def _known(x: float) -> float | None:
+    """None, which is an empty cell, for NaN."""
+    return None if isnan(x) else x
+
+
+def metrics(findings: Sequence[Finding]) -> dict[str, float]:
+    """What an MLflow run of a comparison is to be found by."""
+    several = len({f.arms for f in findings}) > 1
+    found = {}
+    for f in findings:
+        name = f"{f.measure.key} {f.arms[0]} {f.arms[1]}" if several else f.measure.key
+        found[f"p_bh/{name}"] = f.rank_q
+        found[f"r/{name}"] = f.rank.r
+    return found

@@ -14,11 +14,10 @@ from islandgp.errors import StudyError
 from islandgp.evaluation.serial import Serial
 from islandgp.study.arms import Arm, Run
 from islandgp.study.comparable import compare_arms
-from islandgp.study.data import runs_csv
 from islandgp.study.generalise import Generalisation, generalise
 from islandgp.study.library import library_names
 from islandgp.study.report import Report, build
-from islandgp.study.writing import to_markdown, to_page
+from islandgp.study.writing import runs_csv, to_markdown, to_page
 from tests.made import CLASSES
 from tests.study.made_runs import config, guidance, individual, made_arm, made_run
 

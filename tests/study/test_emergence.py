@@ -17,7 +17,7 @@ from islandgp.study.figures.emergence import box
 from islandgp.study.findings import examine
 from islandgp.study.measures import emergence
 from islandgp.study.statistics import EXACT, EXACT_TIES
-from islandgp.study.tables.emergence import when
+from islandgp.study.tables.comparisons import when
 from tests.study.made_runs import made_run
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 from islandgp.bt.language import parse
 from islandgp.bt.render import branches
 from islandgp.errors import StudyError
-from islandgp.study import data
+from islandgp.study import writing
 from islandgp.study.arms import Comparison
 from islandgp.study.comparable import compare_arms
 from islandgp.study.figures.drawing import COLUMN, DPI, WIDTH
@@ -28,6 +29,7 @@ from islandgp.study.library import library_names
 from islandgp.study.plan import NOTHING, check_plan, families, parse_plan
 from islandgp.study.report import Report, build
 from islandgp.study.table import Table
+from islandgp.study.texts import title_and_caption
 from islandgp.study.writing import to_page, write
 from tests.study.made_runs import TREE, config, guidance, individual, made_arm, made_run
 
@@ -321,7 +323,7 @@ def test_one_run_an_arm_is_reported_and_shows_nothing() -> None:
     assert not any("nan" in cell for cell in cells)
     (medians,) = [t for t in report.tables if t.key == "medians"]
     assert medians.rows[0][1] == "9 [\N{EN DASH}]"
-    assert "nan" not in data.tests_csv(report.findings)
+    assert "nan" not in writing.tests_csv(report.findings)
 
 
 def test_a_forced_comparison_says_so_on_top() -> None:
@@ -369,14 +371,18 @@ def test_captions_name_a_library_tree() -> None:
         arm = made_arm("expert", [made_run(guided=guidance(tree=texts[name], injected=True))])
         early = early_injected(compare_arms([arm, dull]))
         assert early is not None
-        assert expected in early.caption
+        assert expected in _caption(early)
     own = made_arm("expert", [made_run(guided=guidance(tree=TREE, injected=True))])
     early = early_injected(compare_arms([own, dull]))
     assert early is not None
-    assert "seed 0: injected into generation 2" in early.caption
+    assert "seed 0: injected into generation 2" in _caption(early)
     best = [[individual("a", tree=texts["poor"], fitness=9_999.0)]] * 41
     late = late_evolved(compare_arms([made_arm("expert", [made_run(populations=best)]), dull]))
-    assert "fitness 9,999, library tree poor, crossover" in late.caption
+    assert "fitness 9,999, library tree poor, crossover" in _caption(late)
+
+
+def _caption(specimen: Specimen) -> str:
+    return title_and_caption(specimen.figure, more="", **specimen.values)[1]
 
 
 def test_claims_say_their_family(written: tuple[Report, Path]) -> None:
@@ -410,7 +416,8 @@ def test_a_long_tree_is_an_outline_in_two_columns() -> None:
     assert [len(before) // 3 for before in lines[:5]] == [0, 1, 2, 2, 1]
     assert [before[-3] == LAST for before in lines[1:5]] == [False, False, True, False]
     assert lines[-1][0] == " "  # no line goes on below the last child of the root
-    short, long = (drawn("k", "t", Specimen(tree, "")) for tree in (TREE, text))
+    specimen = late_evolved(_study("expert", "baseline"))
+    short, long = (drawn(replace(specimen, tree=tree)) for tree in (TREE, text))
     width = [int.from_bytes(p.png[16:20], "big") for p in (short, long)]
     assert width == [int(COLUMN * DPI), int(WIDTH * DPI)]
 

@@ -18,10 +18,12 @@ import numpy as np
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.study.arms import Arm, Comparison
+from islandgp.study.texts import title_and_caption
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import LayoutEngine
 
 
 # Arms: Okabe and Ito's palette, from dark to light enough to differ in grey.
@@ -99,15 +101,17 @@ def look(i: int, palette: tuple[str, ...] = PALETTE) -> Style:
 
 def picture(
     key: str,
-    title: str,
-    caption: str,
     draw: Callable[[Figure], None],
     *,
     height: float = 3.6,
     width: float = WIDTH,
-    layout: Literal["constrained"] | None = "constrained",
+    layout: LayoutEngine | Literal["constrained"] | None = "constrained",
+    **values: object,
 ) -> Picture:
-    """Draws on a figure of `width` x `height` inches and saves it both ways."""
+    """Draws on a figure of `width` x `height` inches and saves it both ways.
+
+    Its title and caption are those of `key` in texts.yaml, with `values` in them.
+    """
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
@@ -117,23 +121,23 @@ def picture(
         svg, png = io.StringIO(), io.BytesIO()
         figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": None})
         figure.savefig(png, format="png", dpi=DPI, metadata={"Software": None})
-    return Picture(key, title, caption, svg.getvalue(), png.getvalue())
+    return Picture(key, *title_and_caption(key, **values), svg.getvalue(), png.getvalue())
 
 
 def curve_picture(
     key: str,
-    title: str,
-    caption: str,
     study: Comparison,
     of: Callable[[Snapshot], float],
     label: str,
     dress: Callable[[Axes], object],
     *,
     height: float = 3.6,
+    **values: Any,
 ) -> Picture:
     """A number by generation: each arm's mean with a band of ±1 SD over its runs.
 
-    `of` is the number, `label` that of the y axis, and `dress` sets what else there is to set.
+    `of` is the number, `label` that of the y axis, and `dress` sets what else there is to set;
+    the others as in `picture`.
     """
 
     def draw(figure: Figure) -> None:
@@ -146,7 +150,7 @@ def curve_picture(
         dress(axes)
         legend(figure, axes)
 
-    return picture(key, title, caption, draw, height=height)
+    return picture(key, draw, height=height, **values)
 
 
 def _band(axes: Axes, arm: Arm, how: Style, rows: Sequence[Sequence[float]]) -> None:
@@ -163,6 +167,11 @@ def _band(axes: Axes, arm: Arm, how: Style, rows: Sequence[Sequence[float]]) -> 
 def marks(how: Style) -> dict[str, Any]:
     """The marker of a line: every fifth point has one."""
     return {"marker": how.marker, "markevery": 5, "markersize": 4}
+
+
+def dots(how: Style) -> dict[str, Any]:
+    """The look of an arm's points."""
+    return {"color": how.colour, "marker": how.marker, "edgecolor": "white", "linewidth": 0.4}
 
 
 def panels(

@@ -7,18 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from islandgp.study.arms import Comparison
 from islandgp.study.emergence import band, first, quantile, ranks, still_without
-from islandgp.study.figures.drawing import (
-    INK,
-    Picture,
-    Style,
-    bar,
-    groups,
-    legend,
-    looks,
-    named,
-    picture,
-    sideways,
-)
+from islandgp.study.figures import drawing
 from islandgp.study.statistics import mean_interval
 from islandgp.supervision.state_json import title
 
@@ -33,32 +22,16 @@ BANDS = 3  # arms whose bands can be told apart
 TOP, ROW = -0.27, 0.065  # below the axes, in their heights: numbers at risk, a row for each arm
 
 
-def figure_6(study: Comparison) -> Picture:
+def figure_6(study: Comparison) -> drawing.Picture:
     """Box plots (a) and mean times (b)."""
 
     def draw(figure: Figure) -> None:
         left, right = figure.subplots(1, 2, width_ratios=(3, 2))
         _boxes(left, study)
         _bars(right, study)
-        legend(figure, left)
+        drawing.legend(figure, left)
 
-    return picture(
-        "figure-6",
-        f"Figure 6. First emergence of {_robots(study)}",
-        "(a) Generation of the first one, run by run; boxes: quartiles and median of all runs,"
-        " whiskers to the extremes; runs without one are drawn in the strip 'never' and counted"
-        " there, and what falls among them of a box is drawn there too, so the median is that of"
-        " Table 11. (b) Mean number of generations lived through without one;"
-        " a run without one counts with the generations it lived (restricted mean); whiskers:"
-        " 95 % interval by Student's t; 'never': no run of the arm had one.",
-        draw,
-        height=3.9,
-    )
-
-
-def _robots(study: Comparison) -> str:
-    """The milestones in a title."""
-    return f"{' and '.join(map(title, study.milestones))} Robots"
+    return drawing.picture("figure-6", draw, height=3.9, robots=_robots(study))
 
 
 def _boxes(axes: Axes, study: Comparison) -> None:
@@ -68,25 +41,22 @@ def _boxes(axes: Axes, study: Comparison) -> None:
     strip = max(1.0, 0.1 * n)  # how high the strip 'never' is, in generations
     never, top = n - 0.5 + 0.3 * strip, n - 0.5 + strip
     missing = False
-    for arm, how, k, at, width in groups(study, len(tiers)):
+    for arm, how, k, at, width in drawing.groups(study, len(tiers)):
         firsts = [first(run, tiers[k]) for run in arm.runs]
         _box(axes, at, box(firsts, never), width, how)
         axes.scatter(
-            sideways(at, len(firsts), width),
+            drawing.sideways(at, len(firsts), width),
             [never if g is None else g for g in firsts],
             s=16,
-            marker=how.marker,
-            color=how.colour,
-            edgecolor="white",
-            linewidth=0.4,
             zorder=3,
-            label=named(arm) if k == 0 else None,
+            label=drawing.named(arm) if k == 0 else None,
+            **drawing.dots(how),
         )
         if without := firsts.count(None):
             missing = True
             count = f"{without} of {len(firsts)}"
             height = n - 0.5 + 0.75 * strip
-            axes.text(at, height, count, va="center", ha="center", fontsize=7.5, color=INK)
+            axes.text(at, height, count, va="center", ha="center", fontsize=7.5, color=drawing.INK)
     if missing:
         axes.axhspan(n - 0.5, top, color="#f1f1f1", zorder=0)
         beside = axes.get_yaxis_transform()
@@ -107,7 +77,9 @@ def box(firsts: Firsts, never: float) -> dict[str, float]:
     return {name: never if g is None else g for name, g in found.items()}
 
 
-def _box(axes: Axes, at: float, numbers: dict[str, float], width: float, how: Style) -> None:
+def _box(
+    axes: Axes, at: float, numbers: dict[str, float], width: float, how: drawing.Style
+) -> None:
     axes.bxp(
         [numbers],
         positions=[at],
@@ -116,7 +88,7 @@ def _box(axes: Axes, at: float, numbers: dict[str, float], width: float, how: St
         patch_artist=True,
         manage_ticks=False,
         boxprops={"facecolor": how.colour, "alpha": 0.3, "edgecolor": how.colour},
-        medianprops={"color": INK, "linewidth": 1.6},
+        medianprops={"color": drawing.INK, "linewidth": 1.6},
         whiskerprops={"color": how.colour},
         capprops={"color": how.colour},
     )
@@ -124,13 +96,13 @@ def _box(axes: Axes, at: float, numbers: dict[str, float], width: float, how: St
 
 def _bars(axes: Axes, study: Comparison) -> None:
     tiers = study.milestones
-    for arm, how, k, at, width in groups(study, len(tiers)):
+    for arm, how, k, at, width in drawing.groups(study, len(tiers)):
         firsts = [first(run, tiers[k]) for run in arm.runs]
         times = ranks(firsts, study.generations)
         mean = mean_interval(times)
         down, up = max(mean.low, 0.0), min(mean.high, float(study.generations))
         error = [[mean.estimate - down], [up - mean.estimate]]
-        bar(axes, at, mean.estimate, width, error, how)
+        drawing.bar(axes, at, mean.estimate, width, error, how)
         axes.text(
             at,
             0.03,
@@ -147,23 +119,21 @@ def _bars(axes: Axes, study: Comparison) -> None:
     axes.grid(visible=False, axis="x")
 
 
-def emergence_curves(study: Comparison) -> Picture:
+def emergence_curves(study: Comparison) -> drawing.Picture:
     """Share of runs that have had one, by generation: the log-rank test's view."""
-
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+    room = 0.03 * max(0, len(study.arms) - 2)  # the layout does not see the rows below the axes
+    layout = ConstrainedLayoutEngine(rect=(0, room, 1, 1 - room))
+
     def draw(figure: Figure) -> None:
-        engine = figure.get_layout_engine()
-        if isinstance(engine, ConstrainedLayoutEngine):  # it does not see the rows below the axes
-            room = 0.03 * max(0, len(study.arms) - 2)
-            engine.set(rect=(0, room, 1, 1 - room))
         rows = -(-len(study.milestones) // PANELS)
         columns = min(PANELS, len(study.milestones))
         panels = figure.subplots(rows, columns, sharey=True, squeeze=False)
         for axes in panels.flat[len(study.milestones) :]:
             axes.axis("off")
         for axes, tier in zip(panels.flat, study.milestones, strict=False):
-            for row, (arm, how) in enumerate(looks(study)):
+            for row, (arm, how) in enumerate(drawing.looks(study)):
                 firsts = [first(run, tier) for run in arm.runs]
                 _curve(axes, study, arm.name, firsts, how)
                 _at_risk(axes, study.generations - 1, firsts, how, row)
@@ -174,23 +144,20 @@ def emergence_curves(study: Comparison) -> Picture:
             axes.legend(
                 loc="best", facecolor="white", framealpha=0.7, frameon=True, edgecolor="none"
             )
-            _below(axes, 0, TOP, "Runs still without one", INK, ha="left")
+            _below(axes, 0, TOP, "Runs still without one", drawing.INK, ha="left")
         for axes in panels[:, 0]:
             axes.set_ylabel("Share of runs that have had one")
 
-    return picture(
-        "emergence-curves",
-        f"Share of runs that have had {_robots(study)}",
-        "One minus the Kaplan-Meier estimate: every run is watched to the last generation, so a"
-        " curve that ends below 1 shows the runs that never had one. Bands, for up to three"
-        " arms: 95 % in each generation by itself (Wilson). Below: runs still without one before a"
-        " generation, in the order of the legend. This is what the log-rank test compares.",
-        draw,
-        height=(3.1 + 0.3 * len(study.arms)) * -(-len(study.milestones) // PANELS),
-    )
+    height = (3.1 + 0.3 * len(study.arms)) * -(-len(study.milestones) // PANELS)
+    robots = _robots(study)
+    return drawing.picture("emergence-curves", draw, height=height, layout=layout, robots=robots)
 
 
-def _curve(axes: Axes, study: Comparison, name: str, firsts: Firsts, how: Style) -> None:
+def _robots(study: Comparison) -> str:
+    return " and ".join(map(title, study.milestones))
+
+
+def _curve(axes: Axes, study: Comparison, name: str, firsts: Firsts, how: drawing.Style) -> None:
     share = [1 - s for s in still_without(firsts, study.generations)]
     runs, there = len(firsts), len(firsts) - firsts.count(None)
     x = range(study.generations)
@@ -203,7 +170,7 @@ def _curve(axes: Axes, study: Comparison, name: str, firsts: Firsts, how: Style)
     axes.step(x, share, linestyle=how.line, label=f"{name}: {there} of {runs}", **line)
 
 
-def _at_risk(axes: Axes, last: int, firsts: Firsts, how: Style, row: int) -> None:
+def _at_risk(axes: Axes, last: int, firsts: Firsts, how: drawing.Style, row: int) -> None:
     """Below the axes: how many runs had none before a tick's generation."""
     for tick in sorted({round(last * k / 4) for k in range(5)}):
         left = sum(g is None or g >= tick for g in firsts)

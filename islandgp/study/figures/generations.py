@@ -9,26 +9,7 @@ import numpy as np
 
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.study.arms import Arm, Comparison
-from islandgp.study.figures.drawing import (
-    FAINT,
-    INK,
-    LINES,
-    PALE,
-    PERCENT,
-    THOUSANDS,
-    Picture,
-    bar,
-    curve_picture,
-    epoch_lines,
-    groups,
-    legend,
-    look,
-    named,
-    panels,
-    picture,
-    sideways,
-    stack,
-)
+from islandgp.study.figures import drawing
 from islandgp.study.measures import SPANS, best, diversity, span_mean
 from islandgp.study.statistics import mean_sd
 from islandgp.supervision.base import Pattern
@@ -40,63 +21,51 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def figure_4(study: Comparison) -> Picture:
+def figure_4(study: Comparison) -> drawing.Picture:
     """Best fitness by generation."""
-    return curve_picture(
+    return drawing.curve_picture(
         "figure-4",
-        "Figure 4. Fitness by generation",
-        "Highest fitness of each generation: mean over runs, bands of ±1 standard deviation."
-        " Dashed lines end an epoch, darker ones a stage of the curriculum.",
         study,
         best,
         "Best fitness of a generation (points)",
-        lambda axes: axes.yaxis.set_major_formatter(THOUSANDS),
+        lambda axes: axes.yaxis.set_major_formatter(drawing.THOUSANDS),
         height=3.8,
     )
 
 
-def figure_5(study: Comparison) -> Picture:
+def figure_5(study: Comparison) -> drawing.Picture:
     """Best fitness by training stage."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        for arm, how, k, at, width in groups(study, len(SPANS)):
+        for arm, how, k, at, width in drawing.groups(study, len(SPANS)):
             values = [span_mean(run, SPANS[k], best) for run in arm.runs]
             mean, sd = mean_sd(values)
-            bar(axes, at, mean, width, sd, how, named(arm) if k == 0 else None)
+            drawing.bar(axes, at, mean, width, sd, how, drawing.named(arm) if k == 0 else None)
             axes.scatter(
-                sideways(at, len(values), width),
+                drawing.sideways(at, len(values), width),
                 values,
                 s=9,
                 marker=how.marker,
                 facecolor="white",
-                edgecolor=INK,
+                edgecolor=drawing.INK,
                 linewidth=0.6,
                 zorder=3,
             )
         axes.set_xticks(range(len(SPANS)), [p.name(study.generations) for p in SPANS])
         axes.grid(visible=False, axis="x")
-        axes.axhline(0, color=FAINT, linewidth=0.8)
+        axes.axhline(0, color=drawing.FAINT, linewidth=0.8)
         axes.set_ylabel("Mean of the best fitness (points)")
-        axes.yaxis.set_major_formatter(THOUSANDS)
-        legend(figure, axes)
+        axes.yaxis.set_major_formatter(drawing.THOUSANDS)
+        drawing.legend(figure, axes)
 
-    return picture(
-        "figure-5",
-        "Figure 5. Fitness by training stage",
-        "Mean over a stage's generations of the highest fitness; bars: mean over runs, whiskers:"
-        " ±1 standard deviation, points: runs.",
-        draw,
-    )
+    return drawing.picture("figure-5", draw)
 
 
-def figure_7(study: Comparison) -> Picture:
+def figure_7(study: Comparison) -> drawing.Picture:
     """Mutation rate by generation."""
-    return curve_picture(
+    return drawing.curve_picture(
         "figure-7",
-        "Figure 7. Mutation rate",
-        "The rate in force, a crisis's emergency rate (Eq. 8) included: mean over runs, bands of"
-        " ±1 standard deviation. Dashed lines end an epoch.",
         study,
         lambda s: s.rate,
         "Mutation rate that made the generation",
@@ -104,7 +73,7 @@ def figure_7(study: Comparison) -> Picture:
     )
 
 
-def figure_8(study: Comparison) -> Picture | None:
+def figure_8(study: Comparison) -> drawing.Picture | None:
     """Patterns of decisions; None when no arm's supervisor names any."""
     arms = [arm for arm in study.arms if any(g.pattern for run in arm.runs for g in run.guidance)]
     if not arms:
@@ -118,27 +87,19 @@ def figure_8(study: Comparison) -> Picture | None:
             _patterns_over_time(right, arm, study)
             right.set_title(f"{arm.name}: over generations")
 
-    return picture(
-        "figure-8",
-        "Figure 8. Decision patterns",
-        "The labels of Table 6 that a supervisor gave to the state of the population: shares of"
-        " all decisions, and of the runs after each generation. Arms whose supervisor names no"
-        " pattern are not shown.",
-        draw,
-        height=0.9 + 2.6 * len(arms),
-    )
+    return drawing.picture("figure-8", draw, height=0.9 + 2.6 * len(arms))
 
 
 def _pattern_totals(axes: Axes, arm: Arm) -> None:
     counts = decisions(run.guidance for run in arm.runs)
     for i, pattern in enumerate(Pattern):
-        how, share = look(i, PALE), counts.patterns[pattern] / counts.total
+        how, share = drawing.look(i, drawing.PALE), counts.patterns[pattern] / counts.total
         axes.barh(i, share, color=how.colour, hatch=how.hatch, edgecolor="white")
         axes.text(share, i, f" {share:.1%}", va="center", ha="left", fontsize=8)
     axes.set_yticks(range(len(Pattern)), [p.replace("_", " ") for p in Pattern])
     axes.invert_yaxis()
     axes.set_xlim(0, max(counts.patterns.values()) / counts.total * 1.35)
-    axes.xaxis.set_major_formatter(PERCENT)
+    axes.xaxis.set_major_formatter(drawing.PERCENT)
     axes.set_xlabel("Share of all decisions")
     axes.grid(visible=False, axis="y")
 
@@ -147,7 +108,7 @@ def _patterns_over_time(axes: Axes, arm: Arm, study: Comparison) -> None:
     """Bars upon each other: the share of the arm's runs with a pattern after each generation."""
     base = np.zeros(study.generations - 1)
     for i, pattern in enumerate(Pattern):
-        how, row = look(i, PALE), np.zeros(len(base))
+        how, row = drawing.look(i, drawing.PALE), np.zeros(len(base))
         for run in arm.runs:
             row += [g.pattern == pattern for g in run.guidance[: len(base)]]
         row /= len(arm.runs)
@@ -162,13 +123,13 @@ def _patterns_over_time(axes: Axes, arm: Arm, study: Comparison) -> None:
             linewidth=0.2,
         )
         base += row
-    epoch_lines(axes, study)
+    drawing.epoch_lines(axes, study)
     axes.set_ylim(0, 1)
-    axes.yaxis.set_major_formatter(PERCENT)
+    axes.yaxis.set_major_formatter(drawing.PERCENT)
     axes.set(xlabel="Generation", ylabel="Share of the runs")
 
 
-def components(study: Comparison) -> Picture:
+def components(study: Comparison) -> drawing.Picture:
     """Where the best individual's fitness comes from."""
 
     def fill(axes: Axes, arm: Arm) -> None:
@@ -180,44 +141,30 @@ def components(study: Comparison) -> Picture:
             ],
             axis=0,
         )  # components x generations
-        stack(axes, points.clip(min=0), [name.replace("_", " ") for name in names])
-        stack(axes, points.clip(max=0))
-        axes.plot(points.sum(axis=0), color=INK, linewidth=1.4, label="fitness")
-        axes.axhline(0, color=INK, linewidth=0.6)
-        axes.yaxis.set_major_formatter(THOUSANDS)
+        drawing.stack(axes, points.clip(min=0), [name.replace("_", " ") for name in names])
+        drawing.stack(axes, points.clip(max=0))
+        axes.plot(points.sum(axis=0), color=drawing.INK, linewidth=1.4, label="fitness")
+        axes.axhline(0, color=drawing.INK, linewidth=0.6)
+        axes.yaxis.set_major_formatter(drawing.THOUSANDS)
 
-    return picture(
-        "components",
-        "Fitness by component over generations",
-        "The terms of Eq. (1) for the best individual of each generation, mean over runs;"
-        " penalties are stacked below zero, the line is their sum.",
-        panels(study, fill, "Points of the best individual", 5),
-        height=3.9,
-    )
+    draw = drawing.panels(study, fill, "Points of the best individual", 5)
+    return drawing.picture("components", draw, height=3.9)
 
 
-def diversity_by_generation(study: Comparison) -> Picture:
+def diversity_by_generation(study: Comparison) -> drawing.Picture:
     """Eq. (3) by generation."""
     n = len(study.classes.specialist_names)
     most = 1 - 1 / n
 
     def dress(axes: Axes) -> None:
-        axes.axhline(most, color=INK, linewidth=0.7, linestyle=":")
+        axes.axhline(most, color=drawing.INK, linewidth=0.7, linestyle=":")
         axes.set_ylim(0, most + 0.05)
 
-    return curve_picture(
-        "diversity",
-        "Behavioural diversity by generation",
-        f"Mean over runs, bands of ±1 standard deviation; the dotted line is the most that {n}"
-        f" classes allow, {n - 1}/{n}.",
-        study,
-        diversity,
-        "Behavioural diversity, Eq. (3)",
-        dress,
-    )
+    label = "Behavioural diversity, Eq. (3)"
+    return drawing.curve_picture("diversity", study, diversity, label, dress, n=n, most=n - 1)
 
 
-def classes(study: Comparison) -> Picture:
+def classes(study: Comparison) -> drawing.Picture:
     """The shares of the exclusive classes, and of the labels beside them."""
     exclusive = study.classes.specialists
     labels = [name for name in study.classes.behaviours if name not in exclusive.of]
@@ -226,23 +173,18 @@ def classes(study: Comparison) -> Picture:
         names = list(study.classes.specialist_names)
         shares = _shares(arm, study.generations, names, lambda s: s.specialists)
         idle = names.index(exclusive.idle)
-        stack(axes, shares, list(map(title, names)), neutral=idle)
+        drawing.stack(axes, shares, list(map(title, names)), neutral=idle)
         shares = _shares(arm, study.generations, labels, lambda s: s.doing)
         for k, (name, share) in enumerate(zip(labels, shares, strict=True)):
-            line = LINES[k % len(LINES)]
+            line = drawing.LINES[k % len(drawing.LINES)]
             axes.plot(share, color="white", linewidth=3.4)
-            axes.plot(share, color=INK, linewidth=1.6, linestyle=line, label=title(name))
+            axes.plot(share, color=drawing.INK, linewidth=1.6, linestyle=line, label=title(name))
         axes.set_ylim(0, 1)
-        axes.yaxis.set_major_formatter(PERCENT)
+        axes.yaxis.set_major_formatter(drawing.PERCENT)
 
     lines = f"; lines: the labels {' and '.join(labels)}, which any can carry" if labels else ""
-    return picture(
-        "classes",
-        "Diversity by class over generations",
-        f"Areas: the exclusive classes of section 2.3.3{lines}. Mean over runs.",
-        panels(study, fill, "Share of the population", 6),
-        height=3.8,
-    )
+    draw = drawing.panels(study, fill, "Share of the population", 6)
+    return drawing.picture("classes", draw, height=3.8, lines=lines)
 
 
 def _shares(

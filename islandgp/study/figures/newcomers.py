@@ -7,22 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from islandgp.evolution.population import Origin
 from islandgp.study.arms import Comparison
-from islandgp.study.figures.drawing import (
-    FAINT,
-    INK,
-    LINES,
-    PERCENT,
-    THOUSANDS,
-    Picture,
-    Style,
-    legend,
-    look,
-    looks,
-    marks,
-    named,
-    picture,
-    sideways,
-)
+from islandgp.study.figures import drawing
 from islandgp.study.generalise import Generalisation
 from islandgp.study.lineage import alive, newcomers
 from islandgp.study.statistics import mean_interval
@@ -34,7 +19,7 @@ if TYPE_CHECKING:
 Champions = Mapping[str, Sequence[Generalisation]]  # by arm
 
 
-def lineage(study: Comparison) -> Picture | None:
+def lineage(study: Comparison) -> drawing.Picture | None:
     """How long newcomers' lines last; None when no arm has any newcomer."""
     curves: list[tuple[str, int, int, list[float]]] = []
     for i, arm in enumerate(study.arms):
@@ -50,31 +35,25 @@ def lineage(study: Comparison) -> Picture | None:
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         for label, i, k, shares in curves:
-            how = look(i)
+            how = drawing.look(i)
             axes.plot(
                 range(len(shares)),
                 shares,
                 color=how.colour,
-                linestyle=LINES[0] if k == 0 else LINES[3],
+                linestyle=drawing.LINES[0] if k == 0 else drawing.LINES[3],
                 label=label,
-                **marks(how),
+                **drawing.marks(how),
             )
         axes.set_ylim(0, 1.03)
         axes.set_xlim(left=0)
-        axes.yaxis.set_major_formatter(PERCENT)
+        axes.yaxis.set_major_formatter(drawing.PERCENT)
         axes.set(xlabel="Generations after it came", ylabel="Share with a living descendant")
-        legend(figure, axes)
+        drawing.legend(figure, axes)
 
-    return picture(
-        "lineage",
-        "Survival of newcomers",
-        "Solid: trees that a supervisor injected; dotted: random trees of the diversity slots."
-        " Kaplan-Meier estimate: a newcomer whose line lives at the end of its run is censored.",
-        draw,
-    )
+    return drawing.picture("lineage", draw)
 
 
-def generalisation(found: Sequence[Generalisation], study: Comparison) -> Picture:
+def generalisation(found: Sequence[Generalisation], study: Comparison) -> drawing.Picture:
     """Champions in unseen worlds, by arm and against their fitness in training."""
     champions = {
         arm.name: [g for g in found if g.arm == arm.name and g.seed is not None]
@@ -87,43 +66,36 @@ def generalisation(found: Sequence[Generalisation], study: Comparison) -> Pictur
         _against_training(right, study, champions)
         for k, g in enumerate(g for g in found if g.seed is None):
             across: dict[str, Any] = {
-                "color": (INK, FAINT)[k % 2],
-                "linestyle": LINES[3 - k % 3],
+                "color": (drawing.INK, drawing.FAINT)[k % 2],
+                "linestyle": drawing.LINES[3 - k % 3],
                 "linewidth": 1.2,
             }
             left.axhline(g.unseen, **across)
             right.axhline(g.unseen, label=g.arm, **across)
-        left.yaxis.set_major_formatter(THOUSANDS)
+        left.yaxis.set_major_formatter(drawing.THOUSANDS)
         low, high = right.get_xlim()
         bottom, top = right.get_ylim()
         right.plot([low, high], [low, high], color="#bbbbbb", linewidth=0.9, zorder=0.5)
         right.set(xlim=(low, high), ylim=(bottom, top))
-        legend(figure, right, 2)
+        drawing.legend(figure, right, 2)
 
-    return picture(
-        "generalisation",
-        "Champions on unseen worlds",
-        "Each point is a run's champion, its mean over unseen worlds. (a) Points are set apart"
-        " sideways by seed; bars: mean over runs with Student's t 95 % interval. (b) On the grey"
-        " line it would do as well in unseen worlds as it did in training. Lines across: trees"
-        " of the library.",
-        draw,
-        height=4.2,
-    )
+    return drawing.picture("generalisation", draw, height=4.2)
 
 
 def _by_arm(axes: Axes, study: Comparison, champions: Champions) -> None:
-    for place, (arm, how) in enumerate(looks(study)):
+    for place, (arm, how) in enumerate(drawing.looks(study)):
         unseen = [g.unseen for g in champions[arm.name]]
         if not unseen:
             continue
-        axes.scatter(sideways(place, len(unseen), 0.8), unseen, s=16, alpha=0.8, **_points(how))
+        axes.scatter(
+            drawing.sideways(place, len(unseen), 0.8), unseen, s=16, alpha=0.8, **drawing.dots(how)
+        )
         mean = mean_interval(unseen)
         axes.errorbar(
             place,
             mean.estimate,
             yerr=mean.high - mean.estimate,
-            color=INK,
+            color=drawing.INK,
             marker="_",
             markersize=14,
             capsize=4,
@@ -137,13 +109,9 @@ def _by_arm(axes: Axes, study: Comparison, champions: Champions) -> None:
 
 
 def _against_training(axes: Axes, study: Comparison, champions: Champions) -> None:
-    for arm, how in looks(study):
+    for arm, how in drawing.looks(study):
         if mine := champions[arm.name]:
             trained, unseen = [g.trained or 0.0 for g in mine], [g.unseen for g in mine]
-            axes.scatter(trained, unseen, s=22, label=named(arm), **_points(how))
-    axes.xaxis.set_major_formatter(THOUSANDS)
+            axes.scatter(trained, unseen, s=22, label=drawing.named(arm), **drawing.dots(how))
+    axes.xaxis.set_major_formatter(drawing.THOUSANDS)
     axes.set(title="(b) Against training", xlabel="Fitness in training, one episode (points)")
-
-
-def _points(how: Style) -> dict[str, Any]:
-    return {"color": how.colour, "marker": how.marker, "edgecolor": "white", "linewidth": 0.4}

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node, depth, size
 from islandgp.bt.render import LOOKS, branches, label
-from islandgp.study.arms import Comparison, Run
+from islandgp.study.arms import Arm, Comparison, Run
 from islandgp.study.figures.drawing import COLUMN, FAINT, WIDTH, Picture, picture
 from islandgp.study.library import library_names
 from islandgp.supervision.state_json import title
@@ -33,8 +34,9 @@ LONG: Final = 48  # nodes of a column of 9 inches, beyond which a second one is 
 class Specimen:
     """A tree worth drawing, and what is to be said of it."""
 
+    figure: str  # its key
     tree: str  # canonical text
-    caption: str
+    values: Mapping[str, object]  # of its caption
 
 
 def early_injected(study: Comparison) -> Specimen | None:
@@ -44,13 +46,12 @@ def early_injected(study: Comparison) -> Specimen | None:
             for generation, record in enumerate(run.records, 1):
                 g = record.guidance
                 if g is not None and g.injected and g.tree and generation >= EARLY:
-                    return Specimen(
-                        g.tree,
-                        f"{arm.name}, seed {run.seed}: {_named(study, run, g.tree)}injected"
-                        f" into generation {generation} for {g.target or 'no stated target'};"
-                        f" {_size(g.tree)}.{_published(study, 'early')} It is shown as the"
-                        " supervisor gave it, before mutation.",
-                    )
+                    values = {
+                        **_values(study, arm, run, g.tree, "early"),
+                        "generation": generation,
+                        "target": g.target or "no stated target",
+                    }
+                    return Specimen("figure-9", g.tree, values)
     return None
 
 
@@ -79,13 +80,14 @@ def late_evolved(study: Comparison) -> Specimen:
             found[3].fitness,
         ),
     )
-    what = f"{title(tier)} Robot" if tier in best.tiers else "the fittest individual"
-    return Specimen(
-        best.tree,
-        f"{arm.name}, seed {run.seed}: {what} of generation {generation}, fitness"
-        f" {best.fitness:,.0f}, {_named(study, run, best.tree)}{best.origin}; {_size(best.tree)}."
-        f"{_published(study, 'late')}",
-    )
+    values = {
+        **_values(study, arm, run, best.tree, "late"),
+        "what": f"{title(tier)} Robot" if tier in best.tiers else "the fittest individual",
+        "generation": generation,
+        "fitness": best.fitness,
+        "origin": best.origin,
+    }
+    return Specimen("figure-10", best.tree, values)
 
 
 def _last_stage(run: Run) -> range:
@@ -95,28 +97,22 @@ def _last_stage(run: Run) -> range:
     return range(start, len(run.records))
 
 
-def _named(study: Comparison, run: Run, tree: str) -> str:
-    """Which tree of the library it is, by its file's name; nothing for any other tree."""
-    name = library_names(run.config).get(tree)
-    if name is None:
-        return ""
-    figure = study.paper.drawn_after.get(name) if study.paper else None
+def _values(study: Comparison, arm: Arm, run: Run, tree: str, key: str) -> dict[str, object]:
+    """Whose a tree is, its name in the library if it has one, and what a paper draws there."""
+    name, node = library_names(run.config).get(tree), parse(tree)
+    figure = study.paper.drawn_after.get(name) if study.paper and name else None
     after = f", modelled on the paper's {figure}" if figure else ""
-    return f"library tree {name}{after}, "
+    published = study.paper.trees.get(key) if study.paper else None
+    return {
+        "arm": arm.name,
+        "seed": run.seed,
+        "name": f"library tree {name}{after}, " if name else "",
+        "size": f"{size(node)} nodes, depth {depth(node)}",
+        "published": f" The paper's: {published}." if published else "",
+    }
 
 
-def _published(study: Comparison, key: str) -> str:
-    """What is said of the tree that a paper draws there."""
-    text = study.paper.trees.get(key) if study.paper else None
-    return f" The paper's: {text}." if text else ""
-
-
-def _size(tree: str) -> str:
-    node = parse(tree)
-    return f"{size(node)} nodes, depth {depth(node)}"
-
-
-def drawn(key: str, heading: str, specimen: Specimen) -> Picture:
+def drawn(specimen: Specimen) -> Picture:
     """The tree as an outline of a column's width, of a page's in two columns where it is long.
 
     So its letters have their size where it is printed in a text of two columns.
@@ -138,9 +134,15 @@ def drawn(key: str, heading: str, specimen: Specimen) -> Picture:
                 _lines(axes, before, place)
                 _node(axes, node, _left(before), place, scale)
 
-    caption = specimen.caption + " It goes on in the second column." * (columns - 1)
-    height = each * LINE * scale
-    return picture(key, heading, caption, draw, height=height, width=wide, layout=None)
+    return picture(
+        specimen.figure,
+        draw,
+        height=each * LINE * scale,
+        width=wide,
+        layout=None,
+        more=" It goes on in the second column." if columns > 1 else "",
+        **specimen.values,
+    )
 
 
 def _left(before: str) -> float:

@@ -13,6 +13,7 @@ from islandgp.study.paper import Count
 from islandgp.study.statistics import mean_interval, mean_sd, rank_test
 from islandgp.study.table import NONE, Row, Table, number, p_is, signed_interval, spread
 from islandgp.study.tables.comparisons import Cells, footnotes, published
+from islandgp.study.texts import note
 from islandgp.supervision.state_json import title
 
 
@@ -34,14 +35,14 @@ def specialists_table(study: Comparison) -> Table:
             cells.append((f"{arm.name} range", f"{min(counts)}-{max(counts)}"))
         rows.append([*cells, *published(known, name, theirs)])
     sizes = {str(run.flat.get("gp.population")) for arm in study.arms for run in arm.runs}
-    note = f"{_list(classes.specialists.of)}: individuals of that exclusive class."
+    said = f"{_list(classes.specialists.of)}: individuals of that exclusive class."
     if labels:
-        note += f" {_list(labels)}: labels that any individual can carry."
+        said += f" {_list(labels)}: labels that any individual can carry."
     return Table.of(
         "table-13",
         f"Table 13. Specialists in a population of {' and '.join(sorted(sizes))}",
         rows,
-        (f"{note} SD over all generations of all runs.", *footnotes(study.paper)),
+        (f"{said} SD over all generations of all runs.", *footnotes(study.paper)),
     )
 
 
@@ -64,7 +65,7 @@ def components_table(study: Comparison) -> Table:
         "components",
         "Fitness of the champions by component (points)",
         [*rows, [("Component", "Fitness"), *total]],
-        ("A run's champion is its best robot, by its fitness in training; ± is over runs.",),
+        (note("components"),),
     )
 
 
@@ -78,27 +79,13 @@ def generalisation_table(found: Sequence[Generalisation], worlds: int) -> Table:
         for arm, mine in champions.items()
     ]
     rows += [[*_in_unseen_worlds(g.arm, [g]), *_minus([], yardsticks)] for g in yardsticks]
-    notes = [
-        f"Each run's champion in the same {worlds} worlds that no run used, in the last stage of"
-        " the curriculum. 'Trained' is its fitness in the generation in which it lived. A run"
-        " chooses its champion in validation worlds of its own. ± is over runs.",
-    ]
+    notes = [note("unseen", worlds=worlds)]
     if len(champions) < len(rows):
-        notes.append(
-            "The yardsticks are trees of the library, by file name: those that library.yardsticks"
-            " names, and the one that the supervisors injected most often. They meet the"
-            " champions' worlds, and more of them where those are few. 'Minus' such a tree: mean"
-            " over runs of the champions' mean paired differences in the worlds that both met,"
-            " with Student's t interval over runs; champions.csv has them run by run, each with"
-            " its interval over worlds."
-        )
+        notes.append(note("yardsticks"))
     several = [(arm, mine) for arm, mine in champions.items() if len(mine) > 1]
     for (a, first), (b, second) in combinations(several, 2):
         t = rank_test([g.unseen for g in first], [g.unseen for g in second])
-        notes.append(
-            f"Unseen fitness, {a} against {b}: U = {number(t.u, 1)}, {p_is(t)}, not"
-            " adjusted: it belongs to no family."
-        )
+        notes.append(note("unseen-test", a=a, b=b, u=number(t.u, 1), p=p_is(t)))
     return Table.of("generalisation", f"Champions on {worlds} unseen worlds", rows, tuple(notes))
 
 
@@ -139,13 +126,7 @@ def controls_table(study: Comparison, found: Sequence[Control]) -> Table:
         "controls",
         "What evolution adds (points)",
         rows,
-        (
-            "Means over runs ± SD of the highest fitness of a generation. A tree that is not"
-            " evolved has one episode in each generation's world, under its stage's multipliers."
-            " The best of the library is the highest of its trees for targets in each generation."
-            " The differences are of all generations' means, seed by seed, with their 95 %"
-            " interval (Student's t).",
-        ),
+        (note("controls"),),
     )
 
 

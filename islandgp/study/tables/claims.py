@@ -23,22 +23,11 @@ from islandgp.study.table import (
     tested,
 )
 from islandgp.study.tables.comparisons import families_note
+from islandgp.study.texts import note
 
 NEVER: Final = "never in either arm"
 UNDECIDED: Final = "no difference shown (no evidence either way)"
 """The verdict where a claim of no difference meets a test that finds none."""
-
-READING: Final = (
-    "Difference: mean of the first arm minus mean of the second. Where the arms share seeds it is"
-    " that of the pairs, with Student's t interval, tested by Wilcoxon's signed-rank test; else"
-    " with Welch's interval, tested by Mann-Whitney's U. A generation is one lived through"
-    " without such a robot; a run that never had one counts with all of its generations. In"
-    " percent of the second mean where both are positive and it is further from zero than its SD."
-)
-ALIKE: Final = (
-    "'Alike': the 95 % interval lies within the margin. 'Not shown' is no evidence that there is"
-    " no difference."
-)
 
 
 def claims_table(
@@ -65,10 +54,9 @@ def claims_table(
         f"The paper's claims: {arms[0]} minus {arms[1]}",
         rows,
         (
-            READING,
+            note("reading"),
             families_note(own),
-            f"{arms[0]} stands for the paper's proposed system, {arms[1]} for its baseline; the"
-            f" paper's own test stands in Tables 9 to 12. 'Shown': p BH < {LEVEL:g}. {ALIKE}",
+            note("claims", first=arms[0], second=arms[1], level=LEVEL),
             paper.footnote,
         ),
     )
@@ -89,7 +77,7 @@ def questions_table(
         ]
         for f in findings
     )
-    notes = (READING, families_note(findings), f"'Shown': p BH < {LEVEL:g}. {ALIKE}")
+    notes = (note("reading"), families_note(findings), note("shown", level=LEVEL))
     return Table.of(key, f"Differences: {name}", rows, notes)
 
 
@@ -117,7 +105,7 @@ def primary_table(f: Finding, margin: float | None) -> Table:
         "primary",
         f"Primary endpoint: {f.measure.label}, {a} minus {b}",
         [row],
-        (READING, f"'Shown': p < {LEVEL:g}, two-sided. {ALIKE}"),
+        (note("reading"), note("shown-once", level=LEVEL)),
     )
 
 

@@ -1,13 +1,14 @@
-"""Two arms by several measures: Tables 9, 10 and 12, medians, and what so many runs can show."""
+"""Two arms by several measures: Tables 9 to 12, medians, and what so many runs can show."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final, TypeVar
 
-from islandgp.study.arms import Comparison
+from islandgp.study.arms import Arm, Comparison
+from islandgp.study.emergence import Summary, first, reduction, summary
 from islandgp.study.findings import Finding
-from islandgp.study.paper import MARK, Diversity, Paper, Tested
+from islandgp.study.paper import MARK, Diversity, Emergence, Paper, Tested
 from islandgp.study.statistics import (
     FEWEST,
     LEVEL,
@@ -32,13 +33,10 @@ from islandgp.study.table import (
     spread,
     tested,
 )
+from islandgp.study.texts import note
+from islandgp.supervision.state_json import title
 
-SIGNS: Final = (
-    "Mann-Whitney U of the first arm, two-sided, as in the paper;"
-    " r = 1 - 2U/(n1 n2): above 0, the first arm has the lower values."
-    " A difference in percent is left out unless both means are positive, and where the second is"
-    " nearer to zero than its SD. ± is the sample standard deviation over runs."
-)
+PAPER_GENERATIONS: Final = 41  # of the runs of Table 11
 
 
 def families_note(findings: Sequence[Finding]) -> str:
@@ -79,7 +77,9 @@ def _ours(f: Finding) -> Row:
     yield from rank_cells(f)
 
 
-def fitness_table(key: str, title: str, findings: Sequence[Finding], paper: Paper | None) -> Table:
+def fitness_table(
+    key: str, heading: str, findings: Sequence[Finding], paper: Paper | None
+) -> Table:
     """Table 9 or 10 for one pair of arms."""
     known = paper.fitness if paper else None
     theirs: Cells[Tested] = {
@@ -93,11 +93,11 @@ def fitness_table(key: str, title: str, findings: Sequence[Finding], paper: Pape
         [("Metric", f.measure.label), *_ours(f), *published(known, f.measure.key, theirs)]
         for f in findings
     )
-    return Table.of(key, title, rows, (SIGNS, families_note(findings), *footnotes(paper)))
+    return Table.of(key, heading, rows, (note("signs"), families_note(findings), *footnotes(paper)))
 
 
 def diversity_table(
-    key: str, title: str, findings: Sequence[Finding], paper: Paper | None
+    key: str, heading: str, findings: Sequence[Finding], paper: Paper | None
 ) -> Table:
     """Table 12 for one pair of arms, with the tests that the paper does not make."""
     known = paper.diversity if paper else None
@@ -110,8 +110,8 @@ def diversity_table(
         [("Measure", f.measure.label), *_ours(f), *published(known, f.measure.key, theirs)]
         for f in findings
     )
-    notes = SIGNS, families_note(findings), "The paper tests none of these.", *footnotes(paper)
-    return Table.of(key, title, rows, notes)
+    notes = note("signs"), families_note(findings), note("untested"), *footnotes(paper)
+    return Table.of(key, heading, rows, notes)
 
 
 T = TypeVar("T")
@@ -131,22 +131,107 @@ def footnotes(paper: Paper | None) -> tuple[str, ...]:
     return (paper.footnote,) if paper else ()
 
 
-def median_table(key: str, title: str, findings: Sequence[Finding]) -> Table:
+def emergence_table(
+    key: str, heading: str, findings: Sequence[Finding], paper: Paper | None
+) -> Table:
+    """Section 3.4 for one pair of arms: when the first robot of each milestone came."""
+    notes = [note("signs"), families_note(findings), note("without")]
+    if any(f.censored for f in findings):
+        notes.append(note("censored"))
+    known = paper.emergence if paper else None
+    theirs: Cells[Emergence] = {
+        "proposed": lambda row: when(summary(row.proposed, PAPER_GENERATIONS)),
+        "baseline": lambda row: when(summary(row.baseline, PAPER_GENERATIONS)),
+        "earlier by": lambda row: percent(row.earlier).lstrip("+"),
+        "p BH": lambda row: probability(row.p_bh),
+    }
+    rows = (
+        [*_times(f), *published(known, f.measure.key.removeprefix("first_"), theirs)]
+        for f in findings
+    )
+    return Table.of(key, heading, rows, (*notes, *footnotes(paper)))
+
+
+def _times(f: Finding) -> Row:
+    first, second = (summary(sample, f.generations) for sample in f.samples)
+    earlier = reduction(first, second)
+    share = NONE if earlier is None else f"{percent(earlier[0]).lstrip('+')} ({earlier[1]})"
+    a, b = f.arms
+    yield "Tier", f.measure.label
+    yield a, when(first)
+    yield b, when(second)
+    yield f"without one, {a}", without(first)
+    yield f"without one, {b}", without(second)
+    yield "difference without one [95 %]", interval(f.shift, 1)
+    yield "earlier by", share
+    yield from rank_cells(f)
+    yield "log-rank p", probability(f.log_rank)
+    yield "log-rank p BH", probability(f.log_rank_q)
+
+
+def when(s: Summary) -> str:
+    """An arm's time to emergence in a cell."""
+    if s.never:
+        return f"never in {s.runs} runs"
+    if s.mean is not None and s.sd is not None:
+        return f"{spread(s.mean, s.sd, 1)}, median {number(s.median, 1)}"
+    middle = "not reached" if s.median is None else number(s.median, 1)
+    return f"median {middle}, {s.emerged} of {s.runs} runs"
+
+
+def without(s: Summary) -> str:
+    """The mean number of generations without one; "all" of them where there never was one."""
+    return f"all {s.watched:g}" if s.never else number(s.watched, 1)
+
+
+def runs_table(study: Comparison) -> Table:
+    """Table 11: the generation of the first robot of each milestone in each run."""
+    tiers = study.milestones
+    notes = [note("firsts", last=study.generations - 1)]
+    if study.paper:
+        notes.append(note("paper-runs"))
+    seeds = sorted({seed for arm in study.arms for seed in arm.seeds})
+    return Table.of(
+        "table-11-runs",
+        "Table 11. Generation of the first"
+        f" {' and the first '.join(map(title, tiers))} Robot, run by run",
+        (
+            [
+                ("Seed", str(seed)),
+                *(
+                    (f"{a.name}: {title(t)}", _firsts(a, seed, t))
+                    for a in study.arms
+                    for t in tiers
+                ),
+                *_beside(place, study.paper, tiers),
+            ]
+            for place, seed in enumerate(seeds)
+        ),
+        (*notes, *footnotes(study.paper)),
+    )
+
+
+def _beside(place: int, paper: Paper | None, tiers: Sequence[str]) -> Row:
+    """The paper's run of that number, empty beyond its last one."""
+    known = [(tier, paper.emergence.get(tier)) for tier in tiers] if paper else []
+    for who in ("proposed", "baseline"):
+        for tier, row in known:
+            cells = getattr(row, who)[place : place + 1] if row else ()
+            yield f"{MARK} {who}: {title(tier)}", "".join(map(str, cells))
+
+
+def _firsts(arm: Arm, seed: int, tier: str) -> str:
+    found = [first(run, tier) for run in arm.runs if run.seed == seed]
+    return ", ".join("never" if g is None else str(g) for g in found) or NONE
+
+
+def median_table(key: str, heading: str, findings: Sequence[Finding]) -> Table:
     """Medians with bootstrap intervals, and the tests seed by seed."""
     return Table.of(
         key,
-        title,
+        heading,
         ([("Measure", f.measure.label), *_medians(f), *_pairs(f)] for f in findings),
-        (
-            "Intervals of medians: order statistics, exact; fewer than six runs have none. Those of"
-            " differences: percentiles of 10,000 bootstrap samples of the runs of each arm, seeded;"
-            f" fewer than {FEWEST} runs have none. A run in which"
-            " a tier never emerged counts as infinite in a median: \N{INFINITY} says"
-            " that it was not reached by the last generation, and a dash that neither arm's was."
-            " 'never' is an arm in which it emerged in no run.",
-            "Paired tests compare runs of the same seed: Wilcoxon's signed-rank test; of emergence,"
-            " on the generations lived through without one. p BH over the same families.",
-        ),
+        (note("medians", fewest=FEWEST), note("pairs")),
     )
 
 
@@ -189,10 +274,5 @@ def power_table(study: Comparison, family: int) -> Table:
         "power",
         "Smallest difference that is found with 80 % power",
         map(dict.items, rows),
-        (
-            "By simulation of the exact Mann-Whitney test on normal values that differ by a shift"
-            " (4,000 pairs of samples a step, seeded). The second level is the strictest one of"
-            " Benjamini and Hochberg's procedure, for the case that nothing else is found. Smaller"
-            " differences than these can exist and stay unseen.",
-        ),
+        (note("power"),),
     )

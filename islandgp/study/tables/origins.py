@@ -7,28 +7,16 @@ from statistics import fmean
 from typing import Final
 
 from islandgp.evolution.population import Origin
+from islandgp.study import lineage
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.emergence import first
-from islandgp.study.lineage import (
-    BRED,
-    HEIR,
-    RANDOM,
-    Descent,
-    alive,
-    descent_of_first,
-    elite_share,
-    final_elite,
-    injected_shares,
-    median_life,
-    newcomers,
-    provenance,
-)
 from islandgp.study.table import NONE, Table, number
+from islandgp.study.texts import note
 from islandgp.supervision.state_json import title
 
 LATER: Final = 5  # generations after which the lineage table asks who is alive
 
-EVOLVED: Final = (RANDOM, BRED, HEIR)
+EVOLVED: Final = (lineage.RANDOM, lineage.BRED, lineage.HEIR)
 """The rows that are always there."""
 
 
@@ -36,12 +24,12 @@ def lineage_table(study: Comparison) -> Table:
     """How long the lines of injected trees last, beside the random ones of the diversity slots."""
     rows = []
     for arm in study.arms:
-        found = [n for run in arm.runs for n in newcomers(run)]
+        found = [n for run in arm.runs for n in lineage.newcomers(run)]
         for origin in (Origin.INJECTED, Origin.RANDOM):
             if mine := [n for n in found if n.origin == origin]:
-                life = median_life(mine, study.generations)
-                elite = fmean(elite_share(run, origin) for run in arm.runs)
-                alive_later = alive(mine, LATER + 1)[LATER]
+                life = lineage.median_life(mine, study.generations)
+                elite = fmean(lineage.elite_share(run, origin) for run in arm.runs)
+                alive_later = lineage.alive(mine, LATER + 1)[LATER]
                 row = {
                     "Arm and origin": f"{arm.name}: {origin.value}",
                     "newcomers": number(len(mine)),
@@ -56,13 +44,7 @@ def lineage_table(study: Comparison) -> Table:
         "lineage",
         "What became of newcomers",
         rows,
-        (
-            "A newcomer is a supervisor's tree, or a random tree of a diversity slot. It is alive"
-            " as long as an individual descends from it by any chain of parents; of its own tree"
-            " there may be little left. Life and survival are Kaplan-Meier estimates: a line that"
-            " lives at the end of its run is censored. The final elite is the best tenth of the"
-            " last generation; an individual can descend from newcomers of both kinds.",
-        ),
+        (note("lineage"),),
     )
 
 
@@ -70,7 +52,7 @@ def sources_table(study: Comparison) -> Table:
     """Whether the first robots of the milestones were given or evolved."""
     tiers = study.milestones
     counts = [
-        Counter(descent_of_first(run, tier) for run in arm.runs)
+        Counter(lineage.descent_of_first(run, tier) for run in arm.runs)
         for arm in study.arms
         for tier in tiers
     ]
@@ -79,33 +61,29 @@ def sources_table(study: Comparison) -> Table:
         f"Where the first {' and the first '.join(map(title, tiers))} Robot came from (runs)",
         ("Source", *(f"{arm.name}: {title(tier)}" for arm in study.arms for tier in tiers)),
         (
-            *((descent.value, *(str(c[descent]) for c in counts)) for descent in Descent),
+            *((descent.value, *(str(c[descent]) for c in counts)) for descent in lineage.Descent),
             (
                 "for comparison: that generation with an injected ancestor",
                 *(_rate_at_first(arm, tier) for arm in study.arms for tier in tiers),
             ),
         ),
-        (
-            f"An injected tree that is a {title(tiers[0])} Robot as it was given shows what the"
-            " supervisor knows, not what evolution found; a descendant may hold any part of it, all"
-            " of it included. The last row is the base rate: the share of the individuals of the"
-            " first one's generation that descend from an injected tree or are one, mean over the"
-            " runs that had one. Where nearly everybody descends from one, that the first one does"
-            " says little.",
-        ),
+        (note("sources", robot=title(tiers[0])),),
     )
 
 
 def _rate_at_first(arm: Arm, tier: str) -> str:
     came = [(run, g) for run in arm.runs if (g := first(run, tier)) is not None]
-    return f"{fmean(injected_shares(run)[g] for run, g in came):.0%}" if came else NONE
+    return f"{fmean(lineage.injected_shares(run)[g] for run, g in came):.0%}" if came else NONE
 
 
 def champion_sources_table(study: Comparison) -> Table:
     """The source of each run's best individual and of its final elite."""
     best, elites = (
-        [Counter(s for run in arm.runs for s in provenance(run, of(run))) for arm in study.arms]
-        for of in (lambda run: [run.champion.record], final_elite)
+        [
+            Counter(s for run in arm.runs for s in lineage.provenance(run, of(run)))
+            for arm in study.arms
+        ]
+        for of in (lambda run: [run.champion.record], lineage.final_elite)
     )
     found = sorted({source for counts in (*best, *elites) for source in counts})
     sources = [*EVOLVED, *(s for s in found if s not in EVOLVED)]
@@ -123,17 +101,10 @@ def champion_sources_table(study: Comparison) -> Table:
         "Where champions come from",
         ("Source", *columns),
         tuple(rows),
-        (
-            "Best: the run's best robot (its champion); final elite: the best tenth"
-            " of the last generation, all runs together. An unchanged copy is what it was copied"
-            " from. A tree that is injected as it is has the name of the library's file"
-            " that it is, else of the supervisor that wrote it. The last row is the base rate:"
-            " the share of the best one's generation, and of the last one, that descends from an"
-            " injected tree or is one, mean over runs.",
-        ),
+        (note("champion-sources"),),
     )
 
 
 def _base_rates(arm: Arm) -> tuple[str, str]:
-    shares = [(run.champion.generation, injected_shares(run)) for run in arm.runs]
+    shares = [(run.champion.generation, lineage.injected_shares(run)) for run in arm.runs]
     return f"{fmean(s[g] for g, s in shares):.0%}", f"{fmean(s[-1] for _, s in shares):.0%}"

@@ -14,6 +14,7 @@ from islandgp.study.paper import MARK
 from islandgp.study.statistics import mean_sd
 from islandgp.study.table import NONE, Row, Table, number, percent, spread
 from islandgp.study.tables.comparisons import footnotes
+from islandgp.study.texts import note
 from islandgp.supervision.decisions import decisions
 from islandgp.supervision.state_json import title
 
@@ -54,10 +55,7 @@ def decisions_table(study: Comparison) -> Table:
         "Supervision decisions, all runs together",
         rows,
         (
-            "Shares are of all decisions of the arm. A crisis (Eq. 7) overrides the rate; one that"
-            " lasts several generations counts once. An intervention is a decision in which the"
-            " supervisor itself says that it has to step in (the expert in the phases crisis"
-            " intervention and aggressive exploration); it is no crisis of the run's.",
+            note("decisions"),
             *((paper.decisions_note,) if paper and paper.decisions_note else ()),
             *footnotes(paper),
         ),
@@ -88,13 +86,7 @@ def overhead_table(study: Comparison) -> Table:
             *(row(label, map(value, each), key) for label, key, value in _ROWS),
             row(f"Time to the first {title(tier)} Robot (s)", times),
         ),
-        (
-            "Times are wall-clock seconds on the machine that ran the arms: mean ± SD over runs."
-            " The time to a first robot is measured, supervision included, up to the"
-            " end of its generation; its median is over all runs, one without it being later than"
-            " any.",
-            *footnotes(study.paper),
-        ),
+        (note("overhead"), *footnotes(study.paper)),
     )
 
 
@@ -127,7 +119,11 @@ _ROWS: Final[tuple[tuple[str, str, Callable[[Overheads], str]], ...]] = (
     ("Requests to a language model", "calls", _spread(lambda b: b.requests, 1)),
     ("Trees injected", "trees", _spread(lambda b: b.injected, 1)),
     ("Fallbacks", "", _spread(lambda b: b.fallbacks, 1)),
-    ("Mean response time of a request (s)", "response", _response),
+    (
+        "Mean response time of a request (s)",
+        "response",
+        _response,
+    ),
     ("Mean wait for a decision (s)", "", _decision),
     ("Supervision (s)", "supervision", _spread(lambda b: b.seconds, 2)),
     ("Simulation (s)", "simulation", _spread(lambda b: b.simulation, 1)),

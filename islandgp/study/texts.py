@@ -1,0 +1,25 @@
+"""The words of a report, which stand in `texts.yaml`."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+
+def note(key: str, **values: object) -> str:
+    """A note below a table, or a paragraph; `values` fill in what stands in braces."""
+    return str(_texts()["notes"][key]).format(**values)
+
+
+def title_and_caption(figure: str, **values: object) -> tuple[str, str]:
+    """Of the figure with that key; `values` as above."""
+    found = _texts()["figures"][figure]
+    return found["title"].format(**values), found["caption"].format(**values)
+
+
+@cache
+def _texts() -> Any:
+    return yaml.safe_load(Path(__file__).with_name("texts.yaml").read_text(encoding="utf-8"))
