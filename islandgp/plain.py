@@ -54,6 +54,11 @@ def made_of(kind: type[T], value: Any) -> T:
     return found
 
 
+def plain(value: Any) -> Any:
+    """A dataclass as JSON values, those inside it included."""
+    return _adapter(cast("Any", type(value))).dump_python(value, mode="json")
+
+
 def _validated(kind: Any, text: bytes) -> Any:
     try:
         return _adapter(kind).validate_json(text, strict=True)

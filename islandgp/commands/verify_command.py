@@ -13,9 +13,8 @@ import click
 
 from islandgp.errors import RunError
 from islandgp.records.checkpoint import read_checkpoint
-from islandgp.records.folder import RunFolder, generation_lines
+from islandgp.records.folder import RunFolder, generation_lines, run_folders
 from islandgp.records.lines import digests, read_digests, wrong_record
-from islandgp.tracking.sync import run_folders
 
 
 class Verdict(StrEnum):
@@ -60,8 +59,8 @@ def _end(folder: RunFolder) -> tuple[int, str | None]:
         return summary["generations"], summary.get("records")
     checkpoint = folder.path / "checkpoint.json"
     if checkpoint.exists():
-        plain = read_checkpoint(checkpoint)
-        return plain["generation"], plain.get("records")
+        state, expected = read_checkpoint(checkpoint)
+        return state.generation, expected or None
     n = sum(1 for _ in generation_lines(folder.path).whole())
     if n > 1:
         raise RunError(f"there is no {checkpoint.name} beside {n} generations")

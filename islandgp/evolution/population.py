@@ -5,10 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Annotated
 
+from pydantic import PlainSerializer, PlainValidator
+
+from islandgp.bt.language import parse, to_text
 from islandgp.bt.node import Node
 from islandgp.domain import Outcome
 from islandgp.scoring.classes import Verdict
+
+Tree = Annotated[Node, PlainValidator(parse), PlainSerializer(to_text)]
+"""A tree, which stands in files as its canonical text."""
 
 
 class Origin(StrEnum):
@@ -28,7 +35,7 @@ class Individual:
     """A tree in a population, not yet evaluated."""
 
     id: str  # "<generation>.<slot>"
-    tree: Node
+    tree: Tree
     origin: Origin
     parents: tuple[str, ...] = ()  # ids
     mutation: str = ""  # the operator that changed it after construction, or ""
@@ -49,7 +56,7 @@ class Ancestor:
     """The best individual of a behaviour that has ever been (section 2.3)."""
 
     id: str  # of the individual
-    tree: Node
+    tree: Tree
     stage: int  # of the curriculum, in which it was evaluated
     fitness: float  # points
 

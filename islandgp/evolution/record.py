@@ -8,6 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
+
+from pydantic import Field
 
 from islandgp.bt.node import depth, size
 from islandgp.evolution.population import Ancestor, Evaluated, Individual
@@ -109,8 +112,8 @@ def fittest(
 class RunState:
     """Everything the next generation depends on, besides configuration and seed."""
 
-    generation: int  # the next to be evaluated
-    population: tuple[Individual, ...]
+    generation: Annotated[int, Field(ge=0)]  # the next to be evaluated
+    population: Annotated[tuple[Individual, ...], Field(min_length=1)]
     rate: float  # that made this population
     history: tuple[Snapshot, ...]  # of the generations before, oldest first
     archive: dict[str, Ancestor]  # best of each behaviour

@@ -1,4 +1,4 @@
-"""The small files of a run's folder: what they hold, and what to say of damaged ones."""
+"""The small files of a run's folder: what they hold, and what it comes to."""
 
 from __future__ import annotations
 
@@ -6,17 +6,12 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Any, Final
 
-import yaml
 from pydantic import Field
 
-from islandgp.errors import brief
 from islandgp.evolution.record import IndividualRecord
 from islandgp.evolution.validation import Validation
-from islandgp.plain import must_fit, read_json
-from islandgp.records.checkpoint import reading, usable
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +22,7 @@ class _Best:
 
 
 @dataclass(frozen=True, slots=True)
-class _Summary:
+class Summary:
     """What summary.json holds for those who read it."""
 
     champion: _Best
@@ -54,33 +49,6 @@ class RunMetadata:
     domain_code: str = ""  # digest of the domain's source; "" for the package's own domains
 
 
-def read_about(file: Path) -> RunMetadata | None:
-    """What was written down at the start; None if there was no start.
-
-    Raises:
-        RunError: the file is damaged, or of another version.
-    """
-    if not file.exists():
-        return None
-    with reading("what a run says of itself", file):
-        text = file.read_bytes()
-        must_fit(RunMetadata, text)
-        return RunMetadata(**read_json(text))
-
-
-def read_configuration(file: Path) -> dict[str, Any]:
-    """A configuration as plain values; {} if there is none. Raises RunError where it is damaged."""
-    with reading("a run's configuration", file):
-        try:
-            with usable(file.parent):
-                found = yaml.safe_load(file.read_text(encoding="utf-8")) if file.exists() else {}
-        except yaml.YAMLError as error:
-            raise ValueError(brief(error)) from error
-        if not isinstance(found, dict):
-            raise TypeError("there are no keys in it")
-        return found
-
-
 def score(summary: Mapping[str, Any]) -> float:
     """What a finished run is worth: its best robot's mean fitness in validation worlds, points.
 
@@ -91,15 +59,8 @@ def score(summary: Mapping[str, Any]) -> float:
     return float(champion["record"]["fitness"] if validation is None else validation["mean"])
 
 
-VALUES: Final = (
-    "best",
-    "trained",
-    "generations",
-    "final_best",
-    "final_mean",
-    "mean_diversity",
-    "seconds",
-)
+SUMMED: Final = ("generations", "final_best", "final_mean", "mean_diversity", "seconds")
+VALUES: Final = ("best", "trained", *SUMMED)
 """What `values` tells of every run."""
 
 
@@ -108,9 +69,10 @@ def values(summary: Mapping[str, Any]) -> dict[str, Any]:
 
     `first.<milestone>` is the generation of the first such robot, None if there was none.
     """
-    found = {"best": score(summary), "trained": summary["champion"]["record"]["fitness"]}
     return {
-        **{name: found[name] if name in found else summary[name] for name in VALUES},
+        "best": score(summary),
+        "trained": summary["champion"]["record"]["fitness"],
+        **{name: summary[name] for name in SUMMED},
         **{f"first.{tier}": generation for tier, generation in summary["first"].items()},
     }
 
@@ -119,14 +81,6 @@ def objectives(summary: Mapping[str, Any], names: Sequence[str]) -> tuple[float,
     """The values that a search compares runs by; a robot that never came came after the end."""
     found = values(summary)
     return tuple(float(summary["generations"] if found[n] is None else found[n]) for n in names)
-
-
-def read_summary(file: Path) -> dict[str, Any]:
-    """The end of a finished run. Raises RunError where it cannot be told."""
-    with reading("a finished run's summary", file):
-        text = file.read_bytes()
-        must_fit(_Summary, text)
-        return dict(read_json(text))
 
 
 def pretty(value: dict[str, Any]) -> bytes:

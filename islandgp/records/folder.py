@@ -1,17 +1,6 @@
 """A run's own folder: the truth about the run, whatever becomes of a tracking server.
 
-config.yaml         the resolved configuration, secrets left out
-about.json          what the run is called and where it was started (RunMetadata)
-generations.jsonl   one generation record a line (evolution.record.GenerationRecord)
-generations.sha256  a checksum for each of these lines (records.lines)
-costs.jsonl         what each generation took, and when; differs from machine to machine
-checkpoint.json     the state to go on from, beside the records; gone when the run is finished
-checkpoint.previous.json   the one before it, for the case that it is damaged; gone with it
-best.bt             the champion's tree
-lineage.csv         every individual with its parents
-summary.json        the end of the run; it exists only when the run is finished
-error.txt           why the run failed; gone when it goes on
-tracking.json       what a tracking server has got of all this (tracking.mirror)
+docs/running.md lists its files. A run is finished when there is a summary.json.
 """
 
 from __future__ import annotations
@@ -21,34 +10,28 @@ import re
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from enum import StrEnum
 from pathlib import Path
 from time import time
 from typing import Any, Final
 
+import yaml
 from filelock import FileLock, Timeout
 
-from islandgp.errors import BusyError, IslandError, RunError
+from islandgp.errors import BusyError, IslandError, RunError, brief
 from islandgp.evolution.record import Cost, GenerationRecord, RunState, Step
-from islandgp.plain import typed
+from islandgp.plain import must_fit, read_json, typed
 from islandgp.records.checkpoint import (
     damaged,
     read_checkpoint,
     reading,
     remove_leftovers,
     save_state,
-    state_of,
     usable,
     write_atomic,
 )
-from islandgp.records.files import (
-    RunMetadata,
-    pretty,
-    read_about,
-    read_configuration,
-    read_summary,
-)
+from islandgp.records.files import RunMetadata, Summary, pretty
 from islandgp.records.lines import (
     Lines,
     append_digest,
@@ -61,17 +44,8 @@ from islandgp.records.lines import (
 from islandgp.records.parameters import without_credentials
 from islandgp.scoring.snapshot import Snapshot
 
-LINEAGE: Final = (
-    "generation",
-    "id",
-    "origin",
-    "parents",
-    "mutation",
-    "fitness",
-    "specialist",
-    "tiers",
-)
-"""The columns of lineage.csv."""
+LINEAGE: Final = ("id", "origin", "parents", "mutation", "fitness", "specialist", "tiers")
+"""The columns of lineage.csv behind the generation."""
 
 OWN: Final = (
     "about.json",
@@ -167,8 +141,14 @@ class RunFolder:
         return Status.FAILED if self.error() else Status.KILLED
 
     def about(self) -> RunMetadata | None:
-        """As `read_about`."""
-        return read_about(self.path / "about.json")
+        """What was written down at the start, if there was one. Raises RunError if damaged."""
+        file = self.path / "about.json"
+        if not file.exists():
+            return None
+        with reading("what a run says of itself", file):
+            text = file.read_bytes()
+            must_fit(RunMetadata, text)
+            return RunMetadata(**read_json(text))
 
     def begun(self) -> bool:
         """Whether there was a run here before. Raises RunError where the folder cannot be read."""
@@ -181,8 +161,17 @@ class RunFolder:
         return file.read_text(encoding="utf-8") if file.exists() else None
 
     def configuration(self) -> dict[str, Any]:
-        """The same as plain values; as `read_configuration`."""
-        return read_configuration(self.path / "config.yaml")
+        """The same as plain values; {} if there is none. Raises RunError where it is damaged."""
+        with reading("a run's configuration", self.path / "config.yaml"):
+            try:
+                with usable(self.path):
+                    text = self.config()
+                    found = {} if text is None else yaml.safe_load(text)
+            except yaml.YAMLError as error:
+                raise ValueError(brief(error)) from error
+            if not isinstance(found, dict):
+                raise TypeError("there are no keys in it")
+            return found
 
     def finished(self) -> bool:
         """Whether the run has ended."""
@@ -251,20 +240,17 @@ class RunFolder:
     def _checked(self, file: Path) -> tuple[RunState, bool]:
         """A checkpoint's state, and whether a checksum of the records before it was compared.
 
-        Raises:
-            RunError: the checkpoint is damaged, or a record before it is damaged or missing.
+        Raises RunError where the checkpoint is damaged, or a record before it damaged or missing.
         """
-        plain = read_checkpoint(file)
-        lines = self._generations.head(plain["generation"])
-        expected = plain.get("records")
-        if expected is not None and (why := wrong_record(lines, expected, self._sums)):
+        state, expected = read_checkpoint(file)
+        lines = self._generations.head(state.generation)
+        if expected and (why := wrong_record(lines, expected, self._sums)):
             raise damaged(self._generations.what, self._generations.path, why)
         history = [self._generations.value(line, i) for i, line in enumerate(lines)]
         for i, line in enumerate(self._costs.head(len(lines))):
             self._costs.value(line, i)
-        with reading("a checkpoint", file):
-            state = state_of(plain, (typed(Snapshot, record["snapshot"]) for record in history))
-        return state, expected is not None
+        snapshots = tuple(typed(Snapshot, record["snapshot"]) for record in history)
+        return replace(state, history=snapshots), bool(expected)
 
     def restore(self) -> None:
         """Makes the files of a finished run again that are missing and follow from others."""
@@ -288,11 +274,7 @@ class RunFolder:
             write_atomic(best, text)
 
     def append(self, step: Step) -> None:
-        """Writes a generation down, then the state to go on from.
-
-        Raises:
-            RunError: the disk is full, or the folder cannot be written any more.
-        """
+        """Writes a generation down, then the state to go on from. Raises RunError, as `usable`."""
         with usable(self.path):
             line = self._generations.append(asdict(step.record))
             self._digest = chained(self._digest, line)
@@ -312,11 +294,7 @@ class RunFolder:
         return _generation(self._checkpoint) or _generation(self._previous)
 
     def finish(self, summary: dict[str, Any]) -> None:
-        """Writes the lineage and the summary, and throws the checkpoints away.
-
-        Raises:
-            RunError: as `append`.
-        """
+        """Writes lineage and summary, and throws the checkpoints away. Raises RunError."""
         with usable(self.path):
             self._restore_best(summary["champion"]["record"]["tree"])
             _write_lineage(self.path / "lineage.csv", self.records())
@@ -354,7 +332,17 @@ class RunFolder:
 
     def summary(self) -> dict[str, Any]:
         """The end of a finished run. Raises RunError where it cannot be told."""
-        return read_summary(self.path / "summary.json")
+        file = self.path / "summary.json"
+        with reading("a finished run's summary", file):
+            text = file.read_bytes()
+            must_fit(Summary, text)
+            return dict(read_json(text))
+
+
+def run_folders(root: Path) -> Iterator[RunFolder]:
+    """Every run at or below a folder, in the order of their paths."""
+    for file in sorted(root.rglob("about.json")):
+        yield RunFolder(file.parent)
 
 
 def _generation(checkpoint: Path) -> int:
@@ -376,13 +364,11 @@ def _write_lineage(path: Path, records: Iterable[Mapping[str, Any]]) -> None:
     """Writes the table, from the lines of generations.jsonl; lists are apart by spaces."""
     with path.open("w", newline="", encoding="utf-8") as file:
         out = csv.writer(file)
-        out.writerow(LINEAGE)
+        out.writerow(("generation", *LINEAGE))
         for record in records:
-            generation = record["snapshot"]["generation"]
             for i in record["individuals"]:
-                row = {**i, "generation": generation}
-                row["parents"], row["tiers"] = " ".join(i["parents"]), " ".join(i["tiers"])
-                out.writerow([row[name] for name in LINEAGE])
+                row = {**i, "parents": " ".join(i["parents"]), "tiers": " ".join(i["tiers"])}
+                out.writerow([record["snapshot"]["generation"], *(row[name] for name in LINEAGE)])
 
 
 def take(lock: FileLock, folder: Path, busy: RunError) -> None:

@@ -38,11 +38,7 @@ class Lines:
         return line
 
     def read(self, first: int = 0) -> Iterator[dict[str, Any]]:
-        """The values from the `first` line on; a line that is being written is left out.
-
-        Raises:
-            RunError: a line holds other values.
-        """
+        """The values from the `first` line on, without one that is being written. As `value`."""
         for i, line in enumerate(islice(self.whole(), first, None), first):
             yield self.value(line, i)
 

@@ -1,13 +1,12 @@
 """A sweep's folder: the runs of one name, whatever command and launcher made them.
 
 sweep.json      what was asked for: one entry a job; later commands add to it
-<job>/          each job's run (tracking.folder)
+<job>/          each job's run (records.folder)
 tracking.json   the MLflow run that is the parent of all of them
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -19,6 +18,7 @@ from filelock import FileLock
 from islandgp.errors import RunError, brief
 from islandgp.plain import UNREADABLE, must_fit, read_json
 from islandgp.records.checkpoint import usable, write_atomic
+from islandgp.records.files import pretty
 from islandgp.records.folder import RunFolder, Status, locked, take
 
 
@@ -84,7 +84,7 @@ class SweepFolder:
             self._write(SweepFile(old.id, old.started, commands, _merged(old.jobs, jobs)))
 
     def _write(self, file: SweepFile) -> None:
-        write_atomic(self.path / "sweep.json", (json.dumps(asdict(file), indent=1) + "\n").encode())
+        write_atomic(self.path / "sweep.json", pretty(asdict(file)))
 
     def enter(self, job: SweepJob) -> None:
         """Adds a trial of a search, or replaces its entry; any process may."""
@@ -98,11 +98,7 @@ class SweepFolder:
         self._lock.release()
 
     def read(self) -> SweepFile | None:
-        """What was asked for; None if no sweep was ever started here.
-
-        Raises:
-            RunError: the file is damaged.
-        """
+        """What was asked for; None if there was no sweep. Raises RunError for a damaged file."""
         path = self.path / "sweep.json"
         if not path.exists():
             return None
