@@ -15,74 +15,21 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+import yaml
+
 from islandgp.errors import RunError
 from islandgp.evaluation.base import check_version
 from islandgp.records.checkpoint import reading
 from islandgp.records.files import values
-from islandgp.records.folder import RunFolder
+from islandgp.records.folder import RunFolder, run_folders
 from islandgp.records.sweep_folder import arm_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame  # type: ignore[import-untyped] # its stubs are a package apart
 
-COLUMNS: Final[dict[str, dict[str, tuple[str, str]]]] = {
-    "runs": {
-        "run": ("string", "the run's folder, below the folder that was loaded"),
-        "name": ("string", "what the run or its sweep is called"),
-        "arm": ("string", "what the runs of a sweep share that differ in their seed only"),
-        "domain": ("string", "the class of the world that its trees lived in"),
-        "supervisor": ("string", "the supervisor's name"),
-        "seed": ("int64", "of every draw of the run"),
-        "status": ("string", "FINISHED, RUNNING, KILLED or FAILED"),
-        "generations": ("Int64", "generations of a finished run"),
-        "best": ("float64", "mean fitness of the best robot in validation worlds, points"),
-        "trained": ("float64", "its fitness in training, points"),
-        "final_best": ("float64", "highest fitness of the last generation, points"),
-        "final_mean": ("float64", "mean fitness of the last generation, points"),
-        "mean_diversity": ("float64", "Eq. (3), mean over the generations"),
-        "seconds": ("float64", "spent in the generations, s"),
-        "tree": ("string", "the best robot's text"),
-    },
-    "generations": {
-        "run": ("string", "as in the runs"),
-        "arm": ("string", "as in the runs"),
-        "seed": ("int64", "as in the runs"),
-        "generation": ("int64", "from 0, the initial population"),
-        "epoch": ("int64", "of the curriculum, from 1"),
-        "stage": ("int64", "of the curriculum, from 0"),
-        "best": ("float64", "highest fitness, points under the stage's multipliers"),
-        "mean": ("float64", "mean fitness, points"),
-        "sd": ("float64", "its standard deviation over the population, points"),
-        "diversity": ("float64", "Eq. (3), over exclusive classes"),
-        "overlapping": ("float64", "Eq. (3), over behaviours, several of which one tree may show"),
-        "working": ("float64", "Eq. (4), a share"),
-        "size": ("float64", "mean nodes of a tree"),
-        "rate": ("float64", "mutation rate that made the generation"),
-        "source": ("string", "who gave the guidance for the next generation"),
-        "phase": ("string", "row of Table 8 that it named"),
-        "pattern": ("string", "row of Table 6 that it named"),
-        "target": ("string", "what its tree was for (Table 7)"),
-        "crisis": ("string", "why the emergency rate was enforced, or empty"),
-        "injected": ("boolean", "whether its tree took a slot of the next population"),
-    },
-    "individuals": {
-        "run": ("string", "as in the runs"),
-        "arm": ("string", "as in the runs"),
-        "seed": ("int64", "as in the runs"),
-        "generation": ("int64", "as in the generations"),
-        "id": ("string", "<generation>.<slot>"),
-        "origin": ("string", "how it came into the population (Table 1)"),
-        "parents": ("string", "ids, apart by spaces"),
-        "mutation": ("string", "the operator that changed it, or empty"),
-        "fitness": ("float64", "points, Eq. (1)"),
-        "specialist": ("string", "its exclusive class (section 2.3.3)"),
-        "best_tier": ("string", "the best row of Table 4 that it reaches, or empty"),
-        "nodes": ("int64", "of its tree"),
-        "depth": ("int64", "levels of its tree"),
-        "ending": ("string", "why its episodes ended, apart by spaces"),
-        "tree": ("string", "canonical text"),
-    },
-}
+COLUMNS: Final[dict[str, dict[str, tuple[str, str]]]] = yaml.safe_load(
+    Path(__file__).with_name("columns.yaml").read_text(encoding="utf-8")
+)
 """By frame and column: its dtype, and its meaning with the unit."""
 
 
@@ -144,8 +91,7 @@ def load(path: str | Path) -> Results:
         RunError: there is no run, one is damaged, or one is of a version before domains.
     """
     top = Path(path).resolve()
-    folders = tuple(RunFolder(file.parent) for file in sorted(top.rglob("config.yaml")))
-    folders = tuple(f for f in folders if (f.path / "about.json").exists())
+    folders = tuple(folder for folder in run_folders(top) if folder.begun())
     if not folders:
         raise RunError(f"Expected runs in {top}, found none; give the folder that `runs` named.")
     for folder in folders:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from islandgp.bt.language import parse
+from islandgp.bt.render import to_svg
 from islandgp.evaluation.base import Problem
 from islandgp.records.files import RunMetadata, fallback_words, score
 from islandgp.records.folder import RunFolder, Status
@@ -28,6 +29,7 @@ FILES: Final = (
 takes no file back, and a run that failed may go on."""
 
 TABLE: Final = "generations.json"  # in the form of MLflow's log_table
+DECIMALS: Final = {"best": 1, "mean": 1, "sd": 1, "diversity": 3, "working": 3}  # there
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +52,7 @@ def artifacts(folder: RunFolder) -> Iterator[Artifact]:
     if (best := folder.path / "best.bt").exists():
         text = best.read_text(encoding="utf-8")
         yield Artifact("best.bt.txt", lambda: text)  # MLflow shows .txt, not .bt
-        yield Artifact("best.svg", lambda: _picture(text))
+        yield Artifact("best.svg", lambda: to_svg(parse(text)))
     if folder.finished():
         yield Artifact("replay.html", lambda: _replay(folder))
 
@@ -58,12 +60,6 @@ def artifacts(folder: RunFolder) -> Iterator[Artifact]:
 def _small(record: dict[str, Any]) -> dict[str, Any]:
     """A generation without its individuals, which are nearly all of it in a long run's memory."""
     return {key: record[key] for key in ("snapshot", "guidance")}
-
-
-def _picture(tree: str) -> str:
-    from islandgp.bt.render import to_svg
-
-    return to_svg(parse(tree))
 
 
 def _replay(folder: RunFolder) -> str:
@@ -90,22 +86,15 @@ def table(records: list[dict[str, Any]]) -> dict[str, Any]:
     rows = []
     for record in records:
         s, guidance = record["snapshot"], record["guidance"] or {}
+        said = ("crisis", "source", "phase", "pattern", "target")
         rows.append(
             {
                 "generation": s["generation"],
-                "best": round(s["best"], 1),
-                "mean": round(s["mean"], 1),
-                "sd": round(s["sd"], 1),
-                "diversity": round(s["diversity"], 3),
-                "working": round(s["working"], 3),
+                **{name: round(s[name], digits) for name, digits in DECIMALS.items()},
                 **s["tiers"],
                 **s["specialists"],
                 "rate": round(s["rate"], 3),
-                "crisis": guidance.get("crisis", ""),
-                "source": guidance.get("source", ""),
-                "phase": guidance.get("phase") or "",
-                "pattern": guidance.get("pattern") or "",
-                "target": guidance.get("target") or "",
+                **{name: guidance.get(name) or "" for name in said},
                 "injected": guidance.get("injected", False),
             }
         )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from html import escape
 from math import ceil, floor, log10
 from typing import Final
@@ -22,6 +23,8 @@ LEFT: Final = 62  # margins
 RIGHT: Final = 14
 TOP: Final = 42
 BOTTOM: Final = 34
+
+_text = partial(escape, quote=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +120,3 @@ def _edges(line: Line) -> list[float]:
 
 def _number(value: float) -> str:
     return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
-
-
-def _text(text: str) -> str:
-    return escape(text, quote=False)

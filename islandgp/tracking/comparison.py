@@ -9,7 +9,7 @@ from time import time
 from typing import Final
 
 from islandgp.errors import StudyError, TrackingError, brief
-from islandgp.tracking.store import SQLITE, Place, Store, metric
+from islandgp.tracking.store import Place, Store, metric
 
 NEEDED: Final = ("config.yaml", "generations.jsonl", "costs.jsonl", "summary.json")
 """The artifacts that make a run's folder again."""
@@ -28,9 +28,8 @@ def fetch(place: Place, filter_string: str, cache: Path) -> list[Path]:
     """
     from mlflow.exceptions import MlflowException
 
-    file = Path(place.uri.removeprefix(SQLITE))
-    if place.uri.startswith(SQLITE) and not file.exists():  # reading must not make one
-        raise TrackingError(f"Expected an MLflow store in {file}, found none; give --uri.")
+    if place.file is not None and not place.file.exists():  # reading must not make one
+        raise TrackingError(f"Expected an MLflow store in {place.file}, found none; give --uri.")
     try:
         store = Store(place)
         page = store.client.search_runs([store.experiment], filter_string, max_results=MOST)

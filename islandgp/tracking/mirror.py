@@ -1,9 +1,8 @@
 """Sends a run's folder to MLflow: whatever of it is not there yet, each point once.
 
-The background thread of a run, a resumed run and `islandgp sync` all do this
-same thing. Doing it twice changes nothing: a run is found again by its own id,
-points are sent from the last step that the store has, and a point's time is
-part of the folder, so that MLflow takes a repeated point for the one it has.
+A run's sender and `islandgp sync` do this same thing. Doing it twice changes nothing: a run is
+found again by its own id, points are sent from the last step that the store has, and a point's
+time is part of the folder, so that MLflow takes a repeated point for the one it has.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from islandgp.records.sweep_folder import SweepFile, SweepFolder
 from islandgp.tracking.chart import svg
 from islandgp.tracking.sent import LOCK, Sent, read_sent, write_sent
 from islandgp.tracking.store import POINTS, Store, metric
-from islandgp.tracking.summary import ArmSummary, arm_table, arms, curves_csv, panels, sweep_note
+from islandgp.tracking.summary import ArmSummary, arm_table, arms, panels, sweep_note
 
 LONGEST: Final = 180  # characters of an arm's name in a metric's; MLflow takes 250 for the whole
 
@@ -59,7 +59,12 @@ def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> str | None:
         if status is Status.FINISHED and sent.identity != key:
             _curves(sent.run, store, found, ended)
             sent = replace(sent, identity=key)
-        _texts(sent.run, store, sweep, file, found, status)
+        client = store.client
+        client.set_tag(sent.run, "mlflow.note.content", sweep_note(sweep, file, found, status))
+        client.log_text(sent.run, arm_table(found), "arms.md")
+        if any(arm.curves for arm in found):
+            client.log_text(sent.run, svg(panels(found)), "curves.svg")
+        client.log_artifact(sent.run, str(sweep.path / "sweep.json"))
         for job in file.jobs:
             child = read_sent(sweep.path / job.folder)
             if child is not None and child.uri == sent.uri:
@@ -105,26 +110,9 @@ def _curves(run: str, store: Store, found: list[ArmSummary], at: int) -> None:
 def _points(found: list[ArmSummary]) -> Iterator[tuple[str, float, int]]:
     for arm, name in zip(found, metric_names([arm.name for arm in found]), strict=True):
         for curve in arm.curves:
-            for step, (mean, sd) in enumerate(zip(curve.mean, curve.sd, strict=True)):
+            for step, (mean, sd) in enumerate(zip(curve.values, curve.spread, strict=True)):
                 yield f"sweep/{name} {curve.name} mean", mean, step
                 yield f"sweep/{name} {curve.name} sd", sd, step
-
-
-def _texts(
-    run: str,
-    store: Store,
-    sweep: SweepFolder,
-    file: SweepFile,
-    found: list[ArmSummary],
-    status: Status,
-) -> None:
-    client = store.client
-    client.set_tag(run, "mlflow.note.content", sweep_note(sweep, file, found, status))
-    client.log_text(run, arm_table(found), "arms.md")
-    client.log_text(run, curves_csv(found), "curves.csv")
-    if any(arm.curves for arm in found):
-        client.log_text(run, svg(panels(found)), "curves.svg")
-    client.log_artifact(run, str(sweep.path / "sweep.json"))
 
 
 def _ended(sweep: SweepFolder, file: SweepFile) -> int:

@@ -8,7 +8,7 @@ from typing import Final
 from pydantic import ValidationError
 
 from islandgp.errors import TrackingError
-from islandgp.records.folder import RunFolder
+from islandgp.records.folder import RunFolder, run_folders
 from islandgp.records.parameters import without_credentials
 from islandgp.tracking.store import MLflowSettings, Place
 
@@ -32,11 +32,7 @@ def place_from(uri: str, experiment: str) -> Place:
 
 
 def place_of(folder: RunFolder) -> Place | None:
-    """Where a run's own configuration sends it; None with `tracking=off`.
-
-    Raises:
-        RunError, TrackingError: the folder is damaged.
-    """
+    """Where a run's configuration sends it, if anywhere. Raises RunError, TrackingError."""
     tracking, about = folder.configuration().get("tracking"), folder.about()
     if not isinstance(tracking, dict) or tracking.get("factory") != FACTORY or about is None:
         return None
@@ -52,9 +48,12 @@ def place_of(folder: RunFolder) -> Place | None:
 
 def place_of_latest(runs: Path) -> Place:
     """The store of the run that was started last. Raises TrackingError where there is none."""
-    started = [(file.stat().st_mtime, file.parent) for file in runs.rglob("about.json")]
-    for _, path in sorted(started, reverse=True):
-        if (place := place_of(RunFolder(path))) is not None:
+
+    def started(folder: RunFolder) -> tuple[float, Path]:
+        return (folder.path / "about.json").stat().st_mtime, folder.path
+
+    for folder in sorted(run_folders(runs), key=started, reverse=True):
+        if (place := place_of(folder)) is not None:
             return place
     raise TrackingError(
         f"Expected a tracked run in {runs}, found none; run `python -m islandgp` here first,"

@@ -1,22 +1,22 @@
 """Sends run folders to MLflow beside the work, in a process of its own.
 
 MLflow takes seconds to load, and its calls take processor time from whoever makes them. A
-run therefore leaves both to `python -m islandgp.tracking.sender`, which gets orders as lines
-of JSON on its standard input, answers with reports on its standard output, and ends with its
-input, however its parent ends.
+run therefore leaves both to a process that gets pickled orders on its standard input, answers
+with pickled reports on its standard output, and ends with its input, however its parent ends.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import pickle
 import subprocess
 import sys
 import tempfile
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
@@ -32,6 +32,7 @@ from islandgp.tracking.sync import sync
 PERIOD: Final = 2.0  # s between two sendings while a run goes on: a call costs ten milliseconds
 PAUSE: Final = 1.0  # s between two attempts
 NICENESS: Final = 10  # of what is sent while episodes run: they go first
+CLOSED: Final = (EOFError, pickle.UnpicklingError)  # the other process has ended, or was killed
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,18 +53,6 @@ class Order:
     def waits(self) -> bool:
         """Whether a command waits for it: all but the generations of a run that goes on."""
         return self.place is None or self.status is not Status.RUNNING
-
-
-def read_order(line: str) -> Order:
-    """The order that `asdict` and JSON have made a line of."""
-    plain = json.loads(line)
-    place = plain["place"]
-    typed = {
-        "status": Status(plain["status"]),
-        "place": None if place is None else Place(**place),
-        "places": tuple(Place(**each) for each in plain["places"]),
-    }
-    return Order(**{**plain, **typed})
 
 
 class Kind(StrEnum):
@@ -221,8 +210,6 @@ class InProcess:
             # Ctrl-C is the parent's to handle. The session stays the same: Linux weighs niceness
             # within a session only.
             process_group=0,
-            text=True,
-            encoding="utf-8",
         )
         self._listener = Thread(target=self._listen, name="sender", daemon=True)
         self._listener.start()
@@ -231,14 +218,14 @@ class InProcess:
         """See `Sender`."""
         assert self._process.stdin is not None
         with suppress(OSError, ValueError):  # it has ended: `_listen` tells
-            self._process.stdin.write(json.dumps(asdict(order)) + "\n")
+            pickle.dump(order, self._process.stdin)
             self._process.stdin.flush()
 
     def _listen(self) -> None:
         assert self._process.stdout is not None
-        for line in self._process.stdout:
-            plain = json.loads(line)
-            self._tell(Report(Kind(plain["kind"]), plain["text"], plain["number"]))
+        with suppress(*CLOSED):
+            while True:
+                self._tell(pickle.load(self._process.stdout))
         self._process.wait()
         with self._errors:
             self._errors.seek(0)
@@ -258,13 +245,14 @@ class InProcess:
 
 def main() -> None:
     """The process's own part: orders from its standard input, reports to its standard output."""
-    reports = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    reports = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever libraries print is no report
     one_at_a_time = Lock()
 
     def tell(report: Report) -> None:
         with one_at_a_time, suppress(OSError):  # nobody listens any more
-            print(json.dumps(asdict(report)), file=reports, flush=True)
+            pickle.dump(report, reports)
+            reports.flush()
 
     worker = Worker(tell)
 
@@ -274,6 +262,7 @@ def main() -> None:
         worker.work()
 
     Thread(target=work, daemon=True).start()
-    for line in sys.stdin:
-        worker.add(read_order(line))
+    with suppress(*CLOSED):
+        while True:
+            worker.add(pickle.load(sys.stdin.buffer))
     os._exit(0)  # whatever it is doing

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
 from islandgp.plain import UNREADABLE, must_fit, read_json
 from islandgp.records.checkpoint import write_atomic
+from islandgp.records.files import pretty
 from islandgp.tracking.store import Place
 
 FILE: Final = "tracking.json"
@@ -45,4 +45,4 @@ def read_sent(folder: Path) -> Sent | None:
 
 def write_sent(folder: Path, sent: Sent) -> None:
     """Remembers it."""
-    write_atomic(folder / FILE, (json.dumps(asdict(sent), indent=1) + "\n").encode())
+    write_atomic(folder / FILE, pretty(asdict(sent)))

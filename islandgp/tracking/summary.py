@@ -6,10 +6,8 @@ proper are `islandgp.study`'s; here are means and deviations to look at.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
-from dataclasses import dataclass
-from io import StringIO
+from dataclasses import dataclass, replace
 from math import inf
 from statistics import fmean, median, stdev
 from typing import Any, Final
@@ -30,15 +28,6 @@ MEASURES: Final = {
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
-    """A measure by generation, over an arm's finished runs."""
-
-    name: str
-    mean: tuple[float, ...]
-    sd: tuple[float, ...]  # sample standard deviation; 0 for a single run
-
-
-@dataclass(frozen=True, slots=True)
 class ArmSummary:
     """One arm of a sweep."""
 
@@ -46,7 +35,7 @@ class ArmSummary:
     jobs: tuple[SweepJob, ...]
     finished: tuple[SweepJob, ...]
     summaries: tuple[dict[str, Any], ...]  # of the finished ones
-    curves: tuple[Curve, ...]
+    curves: tuple[Line, ...]  # measures: mean and sample deviation; 0 for a single run
 
 
 def arms(sweep: SweepFolder, file: SweepFile) -> list[ArmSummary]:
@@ -79,8 +68,8 @@ def _measured(snapshot: dict[str, Any], tiers: Sequence[str]) -> dict[str, float
     return found | reached
 
 
-def _curve(name: str, columns: list[list[float]]) -> Curve:
-    return Curve(
+def _curve(name: str, columns: list[list[float]]) -> Line:
+    return Line(
         name,
         tuple(fmean(column) for column in columns),
         tuple(stdev(column) if len(column) > 1 else 0.0 for column in columns),
@@ -94,7 +83,7 @@ def panels(found: Sequence[ArmSummary]) -> list[Panel]:
         Panel(
             f"{measure.capitalize()}: mean and deviation over seeds",
             tuple(
-                Line(f"{arm.name} (n={len(arm.finished)})", curve.mean, curve.sd)
+                replace(curve, name=f"{arm.name} (n={len(arm.finished)})")
                 for arm in found
                 for curve in arm.curves
                 if curve.name == measure
@@ -102,18 +91,6 @@ def panels(found: Sequence[ArmSummary]) -> list[Panel]:
         )
         for measure in measures
     ]
-
-
-def curves_csv(found: Sequence[ArmSummary]) -> str:
-    """The curves as a table: arm, measure, generation, mean, sd, runs."""
-    text = StringIO()
-    out = csv.writer(text, lineterminator="\n")
-    out.writerow(("arm", "measure", "generation", "mean", "sd", "runs"))
-    for arm in found:
-        for curve in arm.curves:
-            for g, (mean, sd) in enumerate(zip(curve.mean, curve.sd, strict=True)):
-                out.writerow((arm.name, curve.name, g, mean, sd, len(arm.finished)))
-    return text.getvalue()
 
 
 FALLBACK: Final = "fallback's answers"  # one column more where any were

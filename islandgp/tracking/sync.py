@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from islandgp.errors import IslandError
 from islandgp.evaluation.base import check_version
-from islandgp.records.folder import RunFolder, Status
+from islandgp.records.folder import RunFolder, Status, run_folders
 from islandgp.records.sweep_folder import SweepFolder
 from islandgp.tracking.mirror import Mirror, kept, up_to_date
 from islandgp.tracking.parent import send_sweep
@@ -25,12 +25,6 @@ class Synced:
     known: list[Path] = field(default_factory=list)  # the store had all of them
     untracked: list[Path] = field(default_factory=list)  # their configuration names no store
     failed: dict[Path, Exception] = field(default_factory=dict)
-
-
-def run_folders(root: Path) -> Iterator[RunFolder]:
-    """Every run at or below a folder, in the order of their names."""
-    for file in sorted(root.rglob("about.json")):
-        yield RunFolder(file.parent)
 
 
 def sync(

@@ -27,19 +27,6 @@ from islandgp.errors import TrackingError, brief
 from islandgp.tracking.store import Place, Store
 
 KEY: Final = "arms"
-CHARTS: Final = (
-    "fitness/max",
-    "fitness/mean",
-    "diversity/behavioral",
-    "supervisor/mutation_rate",
-)
-"""Metrics by generation; each chart has a curve and a band for each arm. After the first two
-comes a chart for each milestone of the runs."""
-
-COLUMNS: Final = ("attributes.`Created`", "tags.`arm`", "tags.`seed`", "metrics.`run/score`")
-"""Columns of the table, in MLflow's spelling. After them comes one for each milestone: the
-generation of the first such robot."""
-
 RECENT: Final = 100  # runs whose milestones are looked at
 MOST: Final = 5  # milestones with a chart: a tag's text has 5000 characters
 
@@ -63,12 +50,17 @@ def _milestones(store: Store) -> list[str]:
 
 
 def _state(tiers: list[str]) -> dict[str, Any]:
-    """The view as MLflow's pages write it; `arms_view.json` has what is the same in each."""
+    """The view as MLflow's pages write it: a chart has a curve and a band for each arm.
+
+    `arms_view.json` has what is the same in each. After its first two charts comes one for each
+    milestone, and after its columns, in MLflow's spelling, the generation of the first such robot.
+    """
     view = json.loads(Path(__file__).with_name("arms_view.json").read_text(encoding="utf-8"))
-    charts = [*CHARTS[:2], *(f"tiers/{tier}" for tier in tiers), *CHARTS[2:]]
+    first, second, *others = view["charts"]
+    charts = [first, second, *(f"tiers/{tier}" for tier in tiers), *others]
     return {
         **view["state"],
-        "selectedColumns": [*COLUMNS, *(f"metrics.`run/first_{tier}`" for tier in tiers)],
+        "selectedColumns": [*view["columns"], *(f"metrics.`run/first_{tier}`" for tier in tiers)],
         "compareRunCharts": [
             {**view["chart"], "uuid": name, "metricKey": name, "selectedMetricKeys": [name]}
             for name in charts

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
+import pickle
 from base64 import b64encode
-from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 import yaml
 
 from islandgp.records.parameters import redacted, without_credentials
-from islandgp.tracking.sender import Order, Report, Worker, read_order
+from islandgp.tracking.sender import Order, Report, Worker
 from islandgp.tracking.store import MLflowSettings, Place
 from tests.running.commands import TINY, fake, finish, start
 from tests.tracking import servers
@@ -82,7 +81,7 @@ def test_a_sweep_s_end_knows_what_the_folders_lack(
         order = Order(0, str(tmp_path), places=(Place.of(own, tmp_path),) if given else ())
         told: list[Report] = []
         worker = Worker(lambda report: (told.append(report), worker.end())[0])
-        worker.add(read_order(json.dumps(asdict(order))))
+        worker.add(pickle.loads(pickle.dumps(order)))
         worker.work()
     assert set(asked) == ({BASIC} if given else {""})
     assert [PIECE in repr(place) for place in order.places] == [False] * given

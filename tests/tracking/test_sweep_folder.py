@@ -152,7 +152,7 @@ def test_a_finished_sweep_is_described_and_drawn(home: Path, store: Store) -> No
     assert [m.step for m in points] == [0, 1, 2, 3, 4]
     assert points[0].value == pytest.approx(sum(firsts) / 2)
     names = {file.path for file in store.client.list_artifacts(parent)}
-    assert names == {"arms.md", "curves.csv", "curves.svg", "sweep.json"}
+    assert names == {"arms.md", "curves.svg", "sweep.json"}
     for entry in file_of(sweep).jobs:
         child = read_sent(sweep.path / entry.folder)
         assert child is not None
