@@ -25,7 +25,13 @@ MOST_GUARDS: Final = 8  # on such a line
 WIDTH: Final = 60  # letters of a key's course
 _NOT_IDLE: Final = re.compile(b"[^%c]+" % IDLE)
 _WORDS: Final = {RUNS: "runs", SUCCEEDED: "succeeded", FAILED: "failed", STOPPED: "was aborted"}
-_STYLES: Final = {SUCCEEDED: "green", FAILED: "red", STOPPED: "magenta", RUNS: "cyan"}
+SIGNS: Final = {
+    SUCCEEDED: ("\N{CHECK MARK}", "green"),
+    FAILED: ("\N{BALLOT X}", "red"),
+    STOPPED: ("\N{CIRCLED DIVISION SLASH}", "magenta"),
+    RUNS: ("\N{BLACK RIGHT-POINTING POINTER}", "bold yellow"),
+}
+"""How the last status of a node is shown: a sign, and a style of rich."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,11 +127,8 @@ def drawn(recording: Recording) -> Text:
             continue
         ticks = counts[FAILED] + counts[SUCCEEDED] + counts[RUNS]
         note = Text(f"{100 * ticks / recording.ticks:5.1f} %  ")
-        for code, sign, style in (
-            (SUCCEEDED, "\N{CHECK MARK}", "green"),
-            (FAILED, "\N{BALLOT X}", "red"),
-            (STOPPED, "\N{CIRCLED DIVISION SLASH}", "magenta"),
-        ):
+        for code in (SUCCEEDED, FAILED, STOPPED):
+            sign, style = SIGNS[code]
             note.append(f"{sign}{counts[code]:<5}", style if counts[code] else "dim")
         notes.append(note)
     return to_rich(recording.tree, notes)
@@ -157,7 +160,7 @@ def timeline(recording: Recording, begin: float = 0.0, end: float = inf) -> Iter
         lasted = (stint.end - stint.start + 1) * step
         line = Text(f"{stint.start * step:7.1f} s  {lasted:6.1f} s  {stint.action:<{wide}}  ")
         times = f" {stint.times} times" if stint.times > 1 else ""
-        line.append(f"{_WORDS[stint.result] + times:<20}", _STYLES[stint.result])
+        line.append(f"{_WORDS[stint.result] + times:<20}", SIGNS[stint.result][1])
         line.append(f"{stint.points:+9,.{digits}f}" if stint.points else " " * 9)
         line.append(f"  {guards[stint.place]}".rstrip(), "dim")
         yield line

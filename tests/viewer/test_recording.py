@@ -49,7 +49,7 @@ def test_every_tick_is_there() -> None:
     assert recording.ticks == 4200
     assert recording.outcome.seconds == 420
     assert len(recording.boards) == 4200
-    assert {len(each) for mover in film().movers for each in (mover.xs, mover.ys)} == {4200}
+    assert {len(mover) for mover in film().movers} == {4200}
     assert {len(line) for line in recording.statuses} == {4200}
     assert len(recording.statuses) == size(recording.tree)
 
@@ -80,7 +80,7 @@ def test_garbage_is_what_the_robot_found() -> None:
     reach = composed().world.robot.pickup_reach
     robot = film().movers[-1]
     for thing, _, end in gone:
-        at = complex(robot.xs[end], robot.ys[end])
+        at = complex(robot[end].x, robot[end].y)
         assert abs(complex(thing.x, thing.y) - at) <= reach + 1e-6
 
 
@@ -92,8 +92,8 @@ def test_scenes_of_any_domain() -> None:
     assert found.fixed == (Thing("stone", 10, 9, 1),)
     assert found.items == ((Thing("stone", 3, 3, 0.5, "here"), 0, 5),)
     (robot,) = found.movers
-    assert robot.xs == tuple(range(20))
-    assert [(tick, look.text) for tick, look in robot.looks] == [(0, "0"), (10, "1")]
+    assert [thing.x for thing in robot] == list(range(20))
+    assert [thing.text for thing in robot] == ["0"] * 10 + ["1"] * 10
     assert found.frames == ()
 
 
@@ -216,11 +216,9 @@ def test_positions_are_told_to_the_tenth_of_a_metre() -> None:
     assert unit == 0.1
     for mover, entry in zip(film().movers, told, strict=True):
         way = entry["way"] if isinstance(entry["way"], list) else told[entry["way"]]["way"]
-        for (x, y), there in zip(
-            places(way, recording.ticks), zip(mover.xs, mover.ys, strict=True), strict=True
-        ):
-            assert abs(x * unit - there[0]) <= unit + 1e-9
-            assert abs(y * unit - there[1]) <= unit + 1e-9
+        for (x, y), there in zip(places(way, recording.ticks), mover, strict=True):
+            assert abs(x * unit - there.x) <= unit + 1e-9
+            assert abs(y * unit - there.y) <= unit + 1e-9
 
 
 def test_changes_are_lossless() -> None:
