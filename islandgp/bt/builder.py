@@ -238,14 +238,15 @@ class Builder:
         return Node(kind, args), parts[first:]
 
     def written(self, tree: _Tree, parameters: Sequence[str]) -> Node:
-        """A node of what has been built, as it is written, without its children.
+        """A tree of what has been built, as it is written, in a subtree with these parameters.
 
-        It stands in a subtree with these parameters. The number of a constant or a parameter is
-        a `Named`, and a `use` is a node of the kind "use" with the subtree's name and numbers.
+        The number of a constant or a parameter is a `Named`, and a `use` is a node of the kind
+        "use" with the subtree's name and numbers.
         """
         self._named, self._values = True, dict.fromkeys(parameters, 1.0)
         if tree.data != "use":
-            return self._head(tree)[0]
+            node, below = self._head(tree)
+            return node._replace(children=tuple([self.written(each, parameters) for each in below]))
         name, *given = tree.children
         numbers = [self._number(each) for part in given for each in part.children]
         return Node("use", (str(name), *numbers))

@@ -122,9 +122,9 @@ def condition_text(asked: Asked, *, brackets: bool = False) -> str:
 
 
 def _lines(node: Node, indent: str) -> Iterator[str]:
-    inline = _inline(node, INLINE_LEVELS)
-    if inline is not None and (len(indent) + len(inline) <= WIDTH or not node.children):
-        yield f"{indent}{inline}"
+    line = inline(node, INLINE_LEVELS)
+    if line is not None and (len(indent) + len(line) <= WIDTH or not node.children):
+        yield f"{indent}{line}"
         return
     yield f"{indent}{head(node)} {{"
     for child in node.children:
@@ -132,13 +132,13 @@ def _lines(node: Node, indent: str) -> Iterator[str]:
     yield f"{indent}}}"
 
 
-def _inline(node: Node, levels: int) -> str | None:
+def inline(node: Node, levels: int) -> str | None:
     """The node as one line of any length; None if that would be hard to read."""
     if not node.children:
         return head(node)
     if levels == 1 or (len(node.children) > 1 and any(c.children for c in node.children)):
         return None
-    inside = [_inline(child, levels - 1) for child in node.children]
+    inside = [inline(child, levels - 1) for child in node.children]
     if None in inside:
         return None
     return f"{head(node)} {{ {' '.join(map(str, inside))} }}"
