@@ -49,11 +49,11 @@ class _Subtree:
 
 @dataclass(frozen=True, slots=True)
 class _Template:
-    """A subtree with parameters, which is built anew for each arguments."""
+    """A subtree as it is defined. With parameters it is built anew for each arguments."""
 
     parameters: tuple[str, ...]
     body: _Tree
-    source: Source
+    whole: _Subtree  # with 1 for each parameter
 
 
 class Builder:
@@ -80,7 +80,6 @@ class Builder:
         self._named = named
         self._source = source
         self._vocabulary = vocabulary
-        self._subtrees: dict[str, _Subtree] = {}
         self._later: set[str] = set()  # subtrees whose definition is not finished
         self.nodes = 0  # of the tree that is being built, so far
         self.levels = 0
@@ -123,40 +122,39 @@ class Builder:
         self._constants[str(name)] = self._number(value)
 
     def _define(self, name: _Token, parts: Sequence[_Tree]) -> None:
-        if name in self._subtrees or name in self._templates:
+        if name in self._templates:
             raise self._source.error_at(
                 name, f"subtree {shown(name)} is defined twice", expected="a new name"
             )
         *before, body = parts
-        if before:
-            self._define_with(name, before[0].children, body)
-        else:
-            node = self._whole(body, name)
-            self._subtrees[str(name)] = self._finished(node)
-        self._later.discard(str(name))
-
-    def _define_with(self, name: _Token, parameters: Sequence[_Token], body: _Tree) -> None:
+        parameters = before[0].children if before else []
         for index, parameter in enumerate(parameters):
             if parameter in parameters[:index]:
                 raise self._source.error_at(
                     parameter, f"parameter {shown(parameter)} stands twice", expected="a new name"
                 )
-        names = tuple(map(str, parameters))
-        # Built once with numbers that are right everywhere, to find what is wrong in it.
-        self._values = dict.fromkeys(names, 1.0)
-        self._whole(body, name)
+        # Built with numbers that are right everywhere, to find what is wrong in it.
+        self._values = dict.fromkeys(map(str, parameters), 1.0)
+        whole = self._finished(self._whole(body, name))
+        self._templates[str(name)] = _Template(tuple(self._values), body, whole)
         self._values = {}
-        self._templates[str(name)] = _Template(names, body, self._source)
+        self._later.discard(str(name))
 
     def _instance(self, name: _Token, given: Sequence[_Token], level: int) -> _Subtree:
         """The subtree with these arguments; each is built once."""
         template = self._templates[str(name)]
+        if given and not template.parameters:
+            raise self._source.error_at(
+                name, f"subtree {shown(name)} takes no numbers", expected=f"`use {name}`"
+            )
         if len(given) != len(template.parameters):
             raise self._source.error_at(
                 name,
                 f"subtree {name} takes {len(template.parameters)} numbers, found {len(given)}",
                 expected=f"`use {name}({', '.join(template.parameters)})`",
             )
+        if not given:
+            return template.whole
         values = tuple(map(self._number, given))
         key = (str(name), values)
         if key in self._instances:
@@ -170,7 +168,7 @@ class Builder:
             )
         kept = self._source, self._values, self._name, self._base
         outside = self.nodes, self.levels, self._places
-        self._source = template.source
+        self._source = template.whole.source
         self._values = dict(zip(template.parameters, values, strict=True))
         self._open += 1
         node = self._whole(template.body, str(name), self._base + level - 1)
@@ -227,7 +225,7 @@ class Builder:
         if kind == "action":
             words = self._vocabulary
             if words is not None and parts[0] not in words.actions:
-                raise unknown_node(self._source, parts[0], self._subtrees, words)
+                raise unknown_node(self._source, parts[0], self._templates, words)
             args = (str(parts[0]),)
         elif kind == "when":
             args, first = self._condition(parts)
@@ -252,16 +250,9 @@ class Builder:
         return Node("use", (str(name), *numbers))
 
     def _use(self, tree: _Tree, name: _Token, given: Sequence[_Token], level: int) -> Node:
-        if name in self._templates:
-            subtree = self._instance(name, given, level)
-        elif name not in self._subtrees:
+        if name not in self._templates:
             raise self._unknown_subtree(name)
-        elif given:
-            raise self._source.error_at(
-                name, f"subtree {shown(name)} takes no numbers", expected=f"`use {name}`"
-            )
-        else:
-            subtree = self._subtrees[str(name)]
+        subtree = self._instance(name, given, level)
         self._count(name, nodes=subtree.nodes, deepest=level + subtree.levels - 1)
         self._places.append((subtree, tree))
         if not self._marked:
@@ -382,7 +373,7 @@ class Builder:
         )
 
     def _unknown_subtree(self, name: _Token) -> TreeError:
-        names = (*self._subtrees, *self._templates)
+        names = self._templates
         known = shorten(", ".join(names), 200, placeholder=" ...")
         if name == self._name:
             message = f"subtree {shown(name)} uses itself"

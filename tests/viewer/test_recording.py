@@ -19,7 +19,7 @@ from islandgp.domain import Scene, Thing
 from islandgp.errors import DomainError
 from islandgp.resources import resource
 from islandgp.viewer.encode import GRID, LETTERS, encode, path, runs
-from islandgp.viewer.page import page, replay_page
+from islandgp.viewer.page import page
 from islandgp.viewer.recording import FAILED, RUNS, STOPPED, SUCCEEDED, Film, digits, record
 from tests.composed import composed
 from tests.trees.worlds import random_trees
@@ -248,7 +248,8 @@ def test_page_of_an_example_is_small(name: str) -> None:
 def test_page_of_any_tree_is_below_a_megabyte() -> None:
     """The pages of 100 random trees stay below a megabyte."""
     for tree in random_trees(composed(), 100):
-        assert len(replay_page(tree, island(), 0, 3, "t").encode()) < 1_000_000
+        episode = record(tree, island(), seed=0, stage=3)
+        assert len(page(episode, title="t").encode()) < 1_000_000
 
 
 def test_page_of_a_restless_tree_is_below_a_megabyte() -> None:
