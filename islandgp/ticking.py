@@ -212,14 +212,14 @@ def _counters(
         yield name, float(measures.get(name, log.counts[name]))
 
 
-class _Leaves(Mapping[str, Tick]):
+class _Leaves(dict[str, Tick]):
     """The actions of a tree. Each look-up makes a leaf of its own, with its own generator."""
 
     def __init__(self, leaves: Mapping[str, Leaf], log: EventLog) -> None:
-        self._leaves = leaves
-        self._log = log
+        super().__init__()
+        self._leaves, self._log = leaves, log
 
-    def __getitem__(self, name: str) -> Tick:
+    def __missing__(self, name: str) -> Tick:
         leaf, log = self._leaves[name], self._log
         call = _generated(leaf) if isgeneratorfunction(leaf) else lambda _fresh: leaf()
 
@@ -234,12 +234,6 @@ class _Leaves(Mapping[str, Tick]):
             return int(status)
 
         return tick
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._leaves)
-
-    def __len__(self) -> int:
-        return len(self._leaves)
 
 
 def _generated(leaf: Callable[[], Generator[None, None, bool]]) -> Callable[[bool], Any]:

@@ -81,9 +81,9 @@ def _edges(tree: Node) -> list[_Edge]:
 
 def _rows(old: Sequence[_Edge], new: Sequence[_Edge]) -> Iterator[_Row]:
     """The edges of both trees in their order, the same ones together."""
-    keys = [[(e.end, e.node.kind, e.node.args) for e in edges] for edges in (old, new)]
-    exact = max(len(old), len(new)) <= EXACT
-    for what, i, behind_i, j, behind_j in SequenceMatcher(None, *keys, not exact).get_opcodes():
+    before, after = ([(e.end, e.node.kind, e.node.args) for e in edges] for edges in (old, new))
+    matcher = SequenceMatcher(None, before, after, autojunk=max(len(old), len(new)) > EXACT)
+    for what, i, behind_i, j, behind_j in matcher.get_opcodes():
         a, b = old[i:behind_i], new[j:behind_j]
         sorts = [[(edge.end, edge.node.kind == "action") for edge in part] for part in (a, b)]
         if sorts[0] == sorts[1]:  # each can become the other in place

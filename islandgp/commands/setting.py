@@ -213,28 +213,24 @@ def _domain_files(config_dir: str | None) -> dict[str, Path]:
 
 @cache
 def _vocabulary(overrides: tuple[str, ...], config_dir: str | None) -> Vocabulary:
-    quick = None
     if _given(overrides) <= {"domain"}:
         name = overrides[-1].partition("=")[2] if overrides else default_domain()
         # Whatever is wrong with the class or its file, the whole configuration tells it better.
         with suppress(Exception):
-            quick = _declared(name, config_dir)
-    if quick is not None:
-        return quick
+            return _declared(name, config_dir)
     return configured(overrides, config_dir).make_domain().schema.vocabulary
 
 
-def _declared(domain: str, config_dir: str | None) -> Vocabulary | None:
+def _declared(domain: str, config_dir: str | None) -> Vocabulary:
     """The vocabulary that the class of a domain declares, without composing a configuration.
 
-    None where its schema depends on settings.
+    Raises:
+        AttributeError: its schema depends on settings.
     """
     import yaml
-
-    from islandgp.domain import Schema
 
     file = _domain_files(config_dir)[domain]
     found = yaml.safe_load(file.read_text(encoding="utf-8"))
     module, _, attribute = found.get("domain", found)["factory"].partition(":")
-    schema = getattr(getattr(import_module(module), attribute), "schema", None)
-    return schema.vocabulary if isinstance(schema, Schema) else None
+    vocabulary: Vocabulary = getattr(import_module(module), attribute).schema.vocabulary
+    return vocabulary

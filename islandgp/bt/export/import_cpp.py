@@ -224,15 +224,13 @@ class _Importer:
         if tag in ("ReactiveSequence", "ReactiveFallback"):
             return self._reactive(element, self._children(element))
         if tag in _COMPOSITES:
-            return Node(_COMPOSITES[tag], (), tuple(map(self._node, self._children(element))))
+            return Node(_COMPOSITES[tag], (), self._nodes_of(element))
         if tag == "When":
             return self._own_guard(element)
         if tag == "JudgedParallel":
-            policies = (
-                self._policy(element, "success", "all"),
-                self._policy(element, "failure", "one"),
-            )
-            return Node("parallel", policies, tuple(map(self._node, self._children(element))))
+            defaults = (("success", "all"), ("failure", "one"))
+            policies = tuple(self._policy(element, *each) for each in defaults)
+            return Node("parallel", policies, self._nodes_of(element))
         if tag == "Inverter":
             return Node("inverter", (), (self._node(self._only_child(element)),))
         if tag in ("Repeat", "RepeatPerTick"):
@@ -379,6 +377,9 @@ class _Importer:
                 " asks one child or all",
             )
         return "one"
+
+    def _nodes_of(self, element: Element) -> tuple[Node, ...]:
+        return tuple(map(self._node, self._children(element)))
 
     def _children(self, element: Element) -> list[Element]:
         if not element.children:
