@@ -308,21 +308,18 @@ class Builder:
         key = words.keys.get(name)
         if key is None:
             raise unknown_key(self._source, name, words)
-        if key.flag == compared:
-            raise self._wrong_condition(name, flag=key.flag)
-
-    def _wrong_condition(self, key: _Token, *, flag: bool) -> TreeError:
-        if flag:
-            return self._source.error_at(
-                key,
-                f"{key} is yes or no, it can't be compared with a number",
-                expected=f"`when {key}` or `when not {key}`",
+        if key.flag and compared:
+            raise self._source.error_at(
+                name,
+                f"{name} is yes or no, it can't be compared with a number",
+                expected=f"`when {name}` or `when not {name}`",
             )
-        return self._source.error_at(
-            key,
-            f"{key} is a number, it must be compared with one",
-            expected=f"`when {key} < 5`, with one of {' '.join(OPERATORS)}",
-        )
+        if not key.flag and not compared:
+            raise self._source.error_at(
+                name,
+                f"{name} is a number, it must be compared with one",
+                expected=f"`when {name} < 5`, with one of {' '.join(OPERATORS)}",
+            )
 
     def _number(self, token: _Token) -> float:
         """A number, or the value of the constant or parameter of that name."""

@@ -11,7 +11,7 @@ from functools import lru_cache
 from typing import Self
 
 from islandgp.bt.condition import Asked, Compound
-from islandgp.bt.node import ABORTS, Node, condition_of, count_of, names_of
+from islandgp.bt.node import ABORTS, Node, condition_of, names_of
 
 WIDTH = 80  # columns of a line
 INDENT = "  "
@@ -84,7 +84,9 @@ def head(node: Node) -> str:
         given = [value for value in numbers if isinstance(value, int | float)]
         return f"use {use_text(str(name), given)}"
     if node.kind == "repeater":
-        return f"repeater {_count(node)}"
+        count = node.args[0]
+        assert isinstance(count, int | float)
+        return f"repeater {number_text(count)}"
     if node.kind == "parallel":
         success, failure = node.args
         return (
@@ -98,11 +100,6 @@ def head(node: Node) -> str:
             "" if abort == ABORTS[-1] else f" abort {abort}"
         )
     return node.kind
-
-
-def _count(repeater: Node) -> str:
-    count = repeater.args[0]
-    return count.name if isinstance(count, Named) else str(count_of(repeater))
 
 
 def condition_text(asked: Asked, *, brackets: bool = False) -> str:

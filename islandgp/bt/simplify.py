@@ -21,22 +21,17 @@ from islandgp.bt.truth import (
     below,
     checks_itself,
     exposes,
+    hidden,
     implies,
     interrupts,
     may_interrupt,
     root_of,
     shorter,
     whenever_asked,
-    with_aborts,
 )
 from islandgp.bt.vocabulary import NOTHING, Vocabulary
 
 Rewrite: TypeAlias = tuple[Node, str] | None  # the shorter node, and why; None: nothing to do
-
-
-def hidden(branch: Node) -> Node:
-    """The branch with guards that are not observed, and that are otherwise the same."""
-    return with_aborts(branch, {"both": "self", "lower": "none"})
 
 
 def _only_child(node: Node, standing: Standing) -> Rewrite:

@@ -68,6 +68,11 @@ def with_aborts(branch: Node, change: Mapping[str, str]) -> Node:
     return Node(branch.kind, args, (child,))
 
 
+def hidden(branch: Node) -> Node:
+    """The branch with guards that are not observed, and that are otherwise the same."""
+    return with_aborts(branch, {"both": "self", "lower": "none"})
+
+
 def exposes(branch: Node) -> bool:
     """Whether a composite would observe a guard of this branch."""
     return any(map(interrupts, chain(branch)))

@@ -86,14 +86,12 @@ def with_vocabulary_options(command: Callable[..., None]) -> Callable[..., None]
     return with_domain_options(_VOCABULARY_OPTION(command))
 
 
-def with_stage_option(command: Callable[..., None]) -> Callable[..., None]:
-    """Adds --stage: `stage_index` reads it."""
-    return click.option(
-        "--stage",
-        type=click.IntRange(1),
-        help="Stage of the curriculum (Table 2) that scores the episode, from 1; default: the"
-        " last.",
-    )(command)
+with_stage_option = click.option(
+    "--stage",
+    type=click.IntRange(1),
+    help="Stage of the curriculum (Table 2) that scores the episode, from 1; default: the last.",
+)
+"""Adds --stage: `stage_index` reads it."""
 
 
 def configured(overrides: Sequence[str], config_dir: str | None = None) -> Settings:

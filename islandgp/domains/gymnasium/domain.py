@@ -92,7 +92,10 @@ class _Episode:
         self.env, self.log, self.shrink = env, log, world.shrink
         self.total, self.steps = 0.0, 0
         self._values = env.reset(seed=seed)[0].tolist()
-        self._signals = _signals(world, len(self._values))
+        size = len(self._values)  # behind the observation's numbers stand OWN's
+        places = {name: size + i for i, name in enumerate(settings.OWN)}
+        places |= {name: observation.at for name, observation in world.observations.items()}
+        self._signals = [(n, places[s.of], s.above, s.below) for n, s in world.signals.items()]
         self._none = self._chosen = (world.otherwise, "")
         self._keys = [(n, o.at, o.flag, *o.range) for n, o in world.observations.items()]
 
@@ -146,13 +149,6 @@ class _Episode:
         height, width, _ = self.env.render().shape
         bounds = (0.0, 0.0, float(width), float(height))
         return Scene(bounds, frame=lambda: png(self.env.render()[:: self.shrink, :: self.shrink]))
-
-
-def _signals(world: settings.World, size: int) -> list[tuple[str, int, float, float]]:
-    """(event, place, above, below): places behind an observation's `size` numbers are OWN's."""
-    places = {name: size + i for i, name in enumerate(settings.OWN)}
-    places |= {name: observation.at for name, observation in world.observations.items()}
-    return [(name, places[s.of], s.above, s.below) for name, s in world.signals.items()]
 
 
 def _check(world: settings.World, env: Any) -> None:
