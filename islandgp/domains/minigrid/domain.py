@@ -9,17 +9,16 @@ from pathlib import Path
 from typing import Any, ClassVar, Final, Self
 
 import yaml
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, TypeAdapter
 
 from islandgp.domain import Schema
 from islandgp.domains.minigrid.robot import Robot, levels
 from islandgp.errors import ConfigError
-from islandgp.plain import typed
 from islandgp.scoring.rewards import RewardTable
 from islandgp.ticking import EventLog, Simulation, Stepped
 
 _DECLARED: Final = Path(__file__).with_name("schema.yaml").read_text(encoding="utf-8")
-SCHEMA: Final = typed(Schema, yaml.safe_load(_DECLARED))
+SCHEMA: Final = TypeAdapter(Schema).validate_python(yaml.safe_load(_DECLARED))
 
 
 class Levels(BaseModel, frozen=True, extra="forbid"):
