@@ -16,8 +16,9 @@ from PIL import Image  # matplotlib brings it
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from islandgp.commands.setting import tree_in_domain  # noqa: E402 -- from this checkout
-from islandgp.viewer.page import replay_page  # noqa: E402
+from islandgp.commands.setting import Chosen, tree_in_domain  # noqa: E402 -- from this checkout
+from islandgp.viewer.page import page  # noqa: E402
+from islandgp.viewer.recording import record  # noqa: E402
 from tests.viewer.browser import Browser, chromium  # noqa: E402
 
 TREE, WORLD, STAGE, SECOND = "all_rounder", 3, 3, 242.0
@@ -30,10 +31,11 @@ def main() -> None:
     if program is None:
         raise SystemExit("Expected Chromium, found none; apt-get install chromium.")
     file = ROOT / "grammar" / "examples" / f"{TREE}.bt"
-    tree, _, setting = tree_in_domain(str(file), (), None)
+    tree, _, setting = tree_in_domain(str(file), Chosen((), None))
     with tempfile.TemporaryDirectory() as folder:
-        page = Path(folder) / "replay.html"
-        page.write_text(replay_page(tree, setting, WORLD, STAGE, "All-rounder"))
+        written = Path(folder) / "replay.html"
+        episode = record(tree, setting, seed=WORLD, stage=STAGE)
+        written.write_text(page(episode, title="All-rounder"))
         with Browser(program, Path(folder) / "profile", size=(WIDTH, HEIGHT)) as browser:
             browser.call(
                 "Emulation.setDeviceMetricsOverride",
@@ -42,7 +44,7 @@ def main() -> None:
                 deviceScaleFactor=SHARPNESS,
                 mobile=False,
             )
-            browser.open(f"file://{page}#t={SECOND}")
+            browser.open(f"file://{written}#t={SECOND}")
             taken = browser.call("Page.captureScreenshot", format="png")["data"]
     picture = Image.open(BytesIO(base64.b64decode(taken))).convert("RGB")
     small = picture.quantize(256, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)

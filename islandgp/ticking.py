@@ -16,7 +16,7 @@ tick in which it runs, and what it returns, True or False, is how it ends.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from functools import cache, wraps
 from inspect import isgeneratorfunction
 from math import isfinite
@@ -29,11 +29,11 @@ from islandgp.bt.closures import Tick
 from islandgp.bt.engine import compile_tree
 from islandgp.bt.node import RUNNING, Node
 from islandgp.bt.vocabulary import Key
-from islandgp.domain import Observer, Outcome, Scene, Schema
+from islandgp.domain import Observer, Outcome, Schema
 from islandgp.errors import DomainError
 from islandgp.scoring.rewards import RewardTable, worth
 
-__all__ = ["RUNNING", "EventLog", "Leaf", "Simulation", "Stepped", "once_a_thread", "run_ticks"]
+__all__ = ["RUNNING", "EventLog", "Leaf", "Simulation", "Stepped", "once_a_thread"]
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -96,18 +96,22 @@ class EventLog:
 class Simulation(Protocol):
     """One episode of a stepped simulator, with a method named like each action of the schema.
 
-    It may also have `step() -> str`, `measures()` and `scene()`, as `run_ticks` takes them.
+    It may also have these methods:
+        step() -> str: lets time pass after a tick; returns why the episode is over, "" to go on.
+        measures() -> Mapping[str, float]: at the end, the counters that are not simply how often
+            an event happened.
+        scene() -> Scene: what there is to see.
     """
 
     def sense(self) -> Mapping[str, float]:
-        """The value of each key now."""
+        """The value of each key now; True and False for flags."""
         ...
 
 
 class Stepped:
     """A domain whose episodes are objects of a class `Episode`, made as Episode(world, seed, log).
 
-    `World` has the setting `ticks`, the most ticks of an episode.
+    `World` has the setting `ticks`, the most ticks of an episode, >= 1.
     """
 
     World: ClassVar[type[BaseModel]]
@@ -125,6 +129,20 @@ class Stepped:
         """See `Domain`."""
         return cls(world, rewards)
 
+    def begin(
+        self,
+        seed: int,
+        log: EventLog,
+        *,
+        watched: bool,  # noqa: ARG002 -- for domains that draw
+    ) -> tuple[Any, Mapping[str, Leaf]]:
+        """An episode, a `Simulation`, and what each action of the vocabulary does in a tick of it.
+
+        `watched`: its scenes will be asked for.
+        """
+        episode: Any = type(self).Episode(self.world, seed, log)
+        return episode, {name: getattr(episode, name) for name in self.schema.vocabulary.actions}
+
     def run_episode(
         self,
         tree: Node,
@@ -132,90 +150,55 @@ class Stepped:
         weights: Mapping[str, float],
         observer: Observer | None = None,
     ) -> Outcome:
-        """See `Domain`."""
+        """See `Domain`: senses, ticks the tree, steps the world; again and again.
+
+        The ending is "time", or what `step` returned.
+
+        Raises:
+            DomainError: a leaf returned no status, a key or counter is missing, or a key's value
+                is no finite number.
+        """
         log = EventLog(self.rewards, self.schema, weights, observer)
-        episode = type(self).Episode(self.world, seed, log)
-        has = {n: getattr(episode, n) for n in ("step", "measures", "scene") if hasattr(episode, n)}
-        return run_ticks(
-            tree,
-            self.schema,
-            {name: getattr(episode, name) for name in self.schema.vocabulary.actions},
-            episode.sense,
-            log,
-            ticks=self.world.ticks,
-            step_s=self.step_s,
-            observer=observer,
-            **has,
+        episode, leaves = self.begin(seed, log, watched=observer is not None)
+        step, measures = getattr(episode, "step", str), getattr(episode, "measures", dict)
+        scene = getattr(episode, "scene", lambda: None)
+        keys, places = self.schema.vocabulary.keys, self.schema.vocabulary.places
+        board = [0.0] * len(places)
+        watch = None if observer is None else observer.node
+        tick = compile_tree(tree, _Leaves(leaves, log), board, places, watch=watch)
+        done, ending = 0, ""
+        while not ending and done < self.world.ticks:
+            values = episode.sense()
+            try:
+                board[:] = [float(values[key]) for key in keys]
+            except KeyError as error:
+                raise DomainError(
+                    f"Expected a value of the key {error.args[0]} from `sense`, found none."
+                ) from None
+            if not isfinite(sum(board)):
+                _must_be_finite(keys, board)
+            tick()
+            done += 1
+            if observer is not None:
+                observer.tick(board, scene())
+            ending = step()
+        return Outcome(
+            components=log.components,
+            counters=dict(_counters(self.schema, log, measures())),
+            seconds=done * self.step_s,
+            endings=(ending or "time",),
         )
 
 
-def run_ticks(
-    tree: Node,
-    schema: Schema,
-    leaves: Mapping[str, Leaf],
-    sense: Callable[[], Mapping[str, float]],
-    log: EventLog,
-    *,
-    ticks: int,
-    step_s: float,
-    step: Callable[[], str] = str,
-    measures: Callable[[], Mapping[str, float]] = dict,
-    scene: Callable[[], Scene] | None = None,
-    observer: Observer | None = None,
-) -> Outcome:
-    """Runs one episode: sense, tick the tree, step the world; again and again.
-
-    Args:
-        tree: in the words of the schema's vocabulary.
-        schema: of the domain.
-        leaves: what each action of the vocabulary does in a tick.
-        sense: the value of each key now; True and False for flags.
-        log: collects the events that leaves and `step` record.
-        ticks: how many there are at most, >= 1.
-        step_s: simulated seconds of a tick.
-        step: lets time pass after a tick; returns why the episode is over, "" to go on.
-        measures: at the end, the counters that are not simply how often an event happened.
-        scene: what there is to see; None: nothing.
-        observer: as `Domain.run_episode` was given.
-
-    Returns:
-        The outcome. Its ending is "time", or what `step` returned.
-
-    Raises:
-        DomainError: a leaf returned no status, a key or counter is missing, or a key's value is
-            no finite number.
-    """
-    places = schema.vocabulary.places
-    board = [0.0] * len(places)
-    watch = None if observer is None else observer.node
-    tick = compile_tree(tree, _Leaves(leaves, log), board, places, watch=watch)
-    done, ending = 0, ""
-    while not ending and done < ticks:
-        values = sense()
-        for key, place in places.items():
-            if key not in values:
-                raise DomainError(f"Expected a value of the key {key} from `sense`, found none.")
-            board[place] = value = float(values[key])
-            if not isfinite(value):
-                raise DomainError(_no_number(key, schema.vocabulary.keys[key], value))
-        tick()
-        done += 1
-        if observer is not None:
-            observer.tick(board, None if scene is None else scene())
-        ending = step()
-    return Outcome(
-        components=log.components,
-        counters=dict(_counters(schema, log, measures())),
-        seconds=done * step_s,
-        endings=(ending or "time",),
-    )
-
-
-def _no_number(name: str, key: Key, found: float) -> str:
-    """What to say of a value that no condition can ask for."""
-    most = "" if key.most is None else f" and at most {key.most:g}"
-    expected = "True or False" if key.flag else f"a number of at least {key.low:g}{most}"
-    return f"Expected {expected} as the value of the key {name} from `sense`, found {found}."
+def _must_be_finite(keys: Mapping[str, Key], board: Sequence[float]) -> None:
+    """Raises DomainError for a value that no condition can ask for."""
+    for (name, key), found in zip(keys.items(), board, strict=True):
+        if not isfinite(found):
+            most = "" if key.most is None else f" and at most {key.most:g}"
+            expected = "True or False" if key.flag else f"a number of at least {key.low:g}{most}"
+            raise DomainError(
+                f"Expected {expected} as the value of the key {name} from `sense`, found {found}."
+            )
 
 
 def _counters(
@@ -229,14 +212,14 @@ def _counters(
         yield name, float(measures.get(name, log.counts[name]))
 
 
-class _Leaves(Mapping[str, Tick]):
+class _Leaves(dict[str, Tick]):
     """The actions of a tree. Each look-up makes a leaf of its own, with its own generator."""
 
     def __init__(self, leaves: Mapping[str, Leaf], log: EventLog) -> None:
-        self._leaves = leaves
-        self._log = log
+        super().__init__()
+        self._leaves, self._log = leaves, log
 
-    def __getitem__(self, name: str) -> Tick:
+    def __missing__(self, name: str) -> Tick:
         leaf, log = self._leaves[name], self._log
         call = _generated(leaf) if isgeneratorfunction(leaf) else lambda _fresh: leaf()
 
@@ -251,12 +234,6 @@ class _Leaves(Mapping[str, Tick]):
             return int(status)
 
         return tick
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._leaves)
-
-    def __len__(self) -> int:
-        return len(self._leaves)
 
 
 def _generated(leaf: Callable[[], Generator[None, None, bool]]) -> Callable[[bool], Any]:

@@ -49,11 +49,11 @@ class _Subtree:
 
 @dataclass(frozen=True, slots=True)
 class _Template:
-    """A subtree with parameters, which is built anew for each arguments."""
+    """A subtree as it is defined. With parameters it is built anew for each arguments."""
 
     parameters: tuple[str, ...]
     body: _Tree
-    source: Source
+    whole: _Subtree  # with 1 for each parameter
 
 
 class Builder:
@@ -80,7 +80,6 @@ class Builder:
         self._named = named
         self._source = source
         self._vocabulary = vocabulary
-        self._subtrees: dict[str, _Subtree] = {}
         self._later: set[str] = set()  # subtrees whose definition is not finished
         self.nodes = 0  # of the tree that is being built, so far
         self.levels = 0
@@ -123,40 +122,39 @@ class Builder:
         self._constants[str(name)] = self._number(value)
 
     def _define(self, name: _Token, parts: Sequence[_Tree]) -> None:
-        if name in self._subtrees or name in self._templates:
+        if name in self._templates:
             raise self._source.error_at(
                 name, f"subtree {shown(name)} is defined twice", expected="a new name"
             )
         *before, body = parts
-        if before:
-            self._define_with(name, before[0].children, body)
-        else:
-            node = self._whole(body, name)
-            self._subtrees[str(name)] = self._finished(node)
-        self._later.discard(str(name))
-
-    def _define_with(self, name: _Token, parameters: Sequence[_Token], body: _Tree) -> None:
+        parameters = before[0].children if before else []
         for index, parameter in enumerate(parameters):
             if parameter in parameters[:index]:
                 raise self._source.error_at(
                     parameter, f"parameter {shown(parameter)} stands twice", expected="a new name"
                 )
-        names = tuple(map(str, parameters))
-        # Built once with numbers that are right everywhere, to find what is wrong in it.
-        self._values = dict.fromkeys(names, 1.0)
-        self._whole(body, name)
+        # Built with numbers that are right everywhere, to find what is wrong in it.
+        self._values = dict.fromkeys(map(str, parameters), 1.0)
+        whole = self._finished(self._whole(body, name))
+        self._templates[str(name)] = _Template(tuple(self._values), body, whole)
         self._values = {}
-        self._templates[str(name)] = _Template(names, body, self._source)
+        self._later.discard(str(name))
 
     def _instance(self, name: _Token, given: Sequence[_Token], level: int) -> _Subtree:
         """The subtree with these arguments; each is built once."""
         template = self._templates[str(name)]
+        if given and not template.parameters:
+            raise self._source.error_at(
+                name, f"subtree {shown(name)} takes no numbers", expected=f"`use {name}`"
+            )
         if len(given) != len(template.parameters):
             raise self._source.error_at(
                 name,
                 f"subtree {name} takes {len(template.parameters)} numbers, found {len(given)}",
                 expected=f"`use {name}({', '.join(template.parameters)})`",
             )
+        if not given:
+            return template.whole
         values = tuple(map(self._number, given))
         key = (str(name), values)
         if key in self._instances:
@@ -170,7 +168,7 @@ class Builder:
             )
         kept = self._source, self._values, self._name, self._base
         outside = self.nodes, self.levels, self._places
-        self._source = template.source
+        self._source = template.whole.source
         self._values = dict(zip(template.parameters, values, strict=True))
         self._open += 1
         node = self._whole(template.body, str(name), self._base + level - 1)
@@ -227,7 +225,7 @@ class Builder:
         if kind == "action":
             words = self._vocabulary
             if words is not None and parts[0] not in words.actions:
-                raise unknown_node(self._source, parts[0], self._subtrees, words)
+                raise unknown_node(self._source, parts[0], self._templates, words)
             args = (str(parts[0]),)
         elif kind == "when":
             args, first = self._condition(parts)
@@ -238,29 +236,23 @@ class Builder:
         return Node(kind, args), parts[first:]
 
     def written(self, tree: _Tree, parameters: Sequence[str]) -> Node:
-        """A node of what has been built, as it is written, without its children.
+        """A tree of what has been built, as it is written, in a subtree with these parameters.
 
-        It stands in a subtree with these parameters. The number of a constant or a parameter is
-        a `Named`, and a `use` is a node of the kind "use" with the subtree's name and numbers.
+        The number of a constant or a parameter is a `Named`, and a `use` is a node of the kind
+        "use" with the subtree's name and numbers.
         """
         self._named, self._values = True, dict.fromkeys(parameters, 1.0)
         if tree.data != "use":
-            return self._head(tree)[0]
+            node, below = self._head(tree)
+            return node._replace(children=tuple([self.written(each, parameters) for each in below]))
         name, *given = tree.children
         numbers = [self._number(each) for part in given for each in part.children]
         return Node("use", (str(name), *numbers))
 
     def _use(self, tree: _Tree, name: _Token, given: Sequence[_Token], level: int) -> Node:
-        if name in self._templates:
-            subtree = self._instance(name, given, level)
-        elif name not in self._subtrees:
+        if name not in self._templates:
             raise self._unknown_subtree(name)
-        elif given:
-            raise self._source.error_at(
-                name, f"subtree {shown(name)} takes no numbers", expected=f"`use {name}`"
-            )
-        else:
-            subtree = self._subtrees[str(name)]
+        subtree = self._instance(name, given, level)
         self._count(name, nodes=subtree.nodes, deepest=level + subtree.levels - 1)
         self._places.append((subtree, tree))
         if not self._marked:
@@ -316,21 +308,18 @@ class Builder:
         key = words.keys.get(name)
         if key is None:
             raise unknown_key(self._source, name, words)
-        if key.flag == compared:
-            raise self._wrong_condition(name, flag=key.flag)
-
-    def _wrong_condition(self, key: _Token, *, flag: bool) -> TreeError:
-        if flag:
-            return self._source.error_at(
-                key,
-                f"{key} is yes or no, it can't be compared with a number",
-                expected=f"`when {key}` or `when not {key}`",
+        if key.flag and compared:
+            raise self._source.error_at(
+                name,
+                f"{name} is yes or no, it can't be compared with a number",
+                expected=f"`when {name}` or `when not {name}`",
             )
-        return self._source.error_at(
-            key,
-            f"{key} is a number, it must be compared with one",
-            expected=f"`when {key} < 5`, with one of {' '.join(OPERATORS)}",
-        )
+        if not key.flag and not compared:
+            raise self._source.error_at(
+                name,
+                f"{name} is a number, it must be compared with one",
+                expected=f"`when {name} < 5`, with one of {' '.join(OPERATORS)}",
+            )
 
     def _number(self, token: _Token) -> float:
         """A number, or the value of the constant or parameter of that name."""
@@ -381,7 +370,7 @@ class Builder:
         )
 
     def _unknown_subtree(self, name: _Token) -> TreeError:
-        names = (*self._subtrees, *self._templates)
+        names = self._templates
         known = shorten(", ".join(names), 200, placeholder=" ...")
         if name == self._name:
             message = f"subtree {shown(name)} uses itself"

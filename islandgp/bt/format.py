@@ -10,7 +10,7 @@ some were.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from itertools import pairwise, zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from islandgp.bt.builder import Builder
 from islandgp.bt.includes import ParsedFile
 from islandgp.bt.language import MAX_CHARACTERS, built, files_of, parse, words
-from islandgp.bt.node import KINDS
-from islandgp.bt.printer import INDENT, INLINE_LEVELS, WIDTH, head, number_text
+from islandgp.bt.node import KINDS, Node
+from islandgp.bt.printer import INDENT, INLINE_LEVELS, WIDTH, head, inline, number_text
 from islandgp.errors import LimitError
 
 if TYPE_CHECKING:
@@ -78,7 +78,6 @@ class _Formatter:
         self._words = list(_words(part.source.text))
         self._first = {word.token.start_pos: i for i, word in enumerate(self._words)}
         self._behind = {word.token.end_pos: i for i, word in enumerate(self._words, 1)}
-        self._parameters: Sequence[str] = ()  # of the subtree that is being written
 
     def lines(self) -> Iterator[str]:
         """The lines of the whole file."""
@@ -104,14 +103,15 @@ class _Formatter:
 
     def _part(self, tree: Any) -> Iterator[str]:
         """The lines of a statement, a definition or the tree."""
-        lead, self._parameters = "", ()
         if tree.data == "subtree":
-            name, *more, _ = tree.children
-            self._parameters = [str(token) for each in more for token in each.children]
-            given = f"({', '.join(self._parameters)})" if self._parameters else ""
-            lead = f"subtree {name}{given} = "
+            name, *more, body = tree.children
+            parameters = [str(token) for each in more for token in each.children]
+            given = f"({', '.join(parameters)})" if parameters else ""
+            node = self._builder.written(body, parameters)
+            yield from self._node(tree, node, "", f"subtree {name}{given} = ")
+            return
         if tree.data not in _STATEMENTS:
-            yield from self._node(tree, "", lead)
+            yield from self._node(tree, self._builder.written(tree, ()), "")
             return
         first, behind = self._span(tree)
         found = self._words[first:behind]
@@ -121,36 +121,23 @@ class _Formatter:
         yield from _own_lines(*self._above(tree), "")
         yield " ".join(texts) + _aside(found[-1].behind)
 
-    def _node(self, tree: Any, indent: str, lead: str = "") -> Iterator[str]:
+    def _node(self, tree: Any, node: Node, indent: str, lead: str = "") -> Iterator[str]:
         """The lines of a node with what stands above it; `lead` stands before its head."""
         yield from _own_lines(*self._above(tree), indent)
-        node, brace, behind = _body(tree), self._head_end(tree) - 1, self._span(tree)[1]
-        below, last = _below(node), self._words[behind - 1]
-        start, inline = indent + lead, self._inline(node, INLINE_LEVELS)
-        fits = inline is not None and len(start) + len(inline) <= WIDTH
-        if not below or (fits and not self._commented(brace, behind)):
-            yield f"{start}{inline}{_aside(last.behind)}"
+        brace, behind = self._head_end(tree) - 1, self._span(tree)[1]
+        last = self._words[behind - 1]
+        start, line = indent + lead, inline(node, INLINE_LEVELS)
+        fits = line is not None and len(start) + len(line) <= WIDTH
+        if not node.children or (fits and not self._commented(brace, behind)):
+            yield f"{start}{line}{_aside(last.behind)}"
             return
-        yield f"{start}{self._head(node)} {{{_aside(self._words[brace].behind)}"
-        inside = [line for child in below for line in self._node(child, indent + INDENT)]
+        yield f"{start}{head(node)} {{{_aside(self._words[brace].behind)}"
+        inside: list[str] = []
+        for below, child in zip(_below(_body(tree)), node.children, strict=True):
+            inside += self._node(below, child, indent + INDENT)
         inside += _own_lines(last.before, False, indent + INDENT)
         yield from inside[1:] if not inside[0] else inside  # no blank line behind the brace
         yield f"{indent}}}{_aside(last.behind)}"
-
-    def _inline(self, node: Any, levels: int) -> str | None:
-        """The node on one line, as the printer would; None if it does not fit."""
-        below = _below(node)
-        if not below:
-            return self._head(node)
-        if levels == 1 or (len(below) > 1 and any(map(_below, below))):
-            return None
-        inside = [self._inline(child, levels - 1) for child in below]
-        if None in inside:
-            return None
-        return f"{self._head(node)} {{ {' '.join(map(str, inside))} }}"
-
-    def _head(self, node: Any) -> str:
-        return head(self._builder.written(node, self._parameters))
 
     def _span(self, tree: Any) -> tuple[int, int]:
         """The index of a tree's first word, and the index behind its last."""

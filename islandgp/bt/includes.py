@@ -53,7 +53,10 @@ def gathered(
     def visit(source: Source, rule: str, beside: Path | None, above: tuple[Path, ...]) -> None:
         nonlocal left
         tree = grammar(source, rule)
-        for token in _includes(tree):
+        for part in tree.children:
+            if getattr(part, "data", "") != "include":
+                continue
+            token = part.children[0]
             path = _found(source, token, folder, beside)
             if path in above:
                 raise source.error_at(
@@ -102,10 +105,6 @@ def mentioned(text: str, folder: Path) -> dict[Path, str]:
                         found[path] = opened.read(MAX_READ)
                 waiting.append((found[path], path.parent))
     return found
-
-
-def _includes(tree: Any) -> list[Any]:
-    return [part.children[0] for part in tree.children if getattr(part, "data", "") == "include"]
 
 
 def _found(source: Source, token: Any, folder: Path | None, beside: Path | None) -> Path:

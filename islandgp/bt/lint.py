@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 from islandgp.bt.condition import Asked, terms
 from islandgp.bt.language import parse_placed, plain
 from islandgp.bt.node import FAILURE, Node, condition_of, size
-from islandgp.bt.outcomes import HANDS_OVER, ends, never
+from islandgp.bt.outcomes import HANDS_OVER, dead_end, never
 from islandgp.bt.printer import condition_text, head
 from islandgp.bt.source import Source
 from islandgp.bt.truth import (
@@ -125,19 +125,14 @@ def _about(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, 
 
 
 def _never_goes_on(node: Node, standing: Standing, at: int) -> Iterator[tuple[int, str, str]]:
-    go_on = HANDS_OVER[node.kind]
-    child_at = at + 1
-    for index, child in enumerate(node.children):
-        child_at += size(child)
-        last = index == len(node.children) - 1
-        if not last and go_on not in ends(child, below(node, standing, index)):
-            word = "fails" if go_on == FAILURE else "succeeds"
-            message = (
-                f"this branch can never run: {head(child)} before it never {word},"
-                f" so the {node.kind} never comes here"
-            )
-            yield child_at, "unreachable", message
-            return
+    index = dead_end(node, standing)
+    if index is not None:
+        word = "fails" if HANDS_OVER[node.kind] == FAILURE else "succeeds"
+        message = (
+            f"this branch can never run: {head(node.children[index])} before it never {word},"
+            f" so the {node.kind} never comes here"
+        )
+        yield at + 1 + sum(map(size, node.children[: index + 1])), "unreachable", message
 
 
 def _guard(node: Node, standing: Standing, above: Above, at: int) -> Iterator[tuple[int, str, str]]:

@@ -162,12 +162,11 @@ def within(node: Node, limits: Limits) -> bool:
 
 def check_limits(node: Node, limits: Limits) -> None:
     """Raises LimitError for a tree that is too deep or too large."""
-    for name, found, most in (
-        ("depth", depth(node), limits.max_depth),
-        ("size", size(node), limits.max_nodes),
+    for what, found, most in (
+        ("levels", depth(node), limits.max_depth),
+        ("nodes", size(node), limits.max_nodes),
     ):
         if found > most:
-            what = "levels" if name == "depth" else "nodes"
             raise LimitError(
                 f"Expected a tree of at most {most} {what}, found {found};"
                 " shorten it or raise the limit."

@@ -38,6 +38,18 @@ def ends(node: Node, standing: Standing) -> Ends:
     return reached
 
 
+def dead_end(node: Node, standing: Standing) -> int | None:
+    """The first child of a selector or sequence behind which it never goes on; None: there is none.
+
+    The last child does not count.
+    """
+    go_on = HANDS_OVER[node.kind]
+    for index, child in enumerate(node.children[:-1]):
+        if go_on not in ends(child, below(node, standing, index)):
+            return index
+    return None
+
+
 def never(guard: Node, standing: Standing) -> bool:
     """Whether the condition of a `when` can't hold when the guard starts."""
     return excludes(standing.at_start, condition_of(guard))

@@ -11,7 +11,7 @@ from functools import lru_cache
 from typing import Self
 
 from islandgp.bt.condition import Asked, Compound
-from islandgp.bt.node import ABORTS, Node, condition_of, count_of, names_of
+from islandgp.bt.node import ABORTS, Node, condition_of, names_of
 
 WIDTH = 80  # columns of a line
 INDENT = "  "
@@ -84,7 +84,9 @@ def head(node: Node) -> str:
         given = [value for value in numbers if isinstance(value, int | float)]
         return f"use {use_text(str(name), given)}"
     if node.kind == "repeater":
-        return f"repeater {_count(node)}"
+        count = node.args[0]
+        assert isinstance(count, int | float)
+        return f"repeater {number_text(count)}"
     if node.kind == "parallel":
         success, failure = node.args
         return (
@@ -98,11 +100,6 @@ def head(node: Node) -> str:
             "" if abort == ABORTS[-1] else f" abort {abort}"
         )
     return node.kind
-
-
-def _count(repeater: Node) -> str:
-    count = repeater.args[0]
-    return count.name if isinstance(count, Named) else str(count_of(repeater))
 
 
 def condition_text(asked: Asked, *, brackets: bool = False) -> str:
@@ -122,9 +119,9 @@ def condition_text(asked: Asked, *, brackets: bool = False) -> str:
 
 
 def _lines(node: Node, indent: str) -> Iterator[str]:
-    inline = _inline(node, INLINE_LEVELS)
-    if inline is not None and (len(indent) + len(inline) <= WIDTH or not node.children):
-        yield f"{indent}{inline}"
+    line = inline(node, INLINE_LEVELS)
+    if line is not None and (len(indent) + len(line) <= WIDTH or not node.children):
+        yield f"{indent}{line}"
         return
     yield f"{indent}{head(node)} {{"
     for child in node.children:
@@ -132,13 +129,13 @@ def _lines(node: Node, indent: str) -> Iterator[str]:
     yield f"{indent}}}"
 
 
-def _inline(node: Node, levels: int) -> str | None:
+def inline(node: Node, levels: int) -> str | None:
     """The node as one line of any length; None if that would be hard to read."""
     if not node.children:
         return head(node)
     if levels == 1 or (len(node.children) > 1 and any(c.children for c in node.children)):
         return None
-    inside = [_inline(child, levels - 1) for child in node.children]
+    inside = [inline(child, levels - 1) for child in node.children]
     if None in inside:
         return None
     return f"{head(node)} {{ {' '.join(map(str, inside))} }}"

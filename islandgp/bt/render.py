@@ -8,9 +8,7 @@ downwards instead of getting too wide to read.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from html import escape
-from itertools import count
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from islandgp.bt.node import KINDS, Node, walk
@@ -89,8 +87,7 @@ PADDING = 16.0  # px left and right of a label together
 MARGIN = 8.0  # px around everything
 
 
-@dataclass(frozen=True, slots=True)
-class Box:
+class Box(NamedTuple):
     """A node's place in the picture, in px from its upper left corner."""
 
     node: Node
@@ -204,37 +201,24 @@ def to_dot(tree: Node) -> str:
         '  graph [ordering=out, rankdir=TB, fontname="Helvetica"]',
         '  node [style="filled", fontname="Helvetica", fontsize=11]',
         "  edge [arrowhead=none]",
-        *_dot_lines(tree),
-        "}",
     ]
-    return "\n".join(lines) + "\n"
-
-
-def _dot_lines(tree: Node) -> Iterator[str]:
-    for name, node, parent in _named(tree, count()):
+    for place, (node, parent, *_) in enumerate(lay_out(tree)[0]):
         look = LOOKS[node.kind]
         drawn = f'shape={look.dot}, fillcolor="{look.fill}", color="{look.line}"'
-        yield f'  {name} [label="{label(node)}", {drawn}]'
-        if parent:
-            yield f"  {parent} -> {name}"
-
-
-def _named(node: Node, places: Iterator[int], parent: str = "") -> Iterator[tuple[str, Node, str]]:
-    """Each node in document order with its name, and its parent's ("" for none)."""
-    name = f"n{next(places)}"
-    yield name, node, parent
-    for child in node.children:
-        yield from _named(child, places, name)
+        lines.append(f'  n{place} [label="{label(node)}", {drawn}]')
+        if parent >= 0:
+            lines.append(f"  n{parent} -> n{place}")
+    return "\n".join([*lines, "}", ""])
 
 
 def to_mermaid(tree: Node) -> str:
     """The text of a flowchart; nodes are n0, n1, ... in document order."""
     lines = ["flowchart TD"]
-    for name, node, parent in _named(tree, count()):
+    for place, (node, parent, *_) in enumerate(lay_out(tree)[0]):
         left, right = LOOKS[node.kind].mermaid
-        lines.append(f'  {name}{left}"{label(node).translate(_ESCAPES)}"{right}:::{node.kind}')
-        if parent:
-            lines.append(f"  {parent} --- {name}")
+        lines.append(f'  n{place}{left}"{label(node).translate(_ESCAPES)}"{right}:::{node.kind}')
+        if parent >= 0:
+            lines.append(f"  n{parent} --- n{place}")
     for kind, look in LOOKS.items():
         lines.append(f"  classDef {kind} fill:{look.fill},stroke:{look.line},color:#1b2733")
     return "\n".join(lines) + "\n"

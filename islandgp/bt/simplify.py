@@ -14,29 +14,24 @@ from collections.abc import Callable
 from typing import Final, NamedTuple, TypeAlias
 
 from islandgp.bt.node import FAILURE, REPEATS, SUCCESS, Node, condition_of, count_of
-from islandgp.bt.outcomes import HANDS_OVER, ends, idle
+from islandgp.bt.outcomes import HANDS_OVER, dead_end, ends, idle
 from islandgp.bt.printer import condition_text, head
 from islandgp.bt.truth import (
     Standing,
     below,
     checks_itself,
     exposes,
+    hidden,
     implies,
     interrupts,
     may_interrupt,
     root_of,
     shorter,
     whenever_asked,
-    with_aborts,
 )
 from islandgp.bt.vocabulary import NOTHING, Vocabulary
 
 Rewrite: TypeAlias = tuple[Node, str] | None  # the shorter node, and why; None: nothing to do
-
-
-def hidden(branch: Node) -> Node:
-    """The branch with guards that are not observed, and that are otherwise the same."""
-    return with_aborts(branch, {"both": "self", "lower": "none"})
 
 
 def _only_child(node: Node, standing: Standing) -> Rewrite:
@@ -50,15 +45,12 @@ def _only_child(node: Node, standing: Standing) -> Rewrite:
 
 
 def _never_gets_there(node: Node, standing: Standing) -> Rewrite:
-    go_on = HANDS_OVER[node.kind]
-    for index, child in enumerate(node.children[:-1]):
-        if go_on not in ends(child, below(node, standing, index)):
-            word = "fails" if go_on == FAILURE else "succeeds"
-            return (
-                node._replace(children=node.children[: index + 1]),
-                f"{head(child)} never {word}, so its {node.kind} never goes on",
-            )
-    return None
+    index = dead_end(node, standing)
+    if index is None:
+        return None
+    word = "fails" if HANDS_OVER[node.kind] == FAILURE else "succeeds"
+    reason = f"{head(node.children[index])} never {word}, so its {node.kind} never goes on"
+    return node._replace(children=node.children[: index + 1]), reason
 
 
 def _idle_branch(node: Node, standing: Standing) -> Rewrite:

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from math import inf, prod
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.condition import Asked, Compound, Condition, joined, opposite, spread, terms
+from islandgp.bt.condition import Asked, Condition, joined, opposite, spread, terms
 from islandgp.bt.node import Node, condition_of
 from islandgp.bt.vocabulary import NOTHING, Vocabulary
 
@@ -66,6 +66,11 @@ def with_aborts(branch: Node, change: Mapping[str, str]) -> Node:
     if args == branch.args and child is branch.children[0]:
         return branch  # it may be a subtree, which keeps its name
     return Node(branch.kind, args, (child,))
+
+
+def hidden(branch: Node) -> Node:
+    """The branch with guards that are not observed, and that are otherwise the same."""
+    return with_aborts(branch, {"both": "self", "lower": "none"})
 
 
 def exposes(branch: Node) -> bool:
@@ -143,48 +148,33 @@ def _about(known: Conditions, asked: Asked) -> Conditions:
 
 def _possible(known: Conditions, asked: Asked) -> bool:
     """Whether there may be a blackboard on which all hold."""
-    single: list[Condition] = []
-    choices: list[tuple[Asked, ...]] = []  # one of each must hold
+    wanted = [spread(asked)]
     room = MOST_TERMS
-    waiting = [asked]
     for each in known:
         room -= sum(1 for _ in terms(each))
         if room >= 0:  # to know less is no mistake
-            waiting.append(each)
-    while waiting:
-        each = waiting.pop()
-        if isinstance(each, Condition):
-            single.append(each)
-        elif each.word == "not":
-            waiting.append(spread(each))
-        elif each.word == "and":
-            waiting += each.parts
-        else:
-            choices.append(each.parts)
-    if prod(map(len, choices)) > MOST_CASES:
-        return True
-    return _some_case(single, choices)
+            wanted.append(spread(each))
+    whole = joined("and", wanted)
+    return _cases(whole) > MOST_CASES or _some_case([], [whole])
 
 
-def _some_case(single: list[Condition], choices: Sequence[tuple[Asked, ...]]) -> bool:
-    """Whether all single conditions and one of each choice can hold together."""
-    if not _together(single):
-        return False
-    if not choices:
-        return True
-    first, *others = choices
-    for part in first:
-        if isinstance(part, Condition):
-            if _some_case([*single, part], others):
-                return True
-        else:  # an `and`, as what is asked is spread
-            inner = [p.parts for p in part.parts if isinstance(p, Compound)]
-            plain = [p for p in part.parts if isinstance(p, Condition)]
-            if prod(map(len, [*inner, *others])) > MOST_CASES:
-                return True
-            if _some_case([*single, *plain], [*inner, *others]):
-                return True
-    return False
+def _cases(asked: Asked) -> int:
+    """In how many ways a condition that is spread can hold: one part of each `or` must."""
+    if isinstance(asked, Condition):
+        return 1
+    return (prod if asked.word == "and" else sum)(map(_cases, asked.parts))
+
+
+def _some_case(single: list[Condition], wanted: list[Asked]) -> bool:
+    """Whether all of these conditions, which are spread, can hold together."""
+    if not wanted:
+        return _together(single)
+    first, *others = wanted
+    if isinstance(first, Condition):
+        return _some_case([*single, first], others)
+    if first.word == "and":
+        return _some_case(single, [*first.parts, *others])
+    return any(_some_case(single, [part, *others]) for part in first.parts)
 
 
 def _together(conditions: Sequence[Condition]) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -10,9 +9,9 @@ from typing import Final
 
 import click
 
-from islandgp.bt.compare import MOST_NODES, Mark, compare
-from islandgp.bt.language import domain_of, parse, to_text
-from islandgp.bt.node import Node, size
+from islandgp.bt.compare import Mark, compare
+from islandgp.bt.language import domain_of, parse
+from islandgp.bt.node import Node
 from islandgp.bt.render import label
 from islandgp.bt.simplify import simplify
 from islandgp.bt.vocabulary import Vocabulary
@@ -49,7 +48,7 @@ def command(old: str, new: str, whole: bool, chosen: Chosen) -> None:
     if a == b:
         click.echo("The same nodes." if several else "The same tree.")
         sys.exit(int(several))
-    for line in _by_nodes(a, b, whole) if max(size(a), size(b)) <= MOST_NODES else _by_text(a, b):
+    for line in _lines(a, b, whole):
         click.echo(line)
 
     if not several and _do_the_same(a, b, words):
@@ -68,7 +67,7 @@ def _do_the_same(a: Node, b: Node, words: Callable[[], Vocabulary]) -> bool:
     return simplify(a, vocabulary).tree == simplify(b, vocabulary).tree
 
 
-def _by_nodes(a: Node, b: Node, whole: bool) -> Iterator[str]:
+def _lines(a: Node, b: Node, whole: bool) -> Iterator[str]:
     lines = compare(a, b)
     for line in lines:
         if line.mark is Mark.SAME and not whole:
@@ -76,16 +75,11 @@ def _by_nodes(a: Node, b: Node, whole: bool) -> Iterator[str]:
         texts = [label(node) for node in (line.old, line.new) if node is not None]
         if line.mark is Mark.SAME:
             texts = texts[:1]
-        text = f"{line.mark} {'  ' * line.level}{' -> '.join(texts)}"
+        end = "end of " if line.end else ""
+        text = f"{line.mark} {'  ' * line.level}{end}{' -> '.join(texts)}"
         plain = bool(os.environ.get("NO_COLOR"))  # as no-color.org has it
         yield text if plain else click.style(text, fg=COLOURS.get(line.mark))
-    counts = [sum(line.mark is mark for line in lines) for mark in COLOURS]
-    yield "{} deleted, {} inserted, {} changed".format(*counts)
-
-
-def _by_text(a: Node, b: Node) -> Iterator[str]:
-    """For trees too large to compare node by node in reasonable time."""
-    yield f"More than {MOST_NODES} nodes: comparing the canonical texts."
-    yield from difflib.unified_diff(
-        to_text(a).splitlines(), to_text(b).splitlines(), "OLD", "NEW", lineterm=""
-    )
+    counts = [sum(line.mark is mark and not line.end for line in lines) for mark in COLOURS]
+    elsewhere = sum(line.end and line.new is not None for line in lines)
+    more = f", {elsewhere} with another end" if elsewhere else ""
+    yield "{} deleted, {} inserted, {} changed".format(*counts) + more

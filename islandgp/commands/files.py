@@ -13,6 +13,7 @@ import click
 
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node
+from islandgp.bt.vocabulary import Vocabulary
 from islandgp.errors import IslandError
 
 STDIN: Final = "-"
@@ -132,9 +133,9 @@ def folder_of(file: str) -> Path:
     return Path.cwd() if file == STDIN else Path(file).parent
 
 
-def read_tree(file: str) -> Node:
-    """The tree in a file, of whatever domain. Raises TreeError, IslandError."""
-    return parse(read_text(file), name=called(file), folder=folder_of(file))
+def read_tree(file: str, vocabulary: Vocabulary | None = None) -> Node:
+    """The tree in a file, in these words or of whatever domain. Raises TreeError, IslandError."""
+    return parse(read_text(file), vocabulary, name=called(file), folder=folder_of(file))
 
 
 def write_text(file: str, text: str) -> None:

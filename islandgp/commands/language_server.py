@@ -17,7 +17,7 @@ from islandgp.bt.assist import Word, meaning, offers, renamed, subtree_at
 from islandgp.bt.format import format_text
 from islandgp.bt.language import MAX_CHARACTERS
 from islandgp.bt.node import Limits
-from islandgp.bt.vocabulary import Vocabulary
+from islandgp.bt.vocabulary import NOTHING, Vocabulary
 from islandgp.commands.check_command import checked, plain_error, plain_finding
 from islandgp.errors import IslandError, TreeError
 
@@ -60,7 +60,7 @@ class Server(LanguageServer):
         try:
             return self.words(document.source, _name(document), _folder(document))
         except IslandError:
-            return Vocabulary("nothing", {}, {})
+            return NOTHING
 
     def check(self, document: TextDocument) -> None:
         """Sends what is wrong with a text and doubtful in it."""

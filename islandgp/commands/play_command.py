@@ -7,16 +7,16 @@ import sys
 import time
 from collections.abc import Iterable, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from math import isfinite
 from statistics import fmean, stdev
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import click
 
-from islandgp.bt.language import parse, to_text
+from islandgp.bt.language import to_text
 from islandgp.bt.node import Node
-from islandgp.commands.files import FILE, called, folder_of, read_text
+from islandgp.commands.files import FILE, called, read_tree
 from islandgp.commands.rerun import with_rerun_option
 from islandgp.commands.setting import (
     Chosen,
@@ -80,11 +80,7 @@ def command(
         recording = record(tree, problem, seed=seed, stage=index)
         show(recording, speed=speed or 10.0, pause=time.sleep if speed else lambda _: None)
         return
-    words = problem.domain.schema.vocabulary
-    others = [
-        parse(read_text(file), words, name=called(file), folder=folder_of(file))
-        for file in files[1:]
-    ]
+    others = [read_tree(file, problem.domain.schema.vocabulary) for file in files[1:]]
     if others:
         found = [_outcomes(each, settings, seeds, index) for each in (tree, *others)]
         points = [[outcome.fitness for outcome in each] for each in found]
@@ -98,7 +94,8 @@ def command(
         return
     outcomes = _outcomes(tree, settings, seeds, index)
     if as_json:
-        click.echo(json.dumps([_plain(outcome) for outcome in outcomes], indent=2))
+        plain = [{"fitness": outcome.fitness, **asdict(outcome)} for outcome in outcomes]
+        click.echo(json.dumps(plain, indent=2))
         return
     _print(outcomes, problem.domain.schema, settings, index)
 
@@ -152,16 +149,6 @@ def _with_intervals(rows: Sequence[dict[str, float]], what: str, worlds: int) ->
         f"{a:>{mean}} ({b:>{low}} to {c:>{high}})" if worlds > 1 else a
         for a, b, c in zip(*columns, strict=True)
     )
-
-
-def _plain(outcome: Outcome) -> dict[str, Any]:
-    return {
-        "fitness": outcome.fitness,
-        "components": dict(outcome.components),
-        "counters": dict(outcome.counters),
-        "seconds": outcome.seconds,
-        "endings": list(outcome.endings),
-    }
 
 
 def _outcomes(tree: Node, settings: Settings, seeds: int, stage: int) -> list[Outcome]:

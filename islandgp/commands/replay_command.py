@@ -31,11 +31,12 @@ def command(
     The page is one file that needs nothing else: open it in a browser, send it
     by mail, or look at it among the artifacts in MLflow.
     """
-    from islandgp.viewer.page import replay_page
+    from islandgp.viewer.page import page
+    from islandgp.viewer.recording import record
 
     tree, settings, problem = tree_in_domain(file, chosen)
-    name = title or Path(called(file)).stem
-    text = replay_page(tree, problem, seed, stage_index(settings, stage), name)
+    recording = record(tree, problem, seed=seed, stage=stage_index(settings, stage))
+    text = page(recording, title=title or Path(called(file)).stem)
     write_text(output, text)
     if output != STDIN:
         click.echo(f"{output}: {len(text.encode()) / 1000:.0f} kB", err=True)

@@ -86,14 +86,12 @@ def with_vocabulary_options(command: Callable[..., None]) -> Callable[..., None]
     return with_domain_options(_VOCABULARY_OPTION(command))
 
 
-def with_stage_option(command: Callable[..., None]) -> Callable[..., None]:
-    """Adds --stage: `stage_index` reads it."""
-    return click.option(
-        "--stage",
-        type=click.IntRange(1),
-        help="Stage of the curriculum (Table 2) that scores the episode, from 1; default: the"
-        " last.",
-    )(command)
+with_stage_option = click.option(
+    "--stage",
+    type=click.IntRange(1),
+    help="Stage of the curriculum (Table 2) that scores the episode, from 1; default: the last.",
+)
+"""Adds --stage: `stage_index` reads it."""
 
 
 def configured(overrides: Sequence[str], config_dir: str | None = None) -> Settings:
@@ -173,7 +171,7 @@ def _for_tree(text: str, chosen: Chosen, name: str) -> tuple[str, ...]:
     domain = domain_of(text)
     if not domain or _given(chosen.overrides) & _CHOOSES:
         return chosen.overrides
-    if _domain_file(domain, chosen.config_dir) is None:
+    if domain not in _domain_files(chosen.config_dir):
         known = ", ".join(configured_domains(chosen.config_dir))
         raise DomainError(
             f"{domain_place(text, name)}: expected a tree for a domain that is configured"
@@ -185,7 +183,7 @@ def _for_tree(text: str, chosen: Chosen, name: str) -> tuple[str, ...]:
 
 def configured_domains(config_dir: str | None) -> list[str]:
     """The domains that a tree can be for."""
-    return sorted({file.stem for d in _folders(config_dir) for file in d.glob("*.yaml")})
+    return sorted(_domain_files(config_dir))
 
 
 def default_domain() -> str:
@@ -205,42 +203,32 @@ def _given(overrides: Sequence[str]) -> set[str]:
     return {override.lstrip("+").partition("=")[0] for override in overrides}
 
 
-def _folders(config_dir: str | None) -> list[Path]:
-    """Where files of domains are, in the order in which Hydra looks."""
-    return [resource("conf") / "domain", *([Path(config_dir) / "domain"] if config_dir else [])]
-
-
-def _domain_file(domain: str, config_dir: str | None) -> Path | None:
-    files = (folder / f"{domain}.yaml" for folder in _folders(config_dir))
-    return next((file for file in files if file.is_file()), None)
+def _domain_files(config_dir: str | None) -> dict[str, Path]:
+    """The files of domains by name: of two, the one that Hydra finds first."""
+    folders = [*([Path(config_dir)] if config_dir else []), resource("conf")]
+    return {file.stem: file for folder in folders for file in folder.glob("domain/*.yaml")}
 
 
 @cache
 def _vocabulary(overrides: tuple[str, ...], config_dir: str | None) -> Vocabulary:
-    quick = None
     if _given(overrides) <= {"domain"}:
         name = overrides[-1].partition("=")[2] if overrides else default_domain()
         # Whatever is wrong with the class or its file, the whole configuration tells it better.
         with suppress(Exception):
-            quick = _declared(name, config_dir)
-    if quick is not None:
-        return quick
+            return _declared(name, config_dir)
     return configured(overrides, config_dir).make_domain().schema.vocabulary
 
 
-def _declared(domain: str, config_dir: str | None) -> Vocabulary | None:
+def _declared(domain: str, config_dir: str | None) -> Vocabulary:
     """The vocabulary that the class of a domain declares, without composing a configuration.
 
-    None where its schema depends on settings.
+    Raises:
+        AttributeError: its schema depends on settings.
     """
     import yaml
 
-    from islandgp.domain import Schema
-
-    file = _domain_file(domain, config_dir)
-    if file is None:
-        return None
+    file = _domain_files(config_dir)[domain]
     found = yaml.safe_load(file.read_text(encoding="utf-8"))
     module, _, attribute = found.get("domain", found)["factory"].partition(":")
-    schema = getattr(getattr(import_module(module), attribute), "schema", None)
-    return schema.vocabulary if isinstance(schema, Schema) else None
+    vocabulary: Vocabulary = getattr(import_module(module), attribute).schema.vocabulary
+    return vocabulary

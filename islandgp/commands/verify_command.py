@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -25,27 +24,22 @@ class Verdict(StrEnum):
     DAMAGED = "damaged"
 
 
-@dataclass(frozen=True, slots=True)
-class Verified:
-    """What was found, and a few words about it."""
+def verify(folder: RunFolder) -> tuple[Verdict, str]:
+    """Compares a run's records with their checksums, and its other files with its records.
 
-    verdict: Verdict
-    words: str
-
-
-def verify(folder: RunFolder) -> Verified:
-    """Compares a run's records with their checksums, and its other files with its records."""
+    Returns what was found, and a few words about it.
+    """
     try:
         folder.configuration()
         generations, expected = _end(folder)
         if wrong := _wrong(folder, generations, expected):
-            return Verified(Verdict.DAMAGED, wrong)
+            return Verdict.DAMAGED, wrong
     except RunError as error:
-        return Verified(Verdict.DAMAGED, str(error))
+        return Verdict.DAMAGED, str(error)
     if generations and expected is None:
-        return Verified(Verdict.UNKNOWN, "written by an older version")
+        return Verdict.UNKNOWN, "written by an older version"
     state = "finished" if folder.finished() else "unfinished"
-    return Verified(Verdict.VERIFIED, f"{generations} generations, {state}")
+    return Verdict.VERIFIED, f"{generations} generations, {state}"
 
 
 def _end(folder: RunFolder) -> tuple[int, str | None]:
@@ -120,7 +114,7 @@ def command(folders: tuple[Path, ...]) -> None:
         if not runs:
             raise RunError(f"Expected runs in {root}, found none; give the folder of a run.")
         for run in runs:
-            found = verify(run)
-            click.echo(f"{run.path}: {found.verdict}: {found.words}")
-            damaged |= found.verdict is Verdict.DAMAGED
+            verdict, words = verify(run)
+            click.echo(f"{run.path}: {verdict}: {words}")
+            damaged |= verdict is Verdict.DAMAGED
     sys.exit(1 if damaged else 0)

@@ -64,7 +64,8 @@ def _small(record: dict[str, Any]) -> dict[str, Any]:
 
 def _replay(folder: RunFolder) -> str:
     """The champion's episode, in the world and the stage in which it became the champion."""
-    from islandgp.viewer.page import replay_page
+    from islandgp.viewer.page import page
+    from islandgp.viewer.recording import record as recorded
 
     champion = folder.summary()["champion"]
     config = folder.configuration()
@@ -72,13 +73,9 @@ def _replay(folder: RunFolder) -> str:
     (record,) = islice(folder.records(generation), 1)
     worlds = record["worlds"]
     place = 0 if config["gp"]["common_world"] else slot * config["gp"]["episodes"]
-    return replay_page(
-        parse(champion["record"]["tree"]),
-        Problem.recorded(config),
-        worlds[place],
-        record["snapshot"]["stage"],
-        f"{folder.path.name}: the best individual, generation {generation}",
-    )
+    tree, problem = parse(champion["record"]["tree"]), Problem.recorded(config)
+    episode = recorded(tree, problem, seed=worlds[place], stage=record["snapshot"]["stage"])
+    return page(episode, title=f"{folder.path.name}: the best individual, generation {generation}")
 
 
 def table(records: list[dict[str, Any]]) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from islandgp.bt.node import walk
 from islandgp.bt.render import label, lay_out
 from islandgp.bt.vocabulary import Key
 from islandgp.domain import Thing
-from islandgp.viewer.recording import Film, Look, Mover, Recording, digits
+from islandgp.viewer.recording import Film, Recording, digits
 
 LETTERS: Final = ".fsrx"  # a letter per code: idle, failed, succeeded, runs, stopped
 GRID: Final = 3000  # places are told in so many parts of the picture's longer side
@@ -154,7 +154,8 @@ class _Scene:
         self.x, self.y, right, top = film.bounds
         self.width, self.height = right - self.x, top - self.y
         self.unit = max(self.width, self.height) / GRID or 1.0
-        self.shapes = {n: f for n, f in recording.schema.forms.items() if n in film.forms()}
+        there = film.forms()
+        self.shapes = {n: f for n, f in recording.schema.forms.items() if n in there}
         self.forms = [*self.shapes]
         self.looks: dict[tuple[int, float, str], int] = {}  # with the index of each
 
@@ -172,37 +173,30 @@ class _Scene:
         }
         return {**found, "looks": [*self.looks]}
 
-    def _look(self, look: Look) -> int:
-        plain = (self.forms.index(look.form), round(look.size / self.unit, 1), look.text)
+    def _look(self, form: str, size: float, text: str) -> int:
+        plain = (self.forms.index(form), round(size / self.unit, 1), text)
         return self.looks.setdefault(plain, len(self.looks))
 
     def _thing(self, thing: Thing) -> list[int]:
-        look = self._look(Look(thing.form, thing.size, thing.text))
-        return [look, *self._place(thing.x, thing.y)]
+        form, x, y, size, text = thing
+        look = self._look(form, size, text)
+        return [look, round((x - self.x) / self.unit), round((y - self.y) / self.unit)]
 
-    def _place(self, x: float, y: float) -> tuple[int, int]:
-        return round((x - self.x) / self.unit), round((y - self.y) / self.unit)
+    def _movers(self, movers: Sequence[Sequence[Thing]]) -> list[dict[str, Any]]:
+        ways = [[(thing.x, thing.y) for thing in mover] for mover in movers]
+        found = []
+        for place, (way, mover) in enumerate(zip(ways, movers, strict=True)):
+            first = ways.index(way)  # what moves as one with another is told once
+            looks = changes((form, size, text) for form, _, _, size, text in mover)
+            looks[1::2] = [self._look(*look) for look in looks[1::2]]
+            found.append({"way": first if first < place else self._way(way), "looks": looks})
+        return found
 
-    def _movers(self, movers: Sequence[Mover]) -> list[dict[str, Any]]:
-        ways = [(mover.xs, mover.ys) for mover in movers]
-        return [
-            {
-                # What moves as one with another is told once.
-                "way": first if (first := ways.index(way)) < place else self._way(*way),
-                "looks": self._changes(mover.looks),
-            }
-            for place, (way, mover) in enumerate(zip(ways, movers, strict=True))
-        ]
-
-    def _way(self, xs: Sequence[float], ys: Sequence[float]) -> list[int]:
-        return path([(x - self.x) / self.unit for x in xs], [(y - self.y) / self.unit for y in ys])
-
-    def _changes(self, looks: Sequence[tuple[int, Look]]) -> list[int]:
-        encoded, last = [], 0
-        for tick, look in looks:
-            encoded += [tick - last, self._look(look)]
-            last = tick
-        return encoded
+    def _way(self, places: Sequence[tuple[float, float]]) -> list[int]:
+        return path(
+            [(x - self.x) / self.unit for x, _ in places],
+            [(y - self.y) / self.unit for _, y in places],
+        )
 
     @staticmethod
     def _frames(frames: Sequence[tuple[int, bytes]]) -> dict[str, Any]:

@@ -12,32 +12,17 @@ from html import escape
 from pathlib import Path
 from typing import Final
 
-from islandgp.bt.node import Node
 from islandgp.bt.render import drawing, lay_out
-from islandgp.evaluation.base import Problem
 from islandgp.viewer.encode import encode
-from islandgp.viewer.recording import Recording, record
+from islandgp.viewer.recording import Recording
 
 _PARTS: Final = Path(__file__).parent / "page"
 _PLACE: Final = re.compile(r"\{\{(\w+)\}\}")
 _SCRIPTS: Final = ("data", "scene", "tree", "board", "chart", "timeline", "player")
 
 
-def replay_page(tree: Node, problem: Problem, seed: int, stage: int, title: str) -> str:
-    """One episode as the text of an HTML page.
-
-    Args:
-        tree: what the robot does.
-        problem: the domain and the curriculum.
-        seed: of the world.
-        stage: index into Table 2, whose multipliers score the episode.
-        title: what the page is called.
-    """
-    return page(record(tree, problem, seed=seed, stage=stage), title=title)
-
-
 def page(recording: Recording, *, title: str) -> str:
-    """The page of a recording."""
+    """A recorded episode as the text of an HTML page."""
     boxes, width, height = lay_out(recording.tree)
     data = json.dumps(encode(recording, title=title), separators=(",", ":"), allow_nan=False)
     parts = {

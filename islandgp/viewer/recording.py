@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from math import floor, log10
@@ -37,14 +37,6 @@ class Credit(NamedTuple):
     action: str  # that earned them; "" for none
 
 
-class Look(NamedTuple):
-    """A thing without its place."""
-
-    form: str
-    size: float
-    text: str
-
-
 class Stay(NamedTuple):
     """A thing that comes, does not move, and goes."""
 
@@ -54,28 +46,23 @@ class Stay(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Mover:
-    """A thing that moves, over a whole episode."""
-
-    xs: tuple[float, ...]  # per tick
-    ys: tuple[float, ...]
-    looks: tuple[tuple[int, Look], ...]  # a tick and the look from then on
-
-
-@dataclass(frozen=True, slots=True)
 class Film:
     """What there was to see."""
 
     bounds: Bounds  # of all ticks
     fixed: tuple[Thing, ...]
     items: tuple[Stay, ...]  # by begin
-    movers: tuple[Mover, ...]  # the last one is the robot: it is drawn on top and followed
+    movers: tuple[tuple[Thing, ...], ...]
+    """Each one at each tick; the last one is the robot: it is drawn on top and followed."""
     frames: tuple[tuple[int, bytes], ...]  # a tick and the PNG from then on
+
+    def things(self) -> Iterator[Thing]:
+        """All that is ever to be seen; what moves stands there once a tick."""
+        return chain(self.fixed, (stay.thing for stay in self.items), *self.movers)
 
     def forms(self) -> set[str]:
         """The forms that occur."""
-        things = {thing.form for thing in (*self.fixed, *(stay.thing for stay in self.items))}
-        return things | {look.form for mover in self.movers for _, look in mover.looks}
+        return {thing.form for thing in self.things()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,14 +229,12 @@ class Camera:
             bounds=(*map(min, zip(*lows, strict=True)), *map(max, zip(*highs, strict=True))),
             fixed=self._fixed,
             items=tuple(sorted([*self._gone, *left], key=lambda stay: (stay.begin, stay.thing))),
-            movers=tuple(map(_mover, self._columns(ticks))),
+            movers=self._columns(ticks),
             frames=tuple(self._frames),
         )
         _must_be_numbers("the bounds of a scene", film.bounds)
-        things = (*film.fixed, *(stay.thing for stay in film.items))
-        still = chain(*(thing[1:4] for thing in things))
-        moving = chain(*((*m.xs, *m.ys, *(look.size for _, look in m.looks)) for m in film.movers))
-        _must_be_numbers("the places and sizes of things", chain(still, moving))
+        places = chain.from_iterable(thing[1:4] for thing in film.things())
+        _must_be_numbers("the places and sizes of things", places)
         if unknown := film.forms() - schema.forms.keys():
             known = ", ".join(schema.forms) or "none"
             raise DomainError(
@@ -258,7 +243,7 @@ class Camera:
             )
         return film
 
-    def _columns(self, ticks: int) -> list[tuple[Thing, ...]]:
+    def _columns(self, ticks: int) -> tuple[tuple[Thing, ...], ...]:
         """Each mover at each tick. Raises DomainError where their number changes."""
         movers = self._movers + self._movers[-1:] * (ticks - len(self._movers))
         most, least = max(map(len, movers)), min(map(len, movers))
@@ -267,7 +252,7 @@ class Camera:
                 f"Expected as many movers in each tick, found {least} and {most}; what comes and"
                 " goes belongs to the items of a scene."
             )
-        return list(zip(*movers, strict=True))
+        return tuple(zip(*movers, strict=True))
 
 
 def _must_be_numbers(what: str, found: Iterable[float]) -> None:
@@ -275,14 +260,3 @@ def _must_be_numbers(what: str, found: Iterable[float]) -> None:
     for number in found:
         if not -HUGE < number < HUGE:
             raise DomainError(f"Expected finite numbers as {what}, found {number!r:.40}.")
-
-
-def _mover(things: tuple[Thing, ...]) -> Mover:
-    looks: list[tuple[int, Look]] = []
-    last: object = None
-    forms, xs, ys, sizes, texts = zip(*things, strict=True)
-    for tick, look in enumerate(zip(forms, sizes, texts, strict=True)):
-        if look != last:
-            looks.append((tick, Look(*look)))
-            last = look
-    return Mover(xs, ys, tuple(looks))

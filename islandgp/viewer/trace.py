@@ -7,6 +7,7 @@ import re
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from math import ceil, inf, isfinite
 from typing import TYPE_CHECKING, Final
 
@@ -23,9 +24,19 @@ ELLIPSIS: Final = "\N{HORIZONTAL ELLIPSIS}"
 MOST_LINES: Final = 5_000  # of a timeline
 MOST_GUARDS: Final = 8  # on such a line
 WIDTH: Final = 60  # letters of a key's course
-_NOT_IDLE: Final = re.compile(b"[^%c]+" % IDLE)
+_STINT: Final = re.compile(
+    b"%(runs)c[%(runs)c%(idle)c]*+[^%(runs)c%(idle)c]?|[^%(runs)c%(idle)c]"
+    % {b"runs": RUNS, b"idle": IDLE}
+)
+"""The codes of a node from its start to the tick in which it ended, if it did."""
 _WORDS: Final = {RUNS: "runs", SUCCEEDED: "succeeded", FAILED: "failed", STOPPED: "was aborted"}
-_STYLES: Final = {SUCCEEDED: "green", FAILED: "red", STOPPED: "magenta", RUNS: "cyan"}
+SIGNS: Final = {
+    SUCCEEDED: ("\N{CHECK MARK}", "green"),
+    FAILED: ("\N{BALLOT X}", "red"),
+    STOPPED: ("\N{CIRCLED DIVISION SLASH}", "magenta"),
+    RUNS: ("\N{BLACK RIGHT-POINTING POINTER}", "bold yellow"),
+}
+"""How the last status of a node is shown: a sign, and a style of rich."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,16 +60,10 @@ def stints(recording: Recording, begin: int = 0) -> Iterator[Stint]:
     earned: dict[str, list[Credit]] = {}
     for credit in sorted(recording.credits, key=lambda credit: credit.tick):
         earned.setdefault(credit.action, []).append(credit)
+    names = [(p, str(n.args[0])) for p, n in enumerate(walk(recording.tree)) if n.kind == "action"]
     of_actions = [
-        _of_action(
-            recording.statuses[place],
-            place,
-            str(node.args[0]),
-            earned.get(str(node.args[0]), []),
-            begin,
-        )
-        for place, node in enumerate(walk(recording.tree))
-        if node.kind == "action"
+        _of_action(recording.statuses[place], place, name, earned.get(name, []), begin)
+        for place, name in names
     ]
     return heapq.merge(*of_actions, key=lambda stint: (stint.start, stint.place))
 
@@ -84,30 +89,14 @@ def _of_action(
 ) -> Iterator[Stint]:
     """The stints of one node that start at a tick or later; `credits` are its action's, by tick."""
     under_way = 0 < begin <= len(codes) and codes[begin - 1] == RUNS
-    start = -1
-    for tick, code in _ticked(codes, begin):
-        start = tick if start < 0 else start
-        if code != RUNS:
-            if not under_way:
-                yield _stint(credits, start, tick, place, action, code)
-            start, under_way = -1, False
-    if start >= 0 and not under_way:
-        yield _stint(credits, start, len(codes) - 1, place, action, RUNS)
-
-
-def _ticked(codes: bytes, begin: int) -> Iterator[tuple[int, int]]:
-    """Each tick in which a node was not IDLE, and its code; the others cost next to nothing."""
-    for found in _NOT_IDLE.finditer(codes, begin):
-        yield from enumerate(found[0], found.start())
-
-
-def _stint(
-    credits: Sequence[Credit], start: int, end: int, place: int, action: str, result: int
-) -> Stint:
-    first = bisect_left(credits, start, key=lambda credit: credit.tick)
-    behind = bisect_right(credits, end, key=lambda credit: credit.tick)
-    won = sum(credit.points for credit in credits[first:behind])
-    return Stint(start, end, place, action, result, won)
+    for found in islice(_STINT.finditer(codes, begin), int(under_way), None):
+        start, end, result = found.start(), found.end() - 1, found[0][-1]
+        if result in (RUNS, IDLE):
+            end, result = len(codes) - 1, RUNS
+        first = bisect_left(credits, start, key=lambda credit: credit.tick)
+        behind = bisect_right(credits, end, key=lambda credit: credit.tick)
+        won = sum(credit.points for credit in credits[first:behind])
+        yield Stint(start, end, place, action, result, won)
 
 
 def drawn(recording: Recording) -> Text:
@@ -121,11 +110,8 @@ def drawn(recording: Recording) -> Text:
             continue
         ticks = counts[FAILED] + counts[SUCCEEDED] + counts[RUNS]
         note = Text(f"{100 * ticks / recording.ticks:5.1f} %  ")
-        for code, sign, style in (
-            (SUCCEEDED, "\N{CHECK MARK}", "green"),
-            (FAILED, "\N{BALLOT X}", "red"),
-            (STOPPED, "\N{CIRCLED DIVISION SLASH}", "magenta"),
-        ):
+        for code in (SUCCEEDED, FAILED, STOPPED):
+            sign, style = SIGNS[code]
             note.append(f"{sign}{counts[code]:<5}", style if counts[code] else "dim")
         notes.append(note)
     return to_rich(recording.tree, notes)
@@ -157,7 +143,7 @@ def timeline(recording: Recording, begin: float = 0.0, end: float = inf) -> Iter
         lasted = (stint.end - stint.start + 1) * step
         line = Text(f"{stint.start * step:7.1f} s  {lasted:6.1f} s  {stint.action:<{wide}}  ")
         times = f" {stint.times} times" if stint.times > 1 else ""
-        line.append(f"{_WORDS[stint.result] + times:<20}", _STYLES[stint.result])
+        line.append(f"{_WORDS[stint.result] + times:<20}", SIGNS[stint.result][1])
         line.append(f"{stint.points:+9,.{digits}f}" if stint.points else " " * 9)
         line.append(f"  {guards[stint.place]}".rstrip(), "dim")
         yield line

@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Final
 
 from islandgp.bt.render import to_rich
-from islandgp.viewer.recording import FAILED, RUNS, STOPPED, SUCCEEDED, Film, Mover, Recording
+from islandgp.viewer.recording import Film, Recording
+from islandgp.viewer.trace import SIGNS
 
 if TYPE_CHECKING:
     from rich.console import Group, RenderableType
@@ -15,13 +16,6 @@ if TYPE_CHECKING:
 
 COLUMNS, ROWS = 60, 30  # letters of a square world; each is twice as high as wide
 FRAMES: Final = 8  # a second on the viewer's clock
-
-_SIGNS: Final = {
-    RUNS: ("\N{BLACK RIGHT-POINTING POINTER}", "bold yellow"),
-    SUCCEEDED: ("\N{CHECK MARK}", "green"),
-    FAILED: ("\N{BALLOT X}", "red"),
-    STOPPED: ("\N{CIRCLED DIVISION SLASH}", "magenta"),
-}
 
 
 def watch(recording: Recording, *, speed: float, pause: Callable[[float], None]) -> None:
@@ -50,7 +44,7 @@ def lines(recording: Recording, *, every: float) -> Iterator[str]:
     keys = recording.schema.vocabulary.keys
     robot = recording.film.movers[-1] if recording.film and recording.film.movers else None
     for tick in [*range(0, recording.ticks - 1, apart), recording.ticks - 1]:
-        at = "" if robot is None else f"  at ({robot.xs[tick]:5.1f}, {robot.ys[tick]:5.1f})"
+        at = "" if robot is None else f"  at ({robot[tick].x:5.1f}, {robot[tick].y:5.1f})"
         board = "  ".join(
             f"{name}={value:g}" for name, value in zip(keys, recording.boards[tick], strict=True)
         )
@@ -70,7 +64,7 @@ def frame(recording: Recording, tick: int) -> Group:
     from rich.panel import Panel
     from rich.text import Text
 
-    notes = [Text(*_SIGNS.get(line[tick], (" ", ""))) for line in recording.statuses]
+    notes = [Text(*SIGNS.get(line[tick], (" ", ""))) for line in recording.statuses]
     seconds = f"{tick * recording.step_s:.1f} of {recording.outcome.seconds:.0f} s"
     title = f"{seconds}, {points_at(recording, tick):,.{recording.digits}f} points"
     side = Group(
@@ -106,12 +100,8 @@ def _map(recording: Recording, film: Film, tick: int) -> Text:
         put(thing.form, thing.x, thing.y)
     for mover in film.movers:
         style = " bold reverse" if mover is film.movers[-1] else " bold"
-        put(_form(mover, tick), mover.xs[tick], mover.ys[tick], style)
+        put(mover[tick].form, mover[tick].x, mover[tick].y, style)
     return Text("\n").join(Text.assemble(*((sign, style) for sign, style in row)) for row in cells)
-
-
-def _form(mover: Mover, tick: int) -> str:
-    return next(look.form for begin, look in reversed(mover.looks) if begin <= tick)
 
 
 def _board(recording: Recording, tick: int) -> Text:

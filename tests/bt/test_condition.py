@@ -88,6 +88,14 @@ def test_what_follows(first: Asked, second: Asked) -> None:
         assert implies((first,), second) == followed
 
 
+def test_a_not_in_an_or_denies() -> None:
+    """`foundGarbage or not lap < 3` holds where lap is 5: the `not` is no word to pass over."""
+    known = parse_condition("not foundGarbage and lap >= 5", VOCABULARY)
+    asked = parse_condition("foundGarbage or not lap < 3", VOCABULARY)
+    assert not excludes((known,), asked)
+    assert implies((known,), asked)
+
+
 @settings(max_examples=150, deadline=None)
 @given(asked=ASKED, known=ASKED)
 def test_shorter(asked: Asked, known: Asked) -> None:

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
+from pydantic import BaseModel
 
 from islandgp.bt.language import parse
 from islandgp.bt.vocabulary import Action, Vocabulary, flag, number
-from islandgp.domain import Counter, Event, Schema
+from islandgp.domain import Counter, Event, Outcome, Schema
 from islandgp.errors import DomainError
 from islandgp.scoring.rewards import RewardTable
-from islandgp.ticking import RUNNING, EventLog, run_ticks
+from islandgp.ticking import RUNNING, EventLog, Stepped
 
 SCHEMA = Schema(
     vocabulary=Vocabulary(
@@ -27,10 +28,16 @@ SCHEMA = Schema(
 REWARDS = RewardTable.model_validate({"events": {"done": {"component": "points", "per_unit": 2}}})
 
 
-class Counting:
-    """Leaves of every sort."""
+class World(BaseModel):
+    """How long an episode is."""
 
-    def __init__(self, log: EventLog) -> None:
+    ticks: int = 10
+
+
+class Counting:
+    """An episode with leaves of every sort."""
+
+    def __init__(self, _: World, __: int, log: EventLog) -> None:
         self.log = log
         self.calls: list[str] = []
         self.n = 0
@@ -42,52 +49,47 @@ class Counting:
         self.n += 1
         return "enough" if self.n == 6 else ""
 
-    def yes(self) -> bool:
+    def measures(self) -> dict[str, float]:
+        return {"calls": len(self.calls)}
+
+    def Yes(self) -> bool:
         self.calls.append("yes")
         self.log("done", 1.5)
         return True
 
-    def no(self) -> bool:
+    def No(self) -> bool:
         self.calls.append("no")
         return False
 
-    def wait(self) -> int:
+    def Wait(self) -> int:
         self.calls.append("wait")
         return RUNNING
 
-    def twice(self) -> Iterator[None]:
+    def Twice(self) -> Iterator[None]:
         self.calls.append("begin")
         yield
         self.calls.append("go on")
         return True
 
-    def odd(self) -> None:
+    def Odd(self) -> None:
         self.calls.append("odd")
 
 
-def run(text: str, ticks: int = 10) -> tuple[list[str], object]:
-    """The calls of leaves, and the outcome."""
-    log = EventLog(REWARDS, SCHEMA, {"points": 10.0})
-    world = Counting(log)
-    leaves = {
-        "Yes": world.yes,
-        "No": world.no,
-        "Wait": world.wait,
-        "Twice": world.twice,
-        "Odd": world.odd,
-    }
-    outcome = run_ticks(
-        parse(text, SCHEMA.vocabulary),
-        SCHEMA,
-        leaves,
-        world.sense,
-        log,
-        ticks=ticks,
-        step_s=0.5,
-        step=world.step,
-        measures=lambda: {"calls": len(world.calls)},
-    )
-    return world.calls, outcome
+def run(text: str, ticks: int = 10, **methods: object) -> tuple[list[str], Outcome]:
+    """The calls of leaves, and the outcome; `methods` take the place of the episode's own."""
+    episodes: list[Counting] = []
+
+    def episode(world: World, seed: int, log: EventLog) -> Counting:
+        episodes.append(Counting(world, seed, log))
+        vars(episodes[0]).update(methods)
+        return episodes[0]
+
+    class Domain(Stepped):
+        World, Episode, schema, step_s = World, episode, SCHEMA, 0.5
+
+    domain = Domain.make(World(ticks=ticks), REWARDS)
+    outcome = domain.run_episode(parse(text, SCHEMA.vocabulary), 0, {"points": 10.0})
+    return episodes[0].calls, outcome
 
 
 def test_events_earn_points_and_are_counted() -> None:
@@ -150,14 +152,10 @@ def test_an_amount_that_is_no_number_is_told(amount: float) -> None:
 
 def test_a_missing_key_or_counter_is_told() -> None:
     """What `sense` or `measures` leaves out."""
-    log = EventLog(REWARDS, SCHEMA, {})
-    tree = parse("Yes", SCHEMA.vocabulary)
-    leaves = {name: lambda: True for name in SCHEMA.vocabulary.actions}
-    common = {"ticks": 1, "step_s": 1.0}
-    with pytest.raises(DomainError, match="a value of the key n"):
-        run_ticks(tree, SCHEMA, leaves, lambda: {"ready": 1}, log, **common)
+    with pytest.raises(DomainError, match="a value of the key n from"):
+        run("Yes", sense=lambda: {"ready": 1})
     with pytest.raises(DomainError, match="the counter calls from `measures`"):
-        run_ticks(tree, SCHEMA, leaves, lambda: {"ready": 1, "n": 0}, log, **common)
+        run("Yes", measures=dict)
 
 
 def test_counters_default_to_the_events() -> None:
@@ -177,7 +175,5 @@ def test_counters_default_to_the_events() -> None:
 def test_a_key_that_is_no_number_is_named(key: str, value: float, expected: str) -> None:
     """No condition could ask for it: every comparison would be false."""
     values = {"ready": 0.0, "n": 1.0, key: value}
-    log = EventLog(REWARDS, SCHEMA, {})
-    leaves = dict.fromkeys(SCHEMA.vocabulary.actions, lambda: True)
     with pytest.raises(DomainError, match=f"Expected {expected}.*key {key} .*found {value}"):
-        run_ticks(parse("Yes"), SCHEMA, leaves, lambda: values, log, ticks=3, step_s=1)
+        run("Yes", sense=lambda: values)

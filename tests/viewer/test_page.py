@@ -180,7 +180,7 @@ def test_zoom(opened: Browser) -> None:
     assert film is not None
     robot, unit = film.movers[-1], film.bounds[2] / GRID
     x, y = opened.run("[scene.view.x, scene.view.y]")
-    assert abs(complex(x * unit, y * unit) - complex(robot.xs[500], robot.ys[500])) < 0.2
+    assert abs(complex(x * unit, y * unit) - complex(robot[500].x, robot[500].y)) < 0.2
 
 
 def test_something_is_drawn(opened: Browser) -> None:

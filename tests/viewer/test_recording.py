@@ -19,7 +19,7 @@ from islandgp.domain import Scene, Thing
 from islandgp.errors import DomainError
 from islandgp.resources import resource
 from islandgp.viewer.encode import GRID, LETTERS, encode, path, runs
-from islandgp.viewer.page import page, replay_page
+from islandgp.viewer.page import page
 from islandgp.viewer.recording import FAILED, RUNS, STOPPED, SUCCEEDED, Film, digits, record
 from tests.composed import composed
 from tests.trees.worlds import random_trees
@@ -49,7 +49,7 @@ def test_every_tick_is_there() -> None:
     assert recording.ticks == 4200
     assert recording.outcome.seconds == 420
     assert len(recording.boards) == 4200
-    assert {len(each) for mover in film().movers for each in (mover.xs, mover.ys)} == {4200}
+    assert {len(mover) for mover in film().movers} == {4200}
     assert {len(line) for line in recording.statuses} == {4200}
     assert len(recording.statuses) == size(recording.tree)
 
@@ -80,7 +80,7 @@ def test_garbage_is_what_the_robot_found() -> None:
     reach = composed().world.robot.pickup_reach
     robot = film().movers[-1]
     for thing, _, end in gone:
-        at = complex(robot.xs[end], robot.ys[end])
+        at = complex(robot[end].x, robot[end].y)
         assert abs(complex(thing.x, thing.y) - at) <= reach + 1e-6
 
 
@@ -92,8 +92,8 @@ def test_scenes_of_any_domain() -> None:
     assert found.fixed == (Thing("stone", 10, 9, 1),)
     assert found.items == ((Thing("stone", 3, 3, 0.5, "here"), 0, 5),)
     (robot,) = found.movers
-    assert robot.xs == tuple(range(20))
-    assert [(tick, look.text) for tick, look in robot.looks] == [(0, "0"), (10, "1")]
+    assert [thing.x for thing in robot] == list(range(20))
+    assert [thing.text for thing in robot] == ["0"] * 10 + ["1"] * 10
     assert found.frames == ()
 
 
@@ -216,11 +216,9 @@ def test_positions_are_told_to_the_tenth_of_a_metre() -> None:
     assert unit == 0.1
     for mover, entry in zip(film().movers, told, strict=True):
         way = entry["way"] if isinstance(entry["way"], list) else told[entry["way"]]["way"]
-        for (x, y), there in zip(
-            places(way, recording.ticks), zip(mover.xs, mover.ys, strict=True), strict=True
-        ):
-            assert abs(x * unit - there[0]) <= unit + 1e-9
-            assert abs(y * unit - there[1]) <= unit + 1e-9
+        for (x, y), there in zip(places(way, recording.ticks), mover, strict=True):
+            assert abs(x * unit - there.x) <= unit + 1e-9
+            assert abs(y * unit - there.y) <= unit + 1e-9
 
 
 def test_changes_are_lossless() -> None:
@@ -250,7 +248,8 @@ def test_page_of_an_example_is_small(name: str) -> None:
 def test_page_of_any_tree_is_below_a_megabyte() -> None:
     """The pages of 100 random trees stay below a megabyte."""
     for tree in random_trees(composed(), 100):
-        assert len(replay_page(tree, island(), 0, 3, "t").encode()) < 1_000_000
+        episode = record(tree, island(), seed=0, stage=3)
+        assert len(page(episode, title="t").encode()) < 1_000_000
 
 
 def test_page_of_a_restless_tree_is_below_a_megabyte() -> None:

@@ -20,12 +20,11 @@ from islandgp.bt.language import MAX_LEVELS, MAX_NODES, parse, parse_condition
 from islandgp.bt.node import ABORTS, POLICIES, REPEATS, Node, Used
 from islandgp.bt.printer import with_subtrees
 from islandgp.bt.source import closest, shown
-from islandgp.bt.truth import with_aborts
+from islandgp.bt.truth import hidden, with_aborts
 from islandgp.bt.vocabulary import RESERVED, Vocabulary
 from islandgp.errors import LimitError, TreeError
 
 _EXPLICIT: Final = ("Action", "Condition", "Control", "Decorator")  # <Action ID="X"/> is <X/>
-_HIDDEN: Final = {"both": "self", "lower": "none"}  # abort rules of a guard that is not observed
 _ATTRIBUTES: Final = {
     "SubTree": ("_autoremap",),
     **{node.tag: node.attributes for node in NODES.values()},
@@ -224,15 +223,13 @@ class _Importer:
         if tag in ("ReactiveSequence", "ReactiveFallback"):
             return self._reactive(element, self._children(element))
         if tag in _COMPOSITES:
-            return Node(_COMPOSITES[tag], (), tuple(map(self._node, self._children(element))))
+            return Node(_COMPOSITES[tag], (), self._nodes_of(element))
         if tag == "When":
             return self._own_guard(element)
         if tag == "JudgedParallel":
-            policies = (
-                self._policy(element, "success", "all"),
-                self._policy(element, "failure", "one"),
-            )
-            return Node("parallel", policies, tuple(map(self._node, self._children(element))))
+            defaults = (("success", "all"), ("failure", "one"))
+            policies = tuple(self._policy(element, *each) for each in defaults)
+            return Node("parallel", policies, self._nodes_of(element))
         if tag == "Inverter":
             return Node("inverter", (), (self._node(self._only_child(element)),))
         if tag in ("Repeat", "RepeatPerTick"):
@@ -257,7 +254,7 @@ class _Importer:
                 parts.append(self._guarding(each, element, elements[index + 1 :], "none"))
                 break
             # In that library no composite observes the guards of this branch.
-            parts.append(with_aborts(self._node(each), _HIDDEN))
+            parts.append(hidden(self._node(each)))
         else:
             last = elements[-1]
             node = self._node(last)
@@ -287,7 +284,7 @@ class _Importer:
             inner = self._reactive(element, behind)
         self._level -= 1
         # In that library no composite observes a guard behind a condition.
-        return self._guard(condition, with_aborts(inner, _HIDDEN), abort, inverted=inverted)
+        return self._guard(condition, hidden(inner), abort, inverted=inverted)
 
     def _interrupting(self, kind: str, element: Element, elements: Sequence[Element]) -> Node:
         """A composite whose branches, but for the last, begin with a guard that interrupts."""
@@ -379,6 +376,9 @@ class _Importer:
                 " asks one child or all",
             )
         return "one"
+
+    def _nodes_of(self, element: Element) -> tuple[Node, ...]:
+        return tuple(map(self._node, self._children(element)))
 
     def _children(self, element: Element) -> list[Element]:
         if not element.children:

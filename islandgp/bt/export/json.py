@@ -1,16 +1,8 @@
 """Trees as JSON, without loss: reading what was written gives the tree again.
 
-    {"format": "islandgp-tree", "version": 1,
-     "tree": {"kind": "when", "key": "charge", "op": "<", "number": 25,
-              "abort": "lower", "children": [{"kind": "action", "name": "GoHome"}]}}
-
-An argument's name is that of `KINDS`. A condition that is joined stands as a whole:
-
-    {"kind": "when", "condition": {"and": [{"key": "found", "op": "is"},
-     {"not": {"key": "charge", "op": "<", "number": 25}}]}, "abort": "both", "children": [...]}
-
-Comments and named subtrees are not part of
-a tree, so they are not in here.
+docs/exports.md shows the form. An argument's name is that of `KINDS`; the condition of a `when`
+stands in it as `key`, `op` and `number`, or as a whole where it is joined. Comments and named
+subtrees are not part of a tree, so they are not in here.
 """
 
 from __future__ import annotations
@@ -123,10 +115,9 @@ class _Reader:
             guess = closest(str(kind), KINDS)
             hint = f"; did you mean {guess!r}?" if guess else ""
             self._fail(at, f"expected a kind ({', '.join(KINDS)}), found {kind!r:.40}{hint}")
-        names: tuple[str, ...] = KINDS[kind].args
-        if kind == "when":
-            names = ("condition" if "condition" in value else "key", "op", "number", "abort")
-            names = names if names[0] == "key" else ("condition", "abort")
+        names = KINDS[kind].args
+        if kind == "when" and "condition" not in value:
+            names = ("key", "op", "number", "abort")
         extra = value.keys() - {"kind", "children", *names}
         if extra:
             self._fail(at, f"unknown entry {min(extra)!r:.40} of {kind}")
@@ -137,7 +128,12 @@ class _Reader:
             self._fail(at, f"expected {wanted} children of {kind}")
         args: tuple[Argument, ...]
         if kind == "when":
-            args = (self._asked(value, at), str(self._argument(value, "abort", at)))
+            asked = (
+                self._condition(value["condition"], f"{at}.condition", 1)
+                if "condition" in value
+                else self._single(value, at)
+            )
+            args = (asked, str(self._argument(value, "abort", at)))
         else:
             args = tuple(self._argument(value, argument, at) for argument in names)
         return Node(
@@ -148,12 +144,6 @@ class _Reader:
                 for i, child in enumerate(children)
             ),
         )
-
-    def _asked(self, value: dict[str, Any], at: str) -> Asked:
-        """The condition of a `when`, which may stand in it without brackets."""
-        if "condition" in value:
-            return self._condition(value["condition"], f"{at}.condition", 1)
-        return self._single(value, at)
 
     def _condition(self, value: Any, at: str, level: int) -> Asked:
         if not isinstance(value, dict):

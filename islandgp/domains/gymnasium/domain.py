@@ -4,28 +4,22 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from functools import cached_property
 from importlib.util import find_spec
 from json import dumps, loads
 from typing import Any, ClassVar, Final, Self
 
 from pydantic import BaseModel
 
-from islandgp.bt.closures import Tick
-from islandgp.bt.engine import compile_tree
-from islandgp.bt.node import SUCCESS, Node
-from islandgp.domain import Observer, Outcome, Scene, png
+from islandgp.domain import Scene, png
 from islandgp.domains.gymnasium import world as settings
 from islandgp.errors import ConfigError
-from islandgp.scoring.rewards import RewardTable, Worth, worth
-from islandgp.ticking import once_a_thread
+from islandgp.scoring.rewards import RewardTable
+from islandgp.ticking import EventLog, Leaf, Stepped, once_a_thread
 
 HELPERS: Final = ("TimeLimit", "OrderEnforcing", "PassiveEnvChecker")
 """Wrappers of `gymnasium.make` that the domain does without: `ticks` limits the time."""
-
-
-Chosen = tuple[int, str]
-"""The number of an environment's action, and the tree's action that chose it; "" for none."""
 
 
 @once_a_thread
@@ -51,15 +45,13 @@ def environment(name: str, options: str, render: bool) -> Any:
     return env
 
 
-class Gymnasium:
+class Gymnasium(Stepped):
     """The domain of one environment."""
 
     World: ClassVar[type[BaseModel]] = settings.World
-    Rewards: ClassVar[type[BaseModel]] = RewardTable
 
     def __init__(self, world: settings.World, rewards: RewardTable) -> None:
-        self.world = world
-        self.rewards = rewards
+        super().__init__(world, rewards)
         self.schema = world.declared()
         self.step_s = world.step_s
 
@@ -87,117 +79,76 @@ class Gymnasium:
                 f" {world.environment!r}: {what}"
             ) from error
 
-    def run_episode(
-        self,
-        tree: Node,
-        seed: int,
-        weights: Mapping[str, float],
-        observer: Observer | None = None,
-    ) -> Outcome:
-        """See `Domain`."""
-        world, places = self.world, self.schema.vocabulary.places
-        env = self.environment(render=observer is not None)
-        components = dict.fromkeys(self.schema.components, 0.0)
-        counts = dict.fromkeys(world.signals, 0)
-        board, none = [0.0] * len(places), (world.otherwise, "")
-        chosen: list[Chosen] = [none]
-        leaves = {name: _leaf((choice.do, name), chosen) for name, choice in world.actions.items()}
-        watch = None if observer is None else observer.node
-        tick = compile_tree(tree, leaves, board, places, watch=watch)
-        sense = _sense(world.observations, places, board)
-        award = _award(worth(self.rewards, weights), components, chosen, observer)
-        take, total, done, ending = env.step, 0.0, 0, ""
-        values = env.reset(seed=seed)[0].tolist()
-        signals, earns = _signals(world, len(values)), self.rewards.events.keys()
-        lasting = "step" in earns
-        scene = None if observer is None else _scene(env, world.shrink)
-        while not ending:
-            sense(values)
-            chosen[0] = none
-            tick()
-            if observer is not None:
-                observer.tick(board, scene)
-            observation, reward, terminated, truncated, _ = take(chosen[0][0])
-            values, reward, done = observation.tolist(), float(reward), done + 1
-            total += reward
-            award("reward", reward)
-            if lasting:
-                award("step", 1.0)
-            told = (*values, reward, done)
-            for event, place, above, below in signals:
-                if above < told[place] < below:
-                    counts[event] += 1
-                    if event in earns:
-                        award(event, 1.0)
-            if terminated:
-                ending = "terminated"
-            elif truncated or done == world.ticks:
-                ending = "time"
-        return Outcome(
-            components=components,
-            counters={"return": total, "steps": float(done)}
-            | {name: float(n) for name, n in counts.items()},
-            seconds=done * self.step_s,
-            endings=(ending,),
-        )
+    def begin(self, seed: int, log: EventLog, *, watched: bool) -> tuple[Any, Mapping[str, Leaf]]:
+        """See `Stepped`."""
+        episode = _Episode(self.world, self.environment(render=watched), seed, log)
+        return episode, {n: episode.leaf(c.do, n) for n, c in self.world.actions.items()}
 
 
-def _leaf(choice: Chosen, chosen: list[Chosen]) -> Tick:
-    """Chooses an action of the environment, and succeeds at once."""
+class _Episode:
+    """One episode; points go to the tree's action that chose the environment's."""
 
-    def tick(_fresh: bool) -> int:
-        chosen[0] = choice
-        return SUCCESS
+    def __init__(self, world: settings.World, env: Any, seed: int, log: EventLog) -> None:
+        self.env, self.log, self.shrink = env, log, world.shrink
+        self.total, self.steps = 0.0, 0
+        self._values = env.reset(seed=seed)[0].tolist()
+        size = len(self._values)  # behind the observation's numbers stand OWN's
+        places = {name: size + i for i, name in enumerate(settings.OWN)}
+        places |= {name: observation.at for name, observation in world.observations.items()}
+        self._signals = [(n, places[s.of], s.above, s.below) for n, s in world.signals.items()]
+        self._none = self._chosen = (world.otherwise, "")
+        self._keys = [(n, o.at, o.flag, *o.range) for n, o in world.observations.items()]
 
-    return tick
+    def leaf(self, action: int, name: str) -> Leaf:
+        """Chooses an action of the environment, and succeeds at once."""
 
+        def choose() -> bool:
+            self._chosen = (action, name)
+            return True
 
-def _award(
-    value: Worth, components: dict[str, float], chosen: list[Chosen], observer: Observer | None
-) -> Callable[[str, float], None]:
-    """What adds up the points of events, and credits them to the action that was chosen."""
+        return choose
 
-    def award(event: str, amount: float) -> None:
-        component, points = value(event, amount)
-        if component:
-            components[component] += points
-            if observer is not None:
-                observer.credit(component, points, event, chosen[0][1])
+    def sense(self) -> Mapping[str, float]:
+        """See `Simulation`."""
+        self._chosen = self._none
+        found = {}
+        for name, at, flag, low, high in self._keys:
+            value = self._values[at]
+            if flag:
+                found[name] = value > 0.5
+            else:
+                found[name] = low if value < low else high if value > high else value
+        return found
 
-    return award
+    def step(self) -> str:
+        """See `Simulation`: one step of the environment."""
+        action, self.log.action = self._chosen
+        observation, reward, terminated, truncated, _ = self.env.step(action)
+        self._values, reward = observation.tolist(), float(reward)
+        self.steps += 1
+        self.total += reward
+        self.log("reward", reward)
+        self.log("step")
+        told = (*self._values, reward, self.steps)
+        for event, place, above, below in self._signals:
+            if above < told[place] < below:
+                self.log(event)
+        return "terminated" if terminated else "time" if truncated else ""
 
+    def measures(self) -> Mapping[str, float]:
+        """See `Simulation`."""
+        return {"return": self.total, "steps": self.steps}
 
-def _sense(
-    observations: Mapping[str, settings.Observation],
-    places: Mapping[str, int],
-    board: list[float],
-) -> Callable[[list[float]], None]:
-    """What puts an observation onto the blackboard."""
-    flags = [(places[n], o.at) for n, o in observations.items() if o.flag]
-    numbers = [(places[n], o.at, *o.range) for n, o in observations.items() if not o.flag]
+    def scene(self) -> Scene:
+        """See `Simulation`."""
+        return self._picture
 
-    def sense(values: list[float]) -> None:
-        for place, at, low, high in numbers:
-            value = values[at]
-            board[place] = low if value < low else high if value > high else value
-        for place, at in flags:
-            board[place] = float(values[at] > 0.5)
-
-    return sense
-
-
-def _signals(world: settings.World, size: int) -> list[tuple[str, int, float, float]]:
-    """(event, place, above, below): places behind an observation's `size` numbers are OWN's."""
-    places = {name: size + i for i, name in enumerate(settings.OWN)}
-    places |= {name: observation.at for name, observation in world.observations.items()}
-    return [(name, places[s.of], s.above, s.below) for name, s in world.signals.items()]
-
-
-def _scene(env: Any, shrink: int) -> Scene:
-    """The environment's own picture, as it is whenever it is asked for."""
-    height, width, _ = env.render().shape
-    bounds = (0.0, 0.0, float(width), float(height))
-    return Scene(bounds, frame=lambda: png(env.render()[::shrink, ::shrink]))
+    @cached_property
+    def _picture(self) -> Scene:
+        """The environment's own picture, as it is whenever it is asked for."""
+        height, width, _ = self.env.render().shape
+        bounds = (0.0, 0.0, float(width), float(height))
+        return Scene(bounds, frame=lambda: png(self.env.render()[:: self.shrink, :: self.shrink]))
 
 
 def _check(world: settings.World, env: Any) -> None:

@@ -222,7 +222,7 @@ class Robot:
     # Time
 
     def step(self) -> str:
-        """See `run_ticks`: one step of the environment."""
+        """See `Simulation`: one step of the environment."""
         action, self.wish = self.wish, WAIT
         handled = action in (TAKE, PUT, TOGGLE)
         thing = (self.env.carrying if action == PUT else self._ahead()) if handled else None
@@ -259,12 +259,12 @@ class Robot:
                     self.log("unlocked")
 
     def measures(self) -> Mapping[str, float]:
-        """See `run_ticks`."""
+        """See `Simulation`."""
         seen = self.memory.seen.bit_count() / self.memory.inside.bit_count()
         return {"reward": self.reward, "explored": 100.0 * seen}
 
     def scene(self) -> Scene:
-        """See `run_ticks`: MiniGrid's own picture, with the field of view."""
+        """See `Simulation`: MiniGrid's own picture, with the field of view."""
         bounds = (0.0, 0.0, float(self.env.width), float(self.env.height))
         return Scene(bounds, frame=lambda: png(self.env.get_frame(tile_size=TILE)))
 
