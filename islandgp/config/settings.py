@@ -25,8 +25,7 @@ from pydantic import (
 from islandgp.domain import Domain, Schema
 from islandgp.errors import ConfigError, IslandError
 from islandgp.evaluation.base import Problem, staged
-from islandgp.evolution.allocation import Allocation
-from islandgp.evolution.plan import GP, Plan, Switches
+from islandgp.evolution.plan import GP, Allocation, Plan, Switches
 from islandgp.evolution.random_trees import check_growth
 from islandgp.plugin import Part, Plugin, blaming, imported, path_of
 from islandgp.records.files import VALUES

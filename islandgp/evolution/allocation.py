@@ -10,51 +10,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from pydantic import BaseModel, Field, model_validator
-
 from islandgp.bt.node import Node
+from islandgp.evolution.plan import Allocation, Plan
 from islandgp.evolution.population import Ancestor, Archive, Evaluated, Individual, Origin, ranked
-from islandgp.evolution.random_trees import TreeSpace, random_tree
-from islandgp.evolution.selection import Selection, pick_parent
-from islandgp.evolution.variation import Crossover
+from islandgp.evolution.random_trees import random_tree
+from islandgp.evolution.selection import pick_parent, selection
+from islandgp.evolution.variation import crossover
 from islandgp.seeding import Stream, stream
-
-
-class Allocation(BaseModel, frozen=True, extra="forbid"):
-    """Table 1. Counts are for `per` individuals and scale with the population."""
-
-    per: int = Field(ge=1)
-    elites: int = Field(ge=0)  # at most
-    behavioural_elites: int = Field(ge=0)  # at most
-    resurrected: int = Field(ge=0)  # at most
-    diversity: tuple[int, int]  # least and most
-    tournament: tuple[int, int]  # least and most
-    diversity_targets: tuple[
-        float, float
-    ]  # Eq. (3): at or above the first the least slots, below the second the most
-    niche_share: float = Field(gt=0, le=1)  # a class gives at most this share of the parents
-
-    @model_validator(mode="after")
-    def _ranges(self) -> Allocation:
-        lowest = {"diversity": 1, "tournament": 0}  # without children it is a random search
-        for name in lowest:
-            least, most = getattr(self, name)
-            if not lowest[name] <= least <= most:
-                raise ValueError(
-                    f"{name}: expected {lowest[name]} <= least <= most, found [{least}, {most}]"
-                )
-        enough, low = self.diversity_targets
-        if not 0 <= low <= enough <= 1:
-            raise ValueError(
-                f"diversity_targets: expected 1 >= first >= second >= 0, found [{enough}, {low}]"
-            )
-        taken = self.elites + self.behavioural_elites + self.resurrected + self.diversity[0]
-        if taken + self.tournament[0] > self.per:
-            raise ValueError(
-                f"expected slots that fit into {self.per} individuals, found"
-                f" {taken} and at least {self.tournament[0]} tournament children"
-            )
-        return self
 
 
 def remember(
@@ -120,24 +82,19 @@ def elites(
 
 
 def next_population(
+    plan: Plan,
     population: Sequence[Evaluated],
     *,
     seed: int,
     generation: int,
     injected: Node | None,
     archive: Archive,
-    behaviours: Sequence[str],
     diversity: float,
-    allocation: Allocation,
-    space: TreeSpace,
-    select: Selection,
-    entrants: int,
-    cross: Crossover,
-    crossover_rate: float,
 ) -> tuple[Individual, ...]:
     """The population of `generation`, before mutation; as many individuals as before."""
-    n = len(population)
-    kept = elites(population, allocation, archive, behaviours)[: n - 2]
+    n, gp, allocation = len(population), plan.gp, plan.allocation
+    select, cross = selection(gp.selection), crossover(gp.crossover)
+    kept = elites(population, allocation, archive, plan.classes.kept)[: n - 2]
     new = [
         Individual(f"{generation}.{slot}", tree, origin, (parent,))
         for slot, (origin, parent, tree) in enumerate(kept)
@@ -148,32 +105,20 @@ def next_population(
             new.append(Individual(f"{generation}.{slot}", injected, Origin.INJECTED))
             continue
         rng = stream(seed, Stream.DIVERSITY, generation=generation, slot=slot)
-        new.append(Individual(f"{generation}.{slot}", random_tree(rng, space), Origin.RANDOM))
+        new.append(Individual(f"{generation}.{slot}", random_tree(rng, plan.space), Origin.RANDOM))
     supplied: Counter[str] = Counter()
-    most = allocation.niche_share * (n - len(new)) * (1 + crossover_rate)
+    most = allocation.niche_share * (n - len(new)) * (1 + gp.crossover_rate)
     for slot in range(len(new), n):
         rng = stream(seed, Stream.SELECTION, generation=generation, slot=slot)
         parents = []
-        for _ in range(2 if rng.random() < crossover_rate else 1):
-            parent = pick_parent(rng, select, population, supplied, most=most, entrants=entrants)
-            supplied[parent.verdict.specialist] += 1
-            parents.append(parent.individual)
-        new.append(_child(f"{generation}.{slot}", parents, seed, generation, slot, space, cross))
+        for _ in range(2 if rng.random() < gp.crossover_rate else 1):
+            e = pick_parent(rng, select, population, supplied, most=most, entrants=gp.tournament)
+            supplied[e.verdict.specialist] += 1
+            parents.append(e.individual)
+        tree, origin = parents[0].tree, Origin.COPY
+        if len(parents) > 1:
+            rng = stream(seed, Stream.CROSSOVER, generation=generation, slot=slot)
+            tree, origin = cross(rng, tree, parents[1].tree, gp.limits), Origin.CROSSOVER
+        ids = tuple(parent.id for parent in parents)
+        new.append(Individual(f"{generation}.{slot}", tree, origin, ids))
     return tuple(new)
-
-
-def _child(
-    name: str,
-    parents: Sequence[Individual],
-    seed: int,
-    generation: int,
-    slot: int,
-    space: TreeSpace,
-    cross: Crossover,
-) -> Individual:
-    ids = tuple(p.id for p in parents)
-    if len(parents) == 1:
-        return Individual(name, parents[0].tree, Origin.COPY, ids)
-    rng = stream(seed, Stream.CROSSOVER, generation=generation, slot=slot)
-    tree = cross(rng, parents[0].tree, parents[1].tree, space.limits)
-    return Individual(name, tree, Origin.CROSSOVER, ids)

@@ -10,9 +10,10 @@ supervisors see.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Generator, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Generator, Iterable, Sequence
+from dataclasses import replace
 from time import perf_counter
+from typing import Final
 
 from islandgp.bt.language import to_text
 from islandgp.bt.node import Node, size, within
@@ -20,7 +21,7 @@ from islandgp.domain import Outcome, total
 from islandgp.evaluation.base import Evaluator, Job
 from islandgp.evolution.allocation import next_population, remember
 from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import Archive, Evaluated, Individual, Origin
+from islandgp.evolution.population import Evaluated, Individual, Origin
 from islandgp.evolution.random_trees import random_tree
 from islandgp.evolution.record import (
     Cost,
@@ -31,14 +32,16 @@ from islandgp.evolution.record import (
     fittest,
     line,
 )
-from islandgp.evolution.selection import selection
-from islandgp.evolution.variation import crossover, mutate_population
+from islandgp.evolution.variation import mutate
 from islandgp.scoring.classes import judge
 from islandgp.scoring.snapshot import Snapshot, measure
 from islandgp.scoring.state import PopulationState, population_state
 from islandgp.seeding import Stream, seed_of, stream
 from islandgp.supervision.asking import SupervisorQueue
 from islandgp.supervision.base import Guidance, Seen, Supervisor
+
+SPARED: Final = (Origin.ELITE, Origin.BEHAVIOURAL_ELITE, Origin.INJECTED)
+"""Individuals that mutation leaves alone where `gp.mutate_elites` is false."""
 
 
 def worlds_of(plan: Plan, seed: int, generation: int) -> tuple[int, ...]:
@@ -82,20 +85,6 @@ def combine(outcomes: Sequence[Outcome]) -> Outcome:
         counters={c: total(o.counters[c] for o in outcomes) / n for c in first.counters},
         seconds=total(o.seconds for o in outcomes) / n,
         endings=tuple(ending for o in outcomes for ending in o.endings),
-    )
-
-
-def snapshot(plan: Plan, generation: int, population: Sequence[Evaluated], rate: float) -> Snapshot:
-    """Line 5: a generation in numbers; `rate` is the mutation rate that made it."""
-    return measure(
-        [e.outcome for e in population],
-        [e.verdict for e in population],
-        [size(e.individual.tree) for e in population],
-        plan.classes,
-        generation=generation,
-        epoch=plan.curriculum.epoch(generation),
-        stage=plan.curriculum.stage(generation),
-        rate=rate,
     )
 
 
@@ -189,12 +178,21 @@ def _generation(
     led: GuidanceRecord | None,
 ) -> Step:
     """Lines 4 to 15 of Algorithm 1; `led` is the guidance that made the population."""
-    gp, g, meter = plan.gp, state.generation, Meter(evaluator)
+    gp, g, before, began = plan.gp, state.generation, evaluator.simulated, perf_counter()
     texts = [to_text(i.tree) for i in state.population]
     worlds = worlds_of(plan, seed, g)
-    with meter.part("evaluation"):
-        population = evaluate(plan, g, state.population, texts, worlds, evaluator)
-    now = snapshot(plan, g, population, state.rate)
+    started = perf_counter()
+    population = evaluate(plan, g, state.population, texts, worlds, evaluator)
+    evaluation, supervision = perf_counter() - started, 0.0
+    now = measure(
+        [e.outcome for e in population],
+        [e.verdict for e in population],
+        [size(e.individual.tree) for e in population],
+        plan.classes,
+        plan.curriculum,
+        generation=g,
+        rate=state.rate,
+    )
     history = (*state.history, now)
     seen = view(plan, history)
     archive = remember(state.archive, population, plan.classes.kept, now.stage)
@@ -202,14 +200,24 @@ def _generation(
     champion = fittest(state.champion, g, lines)
     guidance = following = None
     if g + 1 < gp.generations:
-        with meter.part("supervision"):
-            if g + plan.switches.lag + 1 < gp.generations:  # else the answer would come too late
-                multipliers = plan.curriculum.multipliers(now.stage)
-                queue.ask(seen, Seen(now, worlds, multipliers, lines, led))
-            answer = queue.answer(g)
+        asked = perf_counter()
+        if g + plan.switches.lag + 1 < gp.generations:  # else the answer would come too late
+            multipliers = plan.curriculum.multipliers(now.stage)
+            queue.ask(seen, Seen(now, worlds, multipliers, lines, led))
+        answer = queue.answer(g)
+        supervision = perf_counter() - asked
         guidance, tree = decide(plan, seen, answer, state.rate)
         rate = guidance.applied_rate
-        children = offspring(plan, seed, g + 1, population, archive, now.diversity, tree, rate)
+        made = next_population(
+            plan,
+            population,
+            seed=seed,
+            generation=g + 1,
+            injected=tree,
+            archive=archive,
+            diversity=now.diversity,
+        )
+        children = mutated(plan, made, seed, g + 1, rate)
         following = RunState(g + 1, children, rate, history, archive, champion)
     record = GenerationRecord(
         snapshot=now,
@@ -219,46 +227,30 @@ def _generation(
         individuals=lines,
         guidance=guidance,
     )
-    cost = meter.cost(episodes=len(population) * gp.episodes, llm=queue.spent())
+    cost = Cost(
+        evaluation=evaluation,
+        supervision=supervision,
+        operators=perf_counter() - began - evaluation - supervision,
+        episodes=len(population) * gp.episodes,
+        simulated=evaluator.simulated - before,
+        llm=queue.spent(),
+    )
     return Step(record, following, champion, cost)
 
 
-def offspring(
-    plan: Plan,
-    seed: int,
-    generation: int,
-    population: Sequence[Evaluated],
-    archive: Archive,
-    diversity: float,
-    injected: Node | None,
-    rate: float,
+def mutated(
+    plan: Plan, population: Sequence[Individual], seed: int, generation: int, rate: float
 ) -> tuple[Individual, ...]:
-    """Table 1, and line 15: the population of `generation`, mutated at `rate`."""
-    gp = plan.gp
-    children = next_population(
-        population,
-        seed=seed,
-        generation=generation,
-        injected=injected,
-        archive=archive,
-        behaviours=plan.classes.kept,
-        diversity=diversity,
-        allocation=plan.allocation,
-        space=plan.space,
-        select=selection(gp.selection),
-        entrants=gp.tournament,
-        cross=crossover(gp.crossover),
-        crossover_rate=gp.crossover_rate,
-    )
-    return mutate_population(
-        children,
-        seed=seed,
-        generation=generation,
-        rate=rate,
-        elites_too=gp.mutate_elites,
-        space=plan.space,
-        how=gp.mutation,
-    )
+    """Line 15: mutation after construction, of all where `gp.mutate_elites` (section 2.4.3)."""
+    new = []
+    for slot, i in enumerate(population):
+        if plan.gp.mutate_elites or i.origin not in SPARED:
+            rng = stream(seed, Stream.MUTATION, generation=generation, slot=slot)
+            how = plan.gp.mutation
+            tree, operator = mutate(rng, i.tree, rate=rate, space=plan.space, how=how)
+            i = replace(i, tree=tree, mutation=operator)
+        new.append(i)
+    return tuple(new)
 
 
 def decide(
@@ -298,30 +290,3 @@ def decide(
         notes=given.notes,
     )
     return record, tree
-
-
-class Meter:
-    """Made when a generation begins; what no `part` claims is the operators'."""
-
-    def __init__(self, evaluator: Evaluator) -> None:
-        self._evaluator = evaluator
-        self._before = evaluator.simulated
-        self._began = perf_counter()
-        self._spent = {"evaluation": 0.0, "supervision": 0.0}
-
-    @contextmanager
-    def part(self, name: str) -> Iterator[None]:
-        """Counts the seconds inside for "evaluation" or "supervision"."""
-        began = perf_counter()
-        yield
-        self._spent[name] += perf_counter() - began
-
-    def cost(self, *, episodes: int, llm: dict[str, float]) -> Cost:
-        """What the generation took until now."""
-        return Cost(
-            **self._spent,
-            operators=perf_counter() - self._began - sum(self._spent.values()),
-            episodes=episodes,
-            simulated=self._evaluator.simulated - self._before,
-            llm=llm,
-        )

@@ -9,7 +9,6 @@ from pydantic import BaseModel, Field, model_validator
 
 from islandgp.bt.node import Limits, Node
 from islandgp.bt.vocabulary import Vocabulary
-from islandgp.evolution.allocation import Allocation
 from islandgp.evolution.random_trees import TreeSettings, TreeSpace
 from islandgp.evolution.selection import SELECTIONS
 from islandgp.evolution.variation import CROSSOVERS, MutationSettings
@@ -64,6 +63,43 @@ class GP(BaseModel, frozen=True, extra="forbid"):
     def limits(self) -> Limits:
         """The largest tree (section 2.2.3)."""
         return Limits(self.max_depth, self.max_nodes)
+
+
+class Allocation(BaseModel, frozen=True, extra="forbid"):
+    """Table 1. Counts are for `per` individuals and scale with the population."""
+
+    per: int = Field(ge=1)
+    elites: int = Field(ge=0)  # at most
+    behavioural_elites: int = Field(ge=0)  # at most
+    resurrected: int = Field(ge=0)  # at most
+    diversity: tuple[int, int]  # least and most
+    tournament: tuple[int, int]  # least and most
+    diversity_targets: tuple[
+        float, float
+    ]  # Eq. (3): at or above the first the least slots, below the second the most
+    niche_share: float = Field(gt=0, le=1)  # a class gives at most this share of the parents
+
+    @model_validator(mode="after")
+    def _ranges(self) -> Allocation:
+        lowest = {"diversity": 1, "tournament": 0}  # without children it is a random search
+        for name in lowest:
+            least, most = getattr(self, name)
+            if not lowest[name] <= least <= most:
+                raise ValueError(
+                    f"{name}: expected {lowest[name]} <= least <= most, found [{least}, {most}]"
+                )
+        enough, low = self.diversity_targets
+        if not 0 <= low <= enough <= 1:
+            raise ValueError(
+                f"diversity_targets: expected 1 >= first >= second >= 0, found [{enough}, {low}]"
+            )
+        taken = self.elites + self.behavioural_elites + self.resurrected + self.diversity[0]
+        if taken + self.tournament[0] > self.per:
+            raise ValueError(
+                f"expected slots that fit into {self.per} individuals, found"
+                f" {taken} and at least {self.tournament[0]} tournament children"
+            )
+        return self
 
 
 class Switches(BaseModel, frozen=True, extra="forbid"):

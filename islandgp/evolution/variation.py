@@ -7,8 +7,7 @@ a function, and an entry of CROSSOVERS or MUTATIONS or its path in the configura
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -30,7 +29,6 @@ from islandgp.bt.node import (
     within,
 )
 from islandgp.bt.vocabulary import Key
-from islandgp.evolution.population import Individual, Origin
 from islandgp.evolution.random_trees import (
     TreeSpace,
     check_weights,
@@ -43,11 +41,8 @@ from islandgp.evolution.random_trees import (
     weighted,
 )
 from islandgp.plugin import function
-from islandgp.seeding import Stream, stream
 
 TRIES: Final = 8  # attempts at a mutation that keeps the limits and changes something
-SPARED: Final = (Origin.ELITE, Origin.BEHAVIOURAL_ELITE, Origin.INJECTED)
-"""Individuals that mutation leaves alone where `gp.mutate_elites` is false."""
 
 
 class MutationSettings(BaseModel, frozen=True, extra="forbid"):
@@ -261,24 +256,3 @@ def mutate(
         if new != tree and within(new, space.limits):
             return new, name
     return tree, ""
-
-
-def mutate_population(
-    population: Sequence[Individual],
-    *,
-    seed: int,
-    generation: int,
-    rate: float,
-    elites_too: bool,
-    space: TreeSpace,
-    how: MutationSettings,
-) -> tuple[Individual, ...]:
-    """Mutation after construction; with `elites_too` it spares none (section 2.4.3)."""
-    new = []
-    for slot, i in enumerate(population):
-        if elites_too or i.origin not in SPARED:
-            rng = stream(seed, Stream.MUTATION, generation=generation, slot=slot)
-            tree, operator = mutate(rng, i.tree, rate=rate, space=space, how=how)
-            i = replace(i, tree=tree, mutation=operator)
-        new.append(i)
-    return tuple(new)

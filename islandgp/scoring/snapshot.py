@@ -9,6 +9,7 @@ from statistics import fmean, pstdev
 
 from islandgp.domain import Outcome
 from islandgp.scoring.classes import Classes, Verdict, does
+from islandgp.scoring.curriculum import Curriculum
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,13 +52,12 @@ def measure(
     verdicts: Sequence[Verdict],
     sizes: Sequence[int],
     classes: Classes,
+    curriculum: Curriculum,
     *,
     generation: int,
-    epoch: int,
-    stage: int,
     rate: float,
 ) -> Snapshot:
-    """The snapshot of an evaluated population."""
+    """Line 5 of Algorithm 1: the snapshot of an evaluated population, which `rate` made."""
     labels = [verdict.specialist for verdict in verdicts]
     reached = Counter(tier for verdict in verdicts for tier in verdict.tiers)
     fitness = [o.fitness for o in outcomes]
@@ -65,8 +65,8 @@ def measure(
     done = Counter(name for o in outcomes for name in does(o, classes))
     return Snapshot(
         generation=generation,
-        epoch=epoch,
-        stage=stage,
+        epoch=curriculum.epoch(generation),
+        stage=curriculum.stage(generation),
         best=max(fitness),
         mean=fmean(fitness),
         sd=pstdev(fitness),

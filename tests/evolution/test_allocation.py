@@ -16,16 +16,10 @@ from pydantic import ValidationError
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node
 from islandgp.domain import Outcome
-from islandgp.evolution.allocation import (
-    Allocation,
-    diversity_slots,
-    next_population,
-    remember,
-    scaled,
-)
+from islandgp.evolution.allocation import diversity_slots, next_population, remember, scaled
+from islandgp.evolution.plan import Allocation
 from islandgp.evolution.population import Ancestor, Evaluated, Individual, Origin, ranked
-from islandgp.evolution.selection import SELECTIONS, pick_parent, tournament
-from islandgp.evolution.variation import CROSSOVERS
+from islandgp.evolution.selection import pick_parent, tournament
 from islandgp.scoring.snapshot import diversity
 from tests.composed import composed, composed_plan
 from tests.made import CLASSES, evaluated, outcome
@@ -80,21 +74,15 @@ def built(
     allocation: Allocation | None = None,
 ) -> tuple[Individual, ...]:
     """The population of generation 5."""
-    gp = composed().gp
+    plan = composed_plan()
     return next_population(
+        replace(plan, allocation=allocation or plan.allocation),
         population,
         seed=seed,
         generation=5,
         injected=injected,
         archive=remember({}, population, BEHAVIOURS, 0) if archive is None else archive,
-        behaviours=BEHAVIOURS,
         diversity=diversity([e.verdict.specialist for e in population]),
-        allocation=allocation or composed().allocation,
-        space=composed_plan().space,
-        select=SELECTIONS[gp.selection],
-        entrants=gp.tournament,
-        cross=CROSSOVERS[gp.crossover],
-        crossover_rate=gp.crossover_rate,
     )
 
 

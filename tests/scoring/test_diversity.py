@@ -7,6 +7,7 @@ import pytest
 from islandgp.domain import Outcome
 from islandgp.scoring.classes import judge
 from islandgp.scoring.snapshot import diversity, measure
+from tests.composed import composed
 from tests.made import CLASSES, outcome
 
 PATROL, PICKUP, HUMANOID, BALANCED = CLASSES.specialist_names
@@ -33,9 +34,8 @@ def working_ratio(outcomes: list[Outcome]) -> float:
     """Eq. (4) of a population."""
     verdicts = [judge(o, CLASSES) for o in outcomes]
     sizes = [1] * len(outcomes)
-    return measure(
-        outcomes, verdicts, sizes, CLASSES, generation=0, epoch=1, stage=0, rate=0.4
-    ).working
+    curriculum = composed().curriculum
+    return measure(outcomes, verdicts, sizes, CLASSES, curriculum, generation=0, rate=0.4).working
 
 
 def test_working_ratio() -> None:

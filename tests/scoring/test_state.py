@@ -7,6 +7,7 @@ import pytest
 from islandgp.scoring.classes import judge
 from islandgp.scoring.snapshot import measure
 from islandgp.scoring.state import stagnant, trend
+from tests.composed import composed
 from tests.made import CLASSES, outcome, snapshot, state
 
 
@@ -68,9 +69,8 @@ def test_measure() -> None:
                 distance=400, inactive=40),
     ]  # fmt: skip
     verdicts = [judge(o, CLASSES) for o in outcomes]
-    found = measure(
-        outcomes, verdicts, [3, 5, 7, 9], CLASSES, generation=12, epoch=3, stage=1, rate=0.3
-    )
+    table = composed().curriculum
+    found = measure(outcomes, verdicts, [3, 5, 7, 9], CLASSES, table, generation=12, rate=0.3)
     assert (found.generation, found.epoch, found.stage, found.rate) == (12, 3, 1, 0.3)
     assert (found.best, found.mean) == (20000, 5175)
     # deviations -5275, -4875, -4675, 14825: sum of squares 293,227,500, a quarter is 73,306,875
