@@ -133,7 +133,7 @@ def test_the_question_asks_for_so_many() -> None:
     """In its words and in its schema, with both prompt sets."""
     for name in ("paper", "informed"):
         found = Adviser(settings("candidates=4", f"prompts={name}"), context())
-        request = found.tree_request(state(), DIALECT)
+        request = found.request("tree", state(), DIALECT)
         assert "- trees: 4 trees for the same target" in request.system
         assert '"trees": [TEXT, TEXT, ...]' in request.system
         assert request.schema is not None

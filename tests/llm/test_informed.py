@@ -91,20 +91,20 @@ def adviser(*overrides: str) -> Adviser:
 def both(found: Adviser) -> str:
     """The questions for a rate and for a tree after the run's last question."""
     at = small_run()[1].states[-1]
-    return whole(found.rate_request(at, DIALECT)) + whole(found.tree_request(at, DIALECT))
+    return whole(found.request("rate", at, DIALECT)) + whole(found.request("tree", at, DIALECT))
 
 
 def test_golden_informed_rate_prompt() -> None:
     """The whole question for a mutation rate, after seven generations of a small run."""
     at = small_run()[1].states[-1]
-    found = whole(adviser().rate_request(at, DIALECT))
+    found = whole(adviser().request("rate", at, DIALECT))
     check_golden("prompt_informed_mutation_rate.md", found)
 
 
 def test_golden_informed_tree_prompt() -> None:
     """The whole question for a tree, traces and fates included."""
     at = small_run()[1].states[-1]
-    found = whole(adviser().tree_request(at, DIALECT))
+    found = whole(adviser().request("tree", at, DIALECT))
     check_golden("prompt_informed_tree_explore.md", found)
 
 
@@ -122,8 +122,8 @@ def test_reasons_come_before_the_decision() -> None:
     at = small_run()[1].states[-1]
     for key, first in (("reasoning=true", True), ("reasoning=false", False)):
         found = adviser(f"informed.{key}")
-        rate = found.rate_request(at, DIALECT).schema
-        tree = found.tree_request(at, DIALECT).schema
+        rate = found.request("rate", at, DIALECT).schema
+        tree = found.request("tree", at, DIALECT).schema
         assert rate is not None
         assert tree is not None
         for shape, why, what in ((rate, "reasoning", "mutation_rate"), (tree, "rationale", "tree")):
@@ -135,7 +135,7 @@ def test_reasons_come_before_the_decision() -> None:
 def test_before_the_first_generation_nothing_is_known() -> None:
     """The parts that a run fills are left out, and no trace is played."""
     found = Adviser(settings("prompts=informed"), small_run()[0])
-    text = whole(found.tree_request(state(), DIALECT))
+    text = whole(found.request("tree", state(), DIALECT))
     assert PARTS["rewards=false"] in text
     assert all(PARTS[k] not in text for k in ("classes=false", "injected=0", "traces=false"))
 
@@ -167,9 +167,9 @@ def test_prompts_have_a_largest_size() -> None:
             found.see(replace(seen, individuals=trees))
     at = keeps.states[-1]
     plain = Adviser(settings(), context)
-    for name in ("rate_request", "tree_request"):
-        asked = getattr(found, name)(at, DIALECT).turns[0]
-        assert len(asked) - len(getattr(plain, name)(at, DIALECT).turns[0]) < 30_000
+    for part in ("rate", "tree"):
+        asked, short = (of.request(part, at, DIALECT).turns[0] for of in (found, plain))
+        assert len(asked) - len(short) < 30_000
 
 
 @pytest.mark.parametrize("lag", [0, 2])

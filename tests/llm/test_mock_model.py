@@ -33,11 +33,11 @@ def paper() -> Adviser:
 
 
 def rate(of: Adviser, at: PopulationState, model: MockModel | None = None) -> Any:
-    return (model or MockModel())(wire(of.rate_request(at, DIALECT)))
+    return (model or MockModel())(wire(of.request("rate", at, DIALECT)))
 
 
 def tree(of: Adviser, at: PopulationState, model: MockModel | None = None) -> Any:
-    return (model or MockModel())(wire(of.tree_request(at, DIALECT)))
+    return (model or MockModel())(wire(of.request("tree", at, DIALECT)))
 
 
 def test_it_judges_by_the_prompt(paper: Adviser) -> None:

@@ -51,17 +51,17 @@ def whole(request: Request) -> str:
 
 def test_golden_rate_prompt(adviser: Adviser) -> None:
     """The whole question for a mutation rate."""
-    check_golden("prompt_mutation_rate.md", whole(adviser.rate_request(state(), DIALECT)))
+    check_golden("prompt_mutation_rate.md", whole(adviser.request("rate", state(), DIALECT)))
 
 
 def test_golden_prompt_of_phase_1(adviser: Adviser) -> None:
     """The whole question for a tree while there is no robot of quality."""
-    check_golden("prompt_tree_explore.md", whole(adviser.tree_request(state(), DIALECT)))
+    check_golden("prompt_tree_explore.md", whole(adviser.request("tree", state(), DIALECT)))
 
 
 def test_golden_prompt_of_phase_2(adviser: Adviser) -> None:
     """The whole question for a tree once there is one."""
-    found = adviser.tree_request(state(complete=3, excellent=1), DIALECT)
+    found = adviser.request("tree", state(complete=3, excellent=1), DIALECT)
     check_golden("prompt_tree_exploit.md", whole(found))
 
 
@@ -91,27 +91,28 @@ def test_the_repair_prompt(adviser: Adviser) -> None:
 def test_which_phase_it_is(tier: str, at: object, phase: str) -> None:
     """Section 2.4.6: phase 2 begins with the first robot of the tier, and lasts."""
     adviser = Adviser(settings(f"exploit_from={tier}"), context())
-    assert phase in adviser.tree_request(at, DIALECT).system  # type: ignore[arg-type]
+    assert phase in adviser.request("tree", at, DIALECT).system  # type: ignore[arg-type]
 
 
 def test_sizes_are_those_of_the_settings() -> None:
     """What is asked for and what is taken both stand in the prompt."""
     how = settings("explore.depth=3", "explore.nodes=five", "explore.most_nodes=9")
-    found = Adviser(how, context()).tree_request(state(), DIALECT).system
+    found = Adviser(how, context()).request("tree", state(), DIALECT).system
     assert "At most 3 levels deep, about five nodes. More than 5 levels or 9 nodes" in found
 
 
 def test_the_system_part_is_the_same_in_every_generation(adviser: Adviser) -> None:
     """So that a server can keep it, and a transcript holds it once."""
     first, later = state(3), state(9)
-    for ask in (adviser.rate_request, adviser.tree_request):
-        assert ask(first, DIALECT).system == ask(later, DIALECT).system
-        assert ask(first, DIALECT).turns != ask(later, DIALECT).turns
+    for part in adviser.parts:
+        before, after = (adviser.request(part, at, DIALECT) for at in (first, later))
+        assert before.system == after.system
+        assert before.turns != after.turns
 
 
 def test_every_phase_and_pattern_is_in_the_rate_prompt(adviser: Adviser) -> None:
     """Tables 6 and 8 whole, with the ranges of the settings, and every field of the answer."""
-    found = adviser.rate_request(state(), DIALECT).system
+    found = adviser.request("rate", state(), DIALECT).system
     for phase, (low, high) in settings().phases.items():
         row = next(line for line in found.splitlines() if line.startswith(f"| {phase} |"))
         assert row.endswith(f"| {low:.2f} to {high:.2f} |")
@@ -128,7 +129,7 @@ def test_every_target_is_in_the_tree_prompts(adviser: Adviser) -> None:
     }
     assert {*meanings, *words("aims")} == set(CLASSES.targets)
     for at in (state(), state(excellent=1)):
-        found = adviser.tree_request(at, DIALECT).system
+        found = adviser.request("tree", at, DIALECT).system
         for target, meaning in {**meanings, **words("aims")}.items():
             assert f"- {target}: {meaning}" in found
         assert all(f'"{field}"' in found for field in proposal_shape(CLASSES.targets))
@@ -152,7 +153,7 @@ def test_a_new_action_reaches_the_prompts() -> None:
     actions = {**VOCABULARY.actions, "FlyHome": Action("flies home")}
     words = Vocabulary(VOCABULARY.domain, actions, VOCABULARY.keys)
     given = replace(context(), schema=replace(SCHEMA, vocabulary=words))
-    found = Adviser(settings(), given).tree_request(state(), DIALECT).system
+    found = Adviser(settings(), given).request("tree", state(), DIALECT).system
     assert "- FlyHome: flies home" in found
 
 
@@ -160,7 +161,9 @@ def test_examples_are_the_project_s_own(adviser: Adviser) -> None:
     """Every example tree in a prompt is a file of grammar/examples, annotations included."""
     files = [p.read_text(encoding="utf-8") for p in resource("grammar").glob("examples/*.bt")]
     for at in (state(), state(excellent=1)):
-        blocks = re.findall(r"```\n(#.*?)```", adviser.tree_request(at, DIALECT).system, re.DOTALL)
+        blocks = re.findall(
+            r"```\n(#.*?)```", adviser.request("tree", at, DIALECT).system, re.DOTALL
+        )
         assert len(blocks) >= 4
         for block in blocks:
             assert block in files
@@ -176,7 +179,7 @@ def test_urgency_is_told_in_words(adviser: Adviser) -> None:
         "- humanoid: 8 of 30 individuals do it: present",
         "- pickup: 14 of 30 individuals do it: present",
     ]
-    assert urgency(state(), 0.1) in adviser.tree_request(state(), DIALECT).turns[0]
+    assert urgency(state(), 0.1) in adviser.request("tree", state(), DIALECT).turns[0]
 
 
 def test_a_missing_variable_is_named() -> None:
@@ -202,7 +205,7 @@ def test_prompts_of_one_s_own(tmp_path: Path) -> None:
     mine = tmp_path / "mutation_rate.md"
     mine.write_text("# system\nBe wise.\n# user\n{{state}}", encoding="utf-8")
     how = settings(f"prompts={tmp_path}")
-    assert Adviser(how, context()).rate_request(state(), DIALECT).system == "Be wise."
+    assert Adviser(how, context()).request("rate", state(), DIALECT).system == "Be wise."
     mine.write_text("# user\n{{sate}}", encoding="utf-8")
     with pytest.raises(SupervisionError, match="did you mean state"):
         Adviser(how, context())

@@ -10,8 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import replace
+from functools import partial
 from threading import Thread
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
@@ -60,8 +61,10 @@ from islandgp.supervision.state_json import state_text
 T = TypeVar("T")
 NEAR: Final = 1.2  # times a prompt's least length; tokens are only guessed here
 REASON: Final = 600  # characters of a fallback's reason that the record keeps
-_FILES: Final = ("mutation_rate", "tree_explore", "tree_exploit", "repair")
-_TREE: Final = ("tree", "target", "rationale")  # fields that a proposal shares with a Guidance
+_PROMPTS: Final = {"rate": ("mutation_rate",), "tree": ("tree_explore", "tree_exploit")}
+FILLS: Final = {"rate": tuple(DECISION), "tree": ("tree", "target", "rationale")}
+"""By part of the guidance: the fields that its answer fills in."""
+
 _PER_GENERATION: Final = (  # known only in a generation
     "generation", "state", "urgency", "answer", "tree_field", "stage", "error", *RUN_VALUES
 )  # fmt: skip
@@ -85,13 +88,14 @@ class Adviser:
                 f" ({', '.join(context.classes.milestones)}), found {self.exploit_from!r}"
             )
         folder = prompt_folder(settings.prompts)
-        self.prompts = {name: load_prompt(name, folder) for name in _FILES}
+        files = (*_PROMPTS["rate"], *_PROMPTS["tree"], "repair")
+        self.prompts = {name: load_prompt(name, folder) for name in files}
         self.values = {
             **fixed_values(context.schema, context.classes, context.library()),
             **_rates(settings),
             **standing_values(settings.informed, context),
         }
-        used = {v for name in self._asked() for v in self.prompts[name].variables}
+        used = {v for p in self.parts for name in _PROMPTS[p] for v in self.prompts[name].variables}
         if settings.candidates > 1 and context.inject and not {"answer", "tree_field"} <= used:
             raise SupervisionError(
                 "Expected {{answer}} and {{tree_field}} in the prompts for trees in"
@@ -127,19 +131,17 @@ class Adviser:
         generation = state.now.generation
         how = self._given_up(calls, generation) or dialect(generation)
         if isinstance(how, Failure):
-            rate = unasked(calls, generation, "rate", how) if self.context.adapt_mutation else None
-            tree = unasked(calls, generation, "tree", how) if self.context.inject else None
+            found = {part: unasked(calls, generation, part, how) for part in self.parts}
         else:
-            rate, tree = self._both(state, calls, how)
+            found = self._answers(state, calls, how)
             if episodes := self._run_values(state).episodes:
                 calls.transcript.play(Played(generation, "traces", episodes))
-        asked = [outcome for outcome in (rate, tree) if outcome is not None]
-        missing = sum(outcome.value is None for outcome in asked)
+        missing = sum(outcome.value is None for outcome in found.values())
         backup = ask(self.fallback, state, rng) if missing else None
-        guidance = Guidance(None, None, _source(missing, len(asked)), notes=_notes(rate, tree))
-        for outcome, names in ((rate, DECISION), (tree, _TREE)):
-            if outcome is not None and (said := outcome.value or backup) is not None:
-                guidance = replace(guidance, **{name: getattr(said, name) for name in names})
+        guidance = Guidance(None, None, _source(missing, len(found)), notes=_notes(found))
+        for part, outcome in found.items():
+            if (said := outcome.value or backup) is not None:
+                guidance = replace(guidance, **{name: getattr(said, name) for name in FILLS[part]})
         return guidance
 
     def see(self, generation: Seen) -> None:
@@ -167,20 +169,10 @@ class Adviser:
             f" too short, or nearly so, are {', '.join(short)}"
         )
 
-    def _asked(self) -> list[str]:
-        """The prompts that a run may need, repairs left out."""
-        trees = ["tree_explore", "tree_exploit"] if self.context.inject else []
-        return ["mutation_rate"] * self.context.adapt_mutation + trees
-
-    def rate_request(self, state: PopulationState, dialect: Dialect) -> Request:
-        """The question for a mutation rate."""
-        return self._request("mutation_rate", state, dialect, self._order(DECISION), {})
-
-    def tree_request(self, state: PopulationState, dialect: Dialect) -> Request:
-        """The question for a tree."""
-        name, size = self._tree_phase(state)
-        shape = self._order(proposal_shape(state.targets, self.settings.candidates))
-        return self._request(name, state, dialect, shape, _size(size))
+    @property
+    def parts(self) -> list[str]:
+        """What the model is asked for in each generation."""
+        return ["rate"] * self.context.adapt_mutation + ["tree"] * self.context.inject
 
     def _given_up(self, calls: Calls, generation: int) -> Failure | None:
         """Why the model is not asked any more; None: it is."""
@@ -195,53 +187,40 @@ class Adviser:
             )
         return Failure(FailureKind.USELESS, f"no usable answer to {found} questions in a row")
 
-    def _both(
+    def _answers(
         self, state: PopulationState, calls: Calls, dialect: Dialect
-    ) -> tuple[Conversation[Guidance] | None, Conversation[Proposal] | None]:
-        """Asks for what is used: for both at the same time, unless the budget is nearly used up."""
-        adapt, inject = self.context.adapt_mutation, self.context.inject
-        for_rate = self.rate_request(state, dialect)
-        for_tree = self.tree_request(state, dialect)
-        if adapt and inject and calls.room_for((for_rate, for_tree), self.settings.repairs):
-            aside = _aside(lambda: self._tree(state, calls, for_tree))
-            return self._rate(state, calls, for_rate), aside.result()
-        return (
-            self._rate(state, calls, for_rate) if adapt else None,
-            self._tree(state, calls, for_tree) if inject else None,
+    ) -> dict[str, Conversation[Any]]:
+        """Asks for all parts: at the same time, unless the budget is nearly used up."""
+        requests = {part: self.request(part, state, dialect) for part in self.parts}
+
+        def asked(part: str) -> Conversation[Any]:
+            return self._ask(part, state, calls, requests[part])
+
+        room = calls.room_for(tuple(requests.values()), self.settings.repairs)
+        aside = {part: _aside(partial(asked, part)) for part in [*requests][1:] if room}
+        return {part: aside[part].result() if part in aside else asked(part) for part in requests}
+
+    def _ask(
+        self, part: str, state: PopulationState, calls: Calls, request: Request
+    ) -> Conversation[Any]:
+        """Asks for one part; of several candidates for a tree the best is chosen."""
+        how, generation = self.settings, state.now.generation
+        check: Check[Any] = check_decision(how.rate)
+        if part == "tree":
+            size, most = self._tree_phase(state)[1], self.context.limits
+            limits = Limits(
+                min(size.most_depth, most.max_depth), min(size.most_nodes, most.max_nodes)
+            )
+            words = self.context.schema.vocabulary
+            check = check_proposal(limits, words, state.targets, how.candidates)
+        found = converse(
+            calls, generation, part, request, check, repairs=how.repairs, repair=self._repair
         )
-
-    def _rate(
-        self, state: PopulationState, calls: Calls, request: Request
-    ) -> Conversation[Guidance]:
-        return self._ask(calls, state, "rate", request, check_decision(self.settings.rate))
-
-    def _tree(
-        self, state: PopulationState, calls: Calls, request: Request
-    ) -> Conversation[Proposal]:
-        _, size = self._tree_phase(state)
-        most = self.context.limits
-        limits = Limits(min(size.most_depth, most.max_depth), min(size.most_nodes, most.max_nodes))
-        words, targets = self.context.schema.vocabulary, state.targets
-        check = check_proposal(limits, words, targets, self.settings.candidates)
-        found = self._ask(calls, state, "tree", request, check)
-        if found.value is None or not found.value.others:
+        if not isinstance(found.value, Proposal) or not found.value.others:
             return found
         chosen, played, note = try_out(found.value, state, self.context)
         calls.transcript.play(played)
         return replace(found, value=chosen, trial=note)
-
-    def _ask(
-        self, calls: Calls, state: PopulationState, part: str, request: Request, check: Check[T]
-    ) -> Conversation[T]:
-        return converse(
-            calls,
-            state.now.generation,
-            part,
-            request,
-            check,
-            repairs=self.settings.repairs,
-            repair=self._repair,
-        )
 
     def _tree_phase(self, state: PopulationState) -> tuple[str, TreeSize]:
         """Section 2.4.6: exploration until robots of quality exist, exploitation after."""
@@ -249,15 +228,14 @@ class Adviser:
         found = state.reached[self.exploit_from]
         return ("tree_exploit", how.exploit) if found else ("tree_explore", how.explore)
 
-    def _request(
-        self,
-        name: str,
-        state: PopulationState,
-        dialect: Dialect,
-        shape: Shape,
-        values: Mapping[str, str],
-    ) -> Request:
-        how = self.settings
+    def request(self, part: str, state: PopulationState, dialect: Dialect) -> Request:
+        """The question for a part: "rate" or "tree"."""
+        how, name, shape = self.settings, "mutation_rate", DECISION
+        values: dict[str, str] = {}
+        if part == "tree":
+            name, size = self._tree_phase(state)
+            shape, values = proposal_shape(state.targets, how.candidates), _size(size)
+        shape = self._order(shape)
         system, user = render(
             self.prompts[name],
             {
@@ -321,21 +299,18 @@ def _source(missing: int, asked: int) -> str:
     return "fallback" if missing == asked else "llm and fallback"
 
 
-def _notes(
-    rate: Conversation[Guidance] | None, tree: Conversation[Proposal] | None
-) -> dict[str, str]:
+def _notes(found: Mapping[str, Conversation[Any]]) -> dict[str, str]:
     """For the record: where each part comes from, and the hash of every prompt of it."""
     notes = {}
-    for name, outcome in (("rate", rate), ("tree", tree)):
-        if outcome is not None:
-            end = outcome.end
-            notes[name] = end.source + (f": {end.why[:REASON]}" if end.why else "")
-            if outcome.prompts:
-                notes[f"{name}_prompts"] = " ".join(outcome.prompts)
-            if outcome.trial:
-                notes["trial"] = outcome.trial
-            if end.rejected:
-                notes[f"{name}_rejected"] = " ".join(end.rejected)
+    for name, outcome in found.items():
+        end = outcome.end
+        notes[name] = end.source + (f": {end.why[:REASON]}" if end.why else "")
+        if outcome.prompts:
+            notes[f"{name}_prompts"] = " ".join(outcome.prompts)
+        if outcome.trial:
+            notes["trial"] = outcome.trial
+        if end.rejected:
+            notes[f"{name}_rejected"] = " ".join(end.rejected)
     return notes
 
 

@@ -17,7 +17,7 @@ from islandgp.supervision.llm.transcript import Transcript
 
 ANSWER: Final = 300  # tokens of an answer; an assumption: a paragraph, or a tree of 20 nodes
 CANDIDATE: Final = 150  # tokens of each tree more; an assumption
-ADDED: Final = (4_300, 7_200)  # characters that a run adds to informed questions, as measured
+ADDED: Final = {"rate": 4_300, "tree": 7_200}  # characters more of informed ones, as measured
 ADDED_MOST: Final = 30_000  # the same at most, as `informed` bounds it
 
 
@@ -94,13 +94,10 @@ def _requests(settings: LLMSettings, context: RunContext) -> list[tuple[Request,
     """
     adviser, dialect = Adviser(settings, context), Dialect(True, settings.temperature, "")
     state = _state(context)
-    added = ADDED if adviser.uses_history else (0, 0)
-    asked = []
-    if context.adapt_mutation:
-        asked.append((adviser.rate_request(state, dialect), added[0]))
-    if context.inject:
-        asked.append((adviser.tree_request(state, dialect), added[1]))
-    return asked
+    return [
+        (adviser.request(part, state, dialect), ADDED[part] if adviser.uses_history else 0)
+        for part in adviser.parts
+    ]
 
 
 def _state(context: RunContext) -> PopulationState:
