@@ -55,7 +55,7 @@ def test_no_command_is_left_out() -> None:
         "python -m islandgp ",
         "islandgp estimate",
         "python -m islandgp.testing.demo",
-        "python -m islandgp.testing.measure",
+        "python -m benchmarks.mock_model",
         "islandgp distill",
         "export",
     )

@@ -1,4 +1,4 @@
-"""`python -m islandgp.testing.measure FOLDER`: the mock model beside expert and baseline.
+"""`python -m benchmarks.mock_model FOLDER`: the mock model beside expert and baseline.
 
 Runs each arm with the same seeds and prints a table. The mock is a rule, so the table says
 what the path from state to tree can do, and nothing about any language model.
@@ -88,5 +88,5 @@ def table(folder: Path) -> Iterator[str]:
 
 if __name__ == "__main__":
     if len(sys.argv) < 2:
-        sys.exit("expected a folder for the runs, found none; python -m ...measure FOLDER")
+        sys.exit("expected a folder for the runs, found none; python -m benchmarks.mock_model DIR")
     sys.exit(measure(Path(sys.argv[1]).resolve(), sys.argv[2:], noise=0.1, faults=0.1))

@@ -1,4 +1,4 @@
-"""`python -m islandgp.testing.measure`: the table of docs/llm.md."""
+"""`python -m benchmarks.mock_model`: the table of docs/llm.md."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from islandgp.testing.measure import ARMS, PORT, measure
+from benchmarks.mock_model import ARMS, PORT, measure
 
 TINY = ("gp.generations=3", "world.episode.length=20", "gp.validation=0", "seed=0,1")
 
