@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from islandgp.errors import RunError
-from islandgp.plain import must_fit, read_json
+from islandgp.plain import must_fit
 from islandgp.records.checkpoint import dump, reading, write_atomic
 
 
@@ -45,8 +45,7 @@ class Lines:
     def value(self, line: bytes, i: int) -> dict[str, Any]:
         """What line `i` holds. Raises RunError."""
         with reading(f"{self.what} in line {i + 1}", self.path):
-            must_fit(self.kind, line)
-            return dict(read_json(line))
+            return dict(must_fit(self.kind, line))
 
     def whole(self) -> Iterator[bytes]:
         """The lines that have an end, with it."""

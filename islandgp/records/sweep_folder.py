@@ -16,7 +16,7 @@ from uuid import uuid4
 from filelock import FileLock
 
 from islandgp.errors import RunError, brief
-from islandgp.plain import UNREADABLE, must_fit, read_json
+from islandgp.plain import UNREADABLE, must_fit
 from islandgp.records.checkpoint import usable, write_atomic
 from islandgp.records.files import pretty
 from islandgp.records.folder import RunFolder, Status, locked, take
@@ -103,9 +103,7 @@ class SweepFolder:
         if not path.exists():
             return None
         try:
-            text = path.read_bytes()
-            must_fit(SweepFile, text)
-            plain = read_json(text)
+            plain = must_fit(SweepFile, path.read_bytes())
             jobs = (SweepJob(**{**j, "choices": tuple(j["choices"])}) for j in plain["jobs"])
             return SweepFile(**{**plain, "commands": tuple(plain["commands"]), "jobs": tuple(jobs)})
         except UNREADABLE as error:

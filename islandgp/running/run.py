@@ -27,7 +27,7 @@ from islandgp.evolution.record import Champion, Step
 from islandgp.evolution.single_behaviours import single_behaviours
 from islandgp.evolution.validation import Best, Validation, candidates, validate
 from islandgp.evolution.validation import worlds_of as validation_worlds
-from islandgp.plain import must_fit, read_json
+from islandgp.plain import must_fit
 from islandgp.plugin import blaming, path_of
 from islandgp.records.checkpoint import reading, write_atomic
 from islandgp.records.folder import RunFolder, Status
@@ -141,8 +141,7 @@ def automatic_library(settings: Settings, domain: Domain) -> Library:
         plain = {name: to_text(tree) for name, tree in found.items()}
         write_atomic(file, json.dumps(plain, indent=1).encode())
     with reading("a library that was searched for", file):
-        must_fit(dict[str, str], file.read_bytes())
-        texts = read_json(file.read_bytes())
+        texts = must_fit(dict[str, str], file.read_bytes())
     if not texts:
         raise ConfigError(
             "library: expected to find a tree that shows one of the behaviours"

@@ -16,7 +16,7 @@ from pydantic import BaseModel, Field
 from islandgp.bt.language import parse
 from islandgp.errors import SupervisionError, TreeError, brief
 from islandgp.evolution.record import GenerationRecord
-from islandgp.plain import must_fit, read_json
+from islandgp.plain import must_fit
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Pattern, Phase, RunContext
 
@@ -99,8 +99,7 @@ class Yoked:
 
 def repeated(line: bytes) -> Guidance:
     """The guidance of a generation's record. Raises ValueError or TreeError where it has none."""
-    must_fit(GenerationRecord, line)
-    said = read_json(line)["guidance"]
+    said = must_fit(GenerationRecord, line)["guidance"]
     if said is None:
         return Guidance(None, None, Yoked.name, reasoning="the other run ended here")
     return Guidance(

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
-from islandgp.plain import UNREADABLE, must_fit, read_json
+from islandgp.plain import UNREADABLE, must_fit
 from islandgp.records.checkpoint import write_atomic
 from islandgp.records.files import pretty
 from islandgp.tracking.store import Place
@@ -36,9 +36,7 @@ class Sent:
 def read_sent(folder: Path) -> Sent | None:
     """What the folder remembers; None if nothing was ever sent, or the file is not ours."""
     try:
-        text = (folder / FILE).read_bytes()
-        must_fit(Sent, text)
-        return Sent(**read_json(text))
+        return Sent(**must_fit(Sent, (folder / FILE).read_bytes()))
     except (FileNotFoundError, *UNREADABLE):
         return None  # the mirror then asks the store
 
