@@ -260,7 +260,11 @@ def _jobs(args: argparse.Namespace, source: ConfigSource) -> Iterator[list[str]]
     """The overrides of each job of the command."""
     if not args.multirun:
         words = parsed(args.overrides, source.loader())
-        _must_be_no_sweep([word for word in words if word.is_sweep_override()])
+        if sweep := next((word for word in words if word.is_sweep_override()), None):
+            raise ConfigError(
+                f"{sweep.input_line}: expected one value, found a sweep; give one, or add -m"
+                " to python -m islandgp to run all of them."
+            )
         yield list(args.overrides)
         return
     may_search = _may_search(args)
@@ -273,14 +277,6 @@ def _jobs(args: argparse.Namespace, source: ConfigSource) -> Iterator[list[str]]
         raise ConfigError(explain(error, args.overrides, source)) from None
     for batch in batches:
         yield from (list(job) for job in batch)
-
-
-def _must_be_no_sweep(sweeps: Sequence[Override]) -> None:
-    if sweeps:
-        raise ConfigError(
-            f"{sweeps[0].input_line}: expected one value, found a sweep; give one, or add -m"
-            " to python -m islandgp to run all of them."
-        )
 
 
 def _must_have_values(sweeps: Sequence[Override]) -> None:

@@ -225,7 +225,12 @@ def shortage(error: BaseException) -> str:
     """The message where an error, or one that led to it, is such a shortage; else \"\"."""
     seen: BaseException | None = error
     while seen is not None:
-        if _is_short(seen):
+        if isinstance(seen, OSError):
+            short = seen.errno in SHORT
+        else:
+            said = str(seen).lower()
+            short = isinstance(seen, MemoryError) or any(sign in said for sign in SIGNS)
+        if short:
             return (
                 "Expected enough memory, processes and open files for the run, found:"
                 f" {seen or 'no more memory'}; raise the limit that is too low (ulimit -a shows"
@@ -233,9 +238,3 @@ def shortage(error: BaseException) -> str:
             )
         seen = seen.__cause__ or seen.__context__
     return ""
-
-
-def _is_short(error: BaseException) -> bool:
-    if isinstance(error, OSError):
-        return error.errno in SHORT
-    return isinstance(error, MemoryError) or any(sign in str(error).lower() for sign in SIGNS)

@@ -104,17 +104,15 @@ class Progress:
         self.milestones = milestones
         self.columns = columns(milestones)
         self.done = self.before = done
-        self.keep = keep
         self.began = monotonic()
         self.rows: list[tuple[str, ...]] = []
-        self._live = self._make_live() if how == "auto" and sys.stderr.isatty() else None
+        self._live: Live | None = None
+        if how == "auto" and sys.stderr.isatty():
+            from rich.console import Console
+            from rich.live import Live
 
-    def _make_live(self) -> Live:
-        from rich.console import Console
-        from rich.live import Live
-
-        console = Console(stderr=True)
-        return Live(console=console, refresh_per_second=4, transient=not self.keep)
+            console = Console(stderr=True)
+            self._live = Live(console=console, refresh_per_second=4, transient=not keep)
 
     def __enter__(self) -> Self:
         if self._live is not None:

@@ -32,11 +32,12 @@ def summary(
     `most_fallback` is the largest share of the fallback's answers that is in order, None: any.
     """
     given = answers(target.records())
-    first: dict[str, int | None] = dict.fromkeys(milestones)
     snapshots = [record["snapshot"] for record in target.records()]
     seconds = (c["evaluation"] + c["supervision"] + c["operators"] for c in target.costs())
-    for tier in first:
-        first[tier] = next((s["generation"] for s in snapshots if s["tiers"][tier]), None)
+    first = {
+        tier: next((s["generation"] for s in snapshots if s["tiers"][tier]), None)
+        for tier in milestones
+    }
     return {
         "champion": {
             "generation": best.generation,

@@ -95,7 +95,9 @@ def _entries(jobs: Sequence[Planned]) -> Entries:
     _must_differ(jobs)
     sweeps: dict[Path, dict[Path, SweepJob]] = {}
     for job in jobs:
-        sweeps.setdefault(job.folder.parent, {})[job.folder] = _entry(job)
+        folder = choose(RunFolder(job.folder), job.settings, redacted(job.config)).path
+        entry = sweep_entry(job.config, job.overrides, job.folder, folder, job.command)
+        sweeps.setdefault(job.folder.parent, {})[job.folder] = entry
     return {SweepFolder(path): own for path, own in sweeps.items()}
 
 
@@ -125,11 +127,6 @@ def _frozen(value: Any) -> Hashable:
     if isinstance(value, Mapping):
         return frozenset((key, _frozen(v)) for key, v in value.items() if v is not None)
     return tuple(map(_frozen, value)) if isinstance(value, list) else value
-
-
-def _entry(job: Planned) -> SweepJob:
-    folder = choose(RunFolder(job.folder), job.settings, redacted(job.config))
-    return sweep_entry(job.config, job.overrides, job.folder, folder.path, job.command)
 
 
 def jobs_in(entries: Entries) -> list[tuple[RunFolder, SweepJob]]:

@@ -108,7 +108,7 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
                     yield from unknown(path, measure, known)
 
     def shown(self, counters: Mapping[str, float]) -> tuple[str, ...]:
-        """The behaviours of an individual with these counters."""
+        """The behaviours of an individual: those whose counter is above 0 in any episode."""
         return tuple(name for name, counter in self.behaviours.items() if counters[counter] > 0)
 
     @property
@@ -150,11 +150,6 @@ def specialist(o: Outcome, classes: Classes) -> str:
     return name if most > s.dominance_ratio * second else s.mixed
 
 
-def does(o: Outcome, classes: Classes) -> tuple[str, ...]:
-    """The behaviours of an individual: those whose counter is above 0 in any of its episodes."""
-    return classes.shown(o.counters)
-
-
 def tiers(o: Outcome, classes: Classes) -> tuple[str, ...]:
     """The tiers an individual reaches, best first."""
     found = {name for name, tier in classes.tiers.items() if tier.values_hold(o)}
@@ -163,7 +158,7 @@ def tiers(o: Outcome, classes: Classes) -> tuple[str, ...]:
 
 def judge(o: Outcome, classes: Classes) -> Verdict:
     """Everything that an outcome says of an individual."""
-    kind, done = specialist(o, classes), does(o, classes)
+    kind, done = specialist(o, classes), classes.shown(o.counters)
     shown = {kind, *(name for name in done if name not in classes.specialists.of)}
     return Verdict(
         specialist=kind,

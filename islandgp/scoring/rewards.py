@@ -77,10 +77,11 @@ NOTHING: Final = Reward(component="")
 
 def worth(table: RewardTable, weights: Mapping[str, float]) -> Worth:
     """What one event adds to the fitness, by its amount: a term of Eq. (1)."""
-    rows = {
-        event: (reward.component, _points(reward), _scale(table, reward.component, weights))
-        for event, reward in table.events.items()
-    }
+    shares = table.maxima if table.normalize else {}
+    rows = {}
+    for event, reward in table.events.items():
+        name = reward.component
+        rows[event] = (name, _points(reward), float(weights.get(name, 1.0)) / shares.get(name, 1.0))
     nothing = ("", NOTHING.points, 0.0)
 
     def value(event: str, amount: float) -> tuple[str, float]:
@@ -96,8 +97,3 @@ def _points(reward: Reward) -> Callable[[float], float]:
         return reward.points
     base, per_unit = reward.base, reward.per_unit
     return lambda amount: base + per_unit * amount
-
-
-def _scale(table: RewardTable, component: str, weights: Mapping[str, float]) -> float:
-    share = table.maxima[component] if table.normalize else 1
-    return float(weights.get(component, 1.0)) / share

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from statistics import fmean, pstdev
 
 from islandgp.domain import Outcome
-from islandgp.scoring.classes import Classes, Verdict, does
+from islandgp.scoring.classes import Classes, Verdict
 from islandgp.scoring.curriculum import Curriculum
 
 
@@ -62,7 +62,7 @@ def measure(
     reached = Counter(tier for verdict in verdicts for tier in verdict.tiers)
     fitness = [o.fitness for o in outcomes]
     counts = Counter(labels)
-    done = Counter(name for o in outcomes for name in does(o, classes))
+    done = Counter(name for o in outcomes for name in classes.shown(o.counters))
     return Snapshot(
         generation=generation,
         epoch=curriculum.epoch(generation),

@@ -18,6 +18,7 @@ from itertools import islice, pairwise
 from math import isclose, isfinite
 
 import numpy as np
+import yaml
 
 from islandgp.bt.engine import ABORTED
 from islandgp.bt.language import parse
@@ -25,26 +26,9 @@ from islandgp.bt.node import AGAIN, FAILURE, STATUS_NAMES, Limits, Node, walk
 from islandgp.domain import Domain, Observer, Outcome, Scene
 from islandgp.evaluation.base import raised_in
 from islandgp.evolution.random_trees import TreeSettings, TreeSpace, random_tree
+from islandgp.resources import resource
 
 SEEDS = (0, 1, 2**32 - 1)
-
-GROWN = TreeSettings(
-    depth=(2, 4),
-    leaf=0.3,
-    children=(1, 4),
-    repeats=3,
-    kinds={
-        "selector": 3,
-        "sequence": 3,
-        "parallel": 1,
-        "inverter": 0.5,
-        "repeater": 0.5,
-        "when": 3,
-    },
-    operators={"<": 1, "<=": 1, ">": 1, ">=": 1, "==": 1, "!=": 1},
-    aborts={"none": 1, "self": 1, "lower": 1, "both": 1},
-)
-"""How the suite's random trees are grown."""
 
 
 class DomainSuite:
@@ -64,7 +48,9 @@ class DomainSuite:
         yield from leaves
         yield from (Node("sequence", (), pair) for pair in pairwise((leaves[-1], *leaves)))
         yield from (parse(text, words) for text in self.texts)
-        space = TreeSpace(GROWN, words, Limits(max_depth=5, max_nodes=30))
+        grown = yaml.safe_load(resource("conf/gp/paper.yaml").read_bytes())["trees"]
+        how = TreeSettings.model_validate({**grown, "depth": (2, 4)})
+        space = TreeSpace(how, words, Limits(max_depth=5, max_nodes=30))
         for slot in range(self.random_trees):
             yield random_tree(np.random.default_rng(slot), space)
 

@@ -64,21 +64,23 @@ def every(step: int, faults: Sequence[Fault]) -> Script:
     return lambda n: faults[n // step % len(faults)] if n % step == step - 1 else None
 
 
+_FIELDS: Final[dict[Fault, dict[str, Any]]] = {
+    Fault.WRONG_TYPES: {"mutation_rate": "high", "tree": 7},
+    Fault.OUT_OF_RANGE: {"mutation_rate": 7},
+    Fault.UNKNOWN_ACTION: {"tree": "sequence { FlyHome }"},
+    Fault.TOO_LARGE: {"tree": "sequence { " * 60 + "PatrolWaypoint" + " }" * 60},
+}
+"""What is other in the answers of faults that are wrong fields."""
+
+
 def spoiled(answer: Mapping[str, Any], fault: Fault) -> tuple[str, str]:
     """The answer's text with one thing wrong, and the stop reason."""
-    text = json.dumps(answer)
-    deep = "sequence { " * 60 + "PatrolWaypoint" + " }" * 60
+    text = json.dumps({**answer, **_FIELDS.get(fault, {})})
     match fault:
+        case fault if fault in _FIELDS:
+            return text, "end_turn"
         case Fault.MAX_TOKENS:
             return text[: len(text) // 2], "max_tokens"
-        case Fault.WRONG_TYPES:
-            return json.dumps({**answer, "mutation_rate": "high", "tree": 7}), "end_turn"
-        case Fault.OUT_OF_RANGE:
-            return json.dumps({**answer, "mutation_rate": 7}), "end_turn"
-        case Fault.UNKNOWN_ACTION:
-            return json.dumps({**answer, "tree": "sequence { FlyHome }"}), "end_turn"
-        case Fault.TOO_LARGE:
-            return json.dumps({**answer, "tree": deep}), "end_turn"
         case Fault.BRACKETS:
             return "[" * 500_000 + '{"a":' * 100_000, "end_turn"
         case Fault.SURROGATES:

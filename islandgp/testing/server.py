@@ -24,6 +24,16 @@ _ERRORS: Final[dict[Fault, tuple[int, str, str, dict[str, str]]]] = {
 }
 """Status, kind, message and headers of faults that are an error of the API."""
 
+_BODIES: Final[dict[Fault, dict[str, Any]]] = {
+    Fault.REFUSAL: {"content": [], "stop_reason": "refusal"},
+    Fault.THOUGHT: {
+        "content": [{"type": "thinking", "thinking": "Let me think.", "signature": "s"}],
+        "stop_reason": "max_tokens",
+    },
+    Fault.WRONG_BODY: {"content": 7, "usage": "many", "stop_reason": ["end_turn"]},
+}
+"""What is other in the messages of faults that are a message."""
+
 
 class MessagesServer:
     """The server, as a context manager; `requests` and `keys` hold what came in."""
@@ -103,20 +113,14 @@ class _Handler(BaseHTTPRequestHandler):
         if fault is not None and fault not in ANSWER_FAULTS:
             self._fail(fault, request, key)
             return
-        refused = self._unsupported(request)
-        if refused:
-            self._error(400, "invalid_request_error", refused)
+        if "temperature" in request and not owner.temperature:
+            said = "temperature: Extra inputs are not permitted"
+            self._send(400, _error("invalid_request_error", said))
             return
         message = _message(request, *self._text(request, fault))
         if not owner.usage:
             del message["usage"]
         self._send(200, message)
-
-    def _unsupported(self, request: Mapping[str, Any]) -> str:
-        owner = self.server.owner
-        if "temperature" in request and not owner.temperature:
-            return "temperature: Extra inputs are not permitted"
-        return ""
 
     def _text(self, request: Mapping[str, Any], fault: Fault | None) -> tuple[str, str]:
         """The answer's text and its stop reason."""
@@ -136,7 +140,10 @@ class _Handler(BaseHTTPRequestHandler):
         body = json.dumps(_message(request, json.dumps(self.server.owner.answer(request)))).encode()
         if fault in _ERRORS:
             status, kind, said, headers = _ERRORS[fault]
-            self._error(status, kind, said.format(key=key), headers)
+            self._send(status, _error(kind, said.format(key=key)), headers)
+            return
+        if fault in _BODIES:
+            self._send(200, {**_message(request, ""), **_BODIES[fault]})
             return
         match fault:
             case Fault.SILENCE:
@@ -158,15 +165,6 @@ class _Handler(BaseHTTPRequestHandler):
             case Fault.TRUNCATED:
                 self._start(200, len(body) // 2)
                 self.wfile.write(body[: len(body) // 2])
-            case Fault.REFUSAL:
-                self._send(200, {**_message(request, "", "refusal"), "content": []})
-            case Fault.THOUGHT:
-                thought = {"type": "thinking", "thinking": "Let me think.", "signature": "s"}
-                message = _message(request, "", "max_tokens")
-                self._send(200, {**message, "content": [thought]})
-            case Fault.WRONG_BODY:
-                wrong = {"content": 7, "usage": "many", "stop_reason": ["end_turn"]}
-                self._send(200, {**_message(request, ""), **wrong})
 
     def _drip(self, first: bytes = b"") -> None:
         """A byte now and then, until the other side goes or the server is closed."""
@@ -178,12 +176,6 @@ class _Handler(BaseHTTPRequestHandler):
                 return
             self.wfile.write(b" ")
             self.wfile.flush()
-
-    def _error(
-        self, status: int, kind: str, message: str, headers: Mapping[str, str] | None = None
-    ) -> None:
-        error = {"type": "error", "error": {"type": kind, "message": message}}
-        self._send(status, error, headers)
 
     def _send(
         self, status: int, value: Mapping[str, Any], headers: Mapping[str, str] | None = None
@@ -200,13 +192,15 @@ class _Handler(BaseHTTPRequestHandler):
         headers: Mapping[str, str] | None = None,
     ) -> None:
         self.send_response(status)
-        for name, value in {
-            "content-type": kind,
-            "content-length": str(length),
-            **(headers or {}),
-        }.items():
+        own = {"content-type": kind, "content-length": str(length)}
+        for name, value in {**own, **(headers or {})}.items():
             self.send_header(name, value)
         self.end_headers()
+
+
+def _error(kind: str, message: str) -> dict[str, Any]:
+    """An error as the API sends it."""
+    return {"type": "error", "error": {"type": kind, "message": message}}
 
 
 def _message(

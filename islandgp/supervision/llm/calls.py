@@ -52,15 +52,11 @@ class RetrySettings(BaseModel, frozen=True, extra="forbid"):
 
 def final(answer: Reply | Failure, attempt: int, how: RetrySettings) -> bool:
     """Whether a call ends with the answer to attempt number `attempt` (from 1)."""
-    if isinstance(answer, Reply) or attempt >= how.attempts or not _may_help(answer):
+    if isinstance(answer, Reply) or attempt >= how.attempts:
         return True
-    return answer.retry_after is not None and answer.retry_after > how.retry_after_most
-
-
-def _may_help(failure: Failure) -> bool:
-    """Whether another attempt may: as the server says, else by the kind of the failure."""
-    asked = failure.should_retry
-    return failure.kind in TRANSIENT if asked is None else asked
+    said = answer.should_retry  # by the server
+    may_help = answer.kind in TRANSIENT if said is None else said
+    return not may_help or (answer.retry_after or 0) > how.retry_after_most
 
 
 def wait(failure: Failure, attempt: int, how: RetrySettings, rng: np.random.Generator) -> float:
@@ -227,7 +223,9 @@ class LiveCalls:
         else:
             self.transcript.announce(Sent(call, number, most))
             answer = self.client.send(request, seconds=self.retry.deadline)
-        self._heed(answer)
+        asked = answer.retry_after if isinstance(answer, Failure) else None
+        if asked is not None and asked <= self.retry.retry_after_most:
+            self._not_before = self.clock() + asked
         self._check_open()
         usage, price = known_usage(answer), self.ledger.price
         attempt = Attempt(
@@ -244,12 +242,6 @@ class LiveCalls:
         )
         self.transcript.add(attempt)
         return answer
-
-    def _heed(self, answer: Reply | Failure) -> None:
-        """Takes note of how long the server wants to be left alone, if that is not too long."""
-        asked = answer.retry_after if isinstance(answer, Failure) else None
-        if asked is not None and asked <= self.retry.retry_after_most:
-            self._not_before = self.clock() + asked
 
     def _check_open(self) -> None:
         if self._closed:

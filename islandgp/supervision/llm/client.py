@@ -219,35 +219,29 @@ def _sdk(
 def arguments(request: Request) -> dict[str, Any]:
     """A request as the SDK's `messages.create` takes it."""
     roles = ("user", "assistant")
-    found: dict[str, Any] = {
+    system: Any = request.system
+    if request.cache:  # marked as what is to be kept: what follows it changes each time
+        system = [{"type": "text", "text": system, "cache_control": {"type": "ephemeral"}}]
+    output = {
+        "format": request.schema and {"type": "json_schema", "schema": request.schema},
+        "effort": request.effort,
+    }
+    extra = {} if request.temperature is None else {"temperature": request.temperature}
+    optional = {
+        "output_config": {key: value for key, value in output.items() if value is not None},
+        "thinking": request.thinking,
+        "extra_body": {**extra, **(request.extra or {})},
+    }
+    return {
         "model": request.model,
         "max_tokens": request.max_tokens,
-        "system": _system(request),
+        "system": system,
         "messages": [
             {"role": roles[i % 2], "content": text} for i, text in enumerate(request.turns)
         ],
         "extra_headers": HEADERS,
+        **{key: value for key, value in optional.items() if value},
     }
-    output: dict[str, Any] = {}
-    if request.schema is not None:
-        output["format"] = {"type": "json_schema", "schema": request.schema}
-    if request.effort is not None:
-        output["effort"] = request.effort
-    if output:
-        found["output_config"] = output
-    if request.thinking is not None:
-        found["thinking"] = request.thinking
-    extra = {} if request.temperature is None else {"temperature": request.temperature}
-    if extra := {**extra, **(request.extra or {})}:
-        found["extra_body"] = extra
-    return found
-
-
-def _system(request: Request) -> str | list[dict[str, Any]]:
-    """The system prompt, marked where it is to be kept: what follows it changes each time."""
-    if not request.cache:
-        return request.system
-    return [{"type": "text", "text": request.system, "cache_control": {"type": "ephemeral"}}]
 
 
 def read_message(
@@ -264,8 +258,10 @@ def read_message(
         thinking = "\n".join(thought for thought in thoughts if isinstance(thought, str))
         stop = message.get("stop_reason") or ""
         usage = _usage(message.get("usage") or {})
-        counted = usage if _counts(usage, text) else None
-        return Reply(clean(hide(text)), line(str(stop)), counted, clean(hide(thinking)))
+        # A server has counted where the request has tokens, and a text has some, too.
+        counted = usage.read > 0 and (usage.output > 0 or not text)
+        said, thought = clean(hide(text)), clean(hide(thinking))
+        return Reply(said, line(str(stop)), usage if counted else None, thought)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         start = line(body.decode("utf-8", "replace"))[:80]
         return Failure(
@@ -289,11 +285,6 @@ def _usage(found: dict[str, Any]) -> Usage:
         tokens(found.get("cache_read_input_tokens") or 0),
         tokens(found.get("cache_creation_input_tokens") or 0),
     )
-
-
-def _counts(usage: Usage, text: str) -> bool:
-    """Whether a server has counted: a request has tokens, and a text has some, too."""
-    return usage.read > 0 and (usage.output > 0 or not text)
 
 
 def kind_of(status: int) -> FailureKind:

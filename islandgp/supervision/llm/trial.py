@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from islandgp.bt.node import Node
 from islandgp.domain import Outcome
-from islandgp.scoring.classes import INTEGRATION, RARE, Classes, does
+from islandgp.scoring.classes import INTEGRATION, RARE, Classes
 from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, seed_of
 from islandgp.supervision.base import RunContext
@@ -54,4 +54,4 @@ def _worth(
     name = state.lacking[0] if target == RARE else target
     if name in classes.behaviours:
         return o.counters[classes.behaviours[name]], o.fitness
-    return (float(len(does(o, classes))) if target == INTEGRATION else 0.0), o.fitness
+    return float(len(classes.shown(o.counters)) if target == INTEGRATION else 0), o.fitness

@@ -255,37 +255,22 @@ def _fields(reply: Reply, shape: Shape) -> dict[str, Any] | Rejection:
     """The answer's JSON object, with every field of the right type."""
     if reply.stop_reason == "refusal":
         return Rejection(RejectionStage.REFUSED, "the model refused to answer")
+    cut_off = reply.stop_reason == "max_tokens"
     if not reply.text.strip():
-        return _no_text(reply)
+        if not cut_off:
+            return Rejection(RejectionStage.REFUSED, "no text")
+        why = "an answer that was cut off before its first word; think much less"
+        return Rejection(RejectionStage.JSON, f"Expected one JSON object, found {why}.")
     found = find_object(reply.text, shape)
-    if found is None or _cut_off(reply):
-        return Rejection(RejectionStage.JSON, _no_json(reply))
+    # Where another object was begun when the tokens ran out, those before it are drafts.
+    if found is None or (cut_off and "{" in _objects(reply.text)[1]):
+        why = "an answer that was cut off; make it much shorter"
+        why = why if cut_off else "none that can be read"
+        return Rejection(RejectionStage.JSON, f"Expected one JSON object, found {why}.")
     if wrong := faults(found, shape):
         return Rejection(RejectionStage.FIELDS, "\n".join(wrong))
     # JSON inside a text can spell characters that the text itself could not have.
     return {key: clean(value) if isinstance(value, str) else value for key, value in found.items()}
-
-
-def _no_text(reply: Reply) -> Rejection:
-    """Nothing was said; a model that ran out of tokens while it was thinking may still say it."""
-    if reply.stop_reason == "max_tokens":
-        return Rejection(
-            RejectionStage.JSON,
-            "Expected one JSON object, found an answer that was cut off before its first word;"
-            " think much less.",
-        )
-    return Rejection(RejectionStage.REFUSED, "no text")
-
-
-def _cut_off(reply: Reply) -> bool:
-    """Whether another JSON object was begun when the tokens ran out: those before are drafts."""
-    return reply.stop_reason == "max_tokens" and "{" in _objects(reply.text)[1]
-
-
-def _no_json(reply: Reply) -> str:
-    if reply.stop_reason == "max_tokens":
-        return "Expected one JSON object, found an answer that was cut off; make it much shorter."
-    return "Expected one JSON object, found none that can be read."
 
 
 def find_object(text: str, fields: Collection[str]) -> dict[str, Any] | None:
