@@ -147,9 +147,8 @@ def _end(override: Override, last: bool) -> str:
     found = override.value()
     if isinstance(found, IntervalSweep):
         value: Any = found.end if last else found.start
-    elif not _values(override):
-        raise ConfigError(_no_value(override))
     else:
+        _values(override)
         values = islice(override.sweep_string_iterator(), MOST_JOBS)
         value = deque(values, 1)[0] if last else next(values)
     return f"{override.get_key_element()}={value}"
@@ -289,10 +288,7 @@ def _must_have_values(sweeps: Sequence[Override]) -> None:
                 f" {sweep.key_or_group}=range(START,STOP,STEP), or search it with"
                 " hydra/sweeper=optuna."
             )
-        n = _values(sweep)
-        if not n:
-            raise ConfigError(_no_value(sweep))
-        jobs *= n
+        jobs *= _values(sweep)
         if jobs > MOST_JOBS:
             found = f"{jobs:,}" if jobs < 10**12 else "far more"
             raise ConfigError(
@@ -301,18 +297,22 @@ def _must_have_values(sweeps: Sequence[Override]) -> None:
             )
 
 
-def _no_value(sweep: Override) -> str:
-    return (
-        f"{sweep.input_line}: expected a sweep over at least one value, found none;"
-        " give it some, or leave it out."
-    )
-
-
 def _values(sweep: Override) -> int:
-    """How many values a sweep goes over, without making them."""
+    """How many values a sweep goes over, without making them. Raises ConfigError for none."""
     found = sweep.value()
-    if not isinstance(found, RangeSweep):
-        return sum(1 for _ in islice(sweep.sweep_string_iterator(), MOST_JOBS + 1))
+    if isinstance(found, RangeSweep):
+        n = _steps(sweep, found)
+    else:
+        n = sum(1 for _ in islice(sweep.sweep_string_iterator(), MOST_JOBS + 1))
+    if not n:
+        raise ConfigError(
+            f"{sweep.input_line}: expected a sweep over at least one value, found none;"
+            " give it some, or leave it out."
+        )
+    return n
+
+
+def _steps(sweep: Override, found: RangeSweep) -> int:
     start, stop, step = found.start or 0, found.stop or 0, found.step
     if not step or not all(isfinite(number) for number in (start, stop, step)):
         raise ConfigError(

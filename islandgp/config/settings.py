@@ -236,11 +236,15 @@ def _counted(config: Any, settings: Any, path: str = "") -> Iterator[str]:
             yield from _counted(value, inner, f"{path}.{i}")
 
 
-def setting_at(settings: Any, key: Any) -> Any:
-    """What a key of the configuration became; None where it became something else."""
+def setting_at(settings: Any, key: int | str) -> Any:
+    """What stands at a key of the configuration, or what it became; None for nothing."""
     if isinstance(settings, Part) and key == "policy":
         return settings.settings()
-    return settings.get(key) if isinstance(settings, Mapping) else getattr(settings, str(key), None)
+    if isinstance(settings, Mapping):
+        return settings.get(key)
+    if isinstance(settings, list):
+        return settings[key] if isinstance(key, int) else None
+    return getattr(settings, str(key), None)
 
 
 def _lines(error: ValidationError, config: Mapping[str, Any]) -> Iterator[str]:
@@ -275,24 +279,18 @@ def keys_at(config: Mapping[str, Any], path: Sequence[int | str]) -> list[str]:
     found: Any = config
     for part in path:
         kind = _kind_below(kind, part, found)
-        found = _below(found, part)
+        found = setting_at(found, part)
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         return [*kind.model_fields]
     given = map(str, found) if isinstance(found, Mapping) else ()
     return [key for key in given if not key.startswith("_")]
 
 
-def _below(config: Any, part: int | str) -> Any:
-    if isinstance(config, Mapping):
-        return config.get(part)
-    return config[part] if isinstance(config, list) and isinstance(part, int) else None
-
-
 def _kind_below(kind: Any, part: int | str, config: Any) -> Any:
     """The type at a key of a type; None where it is not known."""
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         if kind is Settings and part in ("world", "rewards"):
-            return getattr(_factory(_below(config, "domain")), str(part).capitalize(), None)
+            return getattr(_factory(setting_at(config, "domain")), str(part).capitalize(), None)
         if issubclass(kind, Part) and part == "policy":
             return getattr(_factory(config), "Settings", None)
         field = kind.model_fields.get(str(part))
@@ -308,7 +306,7 @@ def _kind_below(kind: Any, part: int | str, config: Any) -> Any:
 def _factory(part: Any) -> Any:
     """The class that a group names; None where there is none."""
     try:
-        return imported(str(_below(part, "factory")))
+        return imported(str(setting_at(part, "factory")))
     except (ValidationError, IslandError):
         return None
 

@@ -40,10 +40,6 @@ class RaySettings(BaseModel, frozen=True, extra="forbid"):
     workers: int = Field(ge=0, le=1024)  # of a local cluster; 0: one for each core
 
 
-def _run(problem: Problem, job: Job) -> Outcome:
-    return simulate(problem, job)
-
-
 class Ray:
     """The evaluator for many machines."""
 
@@ -67,7 +63,7 @@ class Ray:
         self._head = settings.address if remote else self._ray.get_runtime_context().gcs_address
         self._node = "" if remote else _own_node(self._ray)
         options = {"num_cpus": settings.cpus, "max_retries": settings.retries}
-        self._task: Any = self._ray.remote(**options)(_run)
+        self._task: Any = self._ray.remote(**options)(simulate)
         self._problem = self._ray.put(problem)  # sent to each machine once
 
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:

@@ -110,7 +110,8 @@ def search(
         new = {job: trial for job, trial in zip(jobs, batch, strict=True) if job not in known}
         known |= _launched(new, launch, len(known), bool(pruner))
         for trial, job in zip(batch, jobs, strict=True):
-            _tell(study, trial, known[job])
+            state = TrialState.PRUNED if known[job] is None else TrialState.FAIL
+            study.tell(trial, known[job] or None, None if known[job] else state)
     plain = yaml.safe_dump(_results(study, axes), sort_keys=False)
     write_atomic(results, plain.encode())
 
@@ -148,13 +149,6 @@ def _outcome(returned: JobReturn) -> Outcome:
         return None
     values = tuple(float(v) for v in (value if isinstance(value, tuple | list) else [value]))
     return values if all(map(isfinite, values)) else ()
-
-
-def _tell(study: optuna.Study, trial: optuna.Trial, outcome: Outcome) -> None:
-    if outcome:
-        study.tell(trial, outcome)
-    else:
-        study.tell(trial, state=TrialState.PRUNED if outcome is None else TrialState.FAIL)
 
 
 def _results(study: optuna.Study, axes: Sequence[Axis]) -> dict[str, Any]:

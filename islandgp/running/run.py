@@ -261,7 +261,11 @@ def _evolve(
     keep_display: bool,
     judge: Judge | None,
 ) -> None:
-    _start(supervisor)
+    if isinstance(supervisor, Service):
+        with blaming(path_of(type(supervisor))):
+            line = supervisor.start()
+        if line:
+            print(line, file=sys.stderr)
     start = target.resume(lambda line: print(f"islandgp: {line}", file=sys.stderr))
     done = 0 if start is None else start.generation
     if judge is not None:
@@ -303,15 +307,6 @@ def _evolve(
         evaluator.close()
     most = settings.supervisor.policy.get("most_fallback")  # None: a supervisor without a fallback
     target.finish(summary(target, fittest, best, settings.classes.milestones, most))
-
-
-def _start(supervisor: Supervisor) -> None:
-    """Lets a supervisor that needs a service get ready, and prints what it says."""
-    if isinstance(supervisor, Service):
-        with blaming(path_of(type(supervisor))):
-            line = supervisor.start()
-        if line:
-            print(line, file=sys.stderr)
 
 
 def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> Best:

@@ -135,7 +135,10 @@ def race(
             if best is not None and left:
                 yield _standing(study, known, written, episodes)
         known |= entries
-        _tell(study, judges, [(t, known[v]) for t, v in zip(batch, asked, strict=True)], best)
+        for trial, values in zip(batch, asked, strict=True):
+            if judges.get(values) is not trial:  # else its points are reported already
+                _report(trial, known[values].points, 0)
+            study.tell(trial, _value(known[values], best))
         whole = [entry for entry in entries.values() if not entry.dropped]
         best = max([*([best] if best else []), *whole], key=lambda entry: fmean(entry.points))
         yield _standing(study, known, written, episodes)
@@ -154,19 +157,6 @@ def _standing(
         tuple(entry.values for entry in order[:FINALISTS]),
         _difference(order[0], known[written]),
     )
-
-
-def _tell(
-    study: optuna.Study,
-    judges: Mapping[Values, optuna.Trial],
-    batch: Sequence[tuple[optuna.Trial, _Entry]],
-    best: _Entry | None,
-) -> None:
-    """Tells Optuna what came of a batch; the points of `judges` are reported already."""
-    for trial, entry in batch:
-        if judges.get(entry.values) is not trial:
-            _report(trial, entry.points, 0)
-        study.tell(trial, _value(entry, best))
 
 
 def choose(

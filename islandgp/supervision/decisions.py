@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 from islandgp.evolution.record import GuidanceRecord
 
@@ -34,14 +35,6 @@ def decisions(runs: Iterable[Sequence[GuidanceRecord]]) -> Decisions:
         patterns=Counter(g.pattern for g in given if g.pattern),
         targets=Counter(g.target for g in given if g.target and g.injected),
         crises=Counter(g.crisis for g in given if g.crisis),
-        episodes=Counter(reason for run in runs for reason in _began(run)),
+        episodes=Counter(why for run in runs for why, _ in groupby(g.crisis for g in run) if why),
         interventions=sum(g.intervention for g in given),
     )
-
-
-def _began(run: Sequence[GuidanceRecord]) -> Iterator[str]:
-    before = ""
-    for g in run:
-        if g.crisis and g.crisis != before:
-            yield g.crisis
-        before = g.crisis

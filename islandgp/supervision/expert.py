@@ -7,6 +7,7 @@ Robots exist says more than raw fitness, which single-task specialists inflate.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Self
 
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
@@ -122,7 +123,7 @@ class Expert:
     Settings = ExpertSettings
 
     @classmethod
-    def make(cls, settings: ExpertSettings, context: RunContext) -> Expert:
+    def make(cls, settings: ExpertSettings, context: RunContext) -> Self:
         """See `Supervisor`."""
         expert = cls(settings, context.library())
         for target in context.classes.behaviours:

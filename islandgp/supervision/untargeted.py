@@ -12,35 +12,25 @@ from dataclasses import replace
 import numpy as np
 
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, RunContext
-from islandgp.supervision.expert import Expert, ExpertSettings, early
+from islandgp.supervision.base import Guidance
+from islandgp.supervision.expert import Expert, early
 
 
-class Untargeted:
+class Untargeted(Expert):
     """The expert's rate, and a tree for a target drawn at random."""
 
     name = "untargeted"
-    Settings = ExpertSettings
-
-    @classmethod
-    def make(cls, settings: ExpertSettings, context: RunContext) -> Untargeted:
-        """See `Supervisor`."""
-        return cls(Expert.make(settings, context))
-
-    def __init__(self, expert: Expert) -> None:
-        self.expert = expert
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """Every target with a tree that the expert could have now is as likely as another."""
-        guidance = self.expert.advise(state, rng)
+        guidance = super().advise(state, rng)
         now = state.targets if state.ever_quality else early(state.targets)
-        targets = [target for target in now if self.expert.library.targets.get(target)]
+        targets = [target for target in now if self.library.targets.get(target)]
         target = targets[rng.integers(len(targets))]
-        name = self.expert.pick(target, state, rng)
+        name = self.pick(target, state, rng)
         return replace(
             guidance,
-            source=self.name,
             target=target,
-            tree=self.expert.library.trees[name],
+            tree=self.library.trees[name],
             rationale=f"{target}, drawn at random: tree {name}",
         )

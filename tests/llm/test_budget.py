@@ -277,7 +277,7 @@ def test_a_lost_request_counts_as_the_most_it_can_be(tmp_path: Path) -> None:
     """In tokens and dollars, too."""
     transcript = Transcript(tmp_path / "transcript.jsonl")
     call = Call(3, "rate", 0)
-    transcript.announce(Sent(call, 1, Usage(700, 2048)))
+    transcript.add(Sent(call, 1, Usage(700, 2048)))
     again = Transcript(tmp_path / "transcript.jsonl")
     assert again.lost() == [Sent(call, 1, Usage(700, 2048))]
     price = Price(input=1, output=5, cache_read=0.1, cache_write=1.25)

@@ -17,7 +17,7 @@ from islandgp.errors import SupervisionError
 from islandgp.resources import resource
 from islandgp.supervision.base import RunContext
 from islandgp.supervision.llm.adviser import Adviser
-from islandgp.supervision.llm.trial import try_out
+from islandgp.supervision.llm.episode import try_out
 from islandgp.supervision.llm.validation import (
     Accepted,
     Proposal,

@@ -47,7 +47,7 @@ def test_what_is_written_reads_back(tmp_path: Path) -> None:
     parts = [Conclusion(3, "rate", "fallback", "timeout: late", ("json", "range"))]
     for each in (attempt(), FAILED, attempt(4, request=ASK.followed_by("a", "b"))):
         written.add(each)
-    written.conclude(parts[0])
+    written.add(parts[0])
     read = Transcript(path)
     assert read.attempts == written.attempts
     assert read.parts == parts
@@ -66,7 +66,7 @@ def test_a_part_is_concluded_once(tmp_path: Path) -> None:
     """A resumed run that asks again for the same generation does not count it twice."""
     part = Conclusion(3, "tree", "llm", "", ())
     for _ in range(2):
-        Transcript(tmp_path / NAME).conclude(part)
+        Transcript(tmp_path / NAME).add(part)
     assert Transcript(tmp_path / NAME).parts == [part]
 
 

@@ -24,6 +24,7 @@ from islandgp.supervision.asking import ask
 from islandgp.supervision.base import Guidance, RunContext, Seen, Supervisor
 from islandgp.supervision.llm.calls import Calls, Conversation, converse, unasked
 from islandgp.supervision.llm.capabilities import Dialect
+from islandgp.supervision.llm.episode import try_out
 from islandgp.supervision.llm.informed import (
     NO_VALUES,
     RUN_VALUES,
@@ -42,7 +43,6 @@ from islandgp.supervision.llm.prompts import (
 )
 from islandgp.supervision.llm.settings import LLMSettings, TreeSize
 from islandgp.supervision.llm.transcript import Played
-from islandgp.supervision.llm.trial import try_out
 from islandgp.supervision.llm.validation import (
     DECISION,
     Check,
@@ -135,7 +135,7 @@ class Adviser:
         else:
             found = self._answers(state, calls, how)
             if episodes := self._run_values(state).episodes:
-                calls.transcript.play(Played(generation, "traces", episodes))
+                calls.transcript.add(Played(generation, "traces", episodes))
         missing = sum(outcome.value is None for outcome in found.values())
         backup = ask(self.fallback, state, rng) if missing else None
         guidance = Guidance(None, None, _source(missing, len(found)), notes=_notes(found))
@@ -192,13 +192,11 @@ class Adviser:
     ) -> dict[str, Conversation[Any]]:
         """Asks for all parts: at the same time, unless the budget is nearly used up."""
         requests = {part: self.request(part, state, dialect) for part in self.parts}
-
-        def asked(part: str) -> Conversation[Any]:
-            return self._ask(part, state, calls, requests[part])
-
+        work = {p: partial(self._ask, p, state, calls, asked) for p, asked in requests.items()}
         room = calls.room_for(tuple(requests.values()), self.settings.repairs)
-        aside = {part: _aside(partial(asked, part)) for part in [*requests][1:] if room}
-        return {part: aside[part].result() if part in aside else asked(part) for part in requests}
+        # The first is asked in this thread, the others beside it.
+        aside = {part: _aside(work[part]) for part in [*work][1:] if room}
+        return {part: aside[part].result() if part in aside else work[part]() for part in work}
 
     def _ask(
         self, part: str, state: PopulationState, calls: Calls, request: Request
@@ -219,7 +217,7 @@ class Adviser:
         if not isinstance(found.value, Proposal) or not found.value.others:
             return found
         chosen, played, note = try_out(found.value, state, self.context)
-        calls.transcript.play(played)
+        calls.transcript.add(played)
         return replace(found, value=chosen, trial=note)
 
     def _tree_phase(self, state: PopulationState) -> tuple[str, TreeSize]:

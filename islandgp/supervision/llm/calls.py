@@ -221,7 +221,7 @@ class LiveCalls:
         if why := self.ledger.over(most, waited):
             answer = Failure(FailureKind.BUDGET, why)
         else:
-            self.transcript.announce(Sent(call, number, most))
+            self.transcript.add(Sent(call, number, most))
             answer = self.client.send(request, seconds=self.retry.deadline)
         asked = answer.retry_after if isinstance(answer, Failure) else None
         if asked is not None and asked <= self.retry.retry_after_most:
@@ -289,12 +289,12 @@ def converse(
             break
         request = request.followed_by(answer.text[:QUOTED], repair(found))
     end = Conclusion(generation, part, source, why, tuple(rejected))
-    calls.transcript.conclude(end)
+    calls.transcript.add(end)
     return Conversation(value, end, tuple(prompts))
 
 
 def unasked(calls: Calls, generation: int, part: str, why: Failure) -> Conversation[Any]:
     """A question that is not asked, and why."""
     end = Conclusion(generation, part, "fallback", f"{why.kind}: {why.message}", ())
-    calls.transcript.conclude(end)
+    calls.transcript.add(end)
     return Conversation(None, end)

@@ -23,7 +23,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from threading import Lock
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 from islandgp.errors import SupervisionError
 from islandgp.plain import UNREADABLE, made_of, read_json
@@ -125,7 +125,7 @@ def from_line(line: Mapping[str, Any], systems: Mapping[str, str]) -> Attempt:
 NAME: Final = "transcript.jsonl"
 FORMAT: Final = 1
 
-T = TypeVar("T", Played, Conclusion)
+Entry = Sent | Attempt | Conclusion | Played
 
 
 class Transcript:
@@ -146,6 +146,13 @@ class Transcript:
         self.sent: list[Sent] = []
         self.played: list[Played] = []
         self.learnt: tuple[int, dict[str, Any]] | None = None  # a dialect, and since when
+        self._kept: dict[type[Entry], tuple[str, list[Any]]] = {
+            # how a line says of which sort it is, and where it goes
+            Sent: ("sent", self.sent),
+            Attempt: ("attempt", self.attempts),
+            Conclusion: ("part", self.parts),
+            Played: ("played", self.played),
+        }
         self._systems: dict[str, str] = {}
         self._lock = Lock()  # the two questions of a generation are asked at the same time
         self._whole: int | None = None  # bytes of whole lines, where a piece of one follows
@@ -185,12 +192,6 @@ class Transcript:
                 count += 1
         return count
 
-    def announce(self, sent: Sent) -> None:
-        """Writes down that an attempt is about to be made."""
-        with self._lock:
-            self.sent.append(sent)
-            self._write({"line": "sent", **asdict(sent)})
-
     def lost(self) -> list[Sent]:
         """What was sent and never heard of again, e.g. because the process was killed."""
         with self._lock:
@@ -203,30 +204,22 @@ class Transcript:
                     found.append(sent)
         return found
 
-    def add(self, attempt: Attempt) -> None:
-        """Writes an attempt down before it returns."""
+    def add(self, entry: Entry) -> None:
+        """Writes an entry down before it returns; a conclusion or what was played but once."""
+        kind, kept = self._kept[type(entry)]
         with self._lock:
-            self.attempts.append(attempt)
-            text = attempt.request.system
+            if self.fixed or (isinstance(entry, Conclusion | Played) and entry in kept):
+                return
+            kept.append(entry)
+            if not isinstance(entry, Attempt):
+                self._write({"line": kind, **asdict(entry)})
+                return
+            text = entry.request.system
             digest = hashlib.sha256(text.encode()).hexdigest()
             if digest not in self._systems:
                 self._systems[digest] = text
                 self._write({"line": "system", "sha256": digest, "text": text})
-            self._write({"line": "attempt", **to_line(attempt, digest)})
-
-    def conclude(self, part: Conclusion) -> None:
-        """Writes down the result for a part, once."""
-        self._once(self.parts, part, "part")
-
-    def play(self, played: Played) -> None:
-        """Writes down episodes of supervision's own, once."""
-        self._once(self.played, played, "played")
-
-    def _once(self, kept: list[T], found: T, line: str) -> None:
-        with self._lock:
-            if not self.fixed and found not in kept:
-                kept.append(found)
-                self._write({"line": line, **asdict(found)})
+            self._write({"line": kind, **to_line(entry, digest)})
 
     def _write(self, line: Mapping[str, Any]) -> None:
         if self.path is None:
@@ -241,6 +234,7 @@ class Transcript:
             os.fsync(file.fileno())
 
     def _load(self, data: bytes, path: Path) -> None:
+        known = {kind: (sort, kept) for sort, (kind, kept) in self._kept.items()}
         try:
             for line in map(read_json, data.splitlines()):
                 kind = line.pop("line")
@@ -250,14 +244,11 @@ class Transcript:
                     self._systems[line["sha256"]] = line["text"]
                 elif kind == "dialect":
                     self.learnt = (line["generation"], line["dialect"])
-                elif kind == "sent":
-                    self.sent.append(made_of(Sent, line))
                 elif kind == "attempt":
                     self.attempts.append(from_line(line, self._systems))
-                elif kind == "played":
-                    self.played.append(made_of(Played, line))
-                elif kind == "part":
-                    self.parts.append(made_of(Conclusion, line))
+                elif kind in known:
+                    sort, kept = known[kind]
+                    kept.append(made_of(sort, line))
         except UNREADABLE as error:
             raise SupervisionError(
                 f"Expected a transcript in {path}, found a damaged file"
