@@ -36,20 +36,6 @@ class Fault(StrEnum):
     INJECTION = "injection"  # an answer that gives orders to its reader
 
 
-ANSWER_FAULTS: Final = frozenset(
-    {
-        Fault.MAX_TOKENS,
-        Fault.WRONG_TYPES,
-        Fault.OUT_OF_RANGE,
-        Fault.UNKNOWN_ACTION,
-        Fault.TOO_LARGE,
-        Fault.BRACKETS,
-        Fault.SURROGATES,
-        Fault.INJECTION,
-    }
-)
-"""Faults of the answer's text; the others are faults of the transport."""
-
 Script = Callable[[int], Fault | None]
 """The fault of the n-th request, n from 0; None for a good answer."""
 
@@ -71,6 +57,11 @@ _FIELDS: Final[dict[Fault, dict[str, Any]]] = {
     Fault.TOO_LARGE: {"tree": "sequence { " * 60 + "PatrolWaypoint" + " }" * 60},
 }
 """What is other in the answers of faults that are wrong fields."""
+
+ANSWER_FAULTS: Final = frozenset(
+    {*_FIELDS, Fault.MAX_TOKENS, Fault.BRACKETS, Fault.SURROGATES, Fault.INJECTION}
+)
+"""Faults of the answer's text; the others are faults of the transport."""
 
 
 def spoiled(answer: Mapping[str, Any], fault: Fault) -> tuple[str, str]:
