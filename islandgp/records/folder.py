@@ -21,7 +21,7 @@ from filelock import FileLock, Timeout
 
 from islandgp.errors import BusyError, IslandError, RunError, brief
 from islandgp.evolution.record import Cost, GenerationRecord, RunState, Step
-from islandgp.plain import must_fit, read_json, typed
+from islandgp.plain import must_fit, typed
 from islandgp.records.checkpoint import (
     damaged,
     read_checkpoint,
@@ -146,9 +146,7 @@ class RunFolder:
         if not file.exists():
             return None
         with reading("what a run says of itself", file):
-            text = file.read_bytes()
-            must_fit(RunMetadata, text)
-            return RunMetadata(**read_json(text))
+            return RunMetadata(**must_fit(RunMetadata, file.read_bytes()))
 
     def begun(self) -> bool:
         """Whether there was a run here before. Raises RunError where the folder cannot be read."""
@@ -334,9 +332,7 @@ class RunFolder:
         """The end of a finished run. Raises RunError where it cannot be told."""
         file = self.path / "summary.json"
         with reading("a finished run's summary", file):
-            text = file.read_bytes()
-            must_fit(Summary, text)
-            return dict(read_json(text))
+            return dict(must_fit(Summary, file.read_bytes()))
 
 
 def run_folders(root: Path) -> Iterator[RunFolder]:
