@@ -8,7 +8,7 @@ from math import isfinite
 from typing import Final
 
 from islandgp.errors import StudyError
-from islandgp.study.arms import Arm, Comparison
+from islandgp.study.arms import Comparison
 from islandgp.study.measures import MUTATION, TABLE_12, all_measures, main_family
 from islandgp.study.texts import note
 
@@ -120,7 +120,8 @@ def families(study: Comparison, plan: AnalysisPlan) -> tuple[Family, ...]:
     asked = frozenset(plan.margins) or paper
     left = [(a.name, b.name) for a, b in study.pairs]
     found = [Family(CLAIMS if study.paper else FIRST, (left.pop(0),), paper)]
-    injecting = {LIBRARY: tuple(arm.name for arm in study.arms if _injects(arm))}
+    inject = [a for a in study.arms if any(g.injected for run in a.runs for g in run.guidance)]
+    injecting = {LIBRARY: tuple(arm.name for arm in inject)}
     for name, arms in (plan.families or injecting).items():
         mine = tuple(pair for pair in left if set(pair) <= set(arms))
         if mine:
@@ -134,10 +135,6 @@ def families(study: Comparison, plan: AnalysisPlan) -> tuple[Family, ...]:
     if left:
         found.append(Family(REST, tuple(left), asked))
     return tuple(found)
-
-
-def _injects(arm: Arm) -> bool:
-    return any(g.injected for run in arm.runs for g in run.guidance)
 
 
 def said(plan: AnalysisPlan, study: Comparison) -> Iterator[str]:

@@ -191,20 +191,15 @@ def paired_difference(first: Sequence[float], second: Sequence[float]) -> Interv
 
 def mean_difference(first: Sequence[float], second: Sequence[float]) -> Interval:
     """Mean of the first minus mean of the second, with Welch's t interval."""
+    from scipy.special import stdtrit  # type: ignore[import-untyped] # scipy ships no types
+
     (a, s), (b, t) = mean_sd(first), mean_sd(second)
     x, y = s**2 / len(first), t**2 / len(second)
     if not x + y > 0:  # both are constant, or one is a single value
         return Interval(a - b, a - b + x + y, a - b + x + y)
     freedom = (x + y) ** 2 / (x**2 / (len(first) - 1) + y**2 / (len(second) - 1))
-    half = _t(freedom) * sqrt(x + y)
+    half = float(stdtrit(freedom, 0.975)) * sqrt(x + y)
     return Interval(a - b, a - b - half, a - b + half)
-
-
-def _t(freedom: float) -> float:
-    """The quantile of Student's t that leaves 2.5 % above it."""
-    from scipy.special import stdtrit  # type: ignore[import-untyped] # scipy ships no types
-
-    return float(stdtrit(freedom, 0.975))
 
 
 def median_interval(values: Sequence[float]) -> Interval:

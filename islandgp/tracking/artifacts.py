@@ -45,7 +45,8 @@ def artifacts(folder: RunFolder) -> Iterator[Artifact]:
     for name in FILES:
         if (file := folder.path / name).exists():
             yield Artifact(name, file)
-    records = [_small(record) for record in folder.records()]
+    # Without their individuals, which would be nearly all of a long run's memory.
+    records = [{key: r[key] for key in ("snapshot", "guidance")} for r in folder.records()]
     if records:
         yield Artifact(TABLE, lambda: json.dumps(table(records)))
         yield Artifact("curves.svg", lambda: svg(curves(records)))
@@ -55,11 +56,6 @@ def artifacts(folder: RunFolder) -> Iterator[Artifact]:
         yield Artifact("best.svg", lambda: to_svg(parse(text)))
     if folder.finished():
         yield Artifact("replay.html", lambda: _replay(folder))
-
-
-def _small(record: dict[str, Any]) -> dict[str, Any]:
-    """A generation without its individuals, which are nearly all of it in a long run's memory."""
-    return {key: record[key] for key in ("snapshot", "guidance")}
 
 
 def _replay(folder: RunFolder) -> str:
