@@ -13,7 +13,7 @@ from islandgp.bt.language import domain_of, domain_place, parse, to_text
 from islandgp.bt.node import Node
 from islandgp.commands.setting import Chosen, vocabulary_of
 from islandgp.domains.island.vocabulary import VOCABULARY
-from islandgp.errors import UnknownNameError, TreeError
+from islandgp.errors import DomainError, TreeError
 from tests.strategies import nodes
 
 TREE = "selector { PatrolWaypoint PickupGarbage }"
@@ -47,7 +47,7 @@ def test_other_texts_say_none(text: str) -> None:
 
 def test_another_domain_is_refused() -> None:
     """The message shows the line, and what would do."""
-    with pytest.raises(UnknownNameError) as caught:
+    with pytest.raises(DomainError) as caught:
         parse(f"# fast\ndomain maze\n{TREE}", VOCABULARY, name="my.bt")
     assert str(caught.value) == (
         "my.bt:2:8: the tree is for the domain 'maze', not for 'island'\n"
@@ -59,7 +59,7 @@ def test_another_domain_is_refused() -> None:
 
 def test_another_domain_is_told_before_its_words() -> None:
     """The names of another domain are no mistakes of their own."""
-    with pytest.raises(UnknownNameError, match="is for the domain 'maze'"):
+    with pytest.raises(DomainError, match="is for the domain 'maze'"):
         parse("domain maze when wall { Turn }", VOCABULARY)
 
 
@@ -142,5 +142,5 @@ def test_where_the_line_is(text: str, place: str) -> None:
     """Messages about a domain that is not configured begin with it."""
     assert domain_place(text, "a.bt") == place
     if domain_of(text):
-        with pytest.raises(UnknownNameError, match=f"^{place}: expected a tree for a domain that is"):
+        with pytest.raises(DomainError, match=f"^{place}: expected a tree for a domain that is"):
             vocabulary_of(text, Chosen((), None), name="a.bt")
