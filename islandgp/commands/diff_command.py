@@ -17,7 +17,7 @@ from islandgp.bt.simplify import simplify
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.commands.files import FILE, called, folder_of, read_text
 from islandgp.commands.setting import Chosen, vocabulary_of, with_vocabulary_options
-from islandgp.errors import UnknownNameError
+from islandgp.errors import DomainError
 
 COLOURS: Final = {Mark.DELETED: "red", Mark.INSERTED: "green", Mark.CHANGED: "yellow"}
 
@@ -62,7 +62,7 @@ def _do_the_same(a: Node, b: Node, words: Callable[[], Vocabulary]) -> bool:
         return True
     try:
         vocabulary = words()
-    except UnknownNameError:  # it is not configured: no more is known
+    except DomainError:  # it is not configured: no more is known
         return False
     return simplify(a, vocabulary).tree == simplify(b, vocabulary).tree
 

@@ -165,7 +165,7 @@ ANSWERS: Final[dict[str, Callable[..., Any]]] = {
 
 
 def _found(document: TextDocument, words: Words) -> list[dict[str, Any]]:
-    """What `check --json` finds in a text; a domain that cannot be read is an error at its top."""
+    """What `check --json` finds in a text; a domain that is not there is an error of its place."""
     text, name, folder = document.source, _name(document), _folder(document)
     try:
         vocabulary = words(text, name, folder)
