@@ -3,9 +3,10 @@
 IslandError            one clear message: expected, found, remedy; exit code 2 at the rim
 |-- TreeError          a text is not a tree of the language (line, column, caret)
 |   |-- UnknownNameError  an action, a key or a subtree does not exist
-|   `-- LimitError     a tree is deeper or larger than its limits
+|   |-- LimitError     a tree is deeper or larger than its limits
+|   `-- OtherDomainError  a tree is for another domain; a DomainError as well
 |-- ConfigError        the configuration is wrong (one line per error)
-|-- DomainError        a domain's declaration is wrong, or a tree is for another domain
+|-- DomainError        a domain's declaration is wrong
 |-- PartError          the user's own class, which configuration names, failed (with traceback)
 |-- EvaluationError    an episode could not be run (names the tree and the world seed)
 |-- SupervisionError   a supervisor cannot do its work
@@ -53,6 +54,10 @@ class ConfigError(IslandError):
 
 class DomainError(IslandError):
     """A domain's declaration is wrong, or breaks its contract."""
+
+
+class OtherDomainError(TreeError, DomainError):
+    """A text says that it is for a domain that is not the one at work, or is not configured."""
 
 
 class PartError(IslandError):

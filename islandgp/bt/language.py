@@ -24,7 +24,7 @@ from islandgp.bt.printer import to_text as to_text
 from islandgp.bt.source import Source, shown
 from islandgp.bt.source import plain as plain
 from islandgp.bt.vocabulary import Vocabulary
-from islandgp.errors import DomainError, LimitError
+from islandgp.errors import LimitError, OtherDomainError
 from islandgp.resources import resource
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def parse(
         TreeError: the text is not a tree of the language; the message shows the
             place and what would have been accepted.
         UnknownNameError: an action, a key, a constant or a subtree does not exist.
-        DomainError: the text says that it is for another domain.
+        OtherDomainError: the text says that it is for another domain.
         LimitError: the text is longer, or the tree deeper or larger, than any
             limit on trees could allow.
     """
@@ -193,21 +193,21 @@ def domain_of(text: str) -> str:
     return found[1] if found else ""
 
 
-def domain_place(text: str, name: str) -> str:
-    """Where the text of a file says which domain it is for: NAME:LINE:COLUMN."""
+def domain_place(text: str) -> tuple[int, int]:
+    """The line and the column where a text says which domain it is for; (1, 1) for none."""
     found = _DOMAIN.match(plain(text))
     before = plain(text)[: found.start(1) if found else 0]
-    return f"{name}:{before.count(chr(10)) + 1}:{len(before) - before.rfind(chr(10))}"
+    return before.count("\n") + 1, len(before) - before.rfind("\n")
 
 
 def _check_domain(source: Source, name: Token, vocabulary: Vocabulary | None) -> None:
     if vocabulary is not None and name != vocabulary.domain:
-        message = source.error_at(
+        raise source.error_at(
             name,
             f"the tree is for the domain {shown(name)}, not for {vocabulary.domain!r}",
             expected=f"domain {vocabulary.domain}, or a command with domain={name}",
+            kind=OtherDomainError,
         )
-        raise DomainError(str(message))
 
 
 def words(text: str) -> Iterator[Token]:

@@ -6,7 +6,7 @@ import json
 import re
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import click
 
@@ -17,7 +17,14 @@ from islandgp.bt.vocabulary import Vocabulary
 from islandgp.commands.files import FILE, called, folder_of, read_text
 from islandgp.commands.rerun import with_rerun_option
 from islandgp.commands.setting import Chosen, vocabulary_of, with_vocabulary_options
-from islandgp.errors import LimitError, TreeError, UnknownNameError
+from islandgp.errors import LimitError, OtherDomainError, TreeError, UnknownNameError
+
+CODES: Final[dict[type[TreeError], str]] = {
+    UnknownNameError: "unknown-name",
+    LimitError: "limit",
+    OtherDomainError: "domain",
+}
+"""Of errors for other programs; all others are of the syntax."""
 
 
 @click.command()
@@ -87,9 +94,7 @@ def plain_error(error: TreeError, name: str) -> dict[str, Any]:
     placed = re.fullmatch(r"(.*?):\d+:\d+: (.*)", first)
     file, message = placed.groups() if placed else (name, first)
     hints = rest[2:] if error.source or placed else rest  # without the line and its caret
-    code = "syntax"
-    for kind, own in ((UnknownNameError, "unknown-name"), (LimitError, "limit")):
-        code = own if isinstance(error, kind) else code
+    code = next((code for kind, code in CODES.items() if isinstance(error, kind)), "syntax")
     place = _plain_place(error.line, error.column, error.source)
     return {
         "file": file,

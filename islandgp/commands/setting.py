@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from islandgp.bt.language import domain_of, domain_place, parse
+from islandgp.bt.language import domain_of, domain_place, parse, plain
 from islandgp.commands.files import called, folder_of, read_text
-from islandgp.errors import ConfigError, DomainError
+from islandgp.errors import ConfigError, OtherDomainError
 from islandgp.resources import resource
 
 if TYPE_CHECKING:
@@ -166,17 +166,20 @@ def _for_tree(text: str, chosen: Chosen, name: str) -> tuple[str, ...]:
 
     Raises:
         ConfigError: an override is not KEY=VALUE.
-        DomainError: no configuration has the domain of the text.
+        OtherDomainError: no configuration has the domain of the text.
     """
     domain = domain_of(text)
     if not domain or _given(chosen.overrides) & _CHOOSES:
         return chosen.overrides
     if domain not in _domain_files(chosen.config_dir):
-        known = ", ".join(configured_domains(chosen.config_dir))
-        raise DomainError(
-            f"{domain_place(text, name)}: expected a tree for a domain that is configured"
+        known, (line, column) = ", ".join(configured_domains(chosen.config_dir)), domain_place(text)
+        raise OtherDomainError(
+            f"{name}:{line}:{column}: expected a tree for a domain that is configured"
             f" ({known}), found one for {domain!r}; give --config-dir FOLDER with a file"
-            f" domain/{domain}.yaml in it, or choose a domain by --set domain=NAME."
+            f" domain/{domain}.yaml in it, or choose a domain by --set domain=NAME.",
+            line=line,
+            column=column,
+            source=plain(text).split("\n")[line - 1],
         )
     return (*chosen.overrides, f"domain={domain}")
 

@@ -140,7 +140,7 @@ def test_hostile_text(text: str) -> None:
 )
 def test_where_the_line_is(text: str, place: str) -> None:
     """Messages about a domain that is not configured begin with it."""
-    assert domain_place(text, "a.bt") == place
+    assert "a.bt:{}:{}".format(*domain_place(text)) == place
     if domain_of(text):
         with pytest.raises(DomainError, match=f"^{place}: expected a tree for a domain that is"):
             vocabulary_of(text, Chosen((), None), name="a.bt")

@@ -270,7 +270,7 @@ def test_the_words_of_the_domain_that_the_file_names(islandgp: Cli, tmp_path: Pa
 
 @pytest.mark.parametrize(
     "words",
-    [("check",), ("simplify",), ("export", "--to", "json"), ("play",), ("trace",), ("replay",)],
+    [("simplify",), ("export", "--to", "json"), ("play",), ("trace",), ("replay",)],
     ids=lambda words: words[0],
 )
 def test_a_domain_that_is_not_there(islandgp: Cli, tmp_path: Path, words: tuple[str, ...]) -> None:
@@ -285,11 +285,32 @@ def test_a_domain_that_is_not_there(islandgp: Cli, tmp_path: Path, words: tuple[
     assert len(said.err.splitlines()) == 1
 
 
+def test_check_goes_on_after_a_file_of_a_domain_that_is_not_there(
+    islandgp: Cli, tmp_path: Path
+) -> None:
+    """It is an error of that file, at the place of the name."""
+    maze, ours = tmp_path / "maze.bt", tmp_path / "ours.bt"
+    maze.write_text("# a maze\ndomain maze\nForward\n")
+    ours.write_text("PatrolWaypoint\n")
+    said = islandgp("check", maze, ours)
+    assert (said.code, said.err) == (1, "")
+    first, second = said.out.splitlines()
+    assert first.startswith(f"{maze}:2:8: expected a tree for a domain that is configured")
+    assert second.startswith(f"{ours}: 1 nodes")
+    (entry,) = json.loads(islandgp("check", "--json", maze, ours).out)
+    assert (entry["line"], entry["column"], entry["end"]) == (2, 8, 12)
+    assert entry["code"] == "domain"
+    assert entry["message"].startswith("expected a tree for a domain")
+
+
 def test_another_domain_than_the_file_names(islandgp: Cli, tmp_path: Path) -> None:
     """What the user chooses holds, and a file for something else is refused."""
     file = tmp_path / "t.bt"
     file.write_text("domain maze\nForward\n")
     said = islandgp("check", "--set", "domain=island", file)
+    assert said.code == 1
+    assert "the tree is for the domain 'maze', not for 'island'" in said.out
+    said = islandgp("play", "--set", "domain=island", file)
     assert said.code == 2
     assert "the tree is for the domain 'maze', not for 'island'" in said.err
 
