@@ -55,7 +55,7 @@ class Row:
 @click.option(
     "--workers", type=click.IntRange(0, 1024), default=0, help="Processes; 0: one for each core."
 )
-@click.option("-o", "--output", type=OUTPUT, help="Write the best tree to this file.")
+@click.option("-o", "--output", type=OUTPUT, help="Write the winner to this file.")
 @click.option("--json", "as_json", is_flag=True, help="Print the rows as JSON.")
 def command(
     run: Path, tier: str, worlds: int, workers: int, output: str | None, as_json: bool
@@ -63,8 +63,9 @@ def command(
     """Find the best tree of the finished run, or the finished runs of a sweep, in the folder RUN.
 
     All trees of the last stage race in validation worlds, more of them than at the end of the
-    run; of a sweep, the best robots of its runs. The first three, the run's best robot and the
-    library's yardsticks then meet test worlds, which neither trained nor chose any of them.
+    run; of a sweep, the best robots of its runs. The winner, the two behind it, the run's own best
+    robot and the library's yardsticks then meet test worlds, which neither trained nor chose
+    any of them.
     """
     from islandgp.evaluation.base import Problem
     from islandgp.evaluation.processes import Processes, cores
@@ -73,9 +74,8 @@ def command(
     problem = Problem.recorded(runs[0].configuration())
     with closing(Processes(problem, workers or cores())) as evaluator:
         rows = list(_rows(runs, evaluator, tier, worlds))
-    best = max((row for row in rows if row.evolved), key=lambda row: row.mean)
     if output is not None:
-        write_text(output, best.tree)
+        write_text(output, rows[0].tree)
     if as_json:
         click.echo(json.dumps([asdict(row) for row in rows], indent=2))
     elif output != STDIN:
@@ -111,7 +111,7 @@ def _must_be_alike(first: RunFolder, other: RunFolder) -> None:
 
 
 def _rows(runs: Sequence[RunFolder], evaluator: Evaluator, tier: str, worlds: int) -> Iterator[Row]:
-    """The run's best robot first, then the others by falling mean in validation worlds."""
+    """The race's winner first, the others by falling mean in validation worlds."""
     from islandgp.evolution.validation import interval, validate, worlds_of
     from islandgp.scoring.classes import Classes, tiers
     from islandgp.seeding import Stream
@@ -128,11 +128,12 @@ def _rows(runs: Sequence[RunFolder], evaluator: Evaluator, tier: str, worlds: in
     finalists = validate(found, race, evaluator, stage, classes, episodes=EFFORT * worlds)
     test = worlds_of(seed, used.union(race), worlds, Stream.TEST)
     trees: dict[str, tuple[str, bool]] = {}
-    if len(runs) == 1:
-        champion = runs[0].summary()["champion"]["record"]
-        trees[champion["tree"]] = (f"best robot of the run, {champion['id']}", True)
     for candidate, _ in finalists[:3]:
         trees.setdefault(candidate.tree, (candidate.id, True))
+    if len(runs) == 1:
+        champion = runs[0].summary()["champion"]["record"]
+        name, _ = trees.get(champion["tree"], (champion["id"], True))
+        trees[champion["tree"]] = (f"{name}, the run's best robot", True)
     for name, text in yardsticks(config).items():
         trees.setdefault(text, (f"library: {name}", False))
     outcomes = evaluator.evaluate([Job(tree, stage, world) for tree in trees for world in test])
@@ -207,4 +208,7 @@ def _print(rows: Sequence[Row], worlds: int) -> None:
             Column("to the first", ("", *others)),
         ],
     )
-    console.print(f"\nMeans over {worlds} test worlds, which neither trained nor chose anybody.")
+    console.print(
+        f"\nMeans over {worlds} test worlds of the last stage,"
+        " which neither trained nor chose anybody."
+    )

@@ -125,7 +125,7 @@ def validated(champion: Mapping[str, Any]) -> Iterator[str]:
         yield f"{best}, not validated in other worlds"
         return
     yield (
-        f"{best}: {v['mean']:,.0f} points on {len(v['worlds'])} unseen worlds"
+        f"{best}: {v['mean']:,.0f} points on {len(v['worlds'])} unseen worlds of the last stage"
         + (f" (95 %: {v['low']:,.0f} to {v['high']:,.0f})" if len(v["worlds"]) > 1 else "")
     )
     shares = [f"{title(tier)} in {share:.0%}" for tier, share in v["reached"].items() if share]
