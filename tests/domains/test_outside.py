@@ -93,6 +93,19 @@ def test_another_reward_is_put_on_top_of_the_domains_file(
     assert rewards["events"]["placed"] == {"component": "progress", "base": 200}
 
 
+def test_a_domain_s_file_may_set_how_its_robots_evolve(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its values of `gp` and `allocation` come after the defaults, and before the command line."""
+    file = here / "conf/domain/pick_place.yaml"
+    own = "\ngp: {population: 12, generations: 7}\nallocation: {elites: 1}\n"
+    file.write_text(file.read_text(encoding="utf-8") + own, encoding="utf-8")
+    assert main([*OWN, "gp.generations=9", "--cfg", "job"]) == 0
+    found = yaml.safe_load(capsys.readouterr().out)
+    assert (found["gp"]["population"], found["gp"]["generations"]) == (12, 9)
+    assert found["allocation"]["elites"] == 1
+
+
 def test_a_run_goes_on_with_the_code_of_its_domain_only(
     here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
