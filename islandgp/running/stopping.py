@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Final
+
+AGAIN: Final = 0.05
+"""Seconds until a signal that was lost comes again."""
 
 
 @contextmanager
@@ -16,18 +21,28 @@ def as_ctrl_c(*names: str) -> Iterator[None]:
 
     One that is ignored stays ignored, as under `nohup`; one that the system does not have
     is left out. After a signal an error counts as KeyboardInterrupt: libraries that are
-    interrupted may raise one of their own in its place.
+    interrupted may raise one of their own in its place. A signal that comes while a finalizer
+    runs, through which Python lets no exception, comes again when that is over.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
 
-    asked = False
+    asked: KeyboardInterrupt | None = None
+    tell = sys.unraisablehook
 
     def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 -- a handler's
         nonlocal asked
-        asked = True
-        raise KeyboardInterrupt
+        asked = KeyboardInterrupt(number)
+        raise asked
+
+    def lost(unraisable: sys.UnraisableHookArgs) -> None:
+        if asked is None or unraisable.exc_value is not asked:
+            tell(unraisable)
+            return
+        again = threading.Timer(AGAIN, signal.raise_signal, asked.args)
+        again.daemon = True
+        again.start()
 
     numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
     old = {n: signal.getsignal(n) for n in numbers if signal.getsignal(n) is not signal.SIG_IGN}
@@ -35,13 +50,15 @@ def as_ctrl_c(*names: str) -> Iterator[None]:
         old[signal.SIGINT] = signal.default_int_handler
     for number in old:
         signal.signal(number, stop)
+    sys.unraisablehook = lost
     try:
         yield
     except Exception as error:
-        if asked:
+        if asked is not None:
             raise KeyboardInterrupt from error
         raise
     finally:
+        sys.unraisablehook = tell
         for number, handler in old.items():
             signal.signal(number, handler)
 
