@@ -58,7 +58,7 @@ demo-llm: $(STAMP) ## supervision by a language model, with a mock in its place:
 	$(BIN)/python -m islandgp.testing.demo
 
 study: $(STAMP)  ## baseline against expert, 60 paired seeds, into docs/study; resumable
-	$(BIN)/python -m islandgp experiment=study 'seed=range(6000,6060)' supervisor=baseline,expert progress=plain -m
+	$(BIN)/python -m islandgp experiment=study 'seed=range(7000,7060)' supervisor=baseline,expert progress=plain -m
 	$(BIN)/islandgp compare --arm expert="supervisor=expert" --arm baseline="supervisor=baseline" --name study \
 	  --primary first_complete -o docs/study
 
@@ -66,18 +66,18 @@ study: $(STAMP)  ## baseline against expert, 60 paired seeds, into docs/study; r
 LIBRARY := library.folder=grammar/examples gp.founders=false
 
 ablations: $(STAMP) ## what of the expert helps: its rate, its trees, their choice; takes the study's runs
-	$(BIN)/python -m islandgp experiment=ablation_another_record 'seed=range(6000,6030)' progress=plain -m \
-	  supervisor.policy.first=6000 supervisor.policy.seeds=30 'supervisor.policy.record="runs/study/expert-seed{seed}"'
+	$(BIN)/python -m islandgp experiment=ablation_another_record 'seed=range(7000,7030)' progress=plain -m \
+	  supervisor.policy.first=7000 supervisor.policy.seeds=30 'supervisor.policy.record="runs/study/expert-seed{seed}"'
 	for part in rate_only injection_only random_injection combined founders; do \
-	  $(BIN)/python -m islandgp experiment=ablation_$$part 'seed=range(6000,6030)' progress=plain -m || exit; done
-	$(BIN)/islandgp compare --arm expert="name=study supervisor=expert seed=range(6000,6030) $(LIBRARY)" \
-	  --arm baseline="name=study supervisor=baseline seed=range(6000,6030) $(LIBRARY)" \
-	  --arm blind="name=ablation_random_injection seed=range(6000,6030) $(LIBRARY)" \
-	  --arm yoked="name=ablation_another_record seed=range(6000,6030) $(LIBRARY)" \
-	  --arm trees="name=ablation_injection_only seed=range(6000,6030) $(LIBRARY)" \
-	  --arm rate="name=ablation_rate_only seed=range(6000,6030) $(LIBRARY)" \
-	  --arm combined="name=ablation_combined seed=range(6000,6030) $(LIBRARY)" \
-	  --arm founders="name=ablation_founders seed=range(6000,6030) library.folder=grammar/examples gp.founders=true" \
+	  $(BIN)/python -m islandgp experiment=ablation_$$part 'seed=range(7000,7030)' progress=plain -m || exit; done
+	$(BIN)/islandgp compare --arm expert="name=study supervisor=expert seed=range(7000,7030) $(LIBRARY)" \
+	  --arm baseline="name=study supervisor=baseline seed=range(7000,7030) $(LIBRARY)" \
+	  --arm blind="name=ablation_random_injection seed=range(7000,7030) $(LIBRARY)" \
+	  --arm yoked="name=ablation_another_record seed=range(7000,7030) $(LIBRARY)" \
+	  --arm trees="name=ablation_injection_only seed=range(7000,7030) $(LIBRARY)" \
+	  --arm rate="name=ablation_rate_only seed=range(7000,7030) $(LIBRARY)" \
+	  --arm combined="name=ablation_combined seed=range(7000,7030) $(LIBRARY)" \
+	  --arm founders="name=ablation_founders seed=range(7000,7030) library.folder=grammar/examples gp.founders=true" \
 	  --primary first_complete --family judgement=expert,blind,yoked,trees --family rate=rate,baseline \
 	  --family library=expert,combined --family founders=founders,baseline \
 	  --margin first_complete=3 --margin diversity_overall=0.03 --margin mean_max=2500 \

@@ -104,7 +104,7 @@ def test_the_study_s_commands_fit_together() -> None:
     config = plain("experiment=study")
     assert (config["gp"]["population"], config["gp"]["generations"]) == (30, 41)
     assert config["name"] == STUDY[STUDY.index("--name") + 1]
-    assert "seed=range(6000,6060)" in STUDY_SWEEP
+    assert "seed=range(7000,7060)" in STUDY_SWEEP
     assert "supervisor=baseline,expert" in STUDY_SWEEP
 
 

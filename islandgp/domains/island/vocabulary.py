@@ -41,7 +41,7 @@ VOCABULARY: Final = Vocabulary(
         ),
         "ExecuteCharge": Action(
             "charges; succeeds when the battery is full,"
-            " fails away from a charger or at 95 % and above",
+            " fails away from a charger or at 50 % and above",
             to_start=(_NOT_FULL,),
             to_succeed=(_FULL,),
         ),
