@@ -134,7 +134,8 @@ def automatic(tmp_path: Path) -> Callable[..., Library]:
     """The library of a run with made-up outcomes, whose records are in a folder of the test."""
 
     def made(*overrides: str) -> Library:
-        words = [*fake("Instant"), "library=automatic", f"runs={tmp_path}", *overrides]
+        fewer = "gp.trees.kinds.parallel=0.5"  # with made-up outcomes, trees for all behaviours
+        words = [*fake("Instant"), "library=automatic", fewer, f"runs={tmp_path}", *overrides]
         settings = composed(*words)
         return make_library(settings, settings.make_domain())
 
