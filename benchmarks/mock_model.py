@@ -87,6 +87,6 @@ def table(folder: Path) -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) < 2:
+    if len(sys.argv) < 2 or sys.argv[1].startswith("-"):
         sys.exit("expected a folder for the runs, found none; python -m benchmarks.mock_model DIR")
     sys.exit(measure(Path(sys.argv[1]).resolve(), sys.argv[2:], noise=0.1, faults=0.1))
