@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -69,9 +70,9 @@ class Keeps:
 
 
 @cache
-def small_run() -> tuple[RunContext, Keeps]:
+def small_run(*overrides: str) -> tuple[RunContext, Keeps]:
     """A run with real episodes, and what its supervisor was told."""
-    found = composed("supervisor=expert", *SMALL)
+    found = composed("supervisor=expert", *SMALL, *overrides)
     domain = found.make_domain()
     keeps = Keeps(make_supervisor(found, None))
     evaluator = Serial(Problem(domain, found.curriculum))
@@ -79,9 +80,9 @@ def small_run() -> tuple[RunContext, Keeps]:
     return run_context(found), keeps
 
 
-def adviser(*overrides: str) -> Adviser:
-    """One with informed prompts that has seen the run."""
-    context, keeps = small_run()
+def adviser(*overrides: str, run: Sequence[str] = ()) -> Adviser:
+    """One with informed prompts that has seen the small run with the overrides `run`."""
+    context, keeps = small_run(*run)
     found = Adviser(settings("prompts=informed", *overrides), context)
     for seen in keeps.seen:
         found.see(seen)

@@ -65,7 +65,9 @@ def test_its_answers_can_be_used(paper: Adviser) -> None:
 
 def test_it_goes_by_fates_and_traces() -> None:
     """A target whose trees died out twice gives way; the answer is no example of the prompt."""
-    at, found = small_run()[1].states[-1], adviser()
+    other = ("world.robot.charge_below=95", "world.humanoids.count=13")
+    run = (*other, "gp.trees.kinds.parallel=0.5")  # one in which trees for a target die out
+    at, found = small_run(*run)[1].states[-1], adviser(run=run)
     assert at.lacking[0] == "humanoid"
     assert tree(found, at)["target"] == "clearing"  # two trees for humanoid died out
     assert tree(Adviser(settings(), found.context), at)["target"] == "humanoid"

@@ -53,7 +53,8 @@ def recorded(name: str = "all_rounder", seed: int = 1) -> Recording:
 @cache
 def random_of_size(nodes: int) -> Node:
     """A random tree with exactly so many nodes."""
-    settings = composed().gp.trees.model_copy(update={"depth": (4, 8), "leaf": 0.2})
+    settings = composed("gp.trees.kinds.parallel=0.5").gp.trees
+    settings = settings.model_copy(update={"depth": (4, 8), "leaf": 0.2})
     space = TreeSpace(settings, VOCABULARY, Limits(8, nodes))
     for slot in range(100_000):
         tree = random_tree(stream(0, Stream.INITIAL, slot=slot), space)
