@@ -71,12 +71,12 @@ class Experiment:
         stage = last if stage is None else stage
         if stage not in range(last + 1):
             raise ConfigError(f"stage: expected 0 to {last}, found {stage!r}")
-        worlds = list(worlds)
-        if odd := [w for w in worlds if not (isinstance(w, Integral) and 0 <= w < 2**32)]:
+        seeds: list[Any] = list(worlds)
+        if odd := [w for w in seeds if not (isinstance(w, Integral) and 0 <= w < 2**32)]:
             raise ConfigError(f"worlds: expected seeds from 0 to {2**32 - 1}, found {odd[0]!r}")
         domain = self.settings.problem().at(stage)
         weights = self.settings.curriculum.multipliers(stage)
-        return [domain.run_episode(node, seed, weights) for seed in worlds]
+        return [domain.run_episode(node, seed, weights) for seed in seeds]
 
     def run(self) -> Results:
         """Runs it as the command does, or what is missing of it, with records and tracking.
