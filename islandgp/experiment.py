@@ -11,9 +11,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from numbers import Integral
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from islandgp.bt.language import parse, to_text
 from islandgp.bt.node import Node
@@ -72,7 +73,7 @@ class Experiment:
         if stage not in range(last + 1):
             raise ConfigError(f"stage: expected 0 to {last}, found {stage!r}")
         seeds: list[Any] = list(worlds)
-        if odd := [w for w in seeds if not (isinstance(w, Integral) and 0 <= w < 2**32)]:
+        if odd := [w for w in seeds if not (isinstance(w, int | np.integer) and 0 <= w < 2**32)]:
             raise ConfigError(f"worlds: expected seeds from 0 to {2**32 - 1}, found {odd[0]!r}")
         domain = self.settings.problem().at(stage)
         weights = self.settings.curriculum.multipliers(stage)
