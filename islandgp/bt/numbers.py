@@ -15,6 +15,9 @@ from islandgp.bt.vocabulary import Vocabulary
 REPEATS: Final = "repeater"
 """The purpose of a count; other purposes are the keys that are compared with the number."""
 
+EQUAL: Final = "=="
+"""A purpose beside the key where `==` or `!=` compares them."""
+
 Purposes: TypeAlias = frozenset[str]
 
 _NONE: Final[Purposes] = frozenset()
@@ -26,7 +29,7 @@ class Number:
 
     label: str  # the words before it: `charge <`, `repeater`, `constant low =`, `use go: times`
     value: float
-    purposes: Purposes  # REPEATS, and keys; several where a constant or a parameter has them
+    purposes: Purposes  # REPEATS, EQUAL and keys; several where a constant or a parameter has them
     line: int  # from 1
     start: int  # its place in `plain(text)`
     end: int
@@ -95,7 +98,8 @@ def _slots(tree: Any, taken: dict[str, dict[str, Purposes]]) -> Iterator[_Slot]:
         case "constant", [name, word]:
             yield _Slot(f"constant {name} =", _NONE, word, str(name))
         case "comparison", [key, operator, word]:
-            yield _Slot(f"{key} {operator}", frozenset({str(key)}), word)
+            equal = {EQUAL} if operator in ("==", "!=") else set()
+            yield _Slot(f"{key} {operator}", frozenset({str(key), *equal}), word)
         case "use", [name, given]:
             for (parameter, purposes), word in zip(
                 taken[name].items(), given.children, strict=True

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import inf
+from numbers import Real
 from typing import Final
 
 from islandgp.bt.condition import Condition as Condition  # for those who declare actions
@@ -79,6 +80,22 @@ def must_be(kind: type, entries: Mapping[str, object], what: str) -> None:
             )
 
 
+def _must_be_known(action: Action, what: str, keys: Mapping[str, Key]) -> None:
+    """Raises DomainError for statuses, or keys of conditions, that there are not."""
+    if not action.statuses or not STATUSES.issuperset(action.statuses):
+        raise DomainError(
+            f"Expected statuses among FAILURE, SUCCESS and RUNNING for {what}, found"
+            f" {action.statuses!r}."
+        )
+    asked = [condition.key for condition in (*action.to_start, *action.to_succeed)]
+    for key in (*asked, *action.changes):
+        if key not in keys:
+            raise DomainError(
+                f"Expected keys of the vocabulary in the conditions and changes of {what}, found"
+                f" {key!r}."
+            )
+
+
 UNKNOWN: Final = Action("")
 """Of an action that no vocabulary declares, nothing is known."""
 
@@ -111,7 +128,15 @@ class Vocabulary:
                 f"Expected each name once in the domain {self.domain}, found {min(both)!r} as an"
                 " action and as a key; rename one."
             )
+        for name, action in self.actions.items():
+            _must_be_known(action, f"the action {name} of the domain {self.domain}", self.keys)
         for name, key in self.keys.items():
+            bounds = (key.low, key.high, key.step, *(() if key.most is None else (key.most,)))
+            if not all(isinstance(bound, Real) for bound in bounds):
+                raise DomainError(
+                    f"Expected numbers as low, high, step and most of the key {name} of the domain"
+                    f" {self.domain}, found {', '.join(map(repr, bounds))}."
+                )
             if not (-inf < key.low < key.high < inf and key.step > 0):
                 raise DomainError(
                     f"Expected finite low < high and step > 0 for the key {name} of the domain"

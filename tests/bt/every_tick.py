@@ -1,0 +1,172 @@
+"""All sequences of ticks of a tree on the real engine, for trees and blackboards that are few.
+
+The state of a compiled tree is in the closures of the engine. It is read there and put back, so
+that each state is looked at once, however many sequences lead to it.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise, product
+from math import inf
+from types import CellType, FunctionType
+from typing import Any, TypeAlias
+
+from islandgp.bt.condition import Asked, condition, terms
+from islandgp.bt.engine import compile_tree
+from islandgp.bt.node import Node, condition_of, walk
+from islandgp.bt.vocabulary import Key, Vocabulary
+
+State: TypeAlias = tuple[tuple[Any, ...], tuple[tuple[Any, ...], ...]]
+Ticked: TypeAlias = set[tuple[int, int]]  # (place of an action, index of a blackboard)
+
+
+class Engine:
+    """A compiled tree whose state can be read and put back; actions return what a script says."""
+
+    def __init__(self, tree: Node, vocabulary: Vocabulary) -> None:
+        self.board = [0.0] * len(vocabulary.places)
+        self.calls: list[int] = []  # places of the actions that were ticked in the last tick
+        self.script: Callable[[int], int] = int
+        places = (place for place, node in enumerate(walk(tree)) if node.kind == "action")
+        engine = self
+
+        class Leaves(dict[str, Callable[[bool], int]]):
+            def __missing__(self, name: str) -> Callable[[bool], int]:
+                place = next(places)
+
+                def act(_: bool) -> int:
+                    engine.calls.append(place)
+                    return engine.script(place)
+
+                return act
+
+        self.tick = compile_tree(tree, Leaves(), self.board, vocabulary.places)
+        self._cells: list[CellType] = []
+        self._lists: list[list[Any]] = []
+        self._find(self.tick, set())
+
+    def _find(self, value: Any, seen: set[int]) -> None:
+        """Finds the cells and lists below a closure in which its state is."""
+        if id(value) in seen or value is self.board or value is self.calls:
+            return
+        seen.add(id(value))
+        if isinstance(value, FunctionType):
+            for cell in value.__closure__ or ():
+                if not isinstance(cell.cell_contents, int):  # neither True nor False
+                    self._find(cell.cell_contents, seen)
+                elif id(cell) not in seen:
+                    seen.add(id(cell))
+                    self._cells.append(cell)
+        elif isinstance(value, list) and all(isinstance(v, int | None) for v in value):
+            self._lists.append(value)
+        elif isinstance(value, list | tuple):
+            for each in value:
+                self._find(each, seen)
+
+    def state(self) -> State:
+        """What the tree remembers."""
+        return tuple(c.cell_contents for c in self._cells), tuple(map(tuple, self._lists))
+
+    def restore(self, state: State) -> None:
+        """Puts a state back."""
+        for cell, value in zip(self._cells, state[0], strict=True):
+            cell.cell_contents = value
+        for values, before in zip(self._lists, state[1], strict=True):
+            values[:] = before
+
+
+def every_tick(
+    tree: Node, boards: Sequence[Sequence[float]], vocabulary: Vocabulary, most: int
+) -> Ticked | None:
+    """On which of the blackboards each action is ticked, in any sequence of ticks of any length.
+
+    The actions return each of their statuses. None: that takes more than `most` ticks.
+    """
+    engine = Engine(tree, vocabulary)
+    statuses = {
+        place: sorted(vocabulary.action(str(node.args[0])).statuses)
+        for place, node in enumerate(walk(tree))
+        if node.kind == "action"
+    }
+    found: Ticked = set()
+    first = engine.state()
+    seen, waiting, ticks = {first}, deque([first]), 0
+    while waiting:
+        state = waiting.popleft()
+        for index, board in enumerate(boards):
+            scripts: list[list[int]] = [[]]
+            while scripts:
+                ticks += 1
+                if ticks > most:
+                    return None
+                scripts += _tick(engine, state, board, scripts.pop(), statuses)
+                found |= {(place, index) for place in engine.calls}
+                if (after := engine.state()) not in seen:
+                    seen.add(after)
+                    waiting.append(after)
+    return found
+
+
+def _tick(
+    engine: Engine,
+    state: State,
+    board: Sequence[float],
+    script: Sequence[int],
+    statuses: Mapping[int, Sequence[int]],
+) -> list[list[int]]:
+    """One tick in which the actions return the script, and then their first statuses.
+
+    Gives the scripts with other statuses behind that script.
+    """
+    returned: list[int] = []
+    others: list[list[int]] = []
+
+    def give(place: int) -> int:
+        if len(returned) < len(script):
+            status = script[len(returned)]
+        else:
+            status, *rest = statuses[place]
+            others.extend([*returned, other] for other in rest)
+        returned.append(status)
+        return status
+
+    engine.restore(state)
+    engine.board[:] = board
+    engine.calls.clear()
+    engine.script = give
+    engine.tick()
+    return others
+
+
+def all_boards(tree: Node, vocabulary: Vocabulary, *also: Asked) -> list[list[float]]:
+    """Blackboards on which the guards of a tree, and these conditions, differ in all ways.
+
+    There is one of each kind: for each key that is asked, values at, between, below and above the
+    numbers that it is compared with, as far as they are in its range.
+    """
+    asked = [*(condition_of(node) for node in walk(tree) if node.kind == "when"), *also]
+    numbers: dict[str, set[float]] = {}
+    for term in (term for each in asked for term in terms(each)):
+        numbers.setdefault(term.key, set()).add(term.number)
+    values = [
+        _values(key, sorted(numbers[name])) if name in numbers else [key.low]
+        for name, key in vocabulary.keys.items()
+    ]
+    board = [0.0] * len(values)
+    holds = [condition(each, board, vocabulary.places) for each in asked]
+    found: dict[tuple[bool, ...], list[float]] = {}
+    for each in product(*values):
+        board[:] = each
+        found.setdefault(tuple(hold() for hold in holds), list(each))
+    return list(found.values())
+
+
+def _values(key: Key, numbers: Sequence[float]) -> list[float]:
+    if key.flag:
+        return [0.0, 1.0]
+    between = [(a + b) / 2 for a, b in pairwise(numbers)]
+    most = inf if key.most is None else key.most
+    values = {numbers[0] - 1, *numbers, *between, numbers[-1] + 1, key.low}
+    return sorted(value for value in values if key.low <= value <= most)

@@ -1,0 +1,199 @@
+"""A tree as a machine goes as the engine does, and what is proven in one walk is true."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from itertools import islice, product
+
+import pytest
+from hypothesis import assume, given, settings
+
+from islandgp.bt.boards import NO_BOARD, BoardSets
+from islandgp.bt.invariants import boards_of_nodes
+from islandgp.bt.language import parse
+from islandgp.bt.machine import (
+    ActionMemory,
+    BranchMemory,
+    Machine,
+    Memory,
+    RepeaterMemory,
+    SpentError,
+)
+from islandgp.bt.moves import moves
+from islandgp.bt.node import Node, condition_of
+from islandgp.domains.island.vocabulary import VOCABULARY
+from tests.bt.every_tick import all_boards, every_tick
+from tests.bt.stage import short_tree
+from tests.strategies import few_numbers, nodes
+
+MOST_TICKS = 4_000
+
+
+def machine_of(tree: Node) -> Machine:
+    """A machine with the island's words, that may do any work."""
+    machine = Machine(tree, VOCABULARY, BoardSets(VOCABULARY.keys))
+    machine.left = 10**9
+    return machine
+
+
+def states(machine: Machine, boards: list[list[float]]) -> Iterator[Memory | None]:
+    """All that the root can remember."""
+    seen: set[Memory | None] = {None}
+    waiting: deque[Memory | None] = deque([None])
+    while waiting:
+        memory = waiting.popleft()
+        yield memory
+        for board in boards:
+            for move in moves(machine, memory, board):
+                if move.memory not in seen:
+                    seen.add(move.memory)
+                    waiting.append(move.memory)
+
+
+def compare(tree: Node) -> tuple[int, int]:
+    """Fails where a machine does not go as the engine does.
+
+    Returns the pairs of an action and a blackboard that can meet, and those that one walk through
+    the tree does not exclude.
+    """
+    boards = all_boards(tree, VOCABULARY)
+    ticked = every_tick(tree, boards, VOCABULARY, MOST_TICKS)
+    assume(ticked is not None)
+    machine = machine_of(tree)
+    found = set()
+    for memory in states(machine, boards):
+        for index, board in enumerate(boards):
+            for move in moves(machine, memory, board):
+                found |= {(place, index) for place, _ in move.calls}
+    assert found == ticked
+    sets = boards_of_nodes(machine)
+    possible = {
+        (place, index)
+        for place in machine.statuses
+        for index, board in enumerate(boards)
+        if machine.sets.has(sets[place], board)
+    }
+    assert found <= possible
+    return len(found), len(possible)
+
+
+@settings(max_examples=80, deadline=None)
+@given(nodes(few_numbers(), max_leaves=5, max_repeats=2))
+def test_all_ticks_are_those_of_the_engine(tree: Node) -> None:
+    """In all sequences of ticks actions meet the same blackboards; no proof excludes one."""
+    compare(tree)
+
+
+@pytest.mark.slow
+@settings(max_examples=4_000, deadline=None)
+@given(nodes(few_numbers(), max_leaves=7, max_repeats=3))
+def test_all_ticks_of_many_trees_are_those_of_the_engine(tree: Node) -> None:
+    """The same for more and larger trees."""
+    compare(tree)
+
+
+def running(machine: Machine, place: int, memory: Memory | int | None) -> set[int]:
+    """The actions below a node that are running."""
+    children = machine.children[place]
+    if memory is None or isinstance(memory, int):
+        return set()
+    if isinstance(memory, ActionMemory):
+        while machine.children[place]:  # guards and inverters have the memory of their child
+            (place,) = machine.children[place]
+        return {place}
+    if machine.nodes[place].kind in ("when", "inverter"):
+        return running(machine, children[0], memory)
+    if isinstance(memory, RepeaterMemory):
+        return running(machine, children[0], memory.memory)
+    if isinstance(memory, BranchMemory):
+        return running(machine, children[memory.branch], memory.memory)
+    parts = zip(children, memory.memories, strict=True)
+    return {each for child, its in parts for each in running(machine, child, its)}
+
+
+@settings(max_examples=40, deadline=None)
+@given(nodes(few_numbers(), max_leaves=5, max_repeats=2))
+def test_ticks_that_reach_an_action(tree: Node) -> None:
+    """`reach` gives the blackboards of such ticks, and `moves` finds these ticks."""
+    boards = all_boards(tree, VOCABULARY)
+    assume(len(boards) <= 8)
+    machine = machine_of(tree)
+    for memory, board in product(islice(states(machine, boards), 8), boards):
+        every = list(moves(machine, memory, board))
+        for place in machine.statuses:
+            for target, wanted in (
+                (machine.target(place, kept=False), [m for m in every if place in dict(m.calls)]),
+                (
+                    machine.target(place, kept=True),
+                    [m for m in every if place in running(machine, 0, m.memory)],
+                ),
+            ):
+                found = list(moves(machine, memory, board, target))
+                assert {move.calls for move in found} == {move.calls for move in wanted}
+                assert machine.sets.has(machine.reach(memory, target), board) == bool(wanted)
+
+
+def never_on(text: str, action: str, condition: str) -> bool:
+    """Whether one walk proves that an action is not ticked where a condition holds; see `stage`."""
+    tree = short_tree(text)
+    name = short_tree(action).args[0]
+    machine = machine_of(tree)
+    forbidden = machine.sets.of(condition_of(short_tree(f"when {condition} {{ A }}")))
+    sets = boards_of_nodes(machine)
+    places = [place for place in machine.statuses if machine.nodes[place].args[0] == name]
+    return all(machine.sets.both(sets[place], forbidden) == NO_BOARD for place in places)
+
+
+# Tree, action, condition. A, D, E, F return anything, B ends at once, C and G never fail.
+HOLD = [
+    ("when p { A }", "A", "not p"),
+    ("when p abort self { sequence { B A } }", "A", "not p"),
+    ("when p { repeater 3 { A } }", "A", "not p"),
+    ("when x > 3 { inverter { when x < 9 { A } } }", "A", "x == 9 or x <= 3"),
+    # A branch of a selector starts where those before it fail.
+    ("selector { when p { C } A }", "A", "p"),
+    ("selector { when p abort lower { C } A }", "A", "p"),
+    ("selector { when x < 20 abort lower { sequence { C G } } when q { B } A }", "A", "x < 10"),
+    ("selector { when x < 20 abort lower { sequence { C G } } when q { B } A }", "B", "x < 10"),
+    ("selector { when p { when q { C } } A }", "A", "p and q"),
+    ("sequence { inverter { when p { C } } A }", "A", "p"),
+    ("selector { when p { C } selector { when q { B } A } }", "A", "p"),
+    # An action that ends at once hands over in the tick in which it starts.
+    ("when p abort none { sequence { B B } }", "B", "not p"),
+    ("selector { G when q { B } A }", "A", "p or not p"),
+]
+DO_NOT = [
+    ("when p abort none { A }", "A", "not p"),
+    ("when p abort lower { A }", "A", "not p"),
+    ("selector { when p { B } A }", "A", "p"),
+    ("selector { when p abort self { C } A }", "A", "p"),
+    ("selector { when p abort none { C } A }", "A", "p"),
+    ("parallel { when p { C } A }", "A", "p"),
+    ("selector { when p { when q abort self { C } } A }", "A", "p and q"),
+    ("when p abort none { sequence { B A } }", "A", "not p"),
+]
+
+
+@pytest.mark.parametrize(
+    ("text", "action", "condition"), HOLD, ids=[f"{t} {c}" for t, _, c in HOLD]
+)
+def test_proofs(text: str, action: str, condition: str) -> None:
+    """One walk proves what follows from guards, and from those of the branches before."""
+    assert never_on(text, action, condition)
+
+
+@pytest.mark.parametrize(
+    ("text", "action", "condition"), DO_NOT, ids=[f"{t} {c}" for t, _, c in DO_NOT]
+)
+def test_no_proofs(text: str, action: str, condition: str) -> None:
+    """It proves nothing of guards that are asked at the start only, or do not call back."""
+    assert not never_on(text, action, condition)
+
+
+def test_work_is_bounded() -> None:
+    """A machine with no steps left refuses to go on."""
+    machine = machine_of(parse("parallel { PatrolWaypoint SeekCharger }"))
+    machine.left = 3
+    with pytest.raises(SpentError):
+        list(moves(machine, None, [0.0] * 5))
