@@ -16,7 +16,7 @@ from islandgp.evolution.population import Ancestor, Archive, Evaluated, Individu
 from islandgp.evolution.random_trees import random_tree
 from islandgp.evolution.selection import pick_parent, selection
 from islandgp.evolution.variation import crossover
-from islandgp.seeding import Stream, stream
+from islandgp.seeding import Stream, Streams
 
 
 def remember(
@@ -85,7 +85,7 @@ def next_population(
     plan: Plan,
     population: Sequence[Evaluated],
     *,
-    seed: int,
+    streams: Streams,
     generation: int,
     injected: Node | None,
     archive: Archive,
@@ -104,12 +104,12 @@ def next_population(
         if i == 0 and injected is not None:
             new.append(Individual(f"{generation}.{slot}", injected, Origin.INJECTED))
             continue
-        rng = stream(seed, Stream.DIVERSITY, generation=generation, slot=slot)
+        rng = streams(Stream.DIVERSITY, generation=generation, slot=slot)
         new.append(Individual(f"{generation}.{slot}", random_tree(rng, plan.space), Origin.RANDOM))
     supplied: Counter[str] = Counter()
     most = allocation.niche_share * (n - len(new)) * (1 + gp.crossover_rate)
     for slot in range(len(new), n):
-        rng = stream(seed, Stream.SELECTION, generation=generation, slot=slot)
+        rng = streams(Stream.SELECTION, generation=generation, slot=slot)
         parents = []
         for _ in range(2 if rng.random() < gp.crossover_rate else 1):
             e = pick_parent(rng, select, population, supplied, most=most, entrants=gp.tournament)
@@ -117,7 +117,7 @@ def next_population(
             parents.append(e.individual)
         tree, origin = parents[0].tree, Origin.COPY
         if len(parents) > 1:
-            rng = stream(seed, Stream.CROSSOVER, generation=generation, slot=slot)
+            rng = streams(Stream.CROSSOVER, generation=generation, slot=slot)
             tree, origin = cross(rng, tree, parents[1].tree, gp.limits), Origin.CROSSOVER
         ids = tuple(parent.id for parent in parents)
         new.append(Individual(f"{generation}.{slot}", tree, origin, ids))

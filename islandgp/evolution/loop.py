@@ -1,28 +1,25 @@
-"""Algorithm 1: supervised genetic programming, as a generator of generations (section 2.4.3).
+"""The driver of a run: asks the search, evaluates, records, asks the supervisor, tells the search.
 
-It reads no file and writes none. Each step is a function of the run's state, so
-a run can go on from any of its states and ends in the same bytes.
-
-Lines 4 to 6 of the algorithm come first: episodes, a generation in numbers, and what
-supervisors see.
+With `search=paper` this is Algorithm 1, supervised genetic programming (section 2.4.3). The
+driver reads no file and writes none. Each step is a function of the run's state, so a run can
+go on from any of its states and ends in the same bytes.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Generator, Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Final
 
 from islandgp.bt.language import to_text
-from islandgp.bt.node import Node, size, within
+from islandgp.bt.node import Node, asked_in, depth, size, walk, within
 from islandgp.domain import Outcome, total
-from islandgp.evaluation.base import Evaluator, Job
-from islandgp.evolution.allocation import next_population, remember
+from islandgp.errors import RunError
+from islandgp.evaluation.base import Evaluator, Job, evaluated
+from islandgp.evolution.archive import ArchiveUpdate, Elite, update_archive
 from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import Evaluated, Individual, Origin
-from islandgp.evolution.random_trees import random_tree
+from islandgp.evolution.population import Evaluated, Individual
 from islandgp.evolution.record import (
     Cost,
     GenerationRecord,
@@ -32,16 +29,16 @@ from islandgp.evolution.record import (
     fittest,
     line,
 )
-from islandgp.evolution.variation import mutate
+from islandgp.plain import made_of, plain
+from islandgp.plugin import blaming, path_of
 from islandgp.scoring.classes import judge
 from islandgp.scoring.snapshot import Snapshot, measure
 from islandgp.scoring.state import PopulationState, population_state
-from islandgp.seeding import Stream, seed_of, stream
+from islandgp.search.base import Advice, Search, SearchState
+from islandgp.search.paper import Paper
+from islandgp.seeding import Stream, Streams, seed_of
 from islandgp.supervision.asking import SupervisorQueue
 from islandgp.supervision.base import Guidance, Seen, Supervisor
-
-SPARED: Final = (Origin.ELITE, Origin.BEHAVIOURAL_ELITE, Origin.INJECTED)
-"""Individuals that mutation leaves alone where `gp.mutate_elites` is false."""
 
 
 def worlds_of(plan: Plan, seed: int, generation: int) -> tuple[int, ...]:
@@ -68,11 +65,12 @@ def evaluate(
         for e in range(n)
     ]
     outcomes = evaluator.evaluate(jobs)
-    found = [combine(outcomes[i : i + n]) for i in range(0, len(outcomes), n)]
-    return tuple(
-        Evaluated(i, o, judge(o, plan.classes), o.fitness)
-        for i, o in zip(population, found, strict=True)
-    )
+    found = []
+    for k, individual in enumerate(population):
+        own = outcomes[k * n : (k + 1) * n]
+        o, points = combine(own), tuple(episode.fitness for episode in own)
+        found.append(Evaluated(individual, o, judge(o, plan.classes), o.fitness, points))
+    return tuple(found)
 
 
 def combine(outcomes: Sequence[Outcome]) -> Outcome:
@@ -104,23 +102,9 @@ def view(plan: Plan, history: Sequence[Snapshot]) -> PopulationState:
     )
 
 
-def initial_state(plan: Plan, seed: int) -> RunState:
-    """Lines 1 and 2 of Algorithm 1: random trees and the initial mutation rate.
-
-    The plan's founders take the first slots.
-    """
-    gp, space, founders = plan.gp, plan.space, plan.founders[: plan.gp.population]
-    given = [Individual(f"0.{k}", tree, Origin.INJECTED) for k, tree in enumerate(founders)]
-    random = [
-        Individual(
-            f"0.{slot}",
-            random_tree(stream(seed, Stream.INITIAL, slot=slot), space),
-            Origin.RANDOM,
-        )
-        for slot in range(len(founders), gp.population)
-    ]
-    population = (*given, *random)
-    return RunState(0, population, gp.mutation_rate, (), {}, None)
+def initial_state(plan: Plan, search: Search) -> RunState:
+    """The state before generation 0, with the initial mutation rate (lines 1 and 2)."""
+    return RunState(0, plan.gp.mutation_rate, (), search.start().memory, None)
 
 
 def evolve(
@@ -129,15 +113,27 @@ def evolve(
     supervisor: Supervisor,
     evaluator: Evaluator,
     *,
+    search: Search | None = None,
     start: RunState | None = None,
     past: Iterable[GenerationRecord] = (),
 ) -> Generator[Step, None, None]:
-    """Algorithm 1 from `start` (default: from generation 0) to the last generation.
+    """Yield a step for each generation, from `start` to the last one.
 
-    `past` are the records of the generations before `start`, from 0 on; a supervisor that goes
-    by the state alone needs none of them.
+    Args:
+        plan: what the run is made of.
+        seed: of the run, in [0, 2**63).
+        supervisor: asked once a generation.
+        evaluator: runs the episodes.
+        search: decides which trees are evaluated; default: the paper's.
+        start: the state to go on from; default: generation 0.
+        past: records of the generations before `start`, from 0 on; a supervisor that goes by
+            the state alone needs none of them.
+
+    Raises:
+        EvaluationError, SupervisionError: the run cannot go on.
     """
-    start = initial_state(plan, seed) if start is None else start
+    search = Paper(plan) if search is None else search
+    start = initial_state(plan, search) if start is None else restored(start, search)
     lag = plan.switches.lag
     queue = SupervisorQueue(supervisor, seed=seed, lag=lag, vocabulary=plan.vocabulary)
     try:
@@ -148,9 +144,10 @@ def evolve(
                 queue.ask(view(plan, start.history[: g + 1]), seen)
             elif seen is not None:
                 queue.recall(seen)
+        parts = _Parts(plan, Streams(seed), search, evaluator)
         state: RunState | None = start
         while state is not None:
-            step = _generation(plan, seed, state, queue, evaluator, led)
+            step = _generation(parts, state, queue, led)
             yield step
             state, led = step.state, step.record.guidance
     finally:
@@ -169,20 +166,29 @@ def _seen(
     return seen, record.guidance
 
 
+@dataclass(frozen=True, slots=True)
+class _Parts:
+    """What all generations of a run share."""
+
+    plan: Plan
+    streams: Streams
+    search: Search
+    evaluator: Evaluator
+
+
 def _generation(
-    plan: Plan,
-    seed: int,
-    state: RunState,
-    queue: SupervisorQueue,
-    evaluator: Evaluator,
-    led: GuidanceRecord | None,
+    parts: _Parts, state: RunState, queue: SupervisorQueue, led: GuidanceRecord | None
 ) -> Step:
-    """Lines 4 to 15 of Algorithm 1; `led` is the guidance that made the population."""
-    gp, g, before, began = plan.gp, state.generation, evaluator.simulated, perf_counter()
-    texts = [to_text(i.tree) for i in state.population]
-    worlds = worlds_of(plan, seed, g)
+    """One generation (lines 4 to 15 of Algorithm 1); `led` is the guidance that made it."""
+    plan, evaluator, g = parts.plan, parts.evaluator, state.generation
+    before, began = evaluator.simulated, perf_counter()
+    asked = SearchState(g, state.memory)
+    individuals = asked_of(parts.search, asked, parts.streams, plan)
+    texts = [to_text(i.tree) for i in individuals]
+    worlds = worlds_of(plan, parts.streams.seed, g)
     started = perf_counter()
-    population = evaluate(plan, g, state.population, texts, worlds, evaluator)
+    population = evaluate(plan, g, individuals, texts, worlds, evaluator)
+    archive = archived(parts, state.archive, population, texts, worlds, g)
     evaluation, supervision = perf_counter() - started, 0.0
     now = measure(
         [e.outcome for e in population],
@@ -195,82 +201,167 @@ def _generation(
     )
     history = (*state.history, now)
     seen = view(plan, history)
-    archive = remember(state.archive, population, plan.classes.kept, now.stage)
     lines = tuple(line(e, text) for e, text in zip(population, texts, strict=True))
     champion = fittest(state.champion, g, lines)
+    spent = state.spent + len(population) * plan.gp.episodes + archive.episodes
+    stopped = plan.stop.reason(now)
     guidance = following = None
-    if g + 1 < gp.generations:
-        asked = perf_counter()
-        if g + plan.switches.lag + 1 < gp.generations:  # else the answer would come too late
+    if not stopped and not plan.last(g, spent):
+        waiting = perf_counter()
+        if g + plan.switches.lag + 1 < plan.gp.generations:  # else it would come too late
             multipliers = plan.curriculum.multipliers(now.stage)
             queue.ask(seen, Seen(now, worlds, multipliers, lines, led))
         answer = queue.answer(g)
-        supervision = perf_counter() - asked
-        guidance, tree = decide(plan, seen, answer, state.rate)
-        rate = guidance.applied_rate
-        made = next_population(
-            plan,
-            population,
-            seed=seed,
-            generation=g + 1,
-            injected=tree,
-            archive=archive,
-            diversity=now.diversity,
+        supervision = perf_counter() - waiting
+        guidance, advice = decide(plan, parts.search, seen, answer, state.rate)
+        told = told_to(parts.search, asked, population, advice)
+        following = RunState(
+            g + 1, advice.rate, history, told.memory, champion, spent, archive.elites
         )
-        children = mutated(plan, made, seed, g + 1, rate)
-        following = RunState(g + 1, children, rate, history, archive, champion)
     record = GenerationRecord(
         snapshot=now,
         worlds=worlds,
-        origins=dict(Counter(i.origin.value for i in state.population)),
+        origins=dict(Counter(i.origin.value for i in individuals)),
         stagnant_generations=seen.stagnant_generations,
         individuals=lines,
         guidance=guidance,
+        archive=archive.record,
     )
     cost = Cost(
         evaluation=evaluation,
         supervision=supervision,
         operators=perf_counter() - began - evaluation - supervision,
-        episodes=len(population) * gp.episodes,
+        episodes=spent - state.spent,
         simulated=evaluator.simulated - before,
         llm=queue.spent(),
     )
-    return Step(record, following, champion, cost)
+    return Step(record, following, champion, cost, stopped, archive.elites)
 
 
-def mutated(
-    plan: Plan, population: Sequence[Individual], seed: int, generation: int, rate: float
+def archived(
+    parts: _Parts,
+    before: Sequence[Elite],
+    population: Sequence[Evaluated],
+    texts: Sequence[str],
+    worlds: Sequence[int],
+    generation: int,
+) -> ArchiveUpdate:
+    """The archive after a generation; challenges are held in worlds of their own."""
+    plan, seed = parts.plan, parts.streams.seed
+    stage, n = plan.curriculum.stage(generation), plan.gp.episodes
+    meets = [
+        seed_of(seed, Stream.ARCHIVE, generation=generation, slot=i)
+        for i in range(plan.archive.again)
+    ]
+    return update_archive(
+        before,
+        population,
+        texts,
+        [worlds[0 if plan.gp.common_world else i * n] for i in range(len(population))],
+        plan.archive,
+        plan.classes,
+        stage=stage,
+        episodes=n,
+        again=lambda trees: evaluated(parts.evaluator, trees, stage, meets),
+    )
+
+
+def asked_of(
+    search: Search, state: SearchState, streams: Streams, plan: Plan
 ) -> tuple[Individual, ...]:
-    """Line 15: mutation after construction, of all where `gp.mutate_elites` (section 2.4.3)."""
-    new = []
-    for slot, i in enumerate(population):
-        if plan.gp.mutate_elites or i.origin not in SPARED:
-            rng = stream(seed, Stream.MUTATION, generation=generation, slot=slot)
-            how = plan.gp.mutation
-            tree, operator = mutate(rng, i.tree, rate=rate, space=plan.space, how=how)
-            i = replace(i, tree=tree, mutation=operator)
-        new.append(i)
-    return tuple(new)
+    """The individuals of a generation. Raises PartError for what a run cannot evaluate."""
+    with blaming(path_of(type(search))):
+        individuals = tuple(search.ask(state, streams))
+        if not 1 <= len(individuals) <= plan.gp.population:
+            raise ValueError(
+                f"expected ask to return 1 to gp.population={plan.gp.population} individuals,"
+                f" found {len(individuals)}"
+            )
+        for slot, individual in enumerate(individuals):
+            _must_be_individual(individual, f"{state.generation}.{slot}", plan)
+    return individuals
+
+
+def _must_be_individual(found: object, name: str, plan: Plan) -> None:
+    """Raises TypeError, ValueError."""
+    if not isinstance(found, Individual):
+        raise TypeError(f"expected ask to return individuals, found {type(found).__name__}")
+    tree = found.tree
+    if not isinstance(tree, Node):
+        raise TypeError(f"expected a tree (Node) in {name}, found {type(tree).__name__}")
+    if found.id != name:
+        raise ValueError(f"expected the id {name!r}, GENERATION.SLOT, found {found.id!r}")
+    if not within(tree, plan.gp.limits):
+        raise ValueError(
+            f"expected at most gp.max_nodes={plan.gp.max_nodes} nodes and"
+            f" gp.max_depth={plan.gp.max_depth} levels in {name},"
+            f" found {size(tree)} and {depth(tree)}"
+        )
+    words = {str(node.args[0]) for node in walk(tree) if node.kind == "action"}
+    for used, known in (
+        (words, plan.vocabulary.actions),
+        ({term.key for term in asked_in(tree)}, plan.vocabulary.keys),
+    ):
+        if strange := sorted(used - known.keys()):
+            raise ValueError(f"expected words of the domain in {name}, found {strange[0]!r}")
+
+
+def told_to(
+    search: Search, state: SearchState, population: Sequence[Evaluated], advice: Advice
+) -> SearchState:
+    """The state of the next generation. Raises PartError for what a checkpoint cannot keep."""
+    path = path_of(type(search))
+    with blaming(path):
+        told = search.tell(state, population, advice)
+        if not isinstance(told, SearchState) or told.generation != state.generation + 1:
+            raise ValueError(
+                f"expected tell to return SearchState({state.generation + 1}, ...), found {told!r}"
+            )
+        if not (path.startswith("islandgp.") or told.memory is None):
+            again = made_of(search.Memory, plain(told.memory))
+            if state.generation == 0 and again != told.memory:
+                raise ValueError("expected a Memory that is the same after a checkpoint")
+    return told
+
+
+def restored(state: RunState, search: Search) -> RunState:
+    """The state with its search's memory as the search's own type; it may be plain JSON values."""
+    if state.memory is None or isinstance(state.memory, search.Memory):
+        return state
+    try:
+        return replace(state, memory=made_of(search.Memory, state.memory))
+    except ValueError as error:
+        raise RunError(
+            f"Expected a checkpoint of the search {type(search).__name__}, found other contents"
+            f" ({error}); use resume=never for a new folder beside this one."
+        ) from error
 
 
 def decide(
-    plan: Plan, state: PopulationState, answer: Guidance | None, rate: float
-) -> tuple[GuidanceRecord, Node | None]:
-    """The answer with what is done with it, and the tree that goes into the population, if any.
+    plan: Plan, search: Search, state: PopulationState, answer: Guidance | None, rate: float
+) -> tuple[GuidanceRecord, Advice]:
+    """The record of a supervisor's answer, and what of it the search obeys.
 
-    `rate` is the mutation rate in force, and an `answer` of None is not due yet (`lag`).
+    Args:
+        plan: of the run.
+        search: whose `uses` says what it takes of a guidance.
+        state: that the answer is applied to.
+        answer: None if none is due yet (`supervisor.lag`).
+        rate: the mutation rate in force, in [0, 1].
     """
     given = answer or Guidance(None, None, "none", reasoning="no answer is due yet")
     wanted = given.mutation_rate if plan.switches.adapt_mutation else None
     # An emergency does not outlast its crisis where the rate is not adapted.
     held = rate if plan.switches.adapt_mutation else plan.gp.mutation_rate
-    refused = ""
-    if given.tree is not None:
-        if not plan.switches.inject:
-            refused = "injection is switched off"
-        elif not within(given.tree, plan.gp.limits):
-            refused = "the tree breaks the limits"
-    tree = None if refused else given.tree
+    refused = []
+    if wanted is not None and "rate" not in search.uses:
+        wanted = None
+        refused.append("the search has no mutation rate")
+    tree = given.tree
+    if tree is not None:
+        why = _why_refused(tree, plan, search)
+        refused += [why] if why else []
+        tree = None if why else tree
     record = GuidanceRecord(
         asked_at=None if answer is None else state.now.generation - plan.switches.lag,
         source=given.source,
@@ -283,10 +374,19 @@ def decide(
         applied_rate=plan.gp.crisis.rate(held if wanted is None else wanted, state.crisis),
         tree=None if given.tree is None else to_text(given.tree),
         injected=tree is not None,
-        refused=refused,
+        refused="; ".join(refused),
         risk=given.risk,
         reasoning=given.reasoning,
         rationale=given.rationale,
         notes=given.notes,
     )
-    return record, tree
+    return record, Advice(record.applied_rate, tree)
+
+
+def _why_refused(tree: Node, plan: Plan, search: Search) -> str:
+    """Why a supervisor's tree is not injected, or ""."""
+    if not plan.switches.inject:
+        return "injection is switched off"
+    if "tree" not in search.uses:
+        return "the search takes no trees"
+    return "" if within(tree, plan.gp.limits) else "the tree breaks the limits"

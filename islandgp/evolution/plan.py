@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, Field, model_validator
+from pydantic import BaseModel, Field, FiniteFloat, model_validator
 
 from islandgp.bt.node import Limits, Node
 from islandgp.bt.vocabulary import Vocabulary
+from islandgp.evolution.archive import ArchiveSettings
 from islandgp.evolution.random_trees import TreeSettings, TreeSpace
 from islandgp.evolution.selection import SELECTIONS
 from islandgp.evolution.variation import CROSSOVERS, MutationSettings
 from islandgp.plugin import function
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.curriculum import Curriculum
+from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import Crisis, StateSettings
 
 
@@ -102,6 +104,49 @@ class Allocation(BaseModel, frozen=True, extra="forbid"):
         return self
 
 
+class Budget(BaseModel, frozen=True, extra="forbid"):
+    """How many episodes a run may take, all of them counted."""
+
+    episodes: Annotated[int, Field(ge=1)] | None = None
+    """Episodes of training, of the archive and of validation; None: as `gp.generations` needs."""
+
+    def generations(self, population: int, episodes: int, validation: float) -> int:
+        """Generations that the budget allows, >= 1. There must be a budget.
+
+        Args:
+            population: individuals of a generation.
+            episodes: of an individual.
+            validation: episodes of validation, as a share of those of training.
+
+        Raises:
+            ValueError: the budget is smaller than one generation and its validation.
+        """
+        assert self.episodes is not None
+        one = population * episodes
+        least = one + round(validation * one)
+        if self.episodes < least:
+            raise ValueError(
+                f"budget.episodes: expected at least {least:,}, one generation and its validation,"
+                f" found {self.episodes:,}; raise it, or lower gp.population or gp.episodes"
+            )
+        return max(1, int(self.episodes / (1 + validation)) // one)
+
+
+class Stop(BaseModel, frozen=True, extra="forbid"):
+    """Targets that end a run before its last generation; validation follows as always."""
+
+    tier: str | None = None  # a tier that some individual of a generation reaches
+    fitness: FiniteFloat | None = None  # points that the best of a generation reaches
+
+    def reason(self, now: Snapshot) -> str:
+        """Why a run ends after this generation, or ""."""
+        if self.tier is not None and now.tiers[self.tier]:
+            return f"stop.tier={self.tier}"
+        if self.fitness is not None and now.best >= self.fitness:
+            return f"stop.fitness={self.fitness:g}"
+        return ""
+
+
 class Switches(BaseModel, frozen=True, extra="forbid"):
     """Which parts of a supervisor's guidance take effect; for ablations."""
 
@@ -120,7 +165,22 @@ class Plan:
     curriculum: Curriculum
     classes: Classes
     switches: Switches
+    budget: Budget = field(default_factory=Budget)
+    stop: Stop = field(default_factory=Stop)
+    archive: ArchiveSettings = field(default_factory=ArchiveSettings)
     founders: tuple[Node, ...] = ()  # trees that open the initial population
+
+    def last(self, generation: int, spent: int) -> bool:
+        """Whether no generation follows this one.
+
+        Args:
+            generation: from 0.
+            spent: episodes of the run so far, those of this generation included.
+        """
+        if generation + 1 >= self.gp.generations:
+            return True
+        following = spent + self.gp.population * self.gp.episodes
+        return self.budget.episodes is not None and following > self.gp.episodes_in_all
 
     @property
     def space(self) -> TreeSpace:

@@ -49,6 +49,7 @@ class Evaluated:
     outcome: Outcome
     verdict: Verdict
     fitness: float  # points, Eq. (1): the outcome's
+    episodes: tuple[float, ...] = ()  # points in each episode
 
 
 @dataclass(frozen=True, slots=True)

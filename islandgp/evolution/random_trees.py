@@ -117,10 +117,15 @@ def _random_condition(rng: np.random.Generator, space: TreeSpace) -> tuple[Asked
     how = space.settings.conditions
     if how.joined and rng.random() < how.joined:
         asked = _random_joined(rng, space, int(rng.integers(2, how.terms + 1)))
-        return asked, weighted(rng, space.settings.aborts)
+        return asked, random_abort(rng, space)
     name = space.keys[rng.integers(len(space.keys))]
-    abort = weighted(rng, space.settings.aborts)
+    abort = random_abort(rng, space)
     return _about(rng, name, space), abort
+
+
+def random_abort(rng: np.random.Generator, space: TreeSpace) -> str:
+    """An abort rule, by the weights of the settings."""
+    return weighted(rng, space.settings.aborts)
 
 
 def _random_joined(rng: np.random.Generator, space: TreeSpace, terms: int) -> Asked:
@@ -192,17 +197,20 @@ def expected_nodes(trees: TreeSettings, depth: int) -> float:
     return nodes
 
 
-def check_growth(trees: TreeSettings, limits: Limits, subtree_depth: int) -> None:
+def check_growth(
+    trees: TreeSettings, limits: Limits, subtree_depth: int, where: str = "gp.mutation"
+) -> None:
     """Raises ValueError where making random trees would take for ever.
 
-    A tree that is too large is made all the same before another one is tried.
+    A tree that is too large is made all the same before another one is tried. `where` is the
+    path of the settings with that `subtree_depth`.
     """
     most = trees.depth[1]
     if most > 1000:
         raise ValueError(f"gp.trees.depth: expected at most 1000 levels, found {most}")
     if subtree_depth > limits.max_depth:
         raise ValueError(
-            f"gp.mutation.subtree_depth: expected at most gp.max_depth={limits.max_depth},"
+            f"{where}.subtree_depth: expected at most gp.max_depth={limits.max_depth},"
             f" found {subtree_depth}"
         )
     if trees.children[1] > limits.max_nodes:
@@ -213,7 +221,7 @@ def check_growth(trees: TreeSettings, limits: Limits, subtree_depth: int) -> Non
     depths = [min(depth, limits.max_depth) for depth in range(trees.depth[0], most + 1)]
     for key, found in (
         ("gp.trees.depth", sum(expected_nodes(trees, depth) for depth in depths) / len(depths)),
-        ("gp.mutation.subtree_depth", expected_nodes(trees, subtree_depth)),
+        (f"{where}.subtree_depth", expected_nodes(trees, subtree_depth)),
     ):
         if found > MOST_NODES:
             raise ValueError(

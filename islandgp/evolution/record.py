@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import Field, PlainSerializer
 
 from islandgp.bt.node import depth, size
-from islandgp.evolution.population import Ancestor, Evaluated, Individual
+from islandgp.evolution.archive import ArchiveRecord, Elite
+from islandgp.evolution.population import Evaluated
+from islandgp.plain import plain
 from islandgp.scoring.snapshot import Snapshot
 
 
@@ -88,6 +90,7 @@ class GenerationRecord:
     stagnant_generations: int  # since the best of the present stage last rose
     individuals: tuple[IndividualRecord, ...]  # in slot order
     guidance: GuidanceRecord | None  # for the next generation; None after the last
+    archive: ArchiveRecord | None = None  # after it; runs of older versions kept none
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,11 +116,13 @@ class RunState:
     """Everything the next generation depends on, besides configuration and seed."""
 
     generation: Annotated[int, Field(ge=0)]  # the next to be evaluated
-    population: Annotated[tuple[Individual, ...], Field(min_length=1)]
-    rate: float  # that made this population
+    rate: float  # mutation rate of this generation
     history: tuple[Snapshot, ...]  # of the generations before, oldest first
-    archive: dict[str, Ancestor]  # best of each behaviour
+    memory: Annotated[Any, PlainSerializer(plain)]
+    """`SearchState.memory`; as plain values where it was read from a checkpoint."""
     champion: Champion | None
+    spent: Annotated[int, Field(ge=0)] = 0  # episodes of the generations before
+    archive: tuple[Elite, ...] = ()  # by cell
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,3 +145,5 @@ class Step:
     state: RunState | None  # to go on from; None after the last generation
     champion: Champion
     cost: Cost
+    stopped: str = ""  # the target of `stop` that ended the run here, or ""
+    archive: tuple[Elite, ...] = ()  # after it, by cell

@@ -39,6 +39,9 @@ def single_behaviours(
     how: MutationSettings,
     evaluator: Evaluator,
     stage: int,
+    *,
+    wanted: Sequence[str] | None = None,
+    known: Sequence[Node] = (),
 ) -> Iterator[tuple[str, Node | None]]:
     """Each behaviour with a compact tree, as soon as it is found; None where no tree showed it.
 
@@ -48,6 +51,8 @@ def single_behaviours(
         how: the mutations.
         evaluator: runs about 200 episodes, and 500 for each behaviour, in each of WORLDS worlds.
         stage: index of the curriculum's stage that the episodes are scored in.
+        wanted: the behaviours that are looked for; None: all.
+        known: trees to begin with besides the random ones, e.g. of another stage.
 
     Raises:
         EvaluationError: an episode cannot be run.
@@ -59,8 +64,10 @@ def single_behaviours(
     space = replace(space, limits=most)
     pool = [random_tree(stream(0, Stream.LIBRARY, slot=i), space) for i in range(POOL)]
     tried = _Tried(evaluator, stage, classes)
-    tried.run(pool)
+    tried.run([*(tree for tree in known if within(tree, most)), *pool])
     for number, behaviour in enumerate(classes.behaviours, 1):
+        if wanted is not None and behaviour not in wanted:
+            continue
         for r in range(ROUNDS):
             # What was found for one behaviour may be a step towards another.
             parents = tried.best(behaviour)[:PARENTS]

@@ -12,11 +12,12 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
-from statistics import fmean, stdev
+from statistics import fmean
 from typing import Any, Final
 
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Evaluator, Job
+from islandgp.evolution.evidence import estimate, interval
 from islandgp.scoring.classes import Classes, tiers
 from islandgp.seeding import Stream, stream
 
@@ -93,6 +94,40 @@ def candidates(
         if i["tree"] not in found and len(found) < most:
             found[i["tree"]] = Candidate(generation, i["id"], i["tree"], i["fitness"])
     return list(found.values())
+
+
+def candidates_by_evidence(
+    records: Iterable[Mapping[str, Any]], *, most: int = MOST, caution: float = 1.0
+) -> list[Candidate]:
+    """The trees of the last stage with the highest lower bounds of their mean fitness.
+
+    Args:
+        records: generation records as plain values, oldest first; they are read once.
+        most: candidates.
+        caution: standard errors between a tree's level (`evidence.estimate`) and its bound.
+
+    Returns:
+        Candidates, best first; `trained` is the bound.
+    """
+    stage: int | None = None
+    found: dict[str, tuple[int, str, dict[int, float]]] = {}
+    for record in records:
+        generation = record["snapshot"]["generation"]
+        if record["snapshot"]["stage"] != stage:
+            stage, found = record["snapshot"]["stage"], {}
+        for i in record["individuals"]:
+            tree = sys.intern(i["tree"])
+            values = found[tree][2] if tree in found else {}
+            values[generation] = i["fitness"]
+            found[tree] = (generation, i["id"], values)
+    trees = list(found)
+    levels, sd = estimate([found[tree][2] for tree in trees])
+    bounds = {
+        tree: level - caution * sd / sqrt(len(found[tree][2]))
+        for tree, level in zip(trees, levels, strict=True)
+    }
+    best = sorted(trees, key=lambda tree: -bounds[tree])[:most]
+    return [Candidate(found[t][0], found[t][1], t, bounds[t]) for t in best]
 
 
 def _slim(individual: Mapping[str, Any], classes: Classes) -> dict[str, Any]:
@@ -212,14 +247,3 @@ def compared(
     return replace(
         verdict, yardstick=name, difference=mean, difference_low=low, difference_high=high
     )
-
-
-def interval(values: Sequence[float]) -> tuple[float, float, float]:
-    """Mean and 95 % interval by Student's t; a single value has no width."""
-    n, mean = len(values), fmean(values)
-    if n < 2:
-        return mean, mean, mean
-    from scipy.special import stdtrit  # type: ignore[import-untyped] # scipy ships no types
-
-    half = float(stdtrit(n - 1, 0.975)) * stdev(values) / sqrt(n)
-    return mean, mean - half, mean + half

@@ -29,6 +29,7 @@ from islandgp.bt.node import (
     within,
 )
 from islandgp.bt.vocabulary import Key
+from islandgp.evolution import branches
 from islandgp.evolution.random_trees import (
     TreeSpace,
     check_weights,
@@ -77,7 +78,10 @@ def _subtree_crossover(
 
 Crossover = Callable[[np.random.Generator, Node, Node, Limits], Node]
 
-CROSSOVERS: Final[dict[str, Crossover]] = {"subtree": _subtree_crossover}
+CROSSOVERS: Final[dict[str, Crossover]] = {
+    "subtree": _subtree_crossover,
+    "branch": branches.branch_crossover,
+}
 
 
 def crossover(name: str) -> Crossover:
@@ -225,6 +229,14 @@ MUTATIONS: Final[dict[str, Mutation]] = {
     "insert": _insert,
     "delete": _delete,
     "swap": _swap,
+    # Those below keep the meaning of the rest of the tree; the paper has none of them.
+    "guard": branches.guard,
+    "wrap": branches.wrap,
+    "extend": branches.extend,
+    "condition": branches.condition,
+    "fulfil": branches.fulfil,
+    "shrink": branches.shrink,
+    "tune": branches.tune,
 }
 
 

@@ -382,7 +382,7 @@ def test_points_that_cannot_be_counted_are_told(points: float) -> None:
     """Statistics could not be made of them."""
     setting: Any = SimpleNamespace(
         curriculum=SimpleNamespace(multipliers=lambda _: {}),
-        at=lambda _: SimpleNamespace(run_episode=lambda *_: SimpleNamespace(fitness=points)),
+        at=lambda _: SimpleNamespace(run_episode=lambda *_: Outcome({"p": points}, {}, 1, ("",))),
     )
     with pytest.raises(EvaluationError, match=r"world seed 1, stage 0, found .* points; lower"):
         simulate(setting, Job("PatrolWaypoint", 0, 1))

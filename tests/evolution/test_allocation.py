@@ -21,6 +21,7 @@ from islandgp.evolution.plan import Allocation
 from islandgp.evolution.population import Ancestor, Evaluated, Individual, Origin, ranked
 from islandgp.evolution.selection import pick_parent, tournament
 from islandgp.scoring.snapshot import diversity
+from islandgp.seeding import Streams
 from tests.composed import composed, composed_plan
 from tests.made import CLASSES, evaluated, outcome
 from tests.strategies import nodes
@@ -78,7 +79,7 @@ def built(
     return next_population(
         replace(plan, allocation=allocation or plan.allocation),
         population,
-        seed=seed,
+        streams=Streams(seed),
         generation=5,
         injected=injected,
         archive=remember({}, population, BEHAVIOURS, 0) if archive is None else archive,

@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from islandgp.errors import RunError
-from islandgp.evolution.loop import initial_state
+from islandgp.evolution.loop import initial_state, restored
 from islandgp.evolution.record import RunState
 from islandgp.records.checkpoint import read_checkpoint, save_state, write_atomic
+from islandgp.search.paper import Paper
 from tests.evolution.runs import Says, lines, plan, run
 
 
@@ -20,7 +21,10 @@ from tests.evolution.runs import Says, lines, plan, run
 def states() -> list[RunState]:
     """All states of a run, the first one included."""
     steps = run(supervisor=Says(0.5))
-    return [initial_state(plan(), 1), *(step.state for step in steps if step.state is not None)]
+    return [
+        initial_state(plan(), Paper(plan())),
+        *(step.state for step in steps if step.state is not None),
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +40,9 @@ def test_round_trip(states: list[RunState], tmp_path: Path) -> None:
     path = tmp_path / "checkpoint.json"
     for state in states:
         save_state(path, state)
-        assert read_checkpoint(path) == (replace(state, history=()), "")
+        found, records = read_checkpoint(path)
+        assert restored(found, Paper(plan())) == replace(state, history=())
+        assert records == ""
     assert [file.name for file in tmp_path.iterdir()] == ["checkpoint.json"]
 
 

@@ -24,7 +24,7 @@ from islandgp.bt.node import (
     walk,
     within,
 )
-from islandgp.bt.vocabulary import Vocabulary
+from islandgp.bt.vocabulary import Action, Vocabulary
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.evolution.random_trees import (
     TreeSettings,
@@ -264,7 +264,8 @@ def test_random_trees_use_the_whole_language() -> None:
 
 def test_random_trees_without_keys() -> None:
     """A domain may have nothing to ask for: then no tree has a `when`, by no operator either."""
-    blind = TreeSpace(tree_settings(), Vocabulary("blind", VOCABULARY.actions, {}), LIMITS)
+    bare = {name: Action(action.meaning) for name, action in VOCABULARY.actions.items()}
+    blind = TreeSpace(tree_settings(), Vocabulary("blind", bare, {}), LIMITS)
     found: Counter[str] = Counter()
     for seed in range(200):
         rng = np.random.default_rng(seed)

@@ -1,0 +1,239 @@
+"""Priority lists: selectors of guarded branches, and operators that keep a branch whole.
+
+A guarded branch is a child of a selector, mostly a `when` above a few actions. Most trees that
+people write are lists of such branches, the most urgent first. Subtree crossover and mutation
+seldom add one, as several nodes must appear at once; the operators here add, exchange and change
+branches as units. `variation` has them in its tables.
+"""
+
+from __future__ import annotations
+
+from math import floor, log10
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from islandgp.bt.condition import Asked, joined, terms, with_term
+from islandgp.bt.node import ABORTS, Limits, Node, condition_of, depth, replace_at, size, walk
+from islandgp.bt.simplify import simplify
+from islandgp.bt.vocabulary import Key
+from islandgp.evolution.random_trees import (
+    TreeSpace,
+    random_abort,
+    random_action,
+    random_term,
+)
+
+if TYPE_CHECKING:  # variation imports this module
+    from islandgp.evolution.variation import MutationSettings
+
+BODY: Final = {1: 0.5, 2: 0.4, 3: 0.1}
+"""Chance of each number of actions in a random branch."""
+DECLARED: Final = 0.5
+"""Chance that a random branch is guarded by what its first action declares that it needs."""
+FINE: Final = 200  # thresholds of tuned numbers are multiples of about range / FINE
+EVERY: Final = 0.3  # chance that `tune` changes every number of a tree and not only one
+
+
+def random_branch(rng: np.random.Generator, space: TreeSpace) -> Node:
+    """A guarded branch: `when CONDITION { ACTION }`, or a short sequence of actions.
+
+    Half of the guards are what the first action declares as `to_start`, where it declares
+    something; the others are random conditions. Without keys there is no guard.
+    """
+    n = 1 + int(rng.choice(len(BODY), p=list(BODY.values())))
+    actions = tuple(random_action(rng, space) for _ in range(n))
+    body = actions[0] if n == 1 else Node("sequence", (), actions)
+    if not space.keys:
+        return body
+    declared = space.vocabulary.action(str(actions[0].args[0])).to_start
+    if declared and rng.random() < DECLARED:
+        condition: Asked = joined("and", declared)
+    else:
+        condition = _random_condition(rng, space)
+    return Node("when", (condition, random_abort(rng, space)), (body,))
+
+
+def random_list(rng: np.random.Generator, space: TreeSpace) -> Node:
+    """A random priority list: two to five guarded branches, and an action without a guard."""
+    branches = [random_branch(rng, space) for _ in range(int(rng.integers(2, 6)))]
+    return Node("selector", (), (*branches, random_action(rng, space)))
+
+
+def _random_condition(rng: np.random.Generator, space: TreeSpace) -> Asked:
+    """A single condition, or two that are joined; `and` is likelier than `or`."""
+    condition = random_term(rng, space)
+    if rng.random() < 0.7:
+        return condition
+    word = "or" if rng.random() < 0.2 else "and"
+    return joined(word, [condition, random_term(rng, space)])
+
+
+def _selectors(tree: Node) -> list[tuple[int, Node]]:
+    return [(i, node) for i, node in enumerate(walk(tree)) if node.kind == "selector"]
+
+
+def branches_of(tree: Node) -> list[Node]:
+    """The branches of a tree: the children of its selectors; of a tree without one, itself."""
+    return [c for _, node in _selectors(tree) for c in node.children] or [tree]
+
+
+def with_branch(rng: np.random.Generator, tree: Node, branch: Node) -> Node:
+    """The tree with a branch in front of, or between, the children of one of its selectors.
+
+    The outermost selector is the likeliest. A tree without a selector becomes the last child of
+    a new one.
+    """
+    selectors = _selectors(tree)
+    if not selectors:
+        return Node("selector", (), (branch, tree))
+    i, node = selectors[0 if rng.random() < 0.6 else int(rng.integers(len(selectors)))]
+    at = int(rng.integers(len(node.children)))  # never last: behind an action nothing is reached
+    children = (*node.children[:at], branch, *node.children[at:])
+    return replace_at(tree, i, node._replace(children=children))
+
+
+def guard(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
+    """A random guarded branch in front of, or between, the children of a selector."""
+    return with_branch(rng, tree, random_branch(rng, space))
+
+
+def wrap(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
+    """A `when` with a random condition above a node."""
+    if not space.keys:
+        return tree
+    nodes = list(walk(tree))
+    i = int(rng.integers(len(nodes)))
+    args = (_random_condition(rng, space), random_abort(rng, space))
+    return replace_at(tree, i, Node("when", args, (nodes[i],)))
+
+
+def extend(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
+    """Another action in an action's place, or before or behind it in a sequence."""
+    leaves = [(i, node) for i, node in enumerate(walk(tree)) if node.kind == "action"]
+    i, old = leaves[rng.integers(len(leaves))]
+    new = random_action(rng, space)
+    where = rng.random()
+    if where < 0.5:
+        return replace_at(tree, i, new)
+    return replace_at(tree, i, Node("sequence", (), (old, new) if where < 0.75 else (new, old)))
+
+
+def condition(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
+    """One guard with another abort rule, or with a term more, less, or another one."""
+    guards = [(i, node) for i, node in enumerate(walk(tree)) if node.kind == "when"]
+    if not guards:
+        return tree
+    i, old = guards[rng.integers(len(guards))]
+    asked = condition_of(old)
+    parts = list(terms(asked))
+    at, what = int(rng.integers(len(parts))), rng.random()
+    if what < 0.25:
+        others = [abort for abort in ABORTS if abort != old.args[1]]
+        return replace_at(tree, i, old._replace(args=(asked, others[rng.integers(len(others))])))
+    new: Asked | None = random_term(rng, space)
+    if what < 0.5 and len(parts) < space.settings.conditions.terms:
+        word = "or" if rng.random() < 0.3 else "and"
+        assert new is not None
+        new = joined(word, [parts[at], new])
+    elif what < 0.65:
+        new = None
+    changed = with_term(asked, at, new)
+    if changed is None:  # the only term is gone, and the guard with it
+        return replace_at(tree, i, old.children[0])
+    return replace_at(tree, i, old._replace(args=(changed, old.args[1])))
+
+
+def fulfil(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
+    """An action behind a guard that asks what the action declares that it needs.
+
+    The conditions are `to_start` and `to_succeed` of the vocabulary, which `check` uses too.
+    """
+    needy = [
+        (i, node, conditions)
+        for i, node in enumerate(walk(tree))
+        if node.kind == "action" and (conditions := _declared(str(node.args[0]), space))
+    ]
+    if not needy:
+        return tree
+    i, node, conditions = needy[rng.integers(len(needy))]
+    return replace_at(tree, i, Node("when", (joined("and", conditions), "none"), (node,)))
+
+
+def _declared(action: str, space: TreeSpace) -> tuple[Asked, ...]:
+    """What an action declares that it needs to start and to succeed."""
+    known = space.vocabulary.action(action)
+    return tuple(dict.fromkeys((*known.to_start, *known.to_succeed)))
+
+
+def shrink(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:  # noqa: ARG001 -- every mutation's form
+    """The tree without what `simplify` proves to have no effect."""
+    return simplify(tree, space.vocabulary).tree
+
+
+def tune(rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings) -> Node:
+    """One number of the tree's conditions, or all of them, moved a little.
+
+    The standard deviation is drawn anew each time, log-uniform from `number_sd` / 20 to
+    `number_sd`, as a share of the key's range. Numbers leave the grid of random thresholds.
+    """
+    places = numbers_of(tree, space)
+    if not places:
+        return tree
+    sd = how.number_sd * 20 ** (rng.random() - 1)
+    if rng.random() >= EVERY:
+        places = [places[rng.integers(len(places))]]
+    for i, k in places:
+        tree = _moved(tree, i, k, rng.normal(0, sd), space)
+    return tree
+
+
+def numbers_of(tree: Node, space: TreeSpace) -> list[tuple[int, int]]:
+    """Where a tree's conditions hold numbers: (index of the node, index of the term)."""
+    keys = space.vocabulary.keys
+    return [
+        (i, k)
+        for i, node in enumerate(walk(tree))
+        if node.kind == "when"
+        for k, term in enumerate(terms(condition_of(node)))
+        if not keys[term.key].flag
+    ]
+
+
+def _moved(tree: Node, i: int, k: int, by: float, space: TreeSpace) -> Node:
+    """The tree with term `k` of node `i` moved by a share of its key's range."""
+    node = next(n for at, n in enumerate(walk(tree)) if at == i)
+    asked = condition_of(node)
+    term = list(terms(asked))[k]
+    key = space.vocabulary.keys[term.key]
+    new = term._replace(number=fine(term.number + by * (key.high - key.low), key))
+    changed = with_term(asked, k, new)
+    assert changed is not None
+    return replace_at(tree, i, node._replace(args=(changed, node.args[1])))
+
+
+def fine(value: float, key: Key) -> float:
+    """The value within the key's range, in as few digits as about range / FINE needs."""
+    digit = 10.0 ** floor(log10((key.high - key.low) / FINE))
+    unit = min(digit, key.step)
+    nearest = round(round(value / unit) * unit, 9)
+    return min(key.high, max(key.low, nearest)) + 0.0  # no -0
+
+
+def branch_crossover(rng: np.random.Generator, mother: Node, father: Node, limits: Limits) -> Node:
+    """A branch of `father` in `mother`: between the children of a selector, or in one's place."""
+    room = limits.max_nodes - size(mother)
+    donors = [b for b in branches_of(father) if size(b) < room and depth(b) < limits.max_depth]
+    if not donors:
+        return mother
+    branch = donors[rng.integers(len(donors))]
+    selectors = _selectors(mother)
+    if not selectors or rng.random() < 0.6:
+        child = with_branch(rng, mother, branch)
+    else:
+        i, node = selectors[rng.integers(len(selectors))]
+        at = int(rng.integers(len(node.children)))
+        children = (*node.children[:at], branch, *node.children[at + 1 :])
+        child = replace_at(mother, i, node._replace(children=children))
+    fits = size(child) <= limits.max_nodes and depth(child) <= limits.max_depth
+    return child if fits else mother

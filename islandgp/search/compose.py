@@ -1,0 +1,149 @@
+"""The control without evolution: branches of the library as a priority list, its orders raced.
+
+What a search earns above this control is what evolution adds to the library.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import islice, permutations
+from math import factorial
+from typing import Any, ClassVar
+
+import numpy as np
+from pydantic import BaseModel, Field
+
+from islandgp.bt.node import Limits, Node, within
+from islandgp.errors import ConfigError
+from islandgp.evolution.plan import Plan
+from islandgp.evolution.population import Evaluated, Individual, Origin, Tree
+from islandgp.search.base import Advice, SearchContext, SearchState
+from islandgp.seeding import Stream, Streams
+
+
+def library_branches(library: Sequence[Node]) -> tuple[list[Node], list[Node]]:
+    """The guarded branch of each tree, and the commonest last branch that has no guard.
+
+    Args:
+        library: trees. Of a selector the first guarded child is its branch; any other tree is a
+            branch as a whole.
+
+    Returns:
+        The branches, each once, and a list of one fallback, or of none.
+    """
+    found, fallbacks = [], Counter[Node]()
+    for tree in library:
+        guarded = [c for c in tree.children if c.kind == "when"] if tree.kind == "selector" else []
+        found.append(guarded[0] if guarded else tree)
+        if guarded and tree.children[-1].kind != "when":
+            fallbacks[tree.children[-1]] += 1
+    return list(dict.fromkeys(found)), [node for node, _ in fallbacks.most_common(1)]
+
+
+def priority_lists(
+    rng: np.random.Generator, library: Sequence[Node], most: int, limits: Limits
+) -> list[Node]:
+    """Selectors of the library's branches and its fallback, in different orders.
+
+    Args:
+        rng: draws the orders where there are more than `most`; is consumed.
+        library: trees.
+        most: lists, >= 0.
+        limits: lists beyond them are left out.
+    """
+    branches, fallback = library_branches(library)
+    n = len(branches)
+    if factorial(n) <= most:
+        orders = list(permutations(range(n)))
+    else:
+        drawn = (tuple(int(k) for k in rng.permutation(n)) for _ in range(20 * most))
+        orders = list(islice(dict.fromkeys(drawn), most))
+    lists = (Node("selector", (), (*(branches[k] for k in order), *fallback)) for order in orders)
+    return [tree for tree in lists if within(tree, limits)]
+
+
+class ComposeSettings(BaseModel, frozen=True, extra="forbid"):
+    """How many orders race."""
+
+    orders: int = Field(ge=1)  # at most
+    finalists: int = Field(ge=1)  # that race to the end
+
+
+@dataclass(frozen=True, slots=True)
+class Racers:
+    """The lists that are left, best first."""
+
+    trees: tuple[Tree, ...]
+    ids: tuple[str, ...]  # of their last individuals
+    sums: tuple[float, ...]  # of fitness over the generations so far
+
+
+class Compose:
+    """Successive halving over orders; half of them are given up after each generation."""
+
+    Settings = ComposeSettings
+    Memory: ClassVar[Any] = Racers
+    uses: ClassVar[frozenset[str]] = frozenset()
+
+    @classmethod
+    def make(cls, settings: ComposeSettings, context: SearchContext) -> Compose:
+        """See `Search`. Raises ConfigError without a library of written trees, or with founders."""
+        if context.plan.founders:
+            raise ConfigError(
+                "search=compose: expected the library's branches alone, found trees that open the"
+                " population; leave out start and gp.founders, or choose another search."
+            )
+        library = list(context.library().values())
+        if not library:
+            raise ConfigError(
+                "search=compose: expected a library with a folder, found none; choose one, e.g."
+                " library.folder=FOLDER, or another search."
+            )
+        if not priority_lists(np.random.default_rng(0), library, 1, context.plan.gp.limits):
+            raise ConfigError(
+                "search=compose: expected branches that fit into one tree, found that they"
+                " break gp.max_nodes or gp.max_depth; raise these."
+            )
+        return cls(settings, context.plan, library)
+
+    def __init__(self, settings: ComposeSettings, plan: Plan, library: Sequence[Node]) -> None:
+        self.settings = settings
+        self.plan = plan
+        self.library = library
+
+    def start(self) -> SearchState:
+        """See `Search`."""
+        return SearchState(0)
+
+    def ask(self, state: SearchState, streams: Streams) -> tuple[Individual, ...]:
+        """See `Search`."""
+        g, memory = state.generation, state.memory
+        if memory is None:
+            most = min(self.settings.orders, self.plan.gp.population)
+            rng = streams(Stream.SEARCH)
+            lists = priority_lists(rng, self.library, most, self.plan.gp.limits)
+            return tuple(Individual(f"0.{k}", t, Origin.INJECTED) for k, t in enumerate(lists))
+        return tuple(
+            Individual(f"{g}.{k}", tree, Origin.ELITE, (before,))
+            for k, (tree, before) in enumerate(zip(memory.trees, memory.ids, strict=True))
+        )
+
+    def tell(
+        self,
+        state: SearchState,
+        evaluated: Sequence[Evaluated],
+        advice: Advice,  # noqa: ARG002 -- the protocol's
+    ) -> SearchState:
+        """See `Search`; the advice changes nothing."""
+        before = (0.0,) * len(evaluated) if state.memory is None else state.memory.sums
+        sums = [old + e.fitness for old, e in zip(before, evaluated, strict=True)]
+        order = sorted(range(len(sums)), key=lambda k: -sums[k])
+        left = order[: max(self.settings.finalists, (len(order) + 1) // 2)]
+        racers = Racers(
+            tuple(evaluated[k].individual.tree for k in left),
+            tuple(evaluated[k].individual.id for k in left),
+            tuple(sums[k] for k in left),
+        )
+        return SearchState(state.generation + 1, racers)

@@ -1,0 +1,72 @@
+"""Behaviour descriptors: the counters by which MAP-Elites and novelty search tell trees apart."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import ceil, copysign, isfinite, log2
+from typing import Annotated, Final
+
+from pydantic import AfterValidator
+
+from islandgp.domain import Outcome, Schema
+from islandgp.scoring.classes import Classes
+from islandgp.scoring.rewards import unknown
+
+FAR: Final = 1e30  # bins; further away nothing is told apart
+
+
+@dataclass(frozen=True, slots=True)
+class Dimension:
+    """A counter and its scale."""
+
+    counter: str
+    width: float | None  # of a bin, > 0; None: each bin is twice as wide as the one before it
+
+    def place(self, value: float) -> float:
+        """A counter's value on a scale where each bin has the width 1; 0 stays 0."""
+        if self.width is not None:
+            return copysign(min(abs(value) / self.width, FAR), value)
+        return copysign(log2(1 + abs(value)), value)
+
+
+def dimension(text: str) -> Dimension:
+    """Reads "COUNTER" or "COUNTER/WIDTH". Raises ValueError."""
+    counter, slash, after = text.partition("/")
+    try:
+        width = float(after) if slash else None
+    except ValueError:
+        width = 0.0
+    if not counter or (width is not None and not (isfinite(width) and width > 0)):
+        raise ValueError(f"expected COUNTER, or COUNTER/WIDTH with a width above 0, found {text!r}")
+    return Dimension(counter, width)
+
+
+def _readable(text: str) -> str:
+    dimension(text)
+    return text
+
+
+Descriptor = tuple[Annotated[str, AfterValidator(_readable)], ...]
+"""Settings of a descriptor; empty: the counters of the behaviours."""
+
+
+def dimensions(texts: Sequence[str], classes: Classes) -> tuple[Dimension, ...]:
+    """What a descriptor's settings say; the behaviours' counters where they say nothing."""
+    return tuple(dimension(text) for text in texts or dict.fromkeys(classes.behaviours.values()))
+
+
+def faults(path: str, texts: Sequence[str], schema: Schema) -> Iterator[str]:
+    """A line for each counter that the domain does not declare."""
+    for k, text in enumerate(texts):
+        yield from unknown(f"{path}.{k}", dimension(text).counter, schema.counters)
+
+
+def point(found: Sequence[Dimension], outcome: Outcome) -> tuple[float, ...]:
+    """An outcome's place in the space of behaviours."""
+    return tuple(d.place(outcome.counters[d.counter]) for d in found)
+
+
+def cell(place: Sequence[float], most: int) -> tuple[int, ...]:
+    """The cell of a place: bin 0 holds the value 0 alone, and no bin is beyond `most`."""
+    return tuple(int(copysign(min(most, ceil(abs(x))), x)) for x in place)

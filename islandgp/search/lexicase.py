@@ -1,0 +1,138 @@
+"""Epsilon-lexicase selection over the terms of the fitness, or over episodes.
+
+La Cava, Spector and Danai 2016, "Epsilon-Lexicase Selection for Regression" (GECCO); La Cava et al.
+2019, Evolutionary Computation 27(3): the dynamic variant, whose epsilon is the median absolute
+deviation of the individuals that are left. A parent has to be among the best in one case after
+another, in an order that is drawn for each parent, so that specialists have children, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import BaseModel, Field
+
+from islandgp.errors import ConfigError
+from islandgp.evolution.plan import Plan
+from islandgp.evolution.population import Evaluated, Individual, Tree
+from islandgp.search.base import Advice, SearchContext, SearchState
+from islandgp.search.breeding import Breeding, Parent, first_generation, next_generation
+from islandgp.seeding import Streams
+
+
+class LexicaseSettings(BaseModel, frozen=True, extra="forbid"):
+    """What individuals are selected by."""
+
+    cases: Literal["components", "episodes"]  # terms of the fitness, or fitness in each episode
+    elites: int = Field(ge=0)  # fittest of a generation that are evaluated again in the next one
+    breeding: Breeding
+
+
+@dataclass(frozen=True, slots=True)
+class Contender:
+    """An individual of the last generation."""
+
+    parent: Parent
+    fitness: float  # points
+    cases: tuple[float, ...]  # points in each case
+
+
+@dataclass(frozen=True, slots=True)
+class Contenders:
+    """The last generation, in slot order."""
+
+    all: tuple[Contender, ...]
+    given: Tree | None  # of the supervisor, to inject
+
+
+class Lexicase:
+    """See the module."""
+
+    Settings = LexicaseSettings
+    Memory: ClassVar[Any] = Contenders
+    uses: ClassVar[frozenset[str]] = frozenset({"tree"})
+
+    @classmethod
+    def make(cls, settings: LexicaseSettings, context: SearchContext) -> Lexicase:
+        """See `Search`. Raises ConfigError where there would be one case alone."""
+        if settings.cases == "episodes" and context.plan.gp.episodes == 1:
+            raise ConfigError(
+                "search.policy.cases: expected several episodes an individual, found"
+                " gp.episodes=1; raise it, or take components"
+            )
+        return cls(settings, context.plan)
+
+    def __init__(self, settings: LexicaseSettings, plan: Plan) -> None:
+        self.settings = settings
+        self.plan = plan
+
+    def start(self) -> SearchState:
+        """See `Search`."""
+        return SearchState(0)
+
+    def ask(self, state: SearchState, streams: Streams) -> tuple[Individual, ...]:
+        """See `Search`."""
+        memory: Contenders | None = state.memory
+        if memory is None:
+            return first_generation(self.plan, streams, self.settings.breeding)
+        parents = [c.parent for c in memory.all]
+        points = np.array([c.cases for c in memory.all])
+        fittest = sorted(range(len(parents)), key=lambda k: -memory.all[k].fitness)
+
+        def pick(rng: np.random.Generator) -> tuple[Parent, Sequence[Parent]]:
+            mother, father = (parents[selected(rng, points)] for _ in range(2))
+            return mother, [father]
+
+        return next_generation(
+            self.plan,
+            streams,
+            state.generation,
+            again=[parents[k] for k in fittest[: self.settings.elites]],
+            tree=memory.given,
+            pick=pick,
+            how=self.settings.breeding,
+        )
+
+    def tell(
+        self, state: SearchState, evaluated: Sequence[Evaluated], advice: Advice
+    ) -> SearchState:
+        """See `Search`."""
+        found = tuple(
+            Contender(Parent(e.individual.id, e.individual.tree), e.fitness, self._cases(e))
+            for e in evaluated
+        )
+        return SearchState(state.generation + 1, Contenders(found, advice.tree))
+
+    def _cases(self, e: Evaluated) -> tuple[float, ...]:
+        if self.settings.cases == "episodes":
+            return e.episodes
+        return tuple(e.outcome.components.values())
+
+
+def selected(rng: np.random.Generator, points: np.ndarray[Any, Any]) -> int:
+    """The row that is selected, among all that pass every case in a random order."""
+    left = passing(points, rng.permutation(points.shape[1]).tolist())
+    return int(left[rng.integers(len(left))])
+
+
+def passing(points: np.ndarray[Any, Any], order: Sequence[int]) -> np.ndarray[Any, Any]:
+    """The rows that are within epsilon of the best of those left, in case after case.
+
+    Args:
+        points: of each individual (rows) in each case (columns); more is better.
+        order: of the cases.
+
+    Returns:
+        Indices of rows, at least one.
+    """
+    left = np.arange(len(points))
+    for case in order:
+        if len(left) == 1:
+            break
+        values = points[left, case]
+        epsilon = np.median(np.abs(values - np.median(values)))
+        left = left[values >= values.max() - epsilon]
+    return left

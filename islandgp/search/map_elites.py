@@ -1,0 +1,135 @@
+"""MAP-Elites: the best tree of each kind of behaviour.
+
+Mouret and Clune 2015, "Illuminating search spaces by mapping elites", arXiv 1504.04909. Trees
+compete only with those that do the same things about as often: those in one cell of a grid over
+counters. An elite is worth the mean of all its episodes, and some elites of each generation are
+evaluated again, those with the fewest episodes first; a cell keeps a few trees more, so that an
+elite that was only lucky gives its place back. For re-evaluation in noisy tasks see Justesen,
+Risi and Mouret 2019, "MAP-Elites for noisy domains by adaptive sampling" (GECCO).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from pydantic import BaseModel, Field
+
+from islandgp.domain import Schema
+from islandgp.evolution.plan import Plan
+from islandgp.evolution.population import Evaluated, Individual, Tree
+from islandgp.search.base import Advice, SearchContext, SearchState
+from islandgp.search.breeding import Breeding, Parent, digest, first_generation, next_generation
+from islandgp.search.descriptor import Descriptor, cell, dimensions, faults, point
+from islandgp.seeding import Streams
+
+
+class MapElitesSettings(BaseModel, frozen=True, extra="forbid"):
+    """The grid, and how elites are evaluated again."""
+
+    descriptor: Descriptor
+    """Counters, or COUNTER/WIDTH for bins of equal width; none: the behaviours' counters."""
+    bins: int = Field(ge=1, le=100)  # of a counter above 0, at most
+    depth: int = Field(ge=1, le=100)  # trees that a cell keeps
+    again: float = Field(ge=0, lt=1)  # share of the slots in which elites are evaluated again
+    breeding: Breeding
+
+    def faults(self, schema: Schema) -> Iterator[str]:
+        """See `Search`."""
+        return faults("search.policy.descriptor", self.descriptor, schema)
+
+
+@dataclass(frozen=True, slots=True)
+class Occupant:
+    """A tree in the grid."""
+
+    parent: Parent  # with the id of its last individual
+    n: int  # generations in whose worlds it was evaluated
+    fitness: float  # mean over these, points
+    place: tuple[float, ...]  # mean over these, in the space of behaviours
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """All trees that are kept, a cell after the other, the best of a cell first."""
+
+    occupants: tuple[Occupant, ...]
+    given: Tree | None  # of the supervisor, to inject
+
+
+class MapElites:
+    """See the module."""
+
+    Settings = MapElitesSettings
+    Memory: ClassVar[Any] = Grid
+    uses: ClassVar[frozenset[str]] = frozenset({"tree"})
+
+    @classmethod
+    def make(cls, settings: MapElitesSettings, context: SearchContext) -> MapElites:
+        """See `Search`."""
+        return cls(settings, context.plan)
+
+    def __init__(self, settings: MapElitesSettings, plan: Plan) -> None:
+        self.settings = settings
+        self.plan = plan
+        self.dimensions = dimensions(settings.descriptor, plan.classes)
+
+    def start(self) -> SearchState:
+        """See `Search`."""
+        return SearchState(0)
+
+    def ask(self, state: SearchState, streams: Streams) -> tuple[Individual, ...]:
+        """See `Search`."""
+        memory: Grid | None = state.memory
+        if memory is None:
+            return first_generation(self.plan, streams, self.settings.breeding)
+        best = [found[0] for found in self.cells(memory.occupants).values()]
+        parents = [o.parent for o in best]
+        doubtful = sorted(best, key=lambda o: (o.n, -o.fitness))
+        most = round(self.settings.again * self.plan.gp.population)
+
+        def pick(rng: np.random.Generator) -> tuple[Parent, Sequence[Parent]]:
+            return parents[rng.integers(len(parents))], parents
+
+        return next_generation(
+            self.plan,
+            streams,
+            state.generation,
+            again=[o.parent for o in doubtful[:most]],
+            tree=memory.given,
+            pick=pick,
+            how=self.settings.breeding,
+            known=[o.parent.tree for o in memory.occupants],
+        )
+
+    def tell(
+        self, state: SearchState, evaluated: Sequence[Evaluated], advice: Advice
+    ) -> SearchState:
+        """See `Search`."""
+        before = () if state.memory is None else state.memory.occupants
+        known = {digest(o.parent.tree): o for o in before}
+        for e in evaluated:
+            key = digest(e.individual.tree)
+            known[key] = updated(known.get(key), e, point(self.dimensions, e.outcome))
+        cells = self.cells(tuple(known.values())).values()
+        kept = tuple(o for found in cells for o in found[: self.settings.depth])
+        return SearchState(state.generation + 1, Grid(kept, advice.tree))
+
+    def cells(self, occupants: Sequence[Occupant]) -> dict[tuple[int, ...], list[Occupant]]:
+        """The occupants of each cell, the best first."""
+        found: dict[tuple[int, ...], list[Occupant]] = {}
+        for o in sorted(occupants, key=lambda o: -o.fitness):
+            found.setdefault(cell(o.place, self.settings.bins), []).append(o)
+        return found
+
+
+def updated(before: Occupant | None, e: Evaluated, place: Sequence[float]) -> Occupant:
+    """The occupant with one more evaluation."""
+    parent = Parent(e.individual.id, e.individual.tree)
+    if before is None:
+        return Occupant(parent, 1, e.fitness, tuple(place))
+    n = before.n + 1
+    means = (old + (new - old) / n for old, new in zip(before.place, place, strict=True))
+    return Occupant(parent, n, before.fitness + (e.fitness - before.fitness) / n, tuple(means))

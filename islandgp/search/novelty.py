@@ -1,0 +1,132 @@
+"""Novelty search: parents are those that do something new, whatever it earns.
+
+Lehman and Stanley 2011, "Abandoning Objectives: Evolution Through the Search for Novelty Alone",
+Evolutionary Computation 19(2). An individual's novelty is its mean distance to the k nearest
+neighbours among its generation and an archive of what was new before. The fittest of each
+generation are evaluated again in the next one, so that what is found is not lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from pydantic import BaseModel, Field
+
+from islandgp.domain import Schema
+from islandgp.evolution.plan import Plan
+from islandgp.evolution.population import Evaluated, Individual, Tree
+from islandgp.search.base import Advice, SearchContext, SearchState
+from islandgp.search.breeding import Breeding, Parent, first_generation, next_generation
+from islandgp.search.descriptor import Descriptor, dimensions, faults, point
+from islandgp.seeding import Streams
+
+Places = tuple[tuple[float, ...], ...]
+
+
+class NoveltySettings(BaseModel, frozen=True, extra="forbid"):
+    """What novelty is, and who becomes a parent."""
+
+    descriptor: Descriptor
+    """Counters, or COUNTER/WIDTH for a linear scale; none: the behaviours' counters."""
+    neighbours: int = Field(ge=1)  # to which the distance is measured
+    archive: int = Field(ge=0)  # places at most; then the oldest are forgotten
+    added: int = Field(ge=0)  # most novel individuals of a generation whose places are archived
+    fittest: int = Field(ge=0)  # of a generation, evaluated again in the next one
+    tournament: int = Field(ge=1)  # individuals of which the most novel becomes a parent
+    breeding: Breeding
+
+    def faults(self, schema: Schema) -> Iterator[str]:
+        """See `Search`."""
+        return faults("search.policy.descriptor", self.descriptor, schema)
+
+
+@dataclass(frozen=True, slots=True)
+class Explored:
+    """The last generation, the most novel first, and places that were new before."""
+
+    parents: tuple[Parent, ...]
+    fittest: tuple[Parent, ...]  # of these, the best first
+    archive: Places  # the oldest first
+    given: Tree | None  # of the supervisor, to inject
+
+
+class Novelty:
+    """See the module."""
+
+    Settings = NoveltySettings
+    Memory: ClassVar[Any] = Explored
+    uses: ClassVar[frozenset[str]] = frozenset({"tree"})
+
+    @classmethod
+    def make(cls, settings: NoveltySettings, context: SearchContext) -> Novelty:
+        """See `Search`."""
+        return cls(settings, context.plan)
+
+    def __init__(self, settings: NoveltySettings, plan: Plan) -> None:
+        self.settings = settings
+        self.plan = plan
+        self.dimensions = dimensions(settings.descriptor, plan.classes)
+
+    def start(self) -> SearchState:
+        """See `Search`."""
+        return SearchState(0)
+
+    def ask(self, state: SearchState, streams: Streams) -> tuple[Individual, ...]:
+        """See `Search`."""
+        memory: Explored | None = state.memory
+        if memory is None:
+            return first_generation(self.plan, streams, self.settings.breeding)
+        parents, size = memory.parents, self.settings.tournament
+
+        def pick(rng: np.random.Generator) -> tuple[Parent, Sequence[Parent]]:
+            mother, father = (parents[min(rng.integers(len(parents), size=size))] for _ in range(2))
+            return mother, [father]
+
+        return next_generation(
+            self.plan,
+            streams,
+            state.generation,
+            again=memory.fittest,
+            tree=memory.given,
+            pick=pick,
+            how=self.settings.breeding,
+        )
+
+    def tell(
+        self, state: SearchState, evaluated: Sequence[Evaluated], advice: Advice
+    ) -> SearchState:
+        """See `Search`."""
+        archive: Places = () if state.memory is None else state.memory.archive
+        places = tuple(point(self.dimensions, e.outcome) for e in evaluated)
+        new = novelty(places, archive, self.settings.neighbours)
+        order = sorted(range(len(places)), key=lambda k: -new[k])
+        fittest = sorted(range(len(places)), key=lambda k: -evaluated[k].fitness)
+        parents = [Parent(e.individual.id, e.individual.tree) for e in evaluated]
+        grown = (*archive, *(places[k] for k in order[: self.settings.added]))
+        explored = Explored(
+            parents=tuple(parents[k] for k in order),
+            fittest=tuple(parents[k] for k in fittest[: self.settings.fittest]),
+            archive=grown[max(0, len(grown) - self.settings.archive) :],
+            given=advice.tree,
+        )
+        return SearchState(state.generation + 1, explored)
+
+
+def novelty(places: Places, archive: Places, neighbours: int) -> list[float]:
+    """The mean distance of each place to its nearest others.
+
+    Args:
+        places: at least one.
+        archive: further places that are neighbours.
+        neighbours: how many of the nearest count, >= 1; fewer where there are no more.
+    """
+    pool = np.array([*places, *archive])
+    found = []
+    for k in range(len(places)):
+        distances = np.delete(np.linalg.norm(pool - pool[k], axis=1), k)
+        nearest = np.sort(distances)[:neighbours]
+        found.append(float(nearest.mean()) if len(nearest) else 0.0)
+    return found

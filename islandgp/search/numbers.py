@@ -1,0 +1,376 @@
+"""The thresholds of a tree tuned by CMA-ES, from the values that are written.
+
+CMA-ES (Hansen 2016, arXiv 1604.00772) draws trees near the written one. All trees of a generation
+meet the same worlds, and each generation meets new ones (common random numbers). The last mean of
+the distribution, the best trees of the last generations and the written tree then race in other
+worlds, by successive halving. The winner is accepted where it is better than the written tree by
+the paired differences in worlds that neither drew nor raced.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import count, islice
+from math import ceil, log
+from pathlib import Path
+from statistics import fmean
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from islandgp.bt.builder import MAX_NUMBER
+from islandgp.bt.language import parse, to_text
+from islandgp.bt.numbers import EQUAL, REPEATS, Number, numbers_of, with_numbers
+from islandgp.bt.vocabulary import Key, Vocabulary, number
+from islandgp.errors import ConfigError
+from islandgp.evolution.branches import fine
+from islandgp.evolution.evidence import interval
+from islandgp.seeding import Stream, seed_of
+
+SEARCH: Final = Fraction(
+    4, 5
+)  # share of the episodes; half of the rest is for the race, half to compare
+RACING: Final = 8  # most trees in the race, the written one among them
+LEAST_WORLDS: Final = 2  # that an interval needs
+LEAST_RANGE: Final = 1e-7  # of a key; `fine` rounds to 9 decimals
+
+Values: TypeAlias = tuple[float, ...]
+"""One value for each threshold that is tuned."""
+
+Evaluate: TypeAlias = Callable[[Sequence[str], Sequence[int]], Sequence[Sequence[float]]]
+"""The points of each tree, given as canonical text, in each of the worlds."""
+
+MeanInterval: TypeAlias = tuple[float, float, float]
+"""A mean and the ends of its 95 % interval, points."""
+
+
+@dataclass(frozen=True, slots=True)
+class Threshold:
+    """A number of a file that is tuned."""
+
+    number: Number
+    key: Key  # the range and step that its keys have in common
+    bounds: tuple[float, float]  # that range, wider where what is written lies outside
+
+    def at(self, offset: float) -> float:
+        """The value at an offset from the written one, in ranges of the key, rounded."""
+        low, high = self.bounds
+        within = number("", low, high, self.key.step)
+        return fine(self.number.value + offset * (self.key.high - self.key.low), within)
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodePlan:
+    """What the episodes of a budget are spent on."""
+
+    population: int  # trees of a generation
+    generations: int  # at most: the search stops early where it has converged
+    racing: int  # episodes, at most
+    comparing: int  # worlds
+
+
+@dataclass(frozen=True, slots=True)
+class NumberSettings:
+    """How far and how long thresholds are searched."""
+
+    episodes: int = 9_600  # at most, in all
+    worlds: int = 16  # new ones of each generation, >= LEAST_WORLDS
+    population: int = 12  # trees of a generation; more with more than 14 thresholds, as in Hansen
+    sigma: float = 0.1  # first standard deviation, in ranges of a key
+
+    def plan(self, dimensions: int) -> EpisodePlan:
+        """How the episodes are spent on so many thresholds.
+
+        Raises:
+            ConfigError: they are too few for one generation, the race and the comparison.
+        """
+        population = max(self.population, 4 + int(3 * log(dimensions)))
+        generation = population * self.worlds
+        generations = int(SEARCH * self.episodes / generation)
+        rest = self.episodes - generations * generation
+        comparing = rest // 4
+        racing = rest - 2 * comparing
+        if generations < 1 or comparing < LEAST_WORLDS:
+            least = max(ceil(generation / SEARCH), generation + 4 * LEAST_WORLDS)
+            raise ConfigError(
+                f"Expected at least {least:,} episodes: a generation is {population} trees in"
+                f" {self.worlds} worlds, and a race and a comparison follow; found"
+                f" {self.episodes:,}. Give more episodes, or fewer worlds."
+            )
+        return EpisodePlan(population, generations, racing, comparing)
+
+
+@dataclass(frozen=True, slots=True)
+class NumberComparison:
+    """Two trees compared in the same worlds, which chose neither."""
+
+    worlds: int
+    written: MeanInterval
+    tuned: MeanInterval
+    difference: MeanInterval  # tuned minus written, paired by world
+    better: int  # worlds in which the tuned tree has more points
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the whole interval of the difference is above 0."""
+        return self.difference[1] > 0
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeCosts:
+    """Episodes, by what they were spent on."""
+
+    search: int = 0
+    race: int = 0
+    comparison: int = 0
+
+    @property
+    def total(self) -> int:
+        """All of them."""
+        return self.search + self.race + self.comparison
+
+
+@dataclass(frozen=True, slots=True)
+class Tuned:
+    """What came of tuning a tree."""
+
+    text: str  # with the new values if they are accepted, else as it was, to the letter
+    thresholds: tuple[Threshold, ...]
+    values: Values  # of the thresholds in `text`
+    comparison: (
+        NumberComparison | None
+    )  # None: the race was won by the written tree, or there was none
+    costs: EpisodeCosts
+
+
+def thresholds_of(
+    text: str, vocabulary: Vocabulary, *, name: str = "<tree>", folder: Path | None = None
+) -> list[Threshold]:
+    """The numbers of a tree's file that can be tuned, in their order.
+
+    These are what `<`, `<=`, `>` and `>=` compare with a key, directly or by a constant or a
+    parameter. Counts of repeaters, what `==` or `!=` compares, numbers that nothing uses and those
+    of included files are left out.
+
+    Args:
+        text: of a file; canonical text is one, too.
+        vocabulary: declares the keys.
+        name: what messages call the file.
+        folder: where its includes are.
+
+    Raises:
+        TreeError: the text is no tree of the vocabulary.
+    """
+    found = []
+    for each in numbers_of(text, vocabulary, name=name, folder=folder):
+        if not each.purposes or each.purposes & {REPEATS, EQUAL}:
+            continue
+        keys = [vocabulary.keys[purpose] for purpose in each.purposes]
+        low = max(-MAX_NUMBER, *(key.low for key in keys))
+        high = min(MAX_NUMBER, *(key.high for key in keys))
+        if high - low < LEAST_RANGE:  # also where keys have no range in common
+            continue
+        common = number("", low, high, min(key.step for key in keys))
+        most = min((key.most for key in keys if key.most is not None), default=MAX_NUMBER)
+        found.append(Threshold(each, common, _bounds(each.value, common, most)))
+    return found
+
+
+def _bounds(written: float, key: Key, most: float) -> tuple[float, float]:
+    """The key's range. A value above it, where no random threshold is, has one range more.
+
+    Args:
+        written: the value.
+        key: its range.
+        most: greatest value of the key.
+    """
+    room = min(written + key.high - key.low, most, MAX_NUMBER) if written > key.high else key.high
+    return min(key.low, written), max(room, written)
+
+
+def tuned(
+    text: str,
+    evaluate: Evaluate,
+    vocabulary: Vocabulary,
+    settings: NumberSettings | None = None,
+    *,
+    seed: int,
+    name: str = "<tree>",
+    folder: Path | None = None,
+    progress: Callable[[int], None] = lambda _: None,
+) -> Tuned:
+    """A tree with better thresholds, or as it is where none are found.
+
+    Equal arguments give equal results. A tree without thresholds costs no episode.
+
+    Args:
+        text: of a file, whose comments and layout stay; `to_text(node)` for a Node.
+        evaluate: runs episodes; it gets each generation, and each round of the race, at once.
+        vocabulary: declares the keys.
+        settings: default: NumberSettings().
+        seed: of worlds and of CMA-ES, >= 0.
+        name, folder: as for `thresholds_of`.
+        progress: is called with the number of episodes so far.
+
+    Raises:
+        TreeError: the text is no tree of the vocabulary.
+        ConfigError: the settings have too few episodes.
+    """
+    settings = settings or NumberSettings()
+    thresholds = tuple(thresholds_of(text, vocabulary, name=name, folder=folder))
+    written = tuple(each.number.value for each in thresholds)
+    if not thresholds:
+        return Tuned(text, (), (), None, EpisodeCosts())
+    plan = settings.plan(len(thresholds))
+    candidates = _Candidates(text, thresholds, evaluate, name, folder, progress)
+    worlds = _new_worlds(seed)
+
+    found = _search(candidates, settings, plan, worlds, seed)
+    searching = candidates.episodes
+    winner = _race(candidates, [written, *found], plan.racing, worlds)
+    racing = candidates.episodes - searching
+    if winner == written:
+        return Tuned(text, thresholds, written, None, EpisodeCosts(searching, racing))
+    comparison = _compare(candidates, written, winner, list(islice(worlds, plan.comparing)))
+    costs = EpisodeCosts(searching, racing, candidates.episodes - searching - racing)
+    if not comparison.accepted:
+        return Tuned(text, thresholds, written, comparison, costs)
+    return Tuned(candidates.text(winner), thresholds, winner, comparison, costs)
+
+
+class _Candidates:
+    """Evaluates the tree of a file with any values of its thresholds, and counts the episodes."""
+
+    def __init__(
+        self,
+        text: str,
+        thresholds: Sequence[Threshold],
+        evaluate: Evaluate,
+        name: str,
+        folder: Path | None,
+        progress: Callable[[int], None],
+    ) -> None:
+        self.thresholds = thresholds
+        self.episodes = 0
+        self._text, self._evaluate = text, evaluate
+        self._name, self._folder, self._progress = name, folder, progress
+
+    def text(self, values: Values) -> str:
+        """The file with these values; a number that keeps its value keeps its digits."""
+        pairs = zip(self.thresholds, values, strict=True)
+        changed = [(t.number, value) for t, value in pairs if t.number.value != value]
+        return with_numbers(self._text, [n for n, _ in changed], [v for _, v in changed])
+
+    def points(self, trees: Sequence[Values], worlds: Sequence[int]) -> list[list[float]]:
+        """The points of each tree in each world. Raises LimitError if a tree gets too long."""
+        texts = [
+            to_text(parse(self.text(values), name=self._name, folder=self._folder))
+            for values in trees
+        ]
+        points = [list(row) for row in self._evaluate(texts, worlds)]
+        self.episodes += len(trees) * len(worlds)
+        self._progress(self.episodes)
+        return points
+
+
+def _search(
+    candidates: _Candidates,
+    settings: NumberSettings,
+    plan: EpisodePlan,
+    worlds: Iterator[int],
+    seed: int,
+) -> list[Values]:
+    """The last mean of CMA-ES, then the best tree of each generation, the last one first."""
+    from cmaes import CMA  # type: ignore[import-untyped] # it ships no types; it loads SciPy
+
+    axes = candidates.thresholds
+    scales = [axis.key.high - axis.key.low for axis in axes]
+    optimizer = CMA(
+        mean=np.zeros(len(axes)),
+        sigma=settings.sigma,
+        bounds=np.array(
+            [
+                [(end - axis.number.value) / scale for end in axis.bounds]
+                for axis, scale in zip(axes, scales, strict=True)
+            ]
+        ),
+        population_size=plan.population,
+        seed=seed_of(seed, Stream.TUNING, generation=1),
+    )
+    winners: list[Values] = []
+    for _ in range(plan.generations):
+        drawn = [optimizer.ask() for _ in range(plan.population)]
+        values = [_rounded(axes, offsets) for offsets in drawn]
+        trees = list(dict.fromkeys(values))
+        found = candidates.points(trees, list(islice(worlds, settings.worlds)))
+        means = {tree: fmean(points) for tree, points in zip(trees, found, strict=True)}
+        best = max(trees, key=means.__getitem__)
+        winners.append(best)
+        # The loss is relative to the best: CMA-ES stops where it stays 0 in all of a few dozen
+        # generations, in whichever worlds.
+        losses = [means[best] - means[tree] for tree in values]
+        optimizer.tell(list(zip(drawn, losses, strict=True)))
+        if len(trees) == 1 or optimizer.should_stop():
+            break
+    return [_rounded(axes, optimizer.mean), *reversed(winners)]
+
+
+def _rounded(axes: Sequence[Threshold], offsets: Sequence[float] | np.ndarray) -> Values:
+    return tuple(axis.at(float(offset)) for axis, offset in zip(axes, offsets, strict=True))
+
+
+def _race(
+    candidates: _Candidates, trees: Sequence[Values], episodes: int, worlds: Iterator[int]
+) -> Values:
+    """The winner of a race by successive halving; of equal trees, the first.
+
+    As many of the trees take part as can each meet LEAST_WORLDS new worlds in each round.
+    """
+    distinct = list(dict.fromkeys(trees))
+    n = min(RACING, len(distinct))
+    while n > 2 and episodes // len(_halving(n)) // n < LEAST_WORLDS:
+        n -= 1
+    points: dict[Values, list[float]] = {tree: [] for tree in distinct[:n]}
+    sizes = _halving(n)
+    for size in sizes:
+        left = sorted(points, key=lambda tree: -_mean(points[tree]))[:size]
+        new = list(islice(worlds, episodes // len(sizes) // size))
+        found = candidates.points(left, new)
+        points = {tree: points[tree] + more for tree, more in zip(left, found, strict=True)}
+    return max(points, key=lambda tree: _mean(points[tree]))
+
+
+def _halving(n: int) -> list[int]:
+    """The trees of each round: n, n / 2, ..., 2; a tree alone has no race."""
+    sizes = []
+    while n > 1:
+        sizes.append(n)
+        n = max(2, (n + 1) // 2) if n > 2 else 1
+    return sizes
+
+
+def _mean(points: Sequence[float]) -> float:
+    return fmean(points) if points else 0.0  # before the first round all are equal
+
+
+def _compare(
+    candidates: _Candidates, written: Values, winner: Values, worlds: Sequence[int]
+) -> NumberComparison:
+    before, after = candidates.points([written, winner], worlds)
+    differences = [b - a for a, b in zip(before, after, strict=True)]
+    better = sum(difference > 0 for difference in differences)
+    return NumberComparison(
+        len(worlds), interval(before), interval(after), interval(differences), better
+    )
+
+
+def _new_worlds(seed: int) -> Iterator[int]:
+    """Worlds without end, each once."""
+    seen: set[int] = set()
+    for slot in count():
+        world = seed_of(seed, Stream.TUNING, slot=slot)
+        if world not in seen:
+            seen.add(world)
+            yield world

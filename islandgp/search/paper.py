@@ -1,0 +1,106 @@
+"""The paper's search: Algorithm 1 with the slots of Table 1 (sections 2.3 and 2.4.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, Final
+
+from islandgp.evolution.allocation import next_population, remember
+from islandgp.evolution.plan import Plan
+from islandgp.evolution.population import Ancestor, Evaluated, Individual, Origin, Tree
+from islandgp.evolution.random_trees import random_tree
+from islandgp.evolution.variation import mutate
+from islandgp.scoring.snapshot import diversity
+from islandgp.search.base import Advice, NoSettings, SearchContext, SearchState
+from islandgp.seeding import Stream, Streams
+
+SPARED: Final = (Origin.ELITE, Origin.BEHAVIOURAL_ELITE, Origin.INJECTED)
+"""Individuals that mutation leaves alone where `gp.mutate_elites` is false."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parents:
+    """The last generation, and what the supervisor advised for the next one."""
+
+    population: tuple[Evaluated, ...]
+    rate: float  # mutation rate, in [0, 1]
+    tree: Tree | None  # to inject
+    ancestors: dict[str, Ancestor] = field(default_factory=dict)
+    """The best individual of each behaviour, resurrected when the behaviour dies out."""
+
+
+class Paper:
+    """Elites, behavioural elites, resurrection, random trees and tournament children (Table 1).
+
+    Its settings are those of the groups `gp` and `allocation`.
+    """
+
+    Settings = NoSettings
+    Memory: ClassVar[Any] = Parents
+    uses: ClassVar[frozenset[str]] = frozenset({"rate", "tree"})
+
+    @classmethod
+    def make(cls, settings: NoSettings, context: SearchContext) -> Paper:  # noqa: ARG003 -- the protocol's
+        """See `Search`."""
+        return cls(context.plan)
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
+
+    def start(self) -> SearchState:
+        """See `Search`."""
+        return SearchState(0)
+
+    def ask(self, state: SearchState, streams: Streams) -> tuple[Individual, ...]:
+        """Line 2 of Algorithm 1 for generation 0, lines 8 to 15 for the others."""
+        if state.memory is None:
+            return first_population(self.plan, streams)
+        parents: Parents = state.memory
+        population = next_population(
+            self.plan,
+            parents.population,
+            streams=streams,
+            generation=state.generation,
+            injected=parents.tree,
+            archive=parents.ancestors,
+            diversity=diversity([e.verdict.specialist for e in parents.population]),
+        )
+        return mutated(self.plan, population, streams, state.generation, parents.rate)
+
+    def tell(
+        self, state: SearchState, evaluated: Sequence[Evaluated], advice: Advice
+    ) -> SearchState:
+        """See `Search`."""
+        stage = self.plan.curriculum.stage(state.generation)
+        before = {} if state.memory is None else state.memory.ancestors
+        ancestors = remember(before, evaluated, self.plan.classes.kept, stage)
+        parents = Parents(tuple(evaluated), advice.rate, advice.tree, ancestors)
+        return SearchState(state.generation + 1, parents)
+
+
+def first_population(plan: Plan, streams: Streams) -> tuple[Individual, ...]:
+    """The plan's founders, then random trees, each from a stream of its slot."""
+    founders = plan.founders[: plan.gp.population]
+    given = [Individual(f"0.{k}", tree, Origin.INJECTED) for k, tree in enumerate(founders)]
+    random = [
+        Individual(
+            f"0.{slot}", random_tree(streams(Stream.INITIAL, slot=slot), plan.space), Origin.RANDOM
+        )
+        for slot in range(len(founders), plan.gp.population)
+    ]
+    return (*given, *random)
+
+
+def mutated(
+    plan: Plan, population: Sequence[Individual], streams: Streams, generation: int, rate: float
+) -> tuple[Individual, ...]:
+    """Line 15: mutation after construction, of all where `gp.mutate_elites` (section 2.4.3)."""
+    new = []
+    for slot, i in enumerate(population):
+        if plan.gp.mutate_elites or i.origin not in SPARED:
+            rng = streams(Stream.MUTATION, generation=generation, slot=slot)
+            tree, operator = mutate(rng, i.tree, rate=rate, space=plan.space, how=plan.gp.mutation)
+            i = replace(i, tree=tree, mutation=operator)
+        new.append(i)
+    return tuple(new)

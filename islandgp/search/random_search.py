@@ -1,0 +1,84 @@
+"""The control without inheritance: each individual is a new random tree.
+
+What a search earns beyond this control is what selection and variation add. Random search is the
+usual yardstick of genetic programming; e.g. Langdon and Poli 2002, Foundations of Genetic
+Programming, compare both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import NoneType
+from typing import Any, ClassVar
+
+import numpy as np
+from pydantic import BaseModel, Field
+
+from islandgp.bt.node import Node, within
+from islandgp.evolution.branches import random_list
+from islandgp.evolution.plan import Plan
+from islandgp.evolution.population import Evaluated, Individual, Origin
+from islandgp.evolution.random_trees import random_tree
+from islandgp.search.base import Advice, SearchContext, SearchState
+from islandgp.search.breeding import TRIES
+from islandgp.seeding import Stream, Streams
+
+
+class RandomSearchSettings(BaseModel, frozen=True, extra="forbid"):
+    """Which random trees."""
+
+    lists: float = Field(ge=0, le=1)  # share of priority lists; the others are as `gp.trees` has it
+
+
+class RandomSearch:
+    """Has no memory."""
+
+    Settings = RandomSearchSettings
+    Memory: ClassVar[Any] = NoneType
+    uses: ClassVar[frozenset[str]] = frozenset()
+
+    @classmethod
+    def make(cls, settings: RandomSearchSettings, context: SearchContext) -> RandomSearch:
+        """See `Search`."""
+        return cls(settings, context.plan)
+
+    def __init__(self, settings: RandomSearchSettings, plan: Plan) -> None:
+        self.settings = settings
+        self.plan = plan
+
+    def start(self) -> SearchState:
+        """See `Search`."""
+        return SearchState(0)
+
+    def ask(self, state: SearchState, streams: Streams) -> tuple[Individual, ...]:
+        """See `Search`. The first population is that of `search=paper`."""
+        g, n = state.generation, self.plan.gp.population
+        founders = self.plan.founders[:n] if g == 0 else ()
+        given = [Individual(f"{g}.{k}", tree, Origin.INJECTED) for k, tree in enumerate(founders)]
+        purpose = Stream.DIVERSITY if g else Stream.INITIAL  # those of the paper's random trees
+        drawn = [
+            Individual(
+                f"{g}.{slot}",
+                self._tree(streams(purpose, generation=g, slot=slot)),
+                Origin.RANDOM,
+            )
+            for slot in range(len(given), n)
+        ]
+        return (*given, *drawn)
+
+    def _tree(self, rng: np.random.Generator) -> Node:
+        if self.settings.lists and rng.random() < self.settings.lists:
+            for _ in range(TRIES):
+                tree = random_list(rng, self.plan.space)
+                if within(tree, self.plan.gp.limits):
+                    return tree
+        return random_tree(rng, self.plan.space)
+
+    def tell(
+        self,
+        state: SearchState,
+        evaluated: Sequence[Evaluated],  # noqa: ARG002 -- the protocol's
+        advice: Advice,  # noqa: ARG002 -- the protocol's
+    ) -> SearchState:
+        """See `Search`; neither outcomes nor advice change anything."""
+        return SearchState(state.generation + 1)

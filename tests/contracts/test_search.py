@@ -1,0 +1,249 @@
+"""What every search guarantees, whatever the outcomes: each of `conf/search`, and one of one's own.
+
+A search of yours is checked in the same way: add it to SEARCHES below.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from islandgp.bt.language import parse
+from islandgp.bt.node import Node, within
+from islandgp.bt.vocabulary import Action, Vocabulary, flag
+from islandgp.config.settings import Settings
+from islandgp.errors import ConfigError
+from islandgp.evolution.loop import evolve
+from islandgp.evolution.plan import Plan
+from islandgp.evolution.record import RunState, Step
+from islandgp.plain import plain
+from islandgp.records.checkpoint import read_checkpoint, save_state
+from islandgp.running.run import make_search, plan_of
+from islandgp.search.base import USES, Search, SearchContext
+from islandgp.supervision.base import Supervisor
+from tests.composed import composed
+from tests.evolution.fake import Fake
+from tests.evolution.runs import Says, lines
+from tests.search.searches import NAMES
+
+SMALL = ("supervisor=expert", "gp.population=12", "gp.generations=7")
+FEWER = ("compose",)  # searches that may ask for fewer than gp.population individuals
+CHARGER = parse("sequence { SeekCharger ExecuteCharge }")
+
+WAITING = Vocabulary("waiting", {"Wait": Action("waits")}, {})
+BLIND = Vocabulary("blind", {"Left": Action("turns left"), "Right": Action("turns right")}, {})
+LONELY = Vocabulary("lonely", {"Wait": Action("waits")}, {"warm": flag("it is warm")})
+
+
+@dataclass(frozen=True)
+class Case:
+    """A search that configuration chooses."""
+
+    name: str
+
+    def settings(self, *overrides: str) -> Settings:
+        """The settings of a small run with it."""
+        return composed(*SMALL, f"search={self.name}", *overrides)
+
+    def run(
+        self,
+        *overrides: str,
+        seed: int = 1,
+        supervisor: Supervisor | None = None,
+        start: RunState | None = None,
+    ) -> list[Step]:
+        """All steps of a run whose outcomes are the fake's."""
+        settings = self.settings(*overrides)
+        plan = plan_of(settings, settings.make_domain())
+        search = make_search(settings, plan)
+        return run(plan, search, seed=seed, supervisor=supervisor, start=start)
+
+
+def run(
+    plan: Plan,
+    search: Search,
+    *,
+    seed: int = 1,
+    supervisor: Supervisor | None = None,
+    start: RunState | None = None,
+) -> list[Step]:
+    """All steps of a run whose outcomes are the fake's."""
+    supervisor = supervisor or Says(0.3)
+    return list(evolve(plan, seed, supervisor, Fake(), search=search, start=start))
+
+
+SEARCHES = [Case(name) for name in NAMES]
+
+
+@pytest.fixture(params=SEARCHES, ids=lambda case: case.name)
+def case(request: pytest.FixtureRequest) -> Case:
+    """Each search in turn."""
+    found: Case = request.param
+    return found
+
+
+@cache
+def straight(case: Case) -> list[Step]:
+    """A run in one go, in which a tree is injected and dropped again."""
+    return case.run("supervisor.inject=true", supervisor=Sometimes())
+
+
+class Sometimes(Says):
+    """Gives a tree after every second generation."""
+
+    def advise(self, state: Any, rng: Any) -> Any:
+        """See `Supervisor`."""
+        given = super().advise(state, rng)
+        return replace(given, tree=CHARGER if state.now.generation % 2 else None)
+
+
+def test_the_suite_has_all_searches() -> None:
+    """A file in conf/search is checked here; names are as their files are called."""
+    assert len(SEARCHES) >= 9
+    for case in SEARCHES:
+        assert case.settings().search.name == case.name
+        assert case.settings().search.factory.uses <= USES
+
+
+def test_the_same_seed_gives_the_same_records(case: Case) -> None:
+    """And another seed gives others."""
+    again = case.run("supervisor.inject=true", supervisor=Sometimes())
+    other = case.run("supervisor.inject=true", supervisor=Sometimes(), seed=2)
+    assert list(lines(again)) == list(lines(straight(case)))
+    assert [i.tree for i in other[0].record.individuals] != [
+        i.tree for i in again[0].record.individuals
+    ]
+
+
+def test_resuming_changes_nothing(case: Case, tmp_path: Path) -> None:
+    """From the state after each generation, through a checkpoint, the rest is the same."""
+    steps = straight(case)
+    expected = list(lines(steps))
+    for step in steps[:-1]:
+        assert step.state is not None
+        save_state(tmp_path / "checkpoint.json", step.state)
+        found, _ = read_checkpoint(tmp_path / "checkpoint.json")
+        start = replace(found, history=step.state.history)
+        rest = case.run("supervisor.inject=true", supervisor=Sometimes(), start=start)
+        assert list(lines(rest)) == expected[start.generation :]
+
+
+def test_the_memory_is_plain(case: Case) -> None:
+    """It is JSON, and does not grow without bound: less than 4 kB an individual."""
+    steps = case.run("gp.generations=30")
+    for step in steps[:-1]:
+        assert step.state is not None
+        memory = step.state.memory
+        kind = case.settings().search.factory.Memory
+        assert memory is None or isinstance(memory, kind)
+    last = steps[-2].state
+    assert last is not None
+    assert len(json.dumps(plain(last.memory), allow_nan=False)) < 30 * 12 * 4000
+
+
+TREES = pytest.mark.parametrize(
+    "overrides",
+    [
+        (),
+        ("gp.population=4",),
+        ("gp.max_depth=2", "gp.max_nodes=3", "gp.trees.children=[1,3]"),
+        ("gp.max_depth=50", "gp.max_nodes=5"),
+        ("gp.founders=true",),
+        ("supervisor.lag=3", "supervisor.inject=true"),
+    ],
+    ids=lambda words: " ".join(words) or "default",
+)
+
+
+@TREES
+def test_populations(case: Case, overrides: tuple[str, ...]) -> None:
+    """Ids, sizes, limits and words; also with few slots, tight limits, founders and late answers.
+
+    A search that cannot work there says so before the run begins.
+    """
+    settings = case.settings(*overrides)
+    plan = plan_of(settings, settings.make_domain())
+    if case.name == "compose" and any(word.startswith("gp.max_nodes=") for word in overrides):
+        with pytest.raises(ConfigError, match=r"^search=compose: expected branches that fit"):
+            make_search(settings, plan)
+        return
+    search = make_search(settings, plan)
+    steps = run(plan, search, supervisor=Says(0.3, CHARGER))
+    assert len(steps) == 7
+    check(steps, plan, case.name in FEWER)
+    if "gp.founders=true" in overrides and case.name not in FEWER:
+        assert steps[0].record.origins["injected"] >= len(plan.founders) > 0
+
+
+def check(steps: list[Step], plan: Plan, fewer: bool = False) -> None:
+    """What holds for the individuals of every run."""
+    earlier: set[str] = set()
+    for g, step in enumerate(steps):
+        individuals = step.record.individuals
+        n = plan.gp.population
+        assert 1 <= len(individuals) <= n
+        assert fewer or len(individuals) == n
+        assert [i.id for i in individuals] == [f"{g}.{slot}" for slot in range(len(individuals))]
+        for i in individuals:
+            assert set(i.parents) <= earlier
+            assert within(parse(i.tree, plan.vocabulary), plan.gp.limits)
+        earlier |= {i.id for i in individuals}
+
+
+@pytest.mark.parametrize("words", [WAITING, BLIND, LONELY], ids=lambda words: words.domain)
+@pytest.mark.parametrize("overrides", [(), ("gp.population=4", "gp.max_depth=2", "gp.max_nodes=3")])
+def test_small_vocabularies(case: Case, words: Vocabulary, overrides: tuple[str, ...]) -> None:
+    """One action, no keys: there may be no new tree, but there is always a population."""
+    children = ("gp.trees.children=[1,3]",)
+    settings = case.settings("library=automatic", *children, *overrides)
+    plan = replace(settings.plan(settings.make_domain()), vocabulary=words)
+
+    def library() -> Mapping[str, Node]:
+        return {name: Node("action", (name,)) for name in words.actions}
+
+    part = settings.search
+    search = part.factory.make(part.settings(), SearchContext(plan, library))
+    steps = run(plan, search)
+    assert len(steps) == 7
+    check(steps, plan, case.name in FEWER)
+
+
+def test_advice_is_obeyed_or_refused(case: Case) -> None:
+    """A tree is in the next generation, a rate is that of the next one, or the record says why."""
+    uses = case.settings().search.factory.uses
+    steps = case.run("supervisor.inject=true", supervisor=Says(0.9, CHARGER))
+    for before, after in itertools.pairwise(steps):
+        guidance = before.record.guidance
+        assert guidance is not None
+        given = [i for i in after.record.individuals if i.origin == "injected"]
+        assert guidance.injected is ("tree" in uses)
+        assert len(given) == int(guidance.injected)
+        assert all(parse(i.tree) == CHARGER for i in given if not i.mutation)
+        assert ("no mutation rate" in guidance.refused) is ("rate" not in uses)
+        assert ("takes no trees" in guidance.refused) is ("tree" not in uses)
+        if "rate" in uses:
+            assert after.record.snapshot.rate == 0.9
+
+
+def test_a_tree_is_injected_once(case: Case) -> None:
+    """Advice holds for the next generation, and not for those after it."""
+    steps = straight(case)
+    for before, after in itertools.pairwise(steps):
+        guidance = before.record.guidance
+        assert guidance is not None
+        given = [i for i in after.record.individuals if i.origin == "injected"]
+        assert len(given) == int(guidance.injected)
+
+
+def test_a_run_of_one_generation(case: Case) -> None:
+    """It ends without asking the search for another one."""
+    (step,) = case.run("gp.generations=1")
+    assert step.state is None
+    assert step.record.guidance is None

@@ -1,0 +1,314 @@
+"""The archive of elites: its grid, how elites are displaced, and what a run keeps of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from islandgp.domain import Outcome
+from islandgp.domains.island.vocabulary import SCHEMA
+from islandgp.evolution.archive import (
+    EDGES,
+    ArchiveSettings,
+    ArchiveUpdate,
+    Elite,
+    archive_record,
+    cell_of,
+    update_archive,
+)
+from islandgp.evolution.loop import evolve
+from islandgp.evolution.population import Evaluated
+from islandgp.search.racing import Racing
+from islandgp.seeding import Stream, seed_of
+from tests.composed import composed, composed_plan
+from tests.evolution.fake import Fake
+from tests.evolution.runs import SMALL, Says, lines, plan, records, run
+from tests.made import CLASSES, evaluated, outcome
+
+GRID = ArchiveSettings(cells={"pickups": (0, 1, 3)})
+TREES = ("PatrolWaypoint", "SeekCharger", "PickupGarbage", "MoveToGarbage")
+
+
+def some(*rows: tuple[str, float, float], generation: int = 0) -> list[Evaluated]:
+    """Individuals of (tree, pickups, fitness)."""
+    return [
+        evaluated(f"{generation}.{slot}", outcome(fitness, pickups=pickups), tree=tree)
+        for slot, (tree, pickups, fitness) in enumerate(rows)
+    ]
+
+
+def nobody(trees: Sequence[str]) -> list[list[Outcome]]:
+    """Refuses to evaluate again."""
+    raise AssertionError(trees)
+
+
+def after(
+    before: Sequence[Elite],
+    individuals: Sequence[Evaluated],
+    settings: ArchiveSettings = GRID,
+    *,
+    world: int = 1,
+    stage: int = 0,
+    again: Any = nobody,
+) -> ArchiveUpdate:
+    """The archive after a generation of one episode in one world."""
+    texts = [f"{e.individual.tree.args[0]}\n" for e in individuals]
+    worlds = [world] * len(individuals)
+    return update_archive(
+        before, individuals, texts, worlds, settings, CLASSES, stage=stage, episodes=1, again=again
+    )
+
+
+@pytest.mark.parametrize(
+    ("pickups", "cell"),
+    [(-1, 0), (0, 0), (0.5, 0), (1, 1), (2.99, 1), (3, 2), (1e9, 2), (float("inf"), 2)],
+)
+def test_cells_begin_at_their_edges(pickups: float, cell: int) -> None:
+    """A cell holds its edge and all below the next; the first has no beginning, the last no end."""
+    assert cell_of({"pickups": pickups}, {"pickups": (0.0, 1.0, 3.0)}) == (cell,)
+
+
+@given(st.lists(st.floats(allow_nan=False), min_size=2, max_size=2))
+def test_every_value_has_a_cell(values: list[float]) -> None:
+    """Whatever the counters are, the place is on the grid."""
+    axes = {"a": (0.0, 1.0), "b": EDGES}
+    cell = cell_of(dict(zip(axes, values, strict=True)), axes)
+    assert all(0 <= place < len(edges) for place, edges in zip(cell, axes.values(), strict=True))
+
+
+def test_the_best_of_each_cell() -> None:
+    """An empty archive takes the fittest individual of each cell, the first of equals."""
+    found = after(
+        (),
+        some(("PatrolWaypoint", 0, 5), ("SeekCharger", 0, 7), ("PickupGarbage", 2, -4),
+             ("MoveToGarbage", 2, -4)),
+    )  # fmt: skip
+    assert [(e.cell, e.id, e.tree, e.mean, e.episodes) for e in found.elites] == [
+        ((0,), "0.1", "SeekCharger\n", 7, 1),
+        ((1,), "0.2", "PickupGarbage\n", -4, 1),
+    ]
+    assert asdict(found.record) == {
+        "coverage": 2 / 3,
+        "qd_score": 7.0,
+        "new": 2,
+        "improved": 0,
+    }
+    assert found.episodes == 0
+
+
+def test_the_floor_of_the_qd_score() -> None:
+    """The QD score sums what each mean has above the floor; below it an elite adds nothing."""
+    found = after((), some(("PatrolWaypoint", 0, 5), ("SeekCharger", 1, -7)))
+    axes = GRID.axes(CLASSES)
+    assert archive_record(found.elites, axes, floor=-10).qd_score == 15 + 3
+    assert archive_record(found.elites, axes, floor=4).qd_score == 1
+    assert archive_record((), axes, floor=-10).qd_score == 0
+
+
+def test_only_the_better_displaces() -> None:
+    """Without `again` a higher fitness displaces an elite at once; an equal one does not."""
+    before = after((), some(("PatrolWaypoint", 0, 5))).elites
+    equal = after(before, some(("SeekCharger", 0, 5), generation=1), world=2)
+    assert (equal.elites, equal.record.improved) == (before, 0)
+    better = after(before, some(("SeekCharger", 0, 6), generation=1), world=2)
+    assert [(e.id, e.mean) for e in better.elites] == [("1.0", 6)]
+    assert (better.record.new, better.record.improved) == (0, 1)
+
+
+def test_a_mean_of_all_episodes() -> None:
+    """An elite that is evaluated again is worth the mean, and keeps its id and its cell."""
+    before = after((), some(("PatrolWaypoint", 0, 9))).elites
+    (elite,) = after(before, some(("PatrolWaypoint", 3, 3), generation=1), world=2).elites
+    assert (elite.id, elite.cell, elite.episodes, elite.mean) == ("0.0", (0,), 2, 6)
+
+
+def test_a_lucky_elite_falls() -> None:
+    """An elite whose mean sinks in a generation can be displaced in the same one."""
+    before = after((), some(("PatrolWaypoint", 0, 9))).elites
+    rows = (("PatrolWaypoint", 0, -9), ("SeekCharger", 0, 1))
+    (elite,) = after(before, some(*rows, generation=1), world=2).elites
+    assert (elite.tree, elite.mean) == ("SeekCharger\n", 1)
+
+
+def test_the_same_world_is_no_news() -> None:
+    """Where worlds stay, the same episode is not counted twice."""
+    before = after((), some(("PatrolWaypoint", 0, 9), ("PatrolWaypoint", 0, 9))).elites
+    assert after(before, some(("PatrolWaypoint", 0, 9), generation=1)).elites == before
+
+
+@pytest.mark.parametrize(("again", "kept"), [(5.0, "0.0"), (8.0, "1.0")])
+def test_evaluated_again_before_it_displaces(again: float, kept: str) -> None:
+    """Both meet the same further episodes; the higher mean of all episodes keeps the cell."""
+    before = after((), some(("PatrolWaypoint", 0, 6))).elites
+    asked: list[Sequence[str]] = []
+
+    def evaluate(trees: Sequence[str]) -> list[list[Outcome]]:
+        asked.append(trees)
+        return [[outcome(6.0), outcome(6.0)], [outcome(again), outcome(2.0)]]
+
+    settings = replace_settings(again=2)
+    found = after(
+        before, some(("SeekCharger", 0, 9), generation=1), settings, world=2, again=evaluate
+    )
+    assert asked == [["PatrolWaypoint\n", "SeekCharger\n"]]
+    (elite,) = found.elites
+    mean = (9 + again + 2) / 3 if kept == "1.0" else 6
+    assert (elite.id, elite.episodes, elite.mean) == (kept, 3, mean)
+    assert (found.episodes, found.record.improved) == (4, int(kept == "1.0"))
+
+
+def replace_settings(**changes: Any) -> ArchiveSettings:
+    """The settings of GRID with changes."""
+    return ArchiveSettings(**{**GRID.model_dump(), **changes})
+
+
+def test_an_empty_cell_is_taken_at_once() -> None:
+    """With `again` too, nobody is evaluated where there is nobody to displace."""
+    found = after((), some(("PatrolWaypoint", 0, 6)), replace_settings(again=3))
+    assert (len(found.elites), found.episodes) == (1, 0)
+
+
+def test_stages_have_scales_of_their_own() -> None:
+    """What is of a later stage displaces an elite of an earlier one, whatever their points."""
+    before = after((), some(("PatrolWaypoint", 0, 900), ("SeekCharger", 3, 800))).elites
+    found = after(
+        before, some(("MoveToGarbage", 0, 1), ("SeekCharger", 3, 2), generation=1), stage=1
+    )
+    assert [(e.id, e.stage, e.episodes, e.mean) for e in found.elites] == [
+        ("1.0", 1, 1, 1),
+        ("0.1", 1, 1, 2),
+    ]
+
+
+def test_an_elite_of_an_earlier_stage_is_tried_in_this_one() -> None:
+    """With `again` an elite of an earlier stage may stay: by its new episodes alone."""
+    before = after((), some(("PatrolWaypoint", 0, 900))).elites
+    (elite,) = after(
+        before,
+        some(("SeekCharger", 0, 1), generation=1),
+        replace_settings(again=1),
+        stage=1,
+        again=lambda _: [[outcome(50.0)], [outcome(30.0)]],
+    ).elites
+    assert (elite.id, elite.stage, elite.episodes, elite.mean) == ("0.0", 1, 1, 50)
+
+
+@pytest.mark.parametrize(
+    ("cells", "message"),
+    [
+        ({"pickups": [0]}, "at least 2"),
+        ({"pickups": [0, 2, 2]}, r"rising edges of pickups, found \[0, 2, 2\]"),
+        ({"pickups": [0, float("nan")]}, "finite"),
+        ({c: [0, 1] for c in list(SCHEMA.counters)[:5]}, "at most 4 counters, found 5"),
+        ({c: list(range(11)) for c in list(SCHEMA.counters)[:4]}, "10,000 cells in all, found 14,"),
+    ],
+)
+def test_wrong_grids(cells: dict[str, list[float]], message: str) -> None:
+    """A grid that cannot be, or is too large, is refused."""
+    with pytest.raises(ValidationError, match=message):
+        ArchiveSettings.model_validate({"cells": cells})
+
+
+def test_the_grid_of_a_domain() -> None:
+    """Where no cells are given, the behaviours' counters make the grid, four of them at most."""
+    settings = composed()
+    axes = settings.archive.axes(settings.classes)
+    assert axes == dict.fromkeys(("pickups", "interactions", "charges", "deliveries"), EDGES)
+    many = settings.classes.model_copy(
+        update={"behaviours": {f"b{i}": f"c{i // 2}" for i in range(12)}}
+    )
+    assert list(settings.archive.axes(many)) == ["c0", "c1", "c2", "c3"]
+    (line,) = ArchiveSettings(cells={"odd": (0, 1)}).faults(SCHEMA)
+    assert line.startswith("archive.cells.odd: expected one of pickups, ")
+
+
+def test_searches_and_their_challenges() -> None:
+    """The paper's run costs what it did; other searches evaluate before they displace."""
+    assert composed().archive.again == 0
+    assert composed("search=racing").archive.again == 1
+    assert composed("search=racing", "archive.again=3").archive.again == 3
+
+
+def test_every_run_keeps_one() -> None:
+    """Coverage never falls, the last record is that of the last archive, and no cell is twice."""
+    steps = run()
+    found = [record.archive for record in records(steps)]
+    assert all(record is not None for record in found)
+    shares = [record.coverage for record in found if record]
+    assert shares == sorted(shares)
+    elites, how = steps[-1].archive, plan()
+    axes = how.archive.axes(how.classes)
+    assert [e.cell for e in elites] == sorted({e.cell for e in elites})
+    assert len({e.tree for e in elites}) == len(elites)
+    last = archive_record(elites, axes, floor=0)
+    assert found[-1] is not None
+    assert (found[-1].coverage, found[-1].qd_score) == (last.coverage, last.qd_score)
+
+
+def test_it_watches_only() -> None:
+    """Whatever the archive's settings, the populations are the same."""
+    one, other = (
+        run(plan(*overrides))
+        for overrides in ((), ("archive.again=3", "archive.cells={pickups:[0,2]}"))
+    )
+    assert [r.individuals for r in records(one)] == [r.individuals for r in records(other)]
+    assert len(other[-1].archive) <= 2
+
+
+def test_worlds_and_costs_of_challenges() -> None:
+    """Challenges are held in worlds of their own stream, and count as the generation's episodes."""
+    evaluator = Fake()
+    how = plan("archive.again=2", "archive.cells={pickups:[0,1]}")
+    steps = run(how, evaluator=evaluator)
+    batches = iter(evaluator.asked)
+    challenged = 0
+    for g, step in enumerate(steps):
+        assert len(next(batches)) == 12
+        extra = step.cost.episodes - 12
+        if extra:
+            challenged += 1
+            jobs = next(batches)
+            assert len(jobs) == extra
+            expected = {seed_of(1, Stream.ARCHIVE, generation=g, slot=i) for i in range(2)}
+            assert {job.seed for job in jobs} == expected
+        assert step.cost.simulated == step.cost.episodes
+    assert challenged > 1
+
+
+@pytest.mark.parametrize("overrides", [(), ("search=racing", "archive.again=2")])
+def test_resumed_from_any_state(overrides: tuple[str, ...]) -> None:
+    """A run that goes on from any of its states keeps the same archive."""
+    settings = composed(*SMALL, *overrides)
+    how = composed_plan(*SMALL, *overrides)
+    if overrides:
+        racing: Any = settings.search.settings()
+        search = Racing(racing, how, [])
+
+        def go(start: Any = None) -> list[Any]:
+            return list(evolve(how, 1, Says(), Fake(), search=search, start=start))
+    else:
+
+        def go(start: Any = None) -> list[Any]:
+            return run(how, start=start)
+
+    straight = go()
+    expected = list(lines(straight))
+    for at, step in enumerate(straight[:-1], 1):
+        again = go(step.state)
+        assert list(lines(again)) == expected[at:]
+        assert again[-1].archive == straight[-1].archive
+
+
+def test_an_old_state_has_none() -> None:
+    """A run goes on from a state of a version without archives, with an empty one."""
+    step = run()[3]
+    assert step.state is not None
+    again = run(start=replace(step.state, archive=()))
+    assert again[0].record.archive is not None
+    assert again[0].record.individuals == run()[4].record.individuals

@@ -1,0 +1,65 @@
+"""Searches of `conf/search` on the fake evaluator, and evaluated individuals for them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from islandgp.bt.language import parse, to_text
+from islandgp.evolution.loop import evaluate, worlds_of
+from islandgp.evolution.plan import Plan
+from islandgp.evolution.population import Evaluated, Individual, Origin
+from islandgp.resources import resource
+from islandgp.running.run import make_search, plan_of
+from islandgp.scoring.classes import judge
+from islandgp.search.base import Advice, SearchState
+from islandgp.seeding import Streams
+from tests.composed import composed
+from tests.evolution.fake import Fake
+from tests.made import CLASSES, outcome
+
+SMALL = ("supervisor=baseline", "gp.population=12", "gp.generations=7")
+NAMES = sorted(path.stem for path in (resource("conf") / "search").glob("*.yaml"))
+"""Every search that the package ships."""
+
+NO_ADVICE = Advice(rate=0.4)
+
+
+def made(name: str, *overrides: str) -> tuple[Any, Plan]:
+    """A search as configuration makes it, and the plan that it works on."""
+    settings = composed(*SMALL, f"search={name}", *overrides)
+    plan = plan_of(settings, settings.make_domain())
+    return make_search(settings, plan), plan
+
+
+def individual(name: str, tree: str = "PatrolWaypoint") -> Individual:
+    """An individual of that id."""
+    return Individual(name, parse(tree), Origin.RANDOM)
+
+
+def done(
+    name: str,
+    fitness: float = 0.0,
+    *,
+    tree: str = "PatrolWaypoint",
+    components: dict[str, float] | None = None,
+    episodes: Sequence[float] = (),
+    **counters: float,
+) -> Evaluated:
+    """An individual with these points and counters."""
+    o = outcome(None if components else fitness, components=components, **counters)
+    return Evaluated(individual(name, tree), o, judge(o, CLASSES), o.fitness, tuple(episodes))
+
+
+def generations(
+    search: Any, plan: Plan, n: int, *, seed: int = 1, advice: Advice = NO_ADVICE
+) -> tuple[list[tuple[Evaluated, ...]], SearchState]:
+    """What the first generations hold, and the state after them; outcomes are the fake's."""
+    streams, fake, state, found = Streams(seed), Fake(), search.start(), []
+    for g in range(n):
+        population = search.ask(state, streams)
+        texts = [to_text(i.tree) for i in population]
+        worlds = worlds_of(plan, seed, g)
+        found.append(evaluate(plan, g, population, texts, worlds, fake))
+        state = search.tell(state, found[-1], advice)
+    return found, state

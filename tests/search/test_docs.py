@@ -1,0 +1,163 @@
+"""docs/search.md: its loop, its search and its commands run as they stand; its table is whole."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import islandgp
+from islandgp.bt.language import parse
+from islandgp.evolution.loop import evolve
+from islandgp.running.app import main
+from tests.evolution.fake import Fake
+from tests.evolution.runs import Says
+from tests.running.commands import ROOT, finish, start
+from tests.search.searches import NAMES
+
+TEXT = (ROOT / "docs/search.md").read_text(encoding="utf-8")
+SMALL = ("gp.population=6", "gp.generations=4", "world.episode.length=20", "progress=off")
+
+
+def blocks(kind: str) -> list[str]:
+    """The blocks ```KIND of the page."""
+    return re.findall(rf"^```{kind}\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
+
+
+COMMANDS = [shlex.split(line) for block in blocks("sh") for line in block.splitlines()]
+RUNS = [words[3:] for words in COMMANDS if words[0] == "python"]
+
+
+@pytest.fixture
+def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the page's search, in which commands are given."""
+    _, module = blocks("python")
+    (yaml,) = blocks("yaml")
+    (tmp_path / "truncation.py").write_text(module, encoding="utf-8")
+    (tmp_path / "mine" / "search").mkdir(parents=True)
+    (tmp_path / "mine" / "search" / "truncation.yaml").write_text(yaml, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    return tmp_path
+
+
+def test_every_search_has_its_row() -> None:
+    """The table has what conf/search has, and names its papers."""
+    rows = re.findall(r"^\| `(\w+)`[^|]*\|[^|]*\|([^|]*)\|[^|]+\|$", TEXT, re.MULTILINE)
+    assert sorted(name for name, _ in rows) == NAMES
+    cited = {name for name, paper in rows if re.search(r"\d{4}|\[the paper\]", paper)}
+    assert set(NAMES) - cited == {"random", "compose"}
+
+
+@pytest.mark.parametrize("words", RUNS, ids=" ".join)
+def test_every_command_composes(words: list[str], mine: Path) -> None:
+    """Without running it."""
+    config_dir = mine / "mine" if "--config-dir" in words else None
+    plain = [w for w in words if w not in ("-m", "--config-dir", "mine") and "," not in w]
+    assert islandgp.compose(*plain, config_dir=config_dir).settings.search.name in (
+        *NAMES,
+        "truncation",
+    )
+
+
+@pytest.mark.slow
+def test_every_command_runs(mine: Path) -> None:
+    """One after the other in one folder, on small runs; the comparison finds both arms."""
+    from click.testing import CliRunner
+
+    from islandgp.cli import islandgp as command
+
+    for words in COMMANDS:
+        if words[0] == "python":
+            assert main([*words[3:], *SMALL, "evaluator=serial"]) == 0
+        else:
+            done = CliRunner().invoke(command, words[1:])
+            assert done.exit_code == 0, done.output
+    assert list((mine / "runs").rglob("summary.json"))
+
+
+def test_the_loop_runs_as_it_stands(capsys: pytest.CaptureFixture[str]) -> None:
+    """A line for each generation, and the best tree of the last one."""
+    loop = blocks("python")[0]
+    exec(loop.replace("gp.population=20", "gp.population=6").replace("range(10)", "range(3)"), {})
+    said = capsys.readouterr().out.splitlines()
+    assert [line.partition(":")[0] for line in said[:3]] == ["0", "1", "2"]
+    assert parse("\n".join(said[3:]))
+    assert len(loop.splitlines()) <= 20
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_loop_of_one_s_own_is_the_run(name: str) -> None:
+    """With the same seed and advice it has the individuals and outcomes of the run."""
+    experiment = islandgp.compose(
+        f"search={name}", "supervisor=baseline", "seed=3", *SMALL, "tracking=off"
+    )
+    search, streams = experiment.search(), islandgp.Streams(seed=3)
+    state, loop = search.start(), []
+    for generation in range(4):
+        individuals = search.ask(state, streams)
+        evaluated = experiment.evaluate_population(individuals, generation)
+        state = search.tell(state, evaluated, islandgp.Advice(rate=0.3))
+        loop.append(
+            [(e.individual.id, islandgp.to_text(e.individual.tree), e.fitness) for e in evaluated]
+        )
+
+    class Serial(Fake):
+        def evaluate(self, jobs: Any) -> Any:
+            return [experiment.evaluate(job.tree, [job.seed], stage=job.stage)[0] for job in jobs]
+
+    steps = evolve(experiment.plan, 3, Says(0.3), Serial(), search=experiment.search())
+    run = [[(i.id, i.tree, i.fitness) for i in step.record.individuals] for step in steps]
+    # The paper's first rate is that of configuration, and advice follows from then on.
+    assert loop == run
+
+
+def test_worlds_of_one_s_own() -> None:
+    """Each individual meets the given worlds, and is worth their mean."""
+    experiment = islandgp.compose("search=hill", *SMALL)
+    individuals = experiment.search().ask(experiment.search().start(), islandgp.Streams(0))[:2]
+    found = experiment.evaluate_population(individuals, 2, worlds=[5, 6, 7])
+    for e in found:
+        single = experiment.evaluate(e.individual.tree, [5, 6, 7], stage=0)
+        assert e.episodes == tuple(o.fitness for o in single)
+        assert e.fitness == pytest.approx(sum(e.episodes) / 3)
+
+
+@pytest.mark.parametrize(
+    ("how", "message"),
+    [
+        ({"generation": -1}, r"^generation: expected 0 or more, found -1$"),
+        ({"generation": 1.5}, r"^generation: expected 0 or more, found 1\.5$"),
+        ({"worlds": []}, r"^worlds: expected at least one seed, found none$"),
+        ({"worlds": [-3]}, r"^worlds: expected seeds from 0 to 4294967295, found -3$"),
+    ],
+)
+def test_a_generation_or_world_that_is_not_there(how: dict[str, Any], message: str) -> None:
+    """It is told before any episode."""
+    experiment = islandgp.compose("search=hill", *SMALL)
+    individuals = experiment.search().ask(experiment.search().start(), islandgp.Streams(0))
+    with pytest.raises(islandgp.IslandError, match=message):
+        experiment.evaluate_population(individuals, **how)
+
+
+def test_a_search_of_one_s_own_from_the_command_line(mine: Path) -> None:
+    """In a process of its own, from a module and a YAML file outside of the package."""
+    words = ["--config-dir", "mine", "search=truncation", "experiment=smoke", "tracking=off"]
+    code, said = finish(start(mine, *words, *SMALL, "evaluator=serial", "supervisor=expert"))
+    assert code == 0, said
+    (file,) = mine.glob("runs/smoke/*/generations.jsonl")
+    records = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
+    assert len(records) == 4
+    for before, after in pairwise(records):
+        best = max(before["individuals"], key=lambda i: i["fitness"])
+        elite, given, *children = after["individuals"]
+        assert (elite["origin"], elite["parents"]) == ("elite", [best["id"]])
+        assert given["origin"] == "injected"
+        assert before["guidance"]["injected"]
+        names = {i["id"] for i in before["individuals"]}
+        assert all(names.issuperset(i["parents"]) for i in children)

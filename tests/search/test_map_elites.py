@@ -1,0 +1,117 @@
+"""MAP-Elites and its grid: cells by hand, the best of each, and elites that were only lucky."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from islandgp.search.descriptor import Dimension, cell, dimension, dimensions, point
+from islandgp.seeding import Streams
+from tests.made import CLASSES, outcome
+from tests.search.searches import NO_ADVICE, done, generations, made
+
+TREES = ("PatrolWaypoint", "SeekCharger", "MoveToGarbage", "PickupGarbage", "MoveToHumanoid")
+
+
+@pytest.mark.parametrize(
+    ("text", "values", "bins"),
+    [
+        # 0 | 1 | 2, 3 | 4 to 7 | 8 to 15 | the rest
+        ("pickups", (0, 0.2, 1, 1.5, 3, 4, 7, 8, 15, 16, 1e9), (0, 1, 1, 2, 2, 3, 3, 4, 4, 5, 5)),
+        ("distance/250", (0, 1, 250, 251, 500, 1e9), (0, 1, 1, 2, 2, 5)),
+        ("distance/0.5", (0, 0.5, 0.6, -0.5, -0.6), (0, 1, 2, -1, -2)),
+        ("return", (-1, -3, -1e300), (-1, -2, -5)),
+        ("return/1e-320", (-1e300, 0, 1e300), (-5, 0, 5)),
+    ],
+)
+def test_bins(text: str, values: tuple[float, ...], bins: tuple[int, ...]) -> None:
+    """Bin 0 holds 0 alone; then each is twice as wide as the one before, or as wide as it says."""
+    where = dimension(text)
+    assert tuple(cell([where.place(value)], 5)[0] for value in values) == bins
+
+
+@given(value=st.floats(-1e12, 1e12), width=st.none() | st.floats(1e-3, 1e6))
+def test_places_keep_order_and_sign(value: float, width: float | None) -> None:
+    """A larger value has a larger place, and below 0 it is the mirror's."""
+    where = Dimension("x", width)
+    assert where.place(-value) == -where.place(value)
+    assert where.place(value + abs(value) / 2 + 1) > where.place(value)
+    assert abs(cell([where.place(value)], 7)[0]) <= 7
+
+
+def test_behaviours_are_the_descriptor_by_default() -> None:
+    """Each behaviour has its counter."""
+    found = dimensions([], CLASSES)
+    assert [d.counter for d in found] == ["pickups", "interactions", "charges", "deliveries"]
+    assert point(found, outcome(pickups=3, deliveries=1)) == (2.0, 0.0, 0.0, 1.0)
+
+
+def test_a_cell_keeps_its_best() -> None:
+    """Trees compete with those that do the same; a cell keeps `depth` of them."""
+    search, _ = made("map_elites", "search.policy.depth=2")
+    population = [
+        done("0.0", 10, tree=TREES[0], pickups=2),
+        done("0.1", 30, tree=TREES[1], pickups=3),
+        done("0.2", 20, tree=TREES[2], pickups=2),
+        done("0.3", -5, tree=TREES[3], charges=1),
+    ]
+    state = search.tell(search.start(), population, NO_ADVICE)
+    cells = search.cells(state.memory.occupants)
+    assert {key: [o.parent.id for o in found] for key, found in cells.items()} == {
+        (2, 0, 0, 0): ["0.1", "0.2"],
+        (0, 0, 1, 0): ["0.3"],
+    }
+
+
+def test_an_elite_is_worth_the_mean_of_its_episodes() -> None:
+    """A lucky elite gives its place back to the one behind it."""
+    search, _ = made("map_elites", "search.policy.depth=2")
+    first = [
+        done("0.0", 100, tree=TREES[0], pickups=2),
+        done("0.1", 60, tree=TREES[1], pickups=2),
+    ]
+    state = search.tell(search.start(), first, NO_ADVICE)
+    second = [done("1.0", -50, tree=TREES[0], pickups=4)]
+    state = search.tell(state, second, NO_ADVICE)
+    best, behind = state.memory.occupants
+    assert (best.parent.id, best.n, best.fitness) == ("0.1", 1, 60)
+    assert (behind.parent.id, behind.n, behind.fitness) == ("1.0", 2, 25)
+    assert behind.place[0] == pytest.approx((dimension("x").place(2) + dimension("x").place(4)) / 2)
+
+
+def test_elites_are_evaluated_again() -> None:
+    """Those with the fewest episodes first, then the fittest; no more than their share of slots."""
+    search, _ = made("map_elites", "search.policy.again=0.25")
+    population = [
+        done("0.0", 10, tree=TREES[0], pickups=1),
+        done("0.1", 30, tree=TREES[1], charges=1),
+        done("0.2", 20, tree=TREES[2], deliveries=1),
+        done("0.3", 40, tree=TREES[3], interactions=1),
+    ]
+    state = search.tell(search.start(), population, NO_ADVICE)
+    state = search.tell(state, [done("1.0", 40, tree=TREES[3], interactions=1)], NO_ADVICE)
+    new = search.ask(state, Streams(1))
+    assert [i.parents for i in new if i.origin == "elite"] == [("0.1",), ("0.2",), ("0.0",)]
+
+
+def test_parents_come_from_all_cells() -> None:
+    """Uniformly over cells, so that the weakest behaviour has as many children as the best."""
+    search, _ = made("map_elites", "gp.population=200", "search.policy.again=0")
+    population = [
+        done("0.0", 1000, tree=TREES[0], pickups=1),
+        done("0.1", -1000, tree=TREES[1], charges=1),
+    ]
+    state = search.tell(search.start(), population, NO_ADVICE)
+    mothers = Counter(i.parents[0] for i in search.ask(state, Streams(1)))
+    assert mothers["0.0"] + mothers["0.1"] == 200
+    assert 70 < mothers["0.0"] < 130
+
+
+def test_the_grid_is_bounded() -> None:
+    """No more cells than bins allow, and no more trees in one than `depth`."""
+    search, plan = made("map_elites", "search.policy.bins=1", "search.policy.depth=1")
+    _, state = generations(search, plan, 7)
+    assert 1 < len(state.memory.occupants) <= 2**4
