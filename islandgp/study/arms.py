@@ -34,6 +34,7 @@ class Run:
     costs: tuple[Cost, ...]  # by generation
     champion: Champion  # the run's best robot
     validation: tuple[int, ...] = ()  # seeds of the worlds in which it was chosen; (): in none
+    validated: float | None = None  # points, its mean in these worlds; None: it was not validated
 
     @property
     def seed(self) -> int:
@@ -141,4 +142,5 @@ def cut(run: Run, generations: int) -> Run:
         costs=run.costs[:generations],
         champion=champion,
         validation=(),
+        validated=None,
     )

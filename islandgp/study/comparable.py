@@ -11,6 +11,7 @@ from typing import Any, Final
 from islandgp.errors import StudyError
 from islandgp.records.parameters import machinery
 from islandgp.study.arms import Arm, Comparison, Run, cut
+from islandgp.study.episodes import cost_warnings
 from islandgp.study.paper import paper_of
 from islandgp.study.select import Selection, in_short, parse_selection
 from islandgp.study.texts import note
@@ -21,7 +22,7 @@ STUDIED: Final = frozenset({"supervisor"})
 YARDSTICK: Final = frozenset({"domain", "world", "rewards", "curriculum", "classes"})
 """Groups that decide what fitness and a tier mean: they are never what is studied."""
 
-WHOLE: Final = frozenset({"library"})
+WHOLE: Final = frozenset({"library", "search"})
 """Groups that are chosen as one: where every selection names a key of it, all of it may differ."""
 
 BUDGET: Final = frozenset({"gp.population", "gp.generations", "gp.episodes", "gp.common_world"})
@@ -72,7 +73,7 @@ def compare_arms(
     return Comparison(
         arms=whole,
         doubts=tuple(doubts),
-        notes=(*asked, *_cuts(arms), *_alike(whole), *notes),
+        notes=(*asked, *_cuts(arms), *cost_warnings(whole), *_alike(whole), *notes),
         sources=tuple(sources),
         paper=papers[0] if all(paper == papers[0] for paper in papers) else None,
     )
@@ -207,7 +208,8 @@ def _differences(arms: Sequence[Arm]) -> list[tuple[str, str]]:
 
 def _irrelevant(arms: Sequence[Arm]) -> frozenset[str]:
     """Groups that change no record of these arms, or that are looked at by themselves."""
-    return machinery(*(run.config for arm in arms for run in arm.runs)) | {"seed", "name"}
+    own = {"seed", "name", "archive"}  # the archive changes no population
+    return machinery(*(run.config for arm in arms for run in arm.runs)) | own
 
 
 def _may_differ(key: str, selections: Sequence[Selection]) -> bool:

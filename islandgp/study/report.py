@@ -12,12 +12,16 @@ from islandgp.study.figures import generations, newcomers
 from islandgp.study.figures import trees as tree_figures
 from islandgp.study.figures.drawing import Picture
 from islandgp.study.figures.emergence import emergence_curves, figure_6
+from islandgp.study.figures.episodes import by_episodes
+from islandgp.study.figures.profiles import profile_picture
 from islandgp.study.findings import Finding, examine_all, finding
 from islandgp.study.generalise import Control, Generalisation
 from islandgp.study.measures import FURTHER, TABLE_9, TABLE_10, Measure, all_measures
 from islandgp.study.plan import NOTHING, AnalysisPlan, families, said
+from islandgp.study.profiles import ScoreRow, Scores
 from islandgp.study.select import in_short
 from islandgp.study.table import Table
+from islandgp.study.tables.archives import archive_table, one_grid
 from islandgp.study.tables.champions import (
     components_table,
     controls_table,
@@ -34,7 +38,13 @@ from islandgp.study.tables.comparisons import (
     runs_table,
 )
 from islandgp.study.tables.origins import champion_sources_table, lineage_table, sources_table
-from islandgp.study.tables.supervision import decisions_table, overhead_table
+from islandgp.study.tables.scores import (
+    VALIDATED,
+    champion_rows,
+    champion_scores,
+    score_table,
+)
+from islandgp.study.tables.supervision import decisions_table, episodes_table, overhead_table
 from islandgp.study.texts import note
 from islandgp.supervision.state_json import title
 
@@ -59,6 +69,7 @@ class Report:
     sections: tuple[Section, ...]
     findings: tuple[Finding, ...]  # family by family
     unseen: tuple[Generalisation, ...] = ()  # champions and yardsticks in unseen worlds
+    scores: tuple[ScoreRow, ...] = ()  # of the best robots; (): they have none
 
     @property
     def tables(self) -> list[Table]:
@@ -82,13 +93,17 @@ def build(
     findings = examine_all(study, families(study, plan), all_measures(study))
     robots = " and ".join(map(title, study.milestones))
     with_library = any(control.given for control in controls)
+    scores = champion_scores(study, unseen)
+    rows = champion_rows(study, scores)
     chapters: dict[str, Iterable[Item]] = {
         "Primary endpoint": _primary(study, plan, findings),
         "What was compared": _compared(study),
         "Controls without evolution": [controls_table(study, controls)] if with_library else [],
         "The paper's claims": _claims(study, plan, findings),
         "Further questions": _questions(study, plan, findings),
+        "Scores of the best robots": _scores(scores, rows),
         **_paper_s_tables(study, findings, f"{robots} Robots (section 3.4)"),
+        "Cost in episodes": [episodes_table(study), by_episodes(study)],
         "Supervision (sections 3.6 and 3.7)": _supervision(study),
         "Specialists (section 3.8)": [specialists_table(study)],
         "Overhead (section 3.9)": [overhead_table(study)],
@@ -103,6 +118,7 @@ def build(
         sections=tuple(section for section in sections if section.items),
         findings=findings,
         unseen=tuple(unseen),
+        scores=rows,
     )
 
 
@@ -173,6 +189,15 @@ def _questions(study: Comparison, plan: AnalysisPlan, findings: Findings) -> Ite
         yield questions_table(f"questions-{k}", family.name, mine, plan.margins)
 
 
+def _scores(scores: Scores, rows: Sequence[ScoreRow]) -> Iterator[Item]:
+    if not scores:
+        yield note("not-validated")
+        return
+    notes = (note("validated"),) if VALIDATED in scores else (note("not-validated"),)
+    yield score_table(rows, title="Scores of the best robots (points)", world="Score", notes=notes)
+    yield profile_picture(scores, label="Points")
+
+
 def _compared(study: Comparison) -> Iterator[Item]:
     rows = [
         {
@@ -207,6 +232,9 @@ def _beyond(study: Comparison, unseen: Sequence[Generalisation], worlds: int) ->
     yield generations.components(study)
     yield components_table(study)
     yield champion_sources_table(study)
+    if one_grid(study):
+        yield archive_table(study)
+        yield generations.archive_by_generation(study)
     survival = newcomers.lineage(study)
     if survival is not None:
         yield survival

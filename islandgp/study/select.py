@@ -70,6 +70,7 @@ def read(found: Found) -> Run:
         raise StudyError(f"{found.path}: {error}") from None
     try:
         champion = folder.summary()["champion"]
+        validation = champion["validation"] or {"worlds": (), "mean": None}
         run = Run(
             path=found.path,
             config=found.config,
@@ -77,7 +78,8 @@ def read(found: Found) -> Run:
             records=tuple(folder.generations()),
             costs=tuple(_cost(plain) for plain in folder.costs()),
             champion=typed(Champion, champion),
-            validation=tuple((champion["validation"] or {"worlds": ()})["worlds"]),
+            validation=tuple(validation["worlds"]),
+            validated=validation["mean"],
         )
     except RunError as error:
         raise StudyError(str(error)) from error
@@ -99,7 +101,11 @@ def _cost(plain: dict[str, Any]) -> Cost:
     return Cost(**{name: value for name, value in plain.items() if name in known})
 
 
-SHORT: Final = {"supervisor": "supervisor.name", "evaluator": "evaluator.factory"}
+SHORT: Final = {
+    "supervisor": "supervisor.name",
+    "search": "search.name",
+    "evaluator": "evaluator.factory",
+}
 """What people type, and the key that it means."""
 
 MLFLOW: Final = "mlflow:"

@@ -15,7 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from islandgp.evolution.validation import interval
+from islandgp.evolution.evidence import interval
 
 EXACT: Final = "exact"
 EXACT_TIES: Final = "exact, ties enumerated"
@@ -180,8 +180,7 @@ def median_difference(x: Any, y: Any) -> Any:
 
 def mean_interval(values: Sequence[float]) -> Interval:
     """The mean with Student's t interval; a single value has none (nan)."""
-    mean, low, high = interval(values)
-    return Interval(mean, low, high) if len(values) > 1 else Interval(mean, nan, nan)
+    return Interval(*interval(values))
 
 
 def paired_difference(first: Sequence[float], second: Sequence[float]) -> Interval:
@@ -231,31 +230,41 @@ def tied_rank_p(first: Any, second: Any) -> float:
 
     Twice the smaller tail, at most 1, as scipy has it. Both are arrays of numbers.
     """
-    ranks = _doubled_ranks(np.concatenate([first, second]))
-    n = len(first)
-    ways = np.zeros((n + 1, int(ranks.sum()) + 1))  # values taken x sum of their ranks
-    ways[0, 0] = 1
-    for rank in ranks:
-        ways[1:, rank:] += ways[:-1, : ways.shape[1] - rank].copy()
-    return _two_sided(ways[n], int(ranks[:n].sum()))
+    ranks = doubled_ranks(np.concatenate([first, second]))
+    return two_sided(sums_of_splits(ranks, len(first)), int(ranks[: len(first)].sum()))
 
 
 def tied_signed_rank_p(differences: Any) -> float:
     """Two-sided p of Wilcoxon's signed-rank test over all signs of the differences, none of 0."""
-    ranks = _doubled_ranks(np.abs(differences))
-    ways = np.zeros(int(ranks.sum()) + 1)  # by the sum of the positive ranks
-    ways[0] = 1
-    for rank in ranks:
-        ways[rank:] += ways[: len(ways) - rank].copy()
-    return _two_sided(ways, int(ranks[differences > 0].sum()))
+    ranks = doubled_ranks(np.abs(differences))
+    return two_sided(sums_of_subsets(ranks), int(ranks[differences > 0].sum()))
 
 
-def _doubled_ranks(values: Any) -> Any:
+def doubled_ranks(values: Any) -> Any:
     """Mid-ranks from 1, times two."""
     return np.rint(2 * _stats().rankdata(values)).astype(int)
 
 
-def _two_sided(ways: Any, found: int) -> float:
+def sums_of_splits(ranks: Any, n: int) -> Any:
+    """How many choices of `n` of the ranks have each sum, from 0."""
+    ways = np.zeros((n + 1, int(ranks.sum()) + 1))  # ranks chosen x their sum
+    ways[0, 0] = 1
+    for rank in ranks:
+        ways[1:, rank:] += ways[:-1, : ways.shape[1] - rank].copy()
+    return ways[n]
+
+
+def sums_of_subsets(weights: Any) -> Any:
+    """How many subsets of whole numbers >= 0 have each sum, from 0."""
+    ways = np.zeros(int(weights.sum()) + 1)
+    ways[0] = 1
+    for weight in weights:
+        ways[weight:] += ways[: len(ways) - weight].copy()
+    return ways
+
+
+def two_sided(ways: Any, found: int) -> float:
+    """Twice the smaller tail from the sum `found` on, at most 1; `ways` are counts by sum."""
     tail = min(ways[: found + 1].sum(), ways[found:].sum())
     return min(1.0, float(2 * tail / ways.sum()))
 

@@ -9,7 +9,10 @@ from dataclasses import dataclass
 from math import isinf, isnan
 from typing import Final, Self
 
+from islandgp.study.aggregates import EXACT_PAIRS, ImprovementTest
 from islandgp.study.statistics import EXACT, EXACT_TIES, UNTESTED, Interval, PairedTest, RankTest
+
+Tested = RankTest | PairedTest | ImprovementTest
 
 Row = Iterable[tuple[str, str]]
 """Columns, each with its cell."""
@@ -109,21 +112,26 @@ def probability(p: float | None) -> str:
     return f"{p:.3f}" if p >= 0.0095 else f"{p:.4f}"
 
 
-def p_is(test: RankTest | PairedTest) -> str:
+def p_is(test: Tested) -> str:
     """A p-value with its kind in a sentence: p = 0.012 (exact), p < 0.0001 (exact)."""
     text = tested(test)
     return f"p {text}" if text.startswith("<") else f"p = {text}"
 
 
-_SHORT: Final = {EXACT: "exact", EXACT_TIES: EXACT_TIES, UNTESTED: "all equal"}
+_SHORT: Final = {
+    EXACT: "exact",
+    EXACT_TIES: EXACT_TIES,
+    EXACT_PAIRS: "exact, pairs exchanged",
+    UNTESTED: "all equal",
+}
 
 
-def kind(test: RankTest | PairedTest) -> str:
+def kind(test: Tested) -> str:
     """Which kind of p-value it is, in a word or two."""
     return _SHORT.get(test.kind, "asymptotic")
 
 
-def tested(test: RankTest | PairedTest) -> str:
+def tested(test: Tested) -> str:
     """A p-value with its kind."""
     return f"{probability(test.p)} ({kind(test)})"
 

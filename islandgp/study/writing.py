@@ -21,6 +21,7 @@ from islandgp.study.paper import MARK
 from islandgp.study.report import Report
 from islandgp.study.statistics import mean_sd
 from islandgp.study.table import to_csv
+from islandgp.study.tables.scores import scores_csv
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -66,6 +67,8 @@ def write(report: Report, study: Comparison, folder: Path) -> list[Path]:
         "runs.csv": runs_csv(study).encode(),
         "tests.csv": tests_csv(report.findings).encode(),
     }
+    if report.scores:
+        files["scores.csv"] = scores_csv(report.scores, "score").encode()
     if report.unseen:
         files["champions.csv"] = champions_csv(report.unseen).encode()
     for table in report.tables:
@@ -81,15 +84,17 @@ def write(report: Report, study: Comparison, folder: Path) -> list[Path]:
 
 
 def runs_csv(study: Comparison) -> str:
-    """Every run's measures; an empty cell is a tier that never emerged."""
+    """Every run's measures; an empty cell is a tier that never emerged, or no validation."""
     measures = all_measures(study)
     rows = []
     for arm in study.arms:
         for run in arm.runs:
             costs = asdict(overhead(run))
             numbers = [m.of(run) for m in measures]
-            rows.append([arm.name, run.seed, run.supervisor, run.name, *numbers, *costs.values()])
-    return to_csv(("arm", "seed", "supervisor", "name", *(m.key for m in measures), *costs), rows)
+            named = (arm.name, run.seed, run.supervisor, run.name)
+            rows.append([*named, *numbers, *costs.values(), run.validated])
+    keys = (m.key for m in measures)
+    return to_csv(("arm", "seed", "supervisor", "name", *keys, *costs, "validated"), rows)
 
 
 def champions_csv(found: Sequence[Generalisation]) -> str:

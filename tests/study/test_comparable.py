@@ -191,6 +191,20 @@ def test_a_library_is_chosen_as_a_whole() -> None:
         assert (not any(doubt.startswith("library.") for doubt in doubts)) is allowed
 
 
+def test_a_search_is_chosen_as_a_whole() -> None:
+    """Its class and its settings may differ where every selection names the search."""
+    other = {"search__name": "hill", "search__factory": "mine:Hill", "search__policy": {"n": 1}}
+    for selections, allowed in (
+        (("search=paper", "search=hill"), True),
+        (("search=paper curriculum.last_only=true", "search.name=hill"), True),
+        (("search=paper", "supervisor=expert"), False),
+    ):
+        arms = [_arm("a", range(2), selections[0]), _arm("b", range(2), selections[1], **other)]
+        study = compare_arms(arms, force=True)
+        assert (not any(doubt.startswith("search.") for doubt in study.doubts)) is allowed
+        assert not allowed or any("search.name: a paper, b hill" in n for n in study.notes)
+
+
 def test_nothing_stands_beside_another_domain() -> None:
     """Runs whose classes or tiers have other names are refused, --force or not."""
     tiers = {"done": {"above": {"fitness": 1}}}

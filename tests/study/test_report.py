@@ -14,6 +14,7 @@ from islandgp.bt.language import parse
 from islandgp.bt.render import branches
 from islandgp.errors import StudyError
 from islandgp.study import writing
+from islandgp.study.aggregates import EXACT_PAIRS
 from islandgp.study.arms import Comparison
 from islandgp.study.comparable import compare_arms
 from islandgp.study.figures.drawing import COLUMN, DPI, WIDTH
@@ -28,7 +29,9 @@ from islandgp.study.generalise import Generalisation
 from islandgp.study.library import library_names
 from islandgp.study.plan import NOTHING, check_plan, families, parse_plan
 from islandgp.study.report import Report, build
+from islandgp.study.statistics import Interval
 from islandgp.study.table import Table
+from islandgp.study.tables.scores import champion_rows, champion_scores
 from islandgp.study.texts import title_and_caption
 from islandgp.study.writing import to_page, write
 from tests.study.made_runs import TREE, config, guidance, individual, made_arm, made_run
@@ -182,6 +185,67 @@ def test_table_11_and_the_claims_give_the_restricted_difference(
     assert cell.startswith("\N{MINUS SIGN}15.8 [")
     claim = dict(zip(tables["claims"].columns, tables["claims"].rows[0], strict=True))
     assert claim["difference [95 %]"] == cell
+
+
+def test_scores_of_the_best_robots(written: tuple[Report, Path]) -> None:
+    """In unseen worlds, against the second arm; four runs have no interval, for a reason."""
+    report, folder = written
+    table = next(t for t in report.tables if t.key == "scores")
+    rows = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
+    assert [(row["Score"], row["arm"]) for row in rows] == [
+        ("mean in unseen worlds", "expert"),
+        ("mean in unseen worlds", "baseline"),
+    ]
+    dash = "\N{EN DASH}"
+    # Both arms have 15,000 15,010 15,020 15,030: each pair ties, half of the others win.
+    assert rows[0]["P(better than baseline) [95 %]"] == f"0.50 [{dash}]"
+    assert rows[0]["IQM [95 %]"] == f"15,015 [{dash}]"
+    assert rows[1]["P(better than baseline) [95 %]"] == dash
+    assert any("fewer than 10 runs" in text for text in table.notes)
+    assert any("There is no validated mean" in text for text in table.notes)
+    assert "profiles" in {p.key for p in report.pictures}
+    with (folder / "scores.csv").open() as file:
+        exact = list(csv.DictReader(file))
+    assert (exact[0]["iqm"], exact[0]["iqm_low"], exact[0]["kind"]) == (
+        *("15015.0", "", "no test: all values are equal"),
+    )
+
+
+def test_validated_means_are_scores_too() -> None:
+    """Where each run was validated; runs of shared seeds are drawn as pairs."""
+    arms = [
+        made_arm(name, [replace(made_run(name, s), validated=s + 100.0 * k) for s in range(12)])
+        for k, name in enumerate(("expert", "baseline"))
+    ]
+    scores = champion_scores(compare_arms(arms, force=True), ())
+    assert scores == {
+        "validated mean": {
+            "expert": [float(s) for s in range(12)],
+            "baseline": [s + 100.0 for s in range(12)],
+        }
+    }
+    low, high = champion_rows(compare_arms(arms, force=True), scores)
+    assert low.improvement == Interval(0.0, 0.0, 0.0)
+    assert low.test is not None
+    assert low.test.kind == EXACT_PAIRS
+    assert low.p_bh == low.test.p == pytest.approx(2 / 2**12)
+    assert high.improvement is None
+    short = replace(arms[0].runs[0], validated=None)
+    one = made_arm("expert", [short, *arms[0].runs[1:]])
+    assert champion_scores(compare_arms([one, arms[1]], force=True), ()) == {}
+
+
+def test_a_run_that_is_cut_has_no_validated_mean() -> None:
+    """Its champion is another one then, so nothing but the reason is shown."""
+    arms = [
+        made_arm(name, [replace(made_run(name, 0, generations=n), validated=1.0)])
+        for name, n in (("expert", 41), ("baseline", 30))
+    ]
+    report = build(compare_arms(arms, force=True), (), 0)
+    (section,) = (s for s in report.sections if s.title == "Scores of the best robots")
+    (reason,) = section.items
+    assert "were cut where the shortest run ends" in str(reason)
+    assert report.scores == ()
 
 
 def test_the_same_runs_give_the_same_bytes(written: tuple[Report, Path], tmp_path: Path) -> None:

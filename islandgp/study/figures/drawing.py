@@ -49,7 +49,11 @@ PALE: Final = (
     "#AAAA00",
 )
 NEUTRAL: Final = "#dddddd"  # of a category that is the rest
-LINES: Final = ("-", "--", "-.", ":")
+LineStyle = str | tuple[int, tuple[float, ...]]  # as matplotlib takes it
+LINES: Final[tuple[LineStyle, ...]] = (
+    *("-", "--", "-.", ":"),
+    *((0, (9, 2)), (0, (6, 1, 1, 1, 1, 1)), (0, (1.5, 0.8)), (0, (9, 1, 3, 1))),
+)
 MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X", "*")
 # Lines only: dots are curves, and make an SVG ten times as large.
 HATCHES: Final = ("", "////", "\\\\\\\\", "xxxx", "----", "||||", "++++", "//")
@@ -72,13 +76,21 @@ class Picture:
     svg: str
     png: bytes
 
+    def save(self, folder: Path) -> list[Path]:
+        """Writes KEY.svg and KEY.png into a folder, which is made. Returns their paths."""
+        folder.mkdir(parents=True, exist_ok=True)
+        svg, png = folder / f"{self.key}.svg", folder / f"{self.key}.png"
+        svg.write_bytes(self.svg.encode())
+        png.write_bytes(self.png)
+        return [svg, png]
+
 
 @dataclass(frozen=True, slots=True)
 class Style:
     """How an arm is drawn everywhere."""
 
     colour: str
-    line: str
+    line: LineStyle
     marker: str
     hatch: str
 
@@ -90,11 +102,12 @@ def looks(study: Comparison) -> Iterator[tuple[Arm, Style]]:
 
 
 def look(i: int, palette: tuple[str, ...] = PALETTE) -> Style:
-    """The look of the i-th arm, or with PALE of the i-th category."""
+    """The look of the i-th arm, or with PALE of the i-th category; 64 of them differ."""
+    again = i // len(palette)  # how often its colour was taken before
     return Style(
         palette[i % len(palette)],
-        LINES[i % len(LINES)],
-        MARKERS[i % len(MARKERS)],
+        LINES[(i + again) % len(LINES)],
+        MARKERS[(i + 3 * again) % len(MARKERS)],
         HATCHES[i % len(HATCHES)],
     )
 
@@ -144,7 +157,7 @@ def curve_picture(
         axes = figure.subplots()
         for arm, how in looks(study):
             rows = [[of(s) for s in run.snapshots[: study.generations]] for run in arm.runs]
-            _band(axes, arm, how, rows)
+            band(axes, arm, how, range(study.generations), rows)
         epoch_lines(axes, study, stages=True)
         axes.set(xlabel="Generation", ylabel=label)
         dress(axes)
@@ -153,9 +166,12 @@ def curve_picture(
     return picture(key, draw, height=height, **values)
 
 
-def _band(axes: Axes, arm: Arm, how: Style, rows: Sequence[Sequence[float]]) -> None:
-    a = np.asarray(rows, float)  # runs x generations
-    mean, x = a.mean(axis=0), range(a.shape[1])
+def band(
+    axes: Axes, arm: Arm, how: Style, x: Sequence[float], rows: Sequence[Sequence[float]]
+) -> None:
+    """An arm's mean with a band of ±1 SD over its runs; `rows` are runs, each with a value an x."""
+    a = np.asarray(rows, float)  # runs x places
+    mean = a.mean(axis=0)
     if len(a) > 1:
         sd = a.std(axis=0, ddof=1)
         axes.fill_between(x, mean - sd, mean + sd, color=how.colour, alpha=0.16, linewidth=0)
@@ -210,7 +226,12 @@ def stack(axes: Axes, rows: Any, labels: Sequence[str] = (), *, neutral: int | N
 
 def named(arm: Arm) -> str:
     """An arm's label in a legend."""
-    return f"{arm.name} (n = {len(arm.runs)})"
+    return f"{plain(arm.name)} (n = {len(arm.runs)})"
+
+
+def plain(name: str) -> str:
+    """A name as matplotlib shows it: `$` begins no formula, `_` hides no line of a legend."""
+    return (" " if name.startswith("_") else "") + name.replace("$", r"\$")
 
 
 def groups(study: Comparison, n: int) -> Iterator[tuple[Arm, Style, int, float, float]]:

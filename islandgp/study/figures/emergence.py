@@ -167,7 +167,9 @@ def _curve(axes: Axes, study: Comparison, name: str, firsts: Firsts, how: drawin
         axes.fill_between(x, low, high, step="post", color=how.colour, alpha=0.14, linewidth=0)
         for edge in (low, high):
             axes.step(x, edge, alpha=0.45, linewidth=0.5, **line)
-    axes.step(x, share, linestyle=how.line, label=f"{name}: {there} of {runs}", **line)
+    axes.step(
+        x, share, linestyle=how.line, label=f"{drawing.plain(name)}: {there} of {runs}", **line
+    )
 
 
 def _at_risk(axes: Axes, last: int, firsts: Firsts, how: drawing.Style, row: int) -> None:

@@ -12,6 +12,7 @@ from islandgp.study.arms import Arm, Comparison
 from islandgp.study.figures import drawing
 from islandgp.study.measures import SPANS, best, diversity, span_mean
 from islandgp.study.statistics import mean_sd
+from islandgp.study.tables.archives import archives
 from islandgp.supervision.base import Pattern
 from islandgp.supervision.decisions import decisions
 from islandgp.supervision.state_json import title
@@ -162,6 +163,29 @@ def diversity_by_generation(study: Comparison) -> drawing.Picture:
 
     label = "Behavioural diversity, Eq. (3)"
     return drawing.curve_picture("diversity", study, diversity, label, dress, n=n, most=n - 1)
+
+
+def archive_by_generation(study: Comparison) -> drawing.Picture:
+    """Coverage and QD score of the archives, all of which have one grid."""
+
+    def draw(figure: Figure) -> None:
+        left, right = figure.subplots(1, 2)
+        for arm, how in drawing.looks(study):
+            runs = [archives(run)[: study.generations] for run in arm.runs]
+            x = range(study.generations)
+            drawing.band(left, arm, how, x, [[a.coverage for a in run] for run in runs])
+            drawing.band(right, arm, how, x, [[a.qd_score for a in run] for run in runs])
+        left.set(title="(a)", ylabel="Coverage")
+        left.yaxis.set_major_formatter("{x:.1%}")
+        right.set(title="(b)", ylabel="QD score (points)")
+        right.yaxis.set_major_formatter(drawing.THOUSANDS)
+        for axes in (left, right):
+            drawing.epoch_lines(axes, study)
+            axes.set(xlabel="Generation")
+            axes.set_ylim(bottom=0)
+        drawing.legend(figure, left)
+
+    return drawing.picture("archive", draw)
 
 
 def classes(study: Comparison) -> drawing.Picture:

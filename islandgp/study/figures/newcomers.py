@@ -27,7 +27,7 @@ def lineage(study: Comparison) -> drawing.Picture | None:
         for k, origin in enumerate((Origin.INJECTED, Origin.RANDOM)):
             mine = [n for n in found if n.origin == origin]
             if mine:
-                label = f"{arm.name}: {origin.value} (n = {len(mine):,})"
+                label = f"{drawing.plain(arm.name)}: {origin.value} (n = {len(mine):,})"
                 curves.append((label, i, k, alive(mine, study.generations - 1)))
     if not curves:
         return None
@@ -71,7 +71,7 @@ def generalisation(found: Sequence[Generalisation], study: Comparison) -> drawin
                 "linewidth": 1.2,
             }
             left.axhline(g.unseen, **across)
-            right.axhline(g.unseen, label=g.arm, **across)
+            right.axhline(g.unseen, label=drawing.plain(g.arm), **across)
         left.yaxis.set_major_formatter(drawing.THOUSANDS)
         low, high = right.get_xlim()
         bottom, top = right.get_ylim()

@@ -1,4 +1,4 @@
-"""Supervision: what was decided (section 3.7), and what it cost beside simulation (Table 14)."""
+"""Supervision: what was decided (section 3.7); what runs cost in episodes and time (Table 14)."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Final
 
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.emergence import first, quantile
+from islandgp.study.episodes import episode_cost
 from islandgp.study.measures import Overhead, overhead
 from islandgp.study.paper import MARK
 from islandgp.study.statistics import mean_sd
@@ -88,6 +89,24 @@ def overhead_table(study: Comparison) -> Table:
         ),
         (note("overhead"), *footnotes(study.paper)),
     )
+
+
+def episodes_table(study: Comparison) -> Table:
+    """What a run of each arm costs in episodes."""
+    rows = []
+    for arm in study.arms:
+        cost = episode_cost(arm)
+        rows.append(
+            {
+                "Arm": arm.name,
+                "generations": number(cost.generations),
+                "supervisor": number(cost.supervision),
+                "validation": number(cost.validation),
+                "in all": number(cost.total),
+                "library, once": number(cost.library) if cost.library else NONE,
+            }
+        )
+    return Table.of("episodes", "Episodes of a run", map(dict.items, rows), (note("episodes"),))
 
 
 def _spread(value: Callable[[Overhead], float], digits: int = 0) -> Callable[[Overheads], str]:

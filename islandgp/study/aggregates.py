@@ -1,0 +1,407 @@
+"""Aggregates for scores with several peaks: IQM, performance profiles, chance of improvement.
+
+The formulas are those of Agarwal, Schwarzer, Castro, Courville and Bellemare, "Deep
+reinforcement learning at the edge of the statistical precipice" (NeurIPS 2021), and of their
+library rliable 1.2.0. An arm's scores come world by world ("strata"); intervals are
+percentiles of a bootstrap that resamples the runs within each world. Where arms share seeds,
+both runs of a seed are resampled together.
+
+Draws come from a stream by purpose and values are sorted before, so the order of the runs
+changes nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from math import erfc, nan, sqrt
+from typing import Any, Final
+
+import numpy as np
+
+from islandgp.errors import StudyError, brief
+from islandgp.seeding import Stream, stream
+from islandgp.study.statistics import (
+    DECIMALS,
+    ENUMERATED,
+    EXACT,
+    FEWEST,
+    RESAMPLES,
+    UNTESTED,
+    Interval,
+    doubled_ranks,
+    rank_test,
+    sums_of_splits,
+    sums_of_subsets,
+    two_sided,
+)
+
+Strata = Sequence[Sequence[float]]
+"""An arm's scores, one sequence a world."""
+
+EXACT_PAIRS: Final = "exact, exchanges of the pairs enumerated"
+NORMAL: Final = "asymptotic, corrected for ties"
+FEWEST_A_WORLD: Final = 5  # of several worlds; with 3 runs in each of 5, intervals cover 83 to 86 %
+MOST_SCORES: Final = 10_000  # of an arm in a world
+LARGEST: Final = 1e100  # of a score in size, so that sums are finite
+MOST_THRESHOLDS: Final = 400  # of a profile
+BLOCK: Final = 1_000_000  # numbers that are drawn at a time
+LONGEST: Final = 100_000  # sums up to which an exact test counts
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """Share of an arm's runs with a score above each threshold, with its 95 % band."""
+
+    thresholds: tuple[float, ...]  # rising, each once
+    share: tuple[float, ...]  # in [0, 1], never rising
+    low: tuple[float, ...]  # pointwise; nan: too few runs
+    high: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ImprovementTest:
+    """Whether the chance of improvement differs from one half, two-sided."""
+
+    p: float
+    kind: str  # EXACT, EXACT_PAIRS, NORMAL, or a kind of `rank_test`
+
+
+def mean(scores: Any) -> Any:
+    """The mean over the last axis."""
+    return np.mean(scores, axis=-1)
+
+
+def median(scores: Any) -> Any:
+    """The median over the last axis."""
+    return np.median(scores, axis=-1)
+
+
+def interquartile_mean(scores: Any) -> Any:
+    """The mean of the middle half over the last axis (IQM).
+
+    The floor(n/4) lowest and as many of the highest scores are left out, as by
+    `scipy.stats.trim_mean(scores, 0.25)`. So up to three scores are averaged whole.
+    """
+    ordered = np.sort(np.asarray(scores, float), axis=-1)
+    n = ordered.shape[-1]
+    return ordered[..., n // 4 : n - n // 4].mean(axis=-1)
+
+
+def share_above(scores: Sequence[float], threshold: float) -> float:
+    """The share of the scores above a threshold, a point of a performance profile."""
+    return float(np.mean(np.asarray(scores, float) > threshold))
+
+
+def probability_of_improvement(first: Strata, second: Strata) -> float:
+    """The chance that a run of the first arm scores higher than one of the second.
+
+    In each world it is U / (n1 n2) of Mann and Whitney, a tie counting half: with the effect
+    size r of `rank_test` it is (1 - r) / 2. Over worlds it is the mean, so worlds need no
+    common scale.
+
+    Args:
+        first: scores of the first arm, world by world; any number in each.
+        second: scores of the second one, in the same worlds.
+
+    Raises:
+        StudyError: scores are missing or not finite, or the arms' worlds are not as many.
+    """
+    worlds = _in_worlds(first, second)
+    return float(np.mean([_wins(x, y) / (len(x) * len(y)) for x, y in worlds]))
+
+
+def _wins(x: Any, y: Any) -> float:
+    """U of the first sample, values equal to DECIMALS counting half."""
+    below = np.searchsorted(y, x, side="left")
+    equal = np.searchsorted(y, x, side="right") - below
+    return float(np.sum(below) + np.sum(equal) / 2)
+
+
+def stratified_bootstrap(strata: Strata, statistic: Callable[[Any], Any]) -> Interval:
+    """A statistic of all scores of an arm with its 95 % percentile interval.
+
+    Each of RESAMPLES resamples has as many scores of each world as the arm has. There is no
+    interval (nan) of fewer than FEWEST scores, or of several worlds where one of them has
+    fewer than FEWEST_A_WORLD: it would cover too little.
+
+    Args:
+        strata: the scores, world by world. A world with more runs weighs more, and all worlds
+            must have one scale.
+        statistic: reduces the last axis, as `mean`, `median` and `interquartile_mean` do.
+
+    Raises:
+        StudyError: scores are missing or not finite.
+    """
+    arrays = [np.sort(each) for each in _arrays(strata)]
+    estimate = float(statistic(np.concatenate(arrays)))
+    if not _enough(arrays):
+        return Interval(estimate, nan, nan)
+    sizes = [len(each) for each in arrays]
+    found = [
+        statistic(np.concatenate([a[i] for a, i in zip(arrays, places, strict=True)], axis=-1))
+        for places in _resamples(sizes, sum(sizes))
+    ]
+    return _with_ends(estimate, np.concatenate(found))
+
+
+def improvement_interval(first: Strata, second: Strata, *, paired: bool = False) -> Interval:
+    """The probability of improvement with its 95 % percentile interval.
+
+    Both arms are resampled, world by world; there is no interval (nan) where
+    `stratified_bootstrap` gives none of either arm.
+
+    Args:
+        first: scores of the first arm, world by world.
+        second: scores of the second one, in the same worlds.
+        paired: scores at one place are of one seed; they are drawn together.
+
+    Raises:
+        StudyError: as `probability_of_improvement`, or pairs are not as many in both arms.
+    """
+    worlds = _in_worlds(first, second, paired=paired)
+    estimate = probability_of_improvement(first, second)
+    if not all(_enough(arm) for arm in zip(*worlds, strict=True)):
+        return Interval(estimate, nan, nan)
+    sizes = [[len(sample) for sample in arm] for arm in zip(*worlds, strict=True)]
+    block = sum(map(sum, sizes))
+    mine = _resamples(sizes[0], block)
+    theirs = mine if paired else _resamples(sizes[1], block, sample=1)
+    codes = [_codes(x, y) for x, y in worlds]
+    found = []
+    for places in mine:
+        others = places if paired else next(theirs)
+        each = [_improvement(*c, i, j) for c, i, j in zip(codes, places, others, strict=True)]
+        found.append(np.mean(each, axis=0))
+    return _with_ends(estimate, np.concatenate(found))
+
+
+def _codes(x: Any, y: Any) -> tuple[Any, Any, int]:
+    """The values of both samples as their places among all that are different, and how many."""
+    values, codes = np.unique(np.concatenate([x, y]), return_inverse=True)
+    return codes[: len(x)], codes[len(x) :], len(values)
+
+
+def _improvement(x: Any, y: Any, different: int, places: Any, others: Any) -> Any:
+    """U / (n1 n2) of each resample, from how often each value was drawn."""
+    mine, theirs = _counts(x[places], different), _counts(y[others], different)
+    below = np.cumsum(theirs, axis=1) - theirs
+    return np.sum(mine * (below + theirs / 2), axis=1) / (len(x) * len(y))
+
+
+def _counts(codes: Any, different: int) -> Any:
+    """How often each code below `different` is in each row."""
+    rows = np.arange(len(codes))[:, None] * different
+    return np.bincount((codes + rows).ravel(), minlength=len(codes) * different).reshape(
+        len(codes), different
+    )
+
+
+def performance_profile(strata: Strata, thresholds: Sequence[float]) -> Profile:
+    """The share of an arm's runs with a score above each threshold, with a 95 % band.
+
+    The band holds in each threshold by itself, by the bootstrap of `stratified_bootstrap`.
+
+    Args:
+        strata: the scores, world by world; all worlds must have one scale.
+        thresholds: at least one and at most MOST_THRESHOLDS, finite; their order does not matter.
+
+    Raises:
+        StudyError: scores or thresholds are missing or not finite, or thresholds are too many.
+    """
+    steps = np.unique(np.asarray(thresholds, float))
+    if not 0 < len(steps) <= MOST_THRESHOLDS or not np.all(np.isfinite(steps)):
+        raise StudyError(
+            f"Expected 1 to {MOST_THRESHOLDS} finite thresholds of a performance profile, found"
+            f" {len(steps)}, {_brief(steps)}; `thresholds` chooses some."
+        )
+    arrays = [np.sort(each) for each in _arrays(strata)]
+    exceeded = [np.searchsorted(steps, each, side="left") for each in arrays]  # steps below each
+    n = sum(map(len, arrays))
+
+    def shares(codes: Any) -> Any:
+        return (n - np.cumsum(_counts(codes, len(steps) + 1), axis=1)[:, :-1]) / n
+
+    share = shares(np.concatenate(exceeded)[None, :])[0]
+    low = high = np.full(len(steps), nan)
+    if _enough(arrays):
+        found = [
+            shares(np.concatenate([e[i] for e, i in zip(exceeded, places, strict=True)], axis=1))
+            for places in _resamples([len(each) for each in arrays], max(n, len(steps)))
+        ]
+        low, high = np.quantile(np.concatenate(found), (0.025, 0.975), axis=0)
+    steps_, share_, low_, high_ = (tuple(map(float, row)) for row in (steps, share, low, high))
+    return Profile(steps_, share_, low_, high_)
+
+
+def thresholds(*arms: Strata) -> tuple[float, ...]:
+    """Where the profiles of some arms step: at each of their scores.
+
+    Where these are more than MOST_THRESHOLDS, as many places that are evenly spread.
+    """
+    values = np.unique(np.concatenate([each for strata in arms for each in _arrays(strata)]))
+    if len(values) > MOST_THRESHOLDS:
+        values = np.linspace(values[0], values[-1], MOST_THRESHOLDS)
+    return tuple(map(float, values))
+
+
+def improvement_test(first: Strata, second: Strata, *, paired: bool = False) -> ImprovementTest:
+    """The two-sided test that belongs to the probability of improvement.
+
+    Of a single world it is Mann and Whitney's. Of several it is that test stratified by world:
+    the runs of each world are split in all ways, and the probabilities averaged. With pairs the
+    two runs of a seed are exchanged instead, for the same probability of improvement. Where
+    runs are not as many in all worlds, or very many, the distribution is approximated by a
+    normal one.
+
+    Args:
+        first: scores of the first arm, world by world.
+        second: scores of the second one, in the same worlds.
+        paired: scores at one place are of one seed.
+
+    Raises:
+        StudyError: as `improvement_interval`.
+    """
+    worlds = _in_worlds(first, second, paired=paired)
+    if len(worlds) == 1 and not paired:
+        test = rank_test(*worlds[0])
+        return ImprovementTest(test.p, test.kind)
+    strata = [_exchanged(x, y) if paired else _split(x, y) for x, y in worlds]
+    if not any(s.variance > 0 for s in strata):
+        return ImprovementTest(1.0, UNTESTED)
+    alike = len({(len(x), len(y)) for x, y in worlds}) == 1
+    few = all((len(x) if paired else len(x) + len(y)) <= ENUMERATED for x, y in worlds)
+    if alike and few and sum(s.most for s in strata) <= LONGEST:
+        ways = np.ones(1)
+        for s in strata:
+            counted = s.counts()
+            ways = np.convolve(ways, counted / counted.sum())
+        kind = EXACT_PAIRS if paired else EXACT
+        return ImprovementTest(two_sided(ways, sum(s.found for s in strata)), kind)
+    distance = sum((s.found - s.centre) / s.scale for s in strata)
+    deviation = sqrt(sum(s.variance / s.scale**2 for s in strata))
+    return ImprovementTest(erfc(abs(distance) / deviation / sqrt(2)), NORMAL)
+
+
+@dataclass(frozen=True, slots=True)
+class _Stratum:
+    """The statistic of a world, a whole number from 0, and its distribution without a difference.
+
+    It is twice U but for what is the same in all splits or exchanges.
+    """
+
+    found: int
+    most: int
+    centre: float  # its mean
+    variance: float
+    scale: float  # it is the probability of improvement, times this, and shifted
+    counts: Callable[[], Any]  # how often it has each value
+
+
+def _split(x: Any, y: Any) -> _Stratum:
+    n1, n2 = len(x), len(y)
+    ranks = doubled_ranks(np.concatenate([x, y]))
+    least = n1 * (n1 + 1)
+    return _Stratum(
+        found=int(ranks[:n1].sum()) - least,
+        most=2 * n1 * n2,
+        centre=n1 * n2,
+        variance=n1 * n2 / max(n1 + n2 - 1, 1) * float(np.var(ranks)),
+        scale=2 * n1 * n2,
+        counts=lambda: sums_of_splits(ranks, n1)[least : least + 2 * n1 * n2 + 1],
+    )
+
+
+def _exchanged(x: Any, y: Any) -> _Stratum:
+    n = len(x)
+    ranks = doubled_ranks(np.concatenate([x, y]))
+    gains = ranks[:n] - ranks[n:]
+    weights = np.abs(gains)
+    return _Stratum(
+        found=int(gains[gains > 0].sum()),
+        most=int(weights.sum()),
+        centre=float(weights.sum() / 2),
+        variance=float(np.sum(weights.astype(float) ** 2) / 4),
+        scale=2 * n * n,
+        counts=lambda: sums_of_subsets(weights),
+    )
+
+
+def _resamples(sizes: Sequence[int], width: int, *, sample: int = 0) -> Iterator[list[Any]]:
+    """The places of RESAMPLES resamples, world by world, some of them at a time.
+
+    `width` is how many numbers the caller holds for each; BLOCK numbers are held at a time.
+    """
+    draws = [
+        stream(0, Stream.RESAMPLING, generation=sample, slot=world) for world in range(len(sizes))
+    ]
+    rows = max(1, BLOCK // width)
+    for start in range(0, RESAMPLES, rows):
+        many = min(rows, RESAMPLES - start)
+        yield [rng.integers(n, size=(many, n)) for rng, n in zip(draws, sizes, strict=True)]
+
+
+def _with_ends(estimate: float, found: Any) -> Interval:
+    low, high = np.quantile(found, (0.025, 0.975))
+    return Interval(estimate, float(low), float(high))
+
+
+def _enough(samples: Sequence[Any]) -> bool:
+    """Whether an arm has runs enough for an interval."""
+    sizes = [len(each) for each in samples]
+    return sum(sizes) >= FEWEST and (len(sizes) == 1 or min(sizes) >= FEWEST_A_WORLD)
+
+
+def _in_worlds(first: Strata, second: Strata, *, paired: bool = False) -> list[tuple[Any, Any]]:
+    """Both arms' scores in each world, sorted: by pairs where `paired`, else each by itself.
+
+    They are rounded to DECIMALS, as `rank_test` rounds them.
+    """
+    mine, theirs = _arrays(first), _arrays(second)
+    if len(mine) != len(theirs):
+        raise StudyError(
+            f"Expected scores of both arms in the same worlds, found {len(mine)} worlds and"
+            f" {len(theirs)}; leave out worlds that one of them lacks."
+        )
+    worlds = []
+    for a, b in zip(mine, theirs, strict=True):
+        x, y = np.round(a, DECIMALS), np.round(b, DECIMALS)
+        if paired and len(x) != len(y):
+            raise StudyError(
+                f"Expected as many scores of both arms where they are paired, found {len(x)} and"
+                f" {len(y)}; give those of the same seeds, or compare without pairs."
+            )
+        order = np.lexsort((y, x)) if paired else None
+        worlds.append((np.sort(x), np.sort(y)) if order is None else (x[order], y[order]))
+    return worlds
+
+
+def _arrays(strata: Strata) -> list[Any]:
+    """The scores as arrays. Raises StudyError where they are none."""
+    try:
+        arrays = [np.asarray(each, float) for each in strata]
+    except (TypeError, ValueError) as error:
+        raise StudyError(
+            f"Expected scores as lists of numbers, found others ({brief(error)}); give one number a"
+            " run."
+        ) from error
+    if not arrays:
+        raise StudyError("Expected scores of at least one world, found none; give some.")
+    for values in arrays:
+        if values.ndim != 1 or not 0 < len(values) <= MOST_SCORES:
+            raise StudyError(
+                f"Expected 1 to {MOST_SCORES:,} scores of an arm in a world, found an array of"
+                f" shape {values.shape}; give one number a run."
+            )
+        wrong = ~(np.abs(values) <= LARGEST)
+        if np.any(wrong):
+            raise StudyError(
+                f"Expected finite scores of at most {LARGEST:g}, found {_brief(values[wrong])};"
+                " a run that failed needs a score, or must be left out in all arms."
+            )
+    return arrays
+
+
+def _brief(values: Any) -> str:
+    """The first three numbers."""
+    return ", ".join(f"{value:g}" for value in values[:3]) + (", ..." if len(values) > 3 else "")

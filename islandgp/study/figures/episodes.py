@@ -1,0 +1,103 @@
+"""Curves against the episodes that runs asked for, in place of their generations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from operator import attrgetter
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from islandgp.scoring.snapshot import Snapshot
+from islandgp.study.arms import Arm, Comparison
+from islandgp.study.emergence import first
+from islandgp.study.episodes import episodes_until
+from islandgp.study.figures import drawing
+from islandgp.study.measures import best, diversity
+from islandgp.supervision.state_json import title
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLUMNS: Final = 2
+HEIGHT: Final = 2.6  # inches, of a panel
+
+CURVES: Final[tuple[tuple[str, Callable[[Snapshot], float], str], ...]] = (
+    ("Best fitness of a generation", best, "Points"),
+    ("Behavioural diversity", diversity, "Eq. (3)"),
+    ("Mutation rate", attrgetter("rate"), "Rate"),
+)
+"""Title, number and y axis of each panel of means."""
+
+
+def by_episodes(study: Comparison) -> drawing.Picture:
+    """Fitness, diversity, mutation rate and first robots by episodes."""
+    n = len(CURVES) + len(study.milestones)
+    rows = -(-n // COLUMNS)
+
+    def draw(figure: Figure) -> None:
+        grid = figure.subplots(rows, COLUMNS, squeeze=False).flat
+        for axes in grid[n:]:
+            axes.axis("off")
+        for axes, (name, of, label) in zip(grid, CURVES, strict=False):
+            for arm, how in drawing.looks(study):
+                drawing.band(axes, arm, how, *at_episodes(arm, of))
+            axes.set(title=name, ylabel=label)
+        for axes, tier in zip(grid[len(CURVES) :], study.milestones, strict=False):
+            _emergence(axes, study, tier)
+        for axes in grid[:n]:
+            axes.set_xlim(left=0)
+            axes.set_xlabel("Episodes", loc="right")
+            axes.locator_params(axis="x", nbins=5)
+            axes.xaxis.set_major_formatter(drawing.THOUSANDS)
+        grid[0].yaxis.set_major_formatter(drawing.THOUSANDS)
+        drawing.legend(figure, grid[0])
+
+    return drawing.picture("episodes", draw, height=0.4 + HEIGHT * rows)
+
+
+def at_episodes(
+    arm: Arm, of: Callable[[Snapshot], float]
+) -> tuple[Sequence[float], list[list[float]]]:
+    """A number of the last generation that a run has finished, by episodes.
+
+    Args:
+        arm: whose runs may have asked for different numbers of episodes.
+        of: the number of a generation.
+
+    Returns:
+        Numbers of episodes that all runs have reached and none has exceeded, rising; and each
+        run's values there.
+    """
+    each = [(episodes_until(run), [of(s) for s in run.snapshots]) for run in arm.runs]
+    start, end = max(x[0] for x, _ in each), min(x[-1] for x, _ in each)
+    places = np.unique(np.concatenate([x for x, _ in each]))
+    places = places[(start <= places) & (places <= end)]
+    rows = [
+        np.asarray(y, float)[np.searchsorted(x, places, side="right") - 1].tolist() for x, y in each
+    ]
+    return places.tolist(), rows
+
+
+def _emergence(axes: Axes, study: Comparison, tier: str) -> None:
+    """The share of each arm's runs that have had a robot of a tier."""
+    for arm, how in drawing.looks(study):
+        until = [episodes_until(run) for run in arm.runs]
+        end = min(x[-1] for x in until)  # every run is watched up to here
+        firsts = [first(run, tier) for run in arm.runs]
+        at = sorted(x[g] for x, g in zip(until, firsts, strict=True) if g is not None)
+        steps = [episodes for episodes in at if episodes <= end]
+        axes.plot(
+            [0, *steps, end],
+            [k / len(until) for k in (*range(len(steps) + 1), len(steps))],
+            drawstyle="steps-post",
+            color=how.colour,
+            linestyle=how.line,
+            marker=how.marker,
+            markersize=4,
+            markevery=(0.1, 0.3),
+        )
+    axes.set_ylim(-0.03, 1.03)
+    axes.yaxis.set_major_formatter(drawing.PERCENT)
+    axes.set(title=f"{title(tier)} Robot", ylabel="Runs that have had one")

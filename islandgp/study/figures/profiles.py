@@ -1,0 +1,135 @@
+"""Performance profiles: the share of runs with a score above each threshold."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import isnan
+from typing import TYPE_CHECKING, Any, Final
+
+from islandgp.study.aggregates import Strata, performance_profile, thresholds
+from islandgp.study.figures import drawing
+from islandgp.study.profiles import ALL_WORLDS, Scores, arm_names
+from islandgp.study.statistics import FEWEST
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+PANELS: Final = 2  # side by side; more could not be read in a narrow column
+WIDTH: Final = 5.6  # inches, so that letters can be read where it is shown 400 pixels wide
+HEIGHT: Final = 2.3  # inches, of a panel
+LETTERS: Final = 60  # of a line of the legend
+BANDS: Final = 4  # arms whose bands can be told apart
+
+Panels = dict[str, dict[str, Strata]]  # by title and arm
+
+
+def profile_picture(
+    scores: Scores, *, pool: bool = False, label: str = "Score", key: str = "profiles"
+) -> drawing.Picture:
+    """A panel for each world, a line for each arm, with its 95 % band of up to four arms.
+
+    Args:
+        scores: by world and arm, one a seed.
+        pool: a further panel over all worlds, of the arms that have scores in each; scores
+            must have one scale in all of them (`study.profiles.normalised`).
+        label: of the x axes.
+        key: file name of the picture without its ending.
+
+    Raises:
+        StudyError: there are no scores, or some are not finite.
+    """
+    arms = arm_names(scores)
+    panels: Panels = {world: {arm: [each[arm]] for arm in each} for world, each in scores.items()}
+    if pool and len(scores) > 1:
+        panels[ALL_WORLDS] = {
+            arm: [each[arm] for each in scores.values()]
+            for arm in arms
+            if all(arm in each for each in scores.values())
+        }
+    panels = {title: strata for title, strata in panels.items() if strata}
+    rows, columns = -(-len(panels) // PANELS), min(PANELS, len(panels))
+
+    def draw(figure: Figure) -> None:
+        grid = figure.subplots(rows, columns, sharey=True, squeeze=False)
+        for axes in grid.flat[len(panels) :]:
+            axes.axis("off")
+        for axes, (title, strata) in zip(grid.flat, panels.items(), strict=False):
+            _panel(axes, arms, strata, bands=len(arms) <= BANDS)
+            axes.set(title=drawing.plain(title), xlabel=label)
+        for axes in grid[:, 0]:
+            axes.set_ylabel("Share of runs above")
+        _legend(figure, arms)
+
+    height = HEIGHT * rows + 0.4 + 0.2 * -(-len(arms) // _across(arms))
+    found = drawing.picture(
+        "profiles", draw, height=height, width=WIDTH, bands=BANDS, fewest=FEWEST
+    )
+    return replace(found, key=key)
+
+
+def _panel(axes: Axes, arms: list[str], strata: dict[str, Strata], *, bands: bool) -> None:
+    """The profiles of some arms, each with the look of its place among all of them."""
+    at = thresholds(*strata.values())
+    margin = 0.04 * (at[-1] - at[0]) or max(0.5, 0.04 * abs(at[0]))
+    ends = at[0] - margin, at[-1] + margin
+    for place, arm in enumerate(arms):
+        if arm not in strata:
+            continue
+        how = drawing.look(place)
+        profile = performance_profile(strata[arm], at)
+        x = (ends[0], *at, ends[1])
+        if bands and not isnan(profile.low[0]):
+            axes.fill_between(
+                x,
+                (1, *profile.low, 0),
+                (1, *profile.high, 0),
+                step="post",
+                color=how.colour,
+                alpha=0.15,
+                linewidth=0,
+            )
+        axes.plot(
+            x,
+            (1, *profile.share, 0),
+            drawstyle="steps-post",
+            markevery=(0.06 * (1 + place % 4), 0.3),  # in shares of the axes, by turns
+            clip_on=False,
+            **_line(how),
+        )
+    axes.set_xlim(*ends)
+    axes.set_ylim(-0.03, 1.03)
+    largest = max(map(abs, ends))
+    axes.locator_params(axis="x", nbins=4 if largest >= 1000 else 5)
+    if 1000 <= largest < 1e8:  # larger ones in powers of ten
+        axes.xaxis.set_major_formatter(drawing.THOUSANDS)
+    axes.yaxis.set_major_formatter(drawing.PERCENT)
+
+
+def _line(how: drawing.Style) -> dict[str, Any]:
+    return {
+        "color": how.colour,
+        "linestyle": how.line,
+        "marker": how.marker,
+        "markersize": 5,
+        "markeredgecolor": "white",
+        "markeredgewidth": 0.5,
+    }
+
+
+def _legend(figure: Figure, arms: list[str]) -> None:
+    from matplotlib.lines import Line2D
+
+    lines = [Line2D([], [], **_line(drawing.look(place))) for place in range(len(arms))]
+    figure.legend(
+        lines,
+        list(map(drawing.plain, arms)),
+        loc="outside lower center",
+        ncols=_across(arms),
+        handlelength=3.4,
+    )
+
+
+def _across(arms: list[str]) -> int:
+    """Columns of the legend."""
+    return max(1, min(4, LETTERS // (max(map(len, arms)) + 7)))

@@ -1,0 +1,192 @@
+"""Scores of several arms in several worlds, as rows of a table; needs no runs, only scores.
+
+    rows = summarise({"island": {"expert": [...], "random": [...]}, "cartpole": {...}})
+    table = score_table(rows)  # study.tables.scores
+    picture = profile_picture(scores)  # study.figures.profiles
+
+Each arm's aggregates are those of `study.aggregates`. Every arm is compared with one of them,
+the reference, and the p-values of all tests are adjusted together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from math import isfinite, nan
+from typing import Final
+
+import numpy as np
+
+from islandgp.errors import StudyError
+from islandgp.study.aggregates import (
+    ImprovementTest,
+    Strata,
+    improvement_interval,
+    improvement_test,
+    interquartile_mean,
+    mean,
+    median,
+    stratified_bootstrap,
+)
+from islandgp.study.statistics import Interval, benjamini_hochberg
+
+Scores = Mapping[str, Mapping[str, Sequence[float]]]
+"""Scores by world and arm, one a seed; higher is better."""
+
+ALL_WORLDS: Final = "all worlds"
+UNKNOWN: Final = Interval(nan, nan, nan)
+
+
+@dataclass(frozen=True, slots=True)
+class ScoreRow:
+    """An arm's scores in a world, or in all worlds; intervals are of 95 %."""
+
+    world: str
+    arm: str
+    runs: int
+    mean: Interval  # these three are unknown (nan) over worlds that are not pooled
+    median: Interval
+    iqm: Interval
+    reference: str  # the arm that it is compared with, which may be itself
+    improvement: Interval | None = None  # chance to score higher; None: there is no comparison
+    test: ImprovementTest | None = None  # whether that chance is one half
+    p_bh: float | None = None  # its p, adjusted for all tests of the table
+
+
+def summarise(
+    scores: Scores, *, reference: str | None = None, paired: bool = False, pool: bool = False
+) -> tuple[ScoreRow, ...]:
+    """Mean, median, IQM and probability of improvement of each arm, in each world and over all.
+
+    Rows come world by world, in the order of the mapping; then those over all worlds, if there
+    are several, of the arms that have scores in each. p-values are adjusted over all rows by
+    Benjamini and Hochberg.
+
+    Args:
+        scores: by world and arm, one a seed. An arm may lack a world.
+        reference: the arm that the others are compared with; default: the first arm named.
+        paired: the k-th scores of all arms in a world are of one seed.
+        pool: aggregate mean, median and IQM over all worlds too. Scores must then have one
+            scale in all of them, for which `normalised` serves. The probability of improvement
+            needs none.
+
+    Raises:
+        StudyError: there are no scores, some are not finite, the reference is unknown, or arms
+            that are paired have unequal numbers of scores.
+    """
+    arms = arm_names(scores)
+    against = arms[0] if reference is None else reference
+    if against not in arms:
+        raise StudyError(
+            f"Expected a reference among the arms {', '.join(arms)}, found {against!r}."
+        )
+    pairs = frozenset(arms if paired else ())
+    rows: list[ScoreRow] = []
+    for world, each in scores.items():
+        rows += world_rows(world, {arm: [each[arm]] for arm in each}, against, pairs)
+    if len(scores) > 1:
+        everywhere = [arm for arm in arms if all(arm in each for each in scores.values())]
+        strata = {arm: [each[arm] for each in scores.values()] for arm in everywhere}
+        rows += world_rows(ALL_WORLDS, strata, against, pairs, pool=pool)
+    return adjusted(rows)
+
+
+def world_rows(
+    world: str,
+    arms: Mapping[str, Strata],
+    reference: str,
+    paired: Collection[str],
+    *,
+    pool: bool = True,
+) -> Iterator[ScoreRow]:
+    """A row for each arm, before p-values are adjusted.
+
+    Args:
+        world: what the rows are called.
+        arms: scores of each arm, world by world.
+        reference: the arm that the others are compared with, where it is among them.
+        paired: arms whose scores are of the reference's seeds, one by one.
+        pool: whether to give mean, median and IQM.
+
+    Raises:
+        StudyError: scores are missing or not finite, or a pair has one score only.
+    """
+    for arm, strata in arms.items():
+        with _naming(arm, world):
+            average, middle, iqm = (
+                stratified_bootstrap(strata, statistic) if pool else UNKNOWN
+                for statistic in (mean, median, interquartile_mean)
+            )
+            row = ScoreRow(world, arm, sum(map(len, strata)), average, middle, iqm, reference)
+            if arm != reference and reference in arms:
+                other, pairs = arms[reference], arm in paired
+                row = replace(
+                    row,
+                    improvement=improvement_interval(strata, other, paired=pairs),
+                    test=improvement_test(strata, other, paired=pairs),
+                )
+        yield row
+
+
+@contextmanager
+def _naming(arm: str, world: str) -> Iterator[None]:
+    """Errors say of which arm and world they are."""
+    try:
+        yield
+    except StudyError as error:
+        raise StudyError(f"{arm} in {world}: {error}") from error
+
+
+def adjusted(rows: Sequence[ScoreRow]) -> tuple[ScoreRow, ...]:
+    """The rows with p adjusted for all of their tests by Benjamini and Hochberg."""
+    known = iter(benjamini_hochberg([row.test.p for row in rows if row.test is not None]))
+    return tuple(row if row.test is None else replace(row, p_bh=next(known)) for row in rows)
+
+
+def normalised(
+    scores: Scores, bounds: Mapping[str, tuple[float, float]]
+) -> dict[str, dict[str, list[float]]]:
+    """The scores on one scale: in each world 0 at the first bound and 1 at the second.
+
+    Args:
+        scores: by world and arm.
+        bounds: by world, for instance the mean scores of a random tree and of one by hand.
+
+    Raises:
+        StudyError: a world has no bounds, or they are not two finite and different numbers.
+    """
+    found: dict[str, dict[str, list[float]]] = {}
+    for world, arms in scores.items():
+        low, high = bounds.get(world, (nan, nan))
+        if not (isfinite(low) and isfinite(high) and low != high):
+            raise StudyError(
+                f"Expected two finite and different bounds for {world}, found"
+                f" {bounds.get(world, 'none')}; give the scores that are to become 0 and 1."
+            )
+        found[world] = {
+            arm: ((np.asarray(values, float) - low) / (high - low)).tolist()
+            for arm, values in arms.items()
+        }
+    return found
+
+
+def arm_names(scores: Scores) -> list[str]:
+    """The arms in the order in which they are first named. Raises StudyError: there are none."""
+    if not all(isinstance(each, Mapping) for each in scores.values()):
+        raise StudyError(
+            "Expected scores by world and arm, found a world without arms; give"
+            " {world: {arm: [score, ...]}}."
+        )
+    arms = list(dict.fromkeys(arm for each in scores.values() for arm in each))
+    for name in (*scores, *arms):
+        if not isinstance(name, str):
+            raise StudyError(f"Expected names of worlds and arms as text, found {name!r}.")
+    if not arms:
+        raise StudyError("Expected scores by world and arm, found none; give some.")
+    if len(scores) > 1 and ALL_WORLDS in scores:
+        raise StudyError(
+            f"Expected another name than {ALL_WORLDS!r} for a world, since rows over all worlds"
+            " are called so; rename it."
+        )
+    return arms

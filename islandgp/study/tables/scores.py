@@ -1,0 +1,143 @@
+"""Mean, median, IQM and probability of improvement of scores, by world and arm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import isnan
+from typing import Final
+
+from islandgp.study.aggregates import FEWEST_A_WORLD
+from islandgp.study.arms import Comparison
+from islandgp.study.comparable import paired
+from islandgp.study.generalise import Generalisation
+from islandgp.study.profiles import ALL_WORLDS, ScoreRow, Scores, adjusted, world_rows
+from islandgp.study.statistics import FEWEST, Interval
+from islandgp.study.table import NONE, Row, Table, interval, probability, tested, to_csv
+from islandgp.study.texts import note
+
+VALIDATED: Final = "validated mean"
+UNSEEN: Final = "mean in unseen worlds"
+
+
+def champion_scores(study: Comparison, unseen: Sequence[Generalisation]) -> Scores:
+    """The scores of the runs' best robots in points, by what they are and arm, in order of seeds.
+
+    The validated mean is left out where a run was not validated, that in unseen worlds where
+    there were none.
+    """
+    scores: dict[str, dict[str, list[float]]] = {}
+    means = {arm.name: [run.validated for run in arm.runs] for arm in study.arms}
+    if not any(None in values for values in means.values()):
+        scores[VALIDATED] = {
+            arm: [mean for mean in values if mean is not None] for arm, values in means.items()
+        }
+    champions = {
+        arm.name: [g.unseen for g in unseen if g.arm == arm.name and g.seed is not None]
+        for arm in study.arms
+    }
+    if known := {arm: points for arm, points in champions.items() if points}:
+        scores[UNSEEN] = known
+    return scores
+
+
+def champion_rows(study: Comparison, scores: Scores) -> tuple[ScoreRow, ...]:
+    """The scores' rows; the reference is the second arm, the paper's baseline."""
+    reference = study.arms[1]
+    pairs = {arm.name for arm in study.arms if paired(arm, reference)}
+    rows: list[ScoreRow] = []
+    for name, arms in scores.items():
+        strata = {arm: [values] for arm, values in arms.items()}
+        rows += world_rows(name, strata, reference.name, pairs)
+    return adjusted(rows)
+
+
+def score_table(
+    rows: Sequence[ScoreRow],
+    *,
+    key: str = "scores",
+    title: str = "Scores",
+    world: str = "World",
+    notes: tuple[str, ...] = (),
+) -> Table:
+    """The rows as people read them; what is not known is a dash, for which a note has the reason.
+
+    Args:
+        rows: one row or more, as `summarise` gives them.
+        key: file name of the table without its ending.
+        title: of the table.
+        world: heading of the first column.
+        notes: more notes below the table.
+    """
+    digits = {row.world: _digits([r for r in rows if r.world == row.world]) for row in rows}
+    return Table.of(
+        key,
+        title,
+        (_cells(row, digits[row.world], world) for row in rows),
+        (note("aggregates", reference=rows[0].reference), *_reasons(rows), *notes),
+    )
+
+
+def _cells(row: ScoreRow, digits: int, world: str) -> Row:
+    yield world, row.world
+    yield "arm", row.arm
+    yield "runs", str(row.runs)
+    yield "mean [95 %]", interval(row.mean, digits)
+    yield "median [95 %]", interval(row.median, digits)
+    yield "IQM [95 %]", interval(row.iqm, digits)
+    better = NONE if row.improvement is None else interval(row.improvement, 2)
+    yield f"P(better than {row.reference}) [95 %]", better
+    yield "p", NONE if row.test is None else tested(row.test)
+    yield "p BH", probability(row.p_bh)
+
+
+def _digits(rows: Sequence[ScoreRow]) -> int:
+    """Decimals that show three significant digits of a world's largest mean; 0 to 3."""
+    means = [abs(row.mean.estimate) for row in rows if not isnan(row.mean.estimate)]
+    largest = max(means, default=0.0)
+    return 0 if largest >= 1000 else 1 if largest >= 100 else 2 if largest >= 10 else 3
+
+
+def _reasons(rows: Sequence[ScoreRow]) -> list[str]:
+    """Why cells have a dash."""
+    reasons = []
+    shown = [i for row in rows for i in (row.mean, row.improvement) if i is not None]
+    if any(isnan(i.low) and not isnan(i.estimate) for i in shown):
+        reasons.append(note("few-runs", fewest=FEWEST, world=FEWEST_A_WORLD))
+    if any(isnan(row.mean.estimate) for row in rows):
+        reasons.append(note("no-scale"))
+    worlds = list(dict.fromkeys(row.world for row in rows if row.world != ALL_WORLDS))
+    have = {(row.world, row.arm) for row in rows}
+    lacking = {
+        arm: [world for world in worlds if (world, arm) not in have]
+        for arm in dict.fromkeys(row.arm for row in rows)
+    }
+    for arm, missing in lacking.items():
+        if missing:
+            reasons.append(note("lacking", arm=arm, worlds=", ".join(missing)))
+    return reasons
+
+
+def scores_csv(rows: Sequence[ScoreRow], world: str = "world") -> str:
+    """The exact numbers behind `score_table`; an empty cell is not known.
+
+    Args:
+        rows: as there.
+        world: heading of the first column.
+    """
+    columns = [world, "arm", "runs"]
+    for name in ("mean", "median", "iqm", "improvement"):
+        columns += [name, f"{name}_low", f"{name}_high"]
+    columns += ["reference", "p", "kind", "p_bh"]
+    return to_csv(columns, list(map(_exact, rows)))
+
+
+def _exact(row: ScoreRow) -> list[object]:
+    cells: list[object] = [row.world, row.arm, row.runs]
+    for found in (row.mean, row.median, row.iqm, row.improvement):
+        cells += [None] * 3 if found is None else _ends(found)
+    test = (None, None) if row.test is None else (row.test.p, row.test.kind)
+    return [*cells, row.reference, *test, row.p_bh]
+
+
+def _ends(i: Interval) -> list[float | None]:
+    return [None if isnan(x) else x for x in (i.estimate, i.low, i.high)]
