@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Mapping
 from html import escape
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from islandgp.bt.render import drawing, lay_out
 from islandgp.viewer.encode import encode
@@ -24,21 +25,34 @@ _SCRIPTS: Final = ("data", "scene", "tree", "board", "chart", "timeline", "playe
 def page(recording: Recording, *, title: str) -> str:
     """A recorded episode as the text of an HTML page."""
     boxes, width, height = lay_out(recording.tree)
-    data = json.dumps(encode(recording, title=title), separators=(",", ":"), allow_nan=False)
     parts = {
         "title": escape(title),
-        "style": _part("page.css"),
+        "style": part("palette.css") + part("page.css"),
         "tree": f'<svg id="tree" role="img" aria-label="Behaviour tree" data-width="{width:g}"'
         f' data-height="{height:g}">'
         f'<g id="nodes">{drawing(boxes)}</g></svg>',
-        # Inside a script element only this could end it, or begin a comment.
-        "data": data.replace("</", "<\\/").replace("<!--", "<\\u0021--"),
-        "script": "\n".join(_part(f"{name}.js") for name in _SCRIPTS),
+        "data": script_data(encode(recording, title=title)),
+        "script": "\n".join(part(f"{name}.js") for name in _SCRIPTS),
     }
-    # In one go, so that nothing in a title or in the data is taken for a place to fill.
-    whole = _PLACE.sub(lambda place: parts[place[1]], _part("page.html"))
-    return whole.encode("utf-8", "replace").decode()  # halves of characters, as in file names
+    return filled("page.html", parts)
 
 
-def _part(name: str) -> str:
+def script_data(value: Any) -> str:
+    """A value as JSON that can stand inside a script element."""
+    data = json.dumps(value, separators=(",", ":"), allow_nan=False)
+    # Inside a script element only this could end it, or begin a comment.
+    return data.replace("</", "<\\/").replace("<!--", "<\\u0021--")
+
+
+def part(name: str) -> str:
+    """The text of a file in the folder `page`."""
     return (_PARTS / name).read_text(encoding="utf-8")
+
+
+def filled(name: str, parts: Mapping[str, str]) -> str:
+    """A template in the folder `page` with its places filled.
+
+    That is done in one go, so that nothing in a title or in data is taken for a place to fill.
+    """
+    whole = _PLACE.sub(lambda place: parts[place[1]], part(name))
+    return whole.encode("utf-8", "replace").decode()  # halves of characters, as in file names

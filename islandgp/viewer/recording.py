@@ -13,6 +13,7 @@ from islandgp.bt.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, size
 from islandgp.domain import Outcome, Scene, Schema, Thing
 from islandgp.errors import DomainError
 from islandgp.evaluation.base import Problem
+from islandgp.time_limit import TimeLimit
 
 IDLE, FAILED, SUCCEEDED, RUNS, STOPPED = range(5)
 """The last status of a node in a tick; IDLE: it was not ticked."""
@@ -94,17 +95,21 @@ def digits(values: Iterable[float]) -> int:
     return min(6, max(0, 2 - floor(log10(most)))) if most > 0 else 0
 
 
-def record(tree: Node, problem: Problem, *, seed: int, stage: int) -> Recording:
+def record(tree: Node, problem: Problem, *, seed: int, stage: int, limit: float = 0) -> Recording:
     """Runs a tree in the world of `seed`, scored as in the stage of that index, and records it.
 
+    `limit`: seconds that the episode may take, as in `TimeLimit`; 0: any time.
+
     Raises:
+        TimeLimitError: the episode took longer.
         DomainError: the domain shows what its schema does not declare, or what is no number.
     """
     domain = problem.at(stage)
     schema = domain.schema
     recorder = Recorder(tree, schema)
     weights = problem.curriculum.multipliers(stage)
-    outcome = domain.run_episode(tree, seed, weights, recorder)
+    with TimeLimit(limit):
+        outcome = domain.run_episode(tree, seed, weights, recorder)
     ticks = recorder.finish()
     points = [*outcome.components.values(), *(credit.points for credit in recorder.credits)]
     _must_be_numbers("points", [*points, outcome.fitness])

@@ -1,0 +1,201 @@
+"""How a tree came to be: the chain of its ancestors, from a run's records.
+
+The chain follows the first parent of each individual, whose tree the child's was made of, to an
+individual without parents. Individuals in a row that have one tree are one step of it.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from statistics import fmean
+from typing import Any, Final
+
+from islandgp.bt.compare import Mark, compare
+from islandgp.bt.language import parse
+from islandgp.bt.node import size
+from islandgp.bt.render import label
+from islandgp.records.folder import RunFolder, generation_lines
+
+MOST_INDIVIDUALS: Final = 5_000  # of a chain that are read
+LARGEST: Final = 300  # nodes of trees that are compared
+MOST_CHANGES: Final = 40  # nodes of a step that are listed
+
+
+@dataclass(frozen=True, slots=True)
+class TreeChange:
+    """A node that differs between two trees."""
+
+    mark: Mark
+    level: int  # from 0
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class LineageStep:
+    """A tree of the chain."""
+
+    id: str  # of the first individual that had it
+    generation: int  # of that one
+    until: int  # generation of the last one in the chain
+    origin: str  # a value of population.Origin
+    mutation: str  # operator, or ""
+    parents: tuple[tuple[str, float | None], ...]  # ids and fitness; None: not in the records
+    tree: str  # canonical text
+    nodes: int
+    fitness: float  # points, mean over the individuals in the chain
+    evaluated: int  # individuals in the chain that had it
+    gain: float | None  # points more than the first parent; None: no parent, or another stage
+    same_worlds: bool  # the gain is of one generation's worlds, not of two
+    changes: tuple[TreeChange, ...]  # to the first parent's tree, MOST_CHANGES at most
+    left_out: int  # changes that are not among these; -1: the trees are too large
+    guidance: Mapping[str, Any] | None  # whose tree it is, if it was injected in a run
+
+
+@dataclass(frozen=True, slots=True)
+class Lineage:
+    """The chain, oldest first."""
+
+    steps: tuple[LineageStep, ...]
+    whole: bool  # it begins with an individual without parents
+
+
+def lineage(folder: RunFolder, name: str) -> Lineage:
+    """The ancestors of the individual of this id, itself included.
+
+    Raises RunError where a record that is needed is damaged.
+    """
+    reader = _Reader(folder)
+    steps: list[LineageStep] = []
+    same: list[dict[str, Any]] = []  # the newest first: individuals with one tree
+    found = reader.individual(name)
+    for _ in range(MOST_INDIVIDUALS):
+        if found is None:
+            break
+        same.append(found)
+        parent = reader.parent(found)
+        if parent is None or parent["tree"] != found["tree"]:
+            steps.append(_step(reader, same, parent))
+            same = []
+        found = parent
+    if same:  # the chain is longer than what is read
+        steps.append(_step(reader, same, None))
+    whole = bool(steps) and not steps[-1].parents
+    return Lineage(tuple(reversed(steps)), whole)
+
+
+def tree_changes(old: str, new: str) -> list[TreeChange]:
+    """What differs between two trees, given as text, node by node."""
+    found = []
+    for line in compare(parse(old), parse(new)):
+        if line.mark is not Mark.SAME:
+            texts = [label(node) for node in (line.old, line.new) if node is not None]
+            end = "end of " if line.end else ""
+            text = end + " \N{RIGHTWARDS ARROW} ".join(texts)
+            found.append(TreeChange(line.mark, line.level, text))
+    return found
+
+
+def _step(
+    reader: _Reader, same: list[dict[str, Any]], parent: dict[str, Any] | None
+) -> LineageStep:
+    """The step of the individuals `same`, the newest first, whose first parent is `parent`."""
+    first, last = same[-1], same[0]
+    generation = _generation(first["id"])
+    gain, same_worlds = reader.gain(first, parent)
+    changes: list[TreeChange] = []
+    left_out = 0
+    if parent is not None:
+        if max(size(parse(i["tree"])) for i in (parent, first)) > LARGEST:
+            left_out = -1
+        else:
+            changes = tree_changes(parent["tree"], first["tree"])
+            left_out = max(0, len(changes) - MOST_CHANGES)
+    others = ((name, reader.individual(name)) for name in first["parents"])
+    guidance = None
+    if first["origin"] == "injected" and generation:
+        guidance = (reader.record(generation - 1) or {}).get("guidance")
+    return LineageStep(
+        id=first["id"],
+        generation=generation,
+        until=_generation(last["id"]),
+        origin=first["origin"],
+        mutation=first["mutation"],
+        parents=tuple((name, None if i is None else i["fitness"]) for name, i in others),
+        tree=first["tree"],
+        nodes=first["nodes"],
+        fitness=fmean(i["fitness"] for i in same),
+        evaluated=len(same),
+        gain=gain,
+        same_worlds=same_worlds,
+        changes=tuple(changes[:MOST_CHANGES]),
+        left_out=left_out,
+        guidance=guidance,
+    )
+
+
+class _Reader:
+    """Reads single generations of a long file without the others."""
+
+    def __init__(self, folder: RunFolder) -> None:
+        self._common = bool(folder.configuration().get("gp", {}).get("common_world", True))
+        self._lines = generation_lines(folder.path)
+        self._starts = array("Q", self._offsets())
+        self.record = lru_cache(maxsize=4)(self._record)
+
+    def _offsets(self) -> Iterator[int]:
+        at = 0
+        for line in self._lines.whole():
+            yield at
+            at += len(line)
+
+    def _record(self, generation: int) -> dict[str, Any] | None:
+        """A generation's record; None where there is none."""
+        if not 0 <= generation < len(self._starts):
+            return None
+        with self._lines.path.open("rb") as file:
+            file.seek(self._starts[generation])
+            return self._lines.value(file.readline(), generation)
+
+    def individual(self, name: str) -> dict[str, Any] | None:
+        """The individual of that id; None where the records have none."""
+        generation, _, slot = name.partition(".")
+        if not (generation.isdecimal() and slot.isdecimal()):
+            return None
+        if (record := self.record(int(generation))) is None:
+            return None
+        everyone = record["individuals"]
+        likely = everyone[int(slot) : int(slot) + 1]
+        return next((i for i in (*likely, *everyone) if i["id"] == name), None)
+
+    def parent(self, child: Mapping[str, Any]) -> dict[str, Any] | None:
+        """An individual's first parent, of an earlier generation; None for none."""
+        for name in child["parents"][:1]:
+            found = self.individual(name)
+            if found is not None and _generation(found["id"]) < _generation(child["id"]):
+                return found
+        return None
+
+    def gain(
+        self, child: Mapping[str, Any], parent: Mapping[str, Any] | None
+    ) -> tuple[float | None, bool]:
+        """Points that a child has above its parent, and whether that is in the same worlds."""
+        if parent is None:
+            return None, False
+        born, before = self.record(_generation(child["id"])), self.record(_generation(parent["id"]))
+        assert born is not None
+        assert before is not None
+        # The parent's tree may be in the child's generation as well, as an elite.
+        for i in born["individuals"]:
+            if i["tree"] == parent["tree"]:
+                return child["fitness"] - i["fitness"], self._common
+        if born["snapshot"]["stage"] != before["snapshot"]["stage"]:
+            return None, False
+        alike = self._common and born["worlds"] == before["worlds"]
+        return child["fitness"] - parent["fitness"], alike
+
+
+def _generation(name: str) -> int:
+    return int(name.partition(".")[0])

@@ -1,0 +1,41 @@
+"""The episode in which a run's best robot was evaluated first, as a replay."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import islice
+
+from islandgp.bt.language import parse
+from islandgp.errors import RunError
+from islandgp.evaluation.base import Problem
+from islandgp.records.folder import RunFolder
+from islandgp.viewer.page import page
+from islandgp.viewer.recording import record
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodePlace:
+    """Where an individual was evaluated."""
+
+    seed: int  # of the world
+    stage: int  # index into Table 2
+
+
+def first_episode(folder: RunFolder, name: str) -> EpisodePlace:
+    """The first episode of the individual of this id. Raises RunError where there is no record."""
+    config = folder.configuration()
+    generation, slot = (int(part) for part in name.split("."))
+    for found in islice(folder.records(generation), 1):
+        place = 0 if config["gp"]["common_world"] else slot * config["gp"]["episodes"]
+        return EpisodePlace(found["worlds"][place], found["snapshot"]["stage"])
+    raise RunError(f"Expected generation {generation} in {folder.path}, found none.")
+
+
+def champion_replay(folder: RunFolder) -> str:
+    """The replay page of a finished run's best robot."""
+    champion = folder.summary()["champion"]
+    place = first_episode(folder, champion["record"]["id"])
+    tree, problem = parse(champion["record"]["tree"]), Problem.recorded(folder.configuration())
+    episode = record(tree, problem, seed=place.seed, stage=place.stage)
+    generation = champion["generation"]
+    return page(episode, title=f"{folder.path.name}: the best individual, generation {generation}")

@@ -1,0 +1,104 @@
+"""A run's generations as curves: read once from its records, and thinned for a picture."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from islandgp.records.folder import RunFolder
+
+POINTS: Final = 300  # of a curve in a picture
+TIERS: Final = 8  # curves of tiers, the best ones
+
+
+def _floats() -> array[float]:
+    return array("d")
+
+
+@dataclass(slots=True)
+class RunHistory:
+    """Curves over generations, and the fittest individual of the last stage so far."""
+
+    generations: int = 0
+    individuals: int = 0  # of the last generation
+    episodes: array[float] = field(default_factory=_floats)  # since the start
+    best: array[float] = field(default_factory=_floats)  # points
+    top: array[float] = field(default_factory=_floats)  # highest so far in the stage, points
+    mean: array[float] = field(default_factory=_floats)  # points
+    coverage: array[float] = field(default_factory=_floats)  # of the archive; 0 where none is kept
+    qd_score: array[float] = field(default_factory=_floats)
+    tiers: dict[str, array[float]] = field(default_factory=dict)  # share of individuals, best first
+    stages: list[tuple[int, int]] = field(default_factory=list)  # first generation, and stage
+    fittest: Mapping[str, Any] | None = None  # its record
+    archived: bool = False  # the run keeps an archive
+    seconds: float = 0.0  # spent in its generations
+
+    def add(self, record: Mapping[str, Any], cost: Mapping[str, Any]) -> None:
+        """Takes one more generation in."""
+        snapshot, everyone = record["snapshot"], record["individuals"]
+        if not self.stages or self.stages[-1][1] != snapshot["stage"]:
+            self.stages.append((self.generations, snapshot["stage"]))
+            self.fittest = None
+        best = max(everyone, key=lambda i: i["fitness"])
+        if self.fittest is None or best["fitness"] > self.fittest["fitness"]:
+            self.fittest = best
+        archive = record.get("archive") or {"coverage": 0.0, "qd_score": 0.0}
+        self.archived = self.archived or bool(record.get("archive"))
+        before = self.episodes[-1] if self.episodes else 0.0
+        self.episodes.append(before + cost["episodes"])
+        self.best.append(best["fitness"])
+        self.top.append(self.fittest["fitness"])
+        self.mean.append(snapshot["mean"])
+        self.coverage.append(archive["coverage"])
+        self.qd_score.append(archive["qd_score"])
+        for name in [*snapshot["tiers"]][:TIERS]:
+            if len(self.tiers) < TIERS:
+                self.tiers.setdefault(name, array("d", bytes(8 * self.generations)))
+        for name, shares in self.tiers.items():
+            shares.append(snapshot["tiers"].get(name, 0) / max(1, len(everyone)))
+        self.generations += 1
+        self.individuals = len(everyone)
+        self.seconds += sum(cost[key] for key in ("evaluation", "supervision", "operators"))
+
+
+def read_history(folder: RunFolder) -> RunHistory:
+    """The history of a run as far as its folder has come. Raises RunError."""
+    found = RunHistory()
+    for record, cost in zip(folder.records(), folder.costs(), strict=False):
+        found.add(record, cost)
+    return found
+
+
+def thinned(history: RunHistory, points: int = POINTS) -> dict[str, Any]:
+    """The curves with at most so many points: of neighbours the highest best, else the last."""
+    places = list(_parts(history.generations, points))
+
+    def last(values: Sequence[float]) -> list[float]:
+        return [values[end - 1] for _, end in places]
+
+    def over(values: Sequence[float], join: Callable[[Sequence[float]], float]) -> list[float]:
+        return [join(values[first:end]) for first, end in places]
+
+    def average(values: Sequence[float]) -> float:
+        return sum(values) / len(values)
+
+    return {
+        "generation": [end - 1 for _, end in places],
+        "episodes": last(history.episodes),
+        "best": over(history.best, max),
+        "top": last(history.top),
+        "mean": over(history.mean, average),
+        "coverage": last(history.coverage),
+        "qd_score": last(history.qd_score),
+        "tiers": {name: over(shares, average) for name, shares in history.tiers.items()},
+        "stages": [[history.episodes[first], stage + 1] for first, stage in history.stages],
+    }
+
+
+def _parts(n: int, most: int) -> Iterator[tuple[int, int]]:
+    """The range of n in at most so many parts of about one size."""
+    k = min(n, most)
+    for i in range(k):
+        yield i * n // k, (i + 1) * n // k

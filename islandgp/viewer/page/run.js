@@ -1,0 +1,288 @@
+const run = JSON.parse(document.getElementById("data").textContent);
+const byId = id => document.getElementById(id);
+const SVG = "http://www.w3.org/2000/svg";
+const number = (value, digits = run.digits) =>
+  (Math.abs(value) < 0.5 * 10 ** -digits ? 0 : value).toLocaleString("en", {minimumFractionDigits: digits, maximumFractionDigits: digits});
+const percent = value => `${number(100 * value, value && value < 0.1 ? 1 : 0)} %`;
+
+function make(name, attributes = {}, ...children) {
+  const element = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+  element.append(...children);
+  return element;
+}
+function draw(parent, name, attributes = {}, text = "") {
+  const element = document.createElementNS(SVG, name);
+  for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+  element.textContent = text;
+  parent.append(element);
+  return element;
+}
+function copyButton(text) {
+  const button = make("button", {type: "button"}, "copy");
+  button.addEventListener("click", () => copy(button, text));
+  return button;
+}
+async function copy(button, text) {
+  try {
+    await navigator.clipboard.writeText(text);
+    button.textContent = "copied";
+  } catch {  // a page in a frame, or an older browser
+    const area = make("textarea", {readonly: ""});
+    area.value = text;
+    button.after(area);
+    area.select();
+    const done = document.execCommand("copy");
+    area.remove();
+    button.textContent = done ? "copied" : "select the text to copy it";
+  }
+}
+for (const button of document.querySelectorAll(".copy")) {
+  button.addEventListener("click", () => copy(button, button.parentElement.querySelector("code").textContent));
+}
+
+// Round numbers in a range.
+function marks(low, high, about) {
+  const rough = (high - low) / Math.max(1, about), power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map(m => m * power).find(m => m >= rough);
+  const found = [];
+  for (let i = Math.ceil(low / step); i <= Math.floor(high / step + 1e-9); i++) found.push(i * step);
+  return found;
+}
+const short = value => (value || 0).toLocaleString("en", {notation: Math.abs(value) >= 1e5 ? "compact" : "standard", maximumSignificantDigits: 4});
+
+// Curves against episodes, a readout below them for the place under the pointer.
+function chart(id, title, lines, {text = short, low = null, high = null} = {}) {
+  const host = byId(id), key = byId(`${id}-key`), x = run.curves.episodes, n = x.length;
+  const values = lines.flatMap(line => line.values);
+  let least = low ?? Math.min(0, ...values), most = high ?? Math.max(0, ...values);
+  if (!(most > least)) most = least + 1;
+  let at = n - 1;
+  host.setAttribute("role", "img");
+  host.setAttribute("aria-label", n ? `${title}, over ${number(x[n - 1], 0)} episodes: ` +
+    lines.map(line => `${line.name} ends at ${text(line.values[n - 1])}`).join(", ") : `${title}: nothing yet`);
+  function readout() {
+    key.replaceChildren(make("span", {}, n ? `${title} after ${number(x[at], 0)} episodes (generation ${run.curves.generation[at] + 1})` : `${title}: nothing yet`));
+    for (const line of n ? lines : []) {
+      const sample = document.createElementNS(SVG, "svg");
+      draw(sample, "path", {d: "M1 4H21", style: `stroke:var(--${line.colour})`, "stroke-width": line.dots ? 4 : 2,
+        "stroke-dasharray": line.dots ? "0 6" : line.dash ?? "", "stroke-linecap": line.dots ? "round" : "butt"});
+      sample.setAttribute("aria-hidden", "true");
+      key.append(make("span", {}, sample, `${line.name} ${text(line.values[at])}`));
+    }
+  }
+  function paint() {
+    const width = host.clientWidth, height = host.clientHeight, svg = document.createElementNS(SVG, "svg");
+    const ticks = marks(least, most, height / 45), labels = ticks.map(text);
+    const left = 12 + 6.6 * Math.max(...labels.map(label => label.length)), right = 10, top = 16, bottom = 22;
+    const across = value => left + (width - left - right) * (n > 1 ? (value - x[0]) / (x[n - 1] - x[0]) : 0.5);
+    const up = value => height - bottom - (height - top - bottom) * (value - least) / (most - least);
+    ticks.forEach((tick, i) => {
+      draw(svg, "path", {class: "rule", d: `M${left} ${up(tick)}H${width - right}`});
+      draw(svg, "text", {x: left - 6, y: up(tick) + 4, "text-anchor": "end"}, labels[i]);
+    });
+    let free = -Infinity;
+    for (const [episode, stage] of run.curves.stages.slice(1)) {
+      draw(svg, "path", {class: "stage", d: `M${across(episode)} ${top}V${height - bottom}`});
+      if (across(episode) < free || width - across(episode) < 52) continue;
+      draw(svg, "text", {x: across(episode) + 3, y: top - 4}, `stage ${stage}`);
+      free = across(episode) + 58;
+    }
+    if (n) {
+      for (const tick of marks(x[0], Math.max(x[n - 1], x[0] + 1), width / 110)) {
+        if (across(tick) > left - 1 && across(tick) < width - right + 1)
+          draw(svg, "text", {x: across(tick), y: height - 5, "text-anchor": across(tick) > width - 40 ? "end" : "middle"}, short(tick));
+      }
+      for (const line of lines) {
+        const points = line.values.map((value, i) => `${across(x[i]).toFixed(1)} ${up(value).toFixed(1)}`);
+        const d = line.dots ? points.map(point => `M${point}h0`).join("") : `M${points.join("L")}${n === 1 ? "h0" : ""}`;
+        draw(svg, "path", {class: line.dots ? "dots" : "line", style: `stroke:var(--${line.colour})`,
+          "stroke-dasharray": line.dash ?? "", d});
+      }
+      draw(svg, "path", {class: "now", d: `M${across(x[at])} ${top}V${height - bottom}`, "stroke-width": at === n - 1 ? 0 : 1});
+    }
+    svg.setAttribute("aria-hidden", "true");
+    host.replaceChildren(svg);
+    host.across = across;
+  }
+  const go = place => {
+    at = Math.min(n - 1, Math.max(0, place));
+    paint();
+    readout();
+  };
+  host.addEventListener("pointermove", event => {
+    const px = event.clientX - host.getBoundingClientRect().left;
+    let nearest = 0;
+    x.forEach((value, i) => {
+      if (Math.abs(host.across(value) - px) < Math.abs(host.across(x[nearest]) - px)) nearest = i;
+    });
+    if (nearest !== at && n) go(nearest);
+  });
+  host.addEventListener("pointerleave", () => n && go(n - 1));
+  host.addEventListener("keydown", event => {
+    const step = {ArrowLeft: at - 1, ArrowRight: at + 1, Home: 0, End: n - 1}[event.key];
+    if (step === undefined || !n) return;
+    event.preventDefault();
+    go(step);
+  });
+  new ResizeObserver(() => { paint(); readout(); }).observe(host);
+}
+
+const curves = run.curves, DASHES = ["", "7 4", "2 3", "9 3 2 3"];
+chart("fitness", "Fitness, points", [
+  {name: "best of a generation", values: curves.best, colour: "part-3", dots: true},
+  {name: "best so far in the stage", values: curves.top, colour: "part-3"},
+  {name: "mean", values: curves.mean, colour: "part-0", dash: "7 4"},
+], {text: value => Math.abs(value) >= 1e5 ? short(value) : number(value)});
+chart("tiers", "Share of the individuals by tier", Object.entries(curves.tiers).map(([name, values], i) => ({
+  name: name.replaceAll("_", " "), values, colour: `part-${[5, 3, 2, 1, 6, 0, 7, 4][i % 8]}`, dash: DASHES[i % 4],
+})), {text: percent, low: 0, high: Math.max(0.1, ...Object.values(curves.tiers).flat())});
+
+// The map: cells of the first two axes in blocks of the other two.
+function showArchive(archive) {
+  const {axes, elites} = archive, n = elites.length;
+  const cells = axes.reduce((product, axis) => product * axis.edges.length, 1);
+  const last = curves.qd_score.length - 1;
+  const facts = archive.readable ? `${number(n, 0)} of ${number(cells, 0)} cells have an elite ` +
+    `(coverage ${percent(n / cells)}); QD score ${short(curves.qd_score[last] ?? 0)}: the sum of what the elites' means have above ` +
+    `${number(archive.floor)} points. An elite is the best tree of its cell, by the mean of its episodes.`
+    : `The elites themselves cannot be read: ${archive.file} is missing or damaged.`;
+  byId("archive-facts").textContent = facts;
+  byId("archive-charts").hidden = false;
+  chart("coverage", "Coverage", [{name: "share of the cells", values: curves.coverage, colour: "part-5"}], {text: percent, low: 0});
+  chart("qd", "QD score", [{name: "points", values: curves.qd_score, colour: "part-6"}], {low: 0});
+  if (!n) return;
+  byId("archive-map").hidden = false;
+  // Only as far as any elite goes: most of a large grid is never reached.
+  const sizes = [0, 1, 2, 3].map(k => k < axes.length ? 1 + Math.max(...elites.map(e => e.cell[k])) : 1);
+  const range = (axis, place) => {
+    const {edges} = axes[axis], from = place ? edges[place] : null, to = edges[place + 1];
+    return to === undefined ? `${from} or more` : from === null ? `below ${to}` : `${from} to below ${to}`;
+  };
+  const byMean = [...elites].sort((a, b) => a.mean - b.mean);
+  const rank = new Map(byMean.map((e, i) => [e, n > 1 ? i / (n - 1) : 1]));
+  const best = elites[0];  // of the last stage
+  let chosen = elites.find(e => `#cell-${e.cell.join("-")}` === location.hash) ?? best, place = new Map();
+
+  function paint() {
+    const host = byId("map"), width = host.clientWidth, [a, b, c, d] = sizes;
+    const left = axes.length > 3 ? 46 : 2, top = axes.length > 2 ? 34 : 2, gap = c > 1 || d > 1 ? 5 : 0;
+    const side = Math.max(5, Math.min(c * d > 1 ? 18 : 34, (width - left - 2 - gap * (c - 1)) / (a * c)));
+    const block = [a * side, b * side], svg = document.createElementNS(SVG, "svg");
+    const height = top + d * (block[1] + gap) + 2;
+    svg.setAttribute("width", Math.min(width, left + c * (block[0] + gap)));
+    svg.setAttribute("height", height);
+    svg.setAttribute("aria-hidden", "true");
+    place = new Map();
+    const corner = (u, v) => [left + u * (block[0] + gap), top + (d - 1 - v) * (block[1] + gap)];
+    for (let u = 0; u < c; u++) for (let v = 0; v < d; v++) {
+      const [x, y] = corner(u, v);
+      draw(svg, "rect", {class: "block", x, y, width: block[0], height: block[1]});
+      for (let i = 1; i < a; i++) draw(svg, "path", {class: "empty", d: `M${x + i * side} ${y}v${block[1]}`});
+      for (let j = 1; j < b; j++) draw(svg, "path", {class: "empty", d: `M${x} ${y + j * side}h${block[0]}`});
+    }
+    const label = (axis, k) => String(axes[axis].edges[k]);
+    if (axes.length > 2) {
+      draw(svg, "text", {x: left, y: 12}, `${axes[2].name} from`);
+      for (let u = 0; u < c; u++) draw(svg, "text", {x: corner(u, 0)[0] + 1, y: top - 5}, label(2, u));
+    }
+    if (axes.length > 3) {
+      const middle = top + d * (block[1] + gap) / 2;
+      draw(svg, "text", {x: 12, y: middle, "text-anchor": "middle", transform: `rotate(-90 12 ${middle})`}, `${axes[3].name} from`);
+      for (let v = 0; v < d; v++)
+        draw(svg, "text", {x: left - 6, y: corner(0, v)[1] + block[1] - 2, "text-anchor": "end"}, label(3, v));
+    }
+    for (const e of elites) {
+      const [i, j = 0, u = 0, v = 0] = e.cell, [x0, y0] = corner(u, v);
+      const x = x0 + i * side, y = y0 + (b - 1 - j) * side;
+      place.set(e, [x + side / 2, y + side / 2]);
+      const cell = draw(svg, "rect", {class: "elite", x, y, width: side, height: side, style: `--v:${rank.get(e).toFixed(3)}`});
+      draw(cell, "title", {}, `${axes.map((axis, k) => `${axis.name} ${range(k, e.cell[k])}`).join(", ")}: ${number(e.mean)} points`);
+      cell.addEventListener("click", () => choose(e));
+      if (e === best) draw(svg, "circle", {class: "best", cx: x + side / 2, cy: y + side / 2, r: side / 5});
+    }
+    const [x, y] = place.get(chosen);
+    draw(svg, "rect", {class: "halo", x: x - side / 2, y: y - side / 2, width: side, height: side});
+    draw(svg, "rect", {class: "chosen", x: x - side / 2, y: y - side / 2, width: side, height: side});
+    host.replaceChildren(svg);
+  }
+  function choose(e, keep = true) {
+    chosen = e;
+    if (keep) try { history.replaceState(null, "", `#cell-${e.cell.join("-")}`); } catch { /* a frame */ }
+    byId("cells").value = String(elites.indexOf(e));
+    paint();
+    const facts = make("dl");
+    const fact = (name, value) => facts.append(make("dt", {}, name), make("dd", {}, value));
+    axes.forEach((axis, k) => fact(axis.name, range(k, e.cell[k])));
+    fact("mean", `${number(e.mean)} points over ${e.episodes} episode${e.episodes === 1 ? "" : "s"}`);
+    fact("individual", e.id + (run.curves.stages.length > 1 ? `, points of stage ${e.stage}` : ""));
+    const shown = [facts];
+    if (e.tree === null) {
+      shown.push(make("p", {class: "soft"}, `Its tree is in ${archive.file}: the page has no room for all of them.`));
+    } else {
+      const head = archive.domain ? `domain ${archive.domain}\n\n` : "", flags = archive.flags ? ` ${archive.flags}` : "";
+      const command = `${archive.command} --seed ${e.world} --stage ${e.stage}${flags} -o cell.html <<'TREE'\n${head}${e.tree}TREE`;
+      shown.push(make("pre", {tabindex: "0", "aria-label": "Tree of the elite"}, e.tree));
+      shown.push(make("p", {class: "command"}, "Its replay, as a command with the tree: ", copyButton(command)));
+      shown.push(make("details", {}, make("summary", {}, "The command"), make("pre", {tabindex: "0"}, command)));
+    }
+    byId("cell").replaceChildren(...shown);
+  }
+  byId("map-axes").textContent = [
+    `In a block ${axes[0].name} rises to the right` + (axes[1] ? ` and ${axes[1].name} upwards` : ""),
+    axes[2] ? `from block to block ${axes[2].name} rises to the right` + (axes[3] ? ` and ${axes[3].name} upwards` : "") : "",
+  ].filter(Boolean).join("; ") + ". The grid is shown as far as any elite has come; the dot is in the best one.";
+  byId("scale-low").textContent = number(byMean[0].mean);
+  byId("scale-high").textContent = `${number(byMean[n - 1].mean)} points, by rank`;
+  byId("cells").replaceChildren(...elites.map((e, i) => make("option", {value: i},
+    `${number(e.mean)} points: ${axes.map((axis, k) => `${axis.name} ${range(k, e.cell[k])}`).join(", ")}`)));
+  byId("cells").addEventListener("change", event => choose(elites[Number(event.target.value)]));
+  byId("map").addEventListener("keydown", event => {
+    const way = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1]}[event.key];
+    if (!way) return;
+    event.preventDefault();
+    const [x, y] = place.get(chosen);
+    let next = null, nearest = Infinity;
+    for (const [e, [u, v]] of place) {
+      const along = (u - x) * way[0] + (v - y) * way[1], aside = Math.abs((u - x) * way[1]) + Math.abs((v - y) * way[0]);
+      if (along > 0.5 && along + 3 * aside < nearest) [next, nearest] = [e, along + 3 * aside];
+    }
+    if (next) choose(next);
+  });
+  choose(chosen, false);
+  new ResizeObserver(paint).observe(byId("map"));
+}
+if (run.archive) showArchive(run.archive);
+
+byId("show-replay")?.addEventListener("click", event => {
+  const frame = make("iframe", {title: "Replay of the champion", sandbox: "allow-scripts"});
+  frame.srcdoc = JSON.parse(byId("replay").textContent);
+  byId("replay-place").replaceChildren(frame);
+  event.target.hidden = true;
+  frame.focus();
+});
+
+// The page loads itself again while the run goes on, and stays where it was.
+function age() {
+  const minutes = Math.floor((Date.now() - run.updated) / 60000);
+  const when = new Date(run.updated).toLocaleString();
+  byId("updated").textContent = !run.updated ? "" : run.status !== "RUNNING" || minutes < 2 ? `as of ${when}`
+    : `as of ${when}, ${minutes} minutes ago: is the run still at work?`;
+}
+age();
+const store = (key, value) => { try { return value === undefined ? sessionStorage.getItem(key) : sessionStorage.setItem(key, value); } catch { return null; } };
+if (run.status === "RUNNING" && /^(file|https?):$/.test(location.protocol)) {
+  const pause = byId("pause"), key = `pause ${location.pathname}`;
+  const show = () => {
+    const paused = store(key) === "1";
+    pause.setAttribute("aria-pressed", String(paused));
+    pause.textContent = paused ? "updates are paused" : "pause updates";
+  };
+  pause.hidden = false;
+  show();
+  pause.addEventListener("click", () => { store(key, store(key) === "1" ? "0" : "1"); show(); });
+  setInterval(() => {
+    age();
+    if (store(key) !== "1" && !document.hidden && document.activeElement?.tagName !== "SELECT") location.reload();
+  }, run.reload * 1000);
+}

@@ -1,0 +1,96 @@
+"""Run folders for the page of a run, on made-up outcomes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from islandgp.evolution.archive import archive_record
+from islandgp.evolution.record import Step
+from islandgp.evolution.validation import Best, Validation
+from islandgp.records.archive_file import ArchiveFile
+from islandgp.records.files import RunMetadata
+from islandgp.records.folder import RunFolder
+from islandgp.running.report import summary
+from tests.composed import plain
+from tests.evolution.runs import SMALL, Says, plan, run
+from tests.made import CLASSES
+
+VALIDATION = Validation(
+    worlds=(1, 2, 3),
+    mean=12345.0,
+    low=10000.0,
+    high=14000.0,
+    reached={"excellent": 0.0, "complete": 2 / 3},
+    yardstick="all_rounder",
+    difference=-500.0,
+    difference_low=-900.0,
+    difference_high=-100.0,
+)
+
+
+def about(home: Path, **changes: Any) -> RunMetadata:
+    """What a run says of itself."""
+    found: dict[str, Any] = {
+        "id": "1",
+        "title": "a run",
+        "home": str(home),
+        "command": "python -m islandgp supervisor=baseline world=dense seed=1",
+        "started": 1_700_000_000_000,
+        "identity": "i",
+        "tags": {"domain": "island", "code": "0"},
+    }
+    return RunMetadata(**{**found, **changes})
+
+
+def written(
+    path: Path,
+    *,
+    steps: list[Step] | None = None,
+    done: bool = True,
+    said: dict[str, Any] | None = None,
+) -> RunFolder:
+    """A closed folder of a small run.
+
+    Args:
+        path: of the folder.
+        steps: the generations that it has come to; default: all of them.
+        done: whether the run is finished.
+        said: fields of about.json.
+    """
+    steps = run() if steps is None else steps
+    folder = RunFolder(path)
+    folder.open(yaml.safe_dump(plain(*SMALL), sort_keys=False), about(path.parent, **(said or {})))
+    for step in steps:
+        folder.append(step)
+    if done:
+        champion, elites = steps[-1].champion, steps[-1].archive
+        best = Best(champion.generation, asdict(champion.record), VALIDATION)
+        axes = plan().archive.axes(CLASSES)
+        record = archive_record(elites, axes, floor=0)
+        archive = ArchiveFile.of("island", axes, 0, elites, record)
+        folder.finish(summary(folder, champion, best, CLASSES.milestones), archive)
+    folder.close()
+    return folder
+
+
+def changed_record(
+    folder: RunFolder, generation: int, change: Callable[[dict[str, Any]], None]
+) -> None:
+    """Changes a generation's line in place, as nobody but a test does."""
+    file = folder.path / "generations.jsonl"
+    lines = file.read_text(encoding="utf-8").splitlines()
+    record = json.loads(lines[generation])
+    change(record)
+    lines[generation] = json.dumps(record)
+    file.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+
+
+def supervised(rate: float = 0.5) -> list[Step]:
+    """The steps of a small run with this mutation rate."""
+    return run(supervisor=Says(rate))

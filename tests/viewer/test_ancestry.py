@@ -1,0 +1,176 @@
+"""The chain of ancestors: its steps, their gains, and records that no run would write."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from islandgp.evolution.record import IndividualRecord
+from islandgp.records.checkpoint import dump
+from islandgp.records.folder import RunFolder
+from islandgp.viewer import ancestry
+from islandgp.viewer.ancestry import lineage, tree_changes
+from tests.study.made_runs import config, guidance, individual, made_run
+from tests.viewer.runs import written
+
+A, B, C = "PatrolWaypoint\n", "MoveToGarbage\n", "sequence { MoveToGarbage PickupGarbage }\n"
+
+
+def folder_of(path: Path, populations: list[list[IndividualRecord]], **changes: Any) -> RunFolder:
+    """A folder with these populations, all of one stage."""
+    path.mkdir()
+    made = made_run(populations=populations, best=[1.0] * len(populations), **changes)
+    lines = [asdict(record) for record in made.records]
+    for line in lines:
+        line["snapshot"]["stage"] = 0
+    (path / "generations.jsonl").write_text("".join(f"{dump(line)}\n" for line in lines))
+    (path / "config.yaml").write_text(yaml.safe_dump(config()))
+    return RunFolder(path)
+
+
+def test_the_chain_of_a_run(tmp_path: Path) -> None:
+    """It ends with the individual, begins without parents, and each tree is made of the last."""
+    folder = written(tmp_path / "run")
+    records = list(folder.records())
+    everyone = {i["id"]: i for record in records for i in record["individuals"]}
+    best = folder.summary()["champion"]["record"]
+    found = lineage(folder, best["id"])
+    assert found.whole
+    assert found.steps[-1].tree == best["tree"]
+    assert found.steps[0].parents == ()
+    for step in found.steps:
+        assert step.tree == everyone[step.id]["tree"]
+        assert [name for name, _ in step.parents] == everyone[step.id]["parents"]
+        assert step.generation <= step.until
+    assert all(a.tree != b.tree for a, b in zip(found.steps, found.steps[1:], strict=False))
+
+
+def test_individuals_with_one_tree_are_one_step(tmp_path: Path) -> None:
+    """An elite's copies are a step, worth their mean."""
+    folder = folder_of(
+        tmp_path / "run",
+        [
+            [individual("0.0", "random", tree=A, fitness=10.0)],
+            [individual("1.0", "elite", ["0.0"], tree=A, fitness=30.0)],
+            [individual("2.0", "copy", ["1.0"], tree=B, mutation="node", fitness=50.0)],
+        ],
+    )
+    first, last = lineage(folder, "2.0").steps
+    assert (first.id, first.generation, first.until, first.evaluated) == ("0.0", 0, 1, 2)
+    assert (first.fitness, first.gain, first.changes) == (20.0, None, ())
+    assert (last.origin, last.mutation, last.gain, last.same_worlds) == ("copy", "node", 20, False)
+    assert [(c.mark, c.text) for c in last.changes] == [("~", "PatrolWaypoint → MoveToGarbage")]
+
+
+def test_a_gain_in_the_same_worlds(tmp_path: Path) -> None:
+    """Where the parent's tree is in the child's generation too, both met the same worlds."""
+    folder = folder_of(
+        tmp_path / "run",
+        [
+            [individual("0.0", "random", tree=A, fitness=10.0)],
+            [
+                individual("1.0", "elite", ["0.0"], tree=A, fitness=30.0),
+                individual("1.1", "copy", ["0.0"], tree=B, fitness=25.0),
+            ],
+        ],
+    )
+    step = lineage(folder, "1.1").steps[-1]
+    assert (step.gain, step.same_worlds) == (-5.0, True)
+
+
+def test_another_stage_has_no_gain(tmp_path: Path) -> None:
+    """Points of two stages are not compared."""
+    folder = folder_of(
+        tmp_path / "run",
+        [
+            [individual("0.0", "random", tree=A)],
+            [individual("1.0", "copy", ["0.0"], tree=B)],
+        ],
+    )
+    file = folder.path / "generations.jsonl"
+    first, second = file.read_text().splitlines()
+    later = second.replace('"stage":0', '"stage":1')
+    file.write_text(f"{first}\n{later}\n")
+    assert lineage(folder, "1.0").steps[-1].gain is None
+
+
+def test_parents_of_earlier_generations(tmp_path: Path) -> None:
+    """A parent may be of any generation before; the second one is told with its fitness."""
+    folder = folder_of(
+        tmp_path / "run",
+        [
+            [individual("0.0", "random", tree=A), individual("0.1", "random", tree=B)],
+            [individual("1.0", "random", tree=B, fitness=7.0)],
+            [individual("2.0", "random", tree=B)],
+            [individual("3.0", "crossover", ["0.0", "1.0"], tree=C)],
+        ],
+    )
+    first, last = lineage(folder, "3.0").steps
+    assert (first.id, last.parents) == ("0.0", (("0.0", 1000.0), ("1.0", 7.0)))
+
+
+def test_an_injected_tree_tells_whose_it_is(tmp_path: Path) -> None:
+    """The guidance after the generation before it gave it; a founder has none."""
+    folder = folder_of(
+        tmp_path / "run",
+        [
+            [individual("0.0", "injected", tree=A)],
+            [individual("1.0", "injected", tree=B)],
+        ],
+        guided=guidance(source="made", target="pickup", tree=B),
+    )
+    (given,) = lineage(folder, "1.0").steps
+    assert given.guidance is not None
+    assert (given.guidance["source"], given.guidance["target"]) == ("made", "pickup")
+    assert lineage(folder, "0.0").steps[0].guidance is None
+
+
+@pytest.mark.parametrize("parents", [["1.0"], ["2.0"], ["0.7"], ["x"], [""]])
+def test_odd_parents_end_the_chain(tmp_path: Path, parents: list[str]) -> None:
+    """A parent that is no earlier individual, or itself, ends the chain: it is not whole."""
+    folder = folder_of(
+        tmp_path / "run",
+        [
+            [individual("0.0", "random", tree=A)],
+            [individual("1.0", "copy", parents, tree=B)],
+        ],
+    )
+    found = lineage(folder, "1.0")
+    assert ([step.id for step in found.steps], found.whole) == (["1.0"], False)
+
+
+def test_nobody(tmp_path: Path) -> None:
+    """An individual that the records do not have has no ancestors."""
+    folder = folder_of(tmp_path / "run", [[individual("0.0", "random", tree=A)]])
+    for name in ("9.0", "0.9", "", "a.b"):
+        assert lineage(folder, name).steps == ()
+
+
+def test_a_long_chain_is_cut(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a very long chain the newest part is read."""
+    monkeypatch.setattr(ancestry, "MOST_INDIVIDUALS", 3)
+    populations = [
+        [individual(f"{g}.0", "copy", [f"{g - 1}.0"] if g else [], tree=(A, B)[g % 2])]
+        for g in range(8)
+    ]
+    found = lineage(folder_of(tmp_path / "run", populations), "7.0")
+    assert [step.id for step in found.steps] == ["5.0", "6.0", "7.0"]
+    assert not found.whole
+
+
+def test_large_trees_are_not_compared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their step says so, and the changes of others are limited."""
+    folder = folder_of(
+        tmp_path / "run",
+        [[individual("0.0", "random", tree=A)], [individual("1.0", "copy", ["0.0"], tree=C)]],
+    )
+    monkeypatch.setattr(ancestry, "MOST_CHANGES", 1)
+    step = lineage(folder, "1.0").steps[-1]
+    assert (len(step.changes), step.left_out) == (1, len(tree_changes(A, C)) - 1)
+    monkeypatch.setattr(ancestry, "LARGEST", 2)
+    step = lineage(folder, "1.0").steps[-1]
+    assert (step.changes, step.left_out) == ((), -1)

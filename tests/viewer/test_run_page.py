@@ -1,0 +1,406 @@
+"""The page of a run: what it says, what it holds of hostile text, and how it works in a browser."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from islandgp.evolution.archive import Elite
+from islandgp.records.archive_file import NAME, read_archive
+from islandgp.records.folder import RunFolder, Status
+from islandgp.viewer import run_page as module
+from islandgp.viewer.history import RunHistory, read_history, thinned
+from islandgp.viewer.run_page import run_page
+from tests.evolution.runs import run
+from tests.viewer.browser import Browser
+from tests.viewer.runs import changed_record, supervised, written
+from tests.viewer.test_access import faint
+
+EVIL = '</script><script>alert(1)</script><img src=x onerror=alert(2)>"&'
+
+
+class Parsed(HTMLParser):
+    """A page's scripts by id, its text outside of them, and its elements."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.scripts: list[tuple[str | None, str]] = []
+        self.texts: list[str] = []
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self._in = ""
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Notes an element."""
+        self.elements.append((tag, dict(attrs)))
+        if tag in ("script", "style"):
+            self._in = tag
+            if tag == "script":
+                self.scripts.append((dict(attrs).get("id"), ""))
+
+    def handle_endtag(self, tag: str) -> None:
+        """A script or a style is over."""
+        if tag == self._in:
+            self._in = ""
+
+    def handle_data(self, data: str) -> None:
+        """Keeps text where it belongs."""
+        if self._in == "script":
+            name, before = self.scripts[-1]
+            self.scripts[-1] = (name, before + data)
+        elif not self._in:
+            self.texts.append(data)
+
+    @property
+    def text(self) -> str:
+        """What a reader sees without JavaScript, blanks joined."""
+        return " ".join(" ".join(self.texts).split())
+
+    @property
+    def data(self) -> Any:
+        """What the page's script reads."""
+        return json.loads(dict(self.scripts)["data"])
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    """A finished run's folder; nobody changes it."""
+    return written(tmp_path_factory.mktemp("runs") / "run")
+
+
+@pytest.fixture(scope="module")
+def page(finished: RunFolder) -> Parsed:
+    """Its page."""
+    return Parsed(run_page(finished, Status.FINISHED, replay="<p>replay</p>", now=1))
+
+
+def test_the_result_in_a_sentence(page: Parsed) -> None:
+    """Mean, interval, difference to the yardstick and tiers in worlds that trained nobody."""
+    assert "earns 12,345 points in 3 unseen worlds (95 %: 10,000 to 14,000)" in page.text
+    assert "-500 against the tree all_rounder, after 8 generations and 96 episodes." in page.text
+    assert "In these worlds it is Complete in 67%." in page.text
+
+
+def test_curves_are_the_records(finished: RunFolder, page: Parsed) -> None:
+    """Fitness, tiers, coverage and QD score against episodes, and where stages begin."""
+    records, curves = list(finished.records()), page.data["curves"]
+    assert curves["episodes"] == [12 * (g + 1) for g in range(8)]
+    assert curves["best"] == [r["snapshot"]["best"] for r in records]
+    assert curves["mean"] == [r["snapshot"]["mean"] for r in records]
+    assert curves["coverage"] == [r["archive"]["coverage"] for r in records]
+    assert curves["qd_score"] == [r["archive"]["qd_score"] for r in records]
+    assert curves["tiers"]["complete"] == [r["snapshot"]["tiers"]["complete"] / 12 for r in records]
+    assert curves["stages"] == [[12.0, 1]]
+    assert curves["top"] == [max(curves["best"][: g + 1]) for g in range(8)]
+
+
+def test_the_highest_so_far_begins_again_with_a_stage() -> None:
+    """Points of two stages are not compared."""
+    history = RunHistory()
+    cost = {"episodes": 1, "evaluation": 0, "supervision": 0, "operators": 0}
+    for stage, best in ((0, 5.0), (0, 3.0), (1, 2.0), (1, 4.0)):
+        record = {
+            "snapshot": {"stage": stage, "mean": 0.0, "tiers": {}},
+            "individuals": [{"fitness": best}],
+        }
+        history.add(record, cost)
+    found = thinned(history)
+    assert (found["top"], found["stages"]) == ([5, 5, 2, 4], [[1.0, 1], [3.0, 2]])
+    assert history.fittest == {"fitness": 4.0}
+
+
+def test_the_map_is_the_archive(finished: RunFolder, page: Parsed) -> None:
+    """Every elite with its tree, best first; axes with their edges."""
+    archive, _ = read_archive(finished.path)
+    found = page.data["archive"]
+    assert [axis["name"] for axis in found["axes"]] == list(archive.cells)
+    assert [tuple(e["cell"]) for e in found["elites"]] == [e.cell for e in archive.best_first()]
+    assert {e["tree"] for e in found["elites"]} == {e.tree for e in archive.elites}
+    assert found["domain"] == "island"
+    assert found["flags"] == "--set world=dense", "what an episode depends on, and no more"
+
+
+def test_the_champion_and_how_it_came_to_be(finished: RunFolder, page: Parsed) -> None:
+    """Its tree as a picture and as text, a command for its replay, and each of its ancestors."""
+    best = finished.summary()["champion"]["record"]
+    assert " ".join(best["tree"].split()) in page.text
+    assert any(e == ("svg", e[1]) and e[1].get("class") == "bt" for e in page.elements)
+    worlds = list(finished.records())[finished.summary()["champion"]["generation"]]["worlds"]
+    assert f"replay run/best.bt --seed {worlds[0]} --stage 1 --set world=dense" in page.text
+    steps = sum(tag == "li" for tag, _ in page.elements)
+    assert steps >= 1
+    assert f"{steps} trees in" in page.text or "in one step" in page.text
+    assert ("button", {"id": "show-replay", "type": "button"}) in page.elements
+
+
+def test_it_needs_nothing_else(page: Parsed) -> None:
+    """No element names another file, and there are the page's three scripts only."""
+    assert [name for name, _ in page.scripts] == ["data", "replay", None]
+    for tag, attributes in page.elements:
+        assert tag not in ("link", "img", "iframe", "object")
+        assert not {"src", "href"} & attributes.keys(), (tag, attributes)
+
+
+@pytest.mark.parametrize("status", list(Status))
+def test_it_loads_itself_again_while_the_run_goes_on(tmp_path: Path, status: Status) -> None:
+    """Without JavaScript too; and its body says the status."""
+    folder = written(tmp_path / "run", steps=run()[:3], done=False)
+    if status is Status.FINISHED:
+        folder = written(tmp_path / "other")
+    found = Parsed(run_page(folder, status))
+    again = ("meta", {"http-equiv": "refresh", "content": "5"}) in found.elements
+    assert again is (status is Status.RUNNING)
+    assert ("body", {"data-status": status.value}) in found.elements
+
+
+def test_a_run_that_goes_on(tmp_path: Path) -> None:
+    """It says how far the run is, and has the archive of its last generation."""
+    steps = run()[:3]
+    found = Parsed(run_page(written(tmp_path / "run", steps=steps, done=False), Status.RUNNING))
+    assert "After 3 of 8 generations, 36 episodes, the fittest individual of this" in found.text
+    expected = sorted(e.cell for e in steps[-1].archive)
+    assert sorted(tuple(e["cell"]) for e in found.data["archive"]["elites"]) == expected
+
+
+def test_a_run_that_has_just_begun(tmp_path: Path) -> None:
+    """Before the first generation there is a page, too."""
+    folder = written(tmp_path / "run", steps=[], done=False)
+    found = Parsed(run_page(folder, Status.RUNNING))
+    assert "its first generation is not evaluated yet" in found.text
+    assert found.data["curves"]["episodes"] == []
+
+
+def test_a_run_that_failed_or_was_stopped(tmp_path: Path) -> None:
+    """The reason, or that its command goes on."""
+    folder = written(tmp_path / "run", steps=run()[:2], done=False)
+    assert "was stopped after 2 generations" in Parsed(run_page(folder, Status.KILLED)).text
+    folder.fail(ValueError(EVIL))
+    found = Parsed(run_page(folder, Status.FAILED))
+    assert "failed after 2 generations and 24 episodes: ValueError: </script>" in found.text
+    assert len(found.scripts) == 3
+
+
+def test_a_run_of_an_older_version(tmp_path: Path) -> None:
+    """Without archives in its records, costs of another form, or an archive's file."""
+    folder = written(tmp_path / "run")
+    for generation in range(8):
+        changed_record(folder, generation, lambda record: record.pop("archive"))
+    found = Parsed(run_page(folder, Status.FINISHED))
+    assert found.data["archive"] is None
+    assert "This run keeps no archive." in found.text
+
+
+@pytest.mark.parametrize("damage", ["missing", "damaged"])
+def test_an_archive_that_cannot_be_read(tmp_path: Path, damage: str) -> None:
+    """The page says so, and has all the rest."""
+    folder = written(tmp_path / "run")
+    file = folder.path / NAME
+    if damage == "missing":
+        file.unlink()
+    else:
+        file.write_text("{}")
+    found = Parsed(run_page(folder, Status.FINISHED)).data
+    assert (found["archive"]["readable"], found["archive"]["elites"]) == (False, [])
+
+
+def test_hostile_text_stays_text(tmp_path: Path) -> None:
+    """Whatever names, reasons and files hold, no element comes of it."""
+    folder = written(
+        tmp_path / "run",
+        said={"title": EVIL, "command": f"python -m islandgp {EVIL} 'world={EVIL}'",
+              "tags": {"domain": EVIL, "code": EVIL}},
+    )  # fmt: skip
+
+    def poison(record: dict[str, Any]) -> None:
+        for i in record["individuals"]:
+            i.update(origin="injected", mutation=EVIL, parents=[])
+            i["components"] = {EVIL: i["fitness"]}
+        record["guidance"] = {
+            **(record["guidance"] or {"asked_at": None}),
+            "source": EVIL, "target": EVIL, "rationale": EVIL,
+        }  # fmt: skip
+        record["snapshot"]["tiers"] = {EVIL: 1}
+
+    records = list(folder.records())
+    for generation in range(8):
+        changed_record(folder, generation, lambda r: poison(r) if r["guidance"] else None)
+    summary = folder.summary()
+    summary["champion"]["record"] = {
+        **records[3]["individuals"][0], "components": {EVIL: 1.0}, "counters": {EVIL: 1.0},
+    }  # fmt: skip
+    (folder.path / "summary.json").write_text(json.dumps(summary))
+    found = Parsed(run_page(folder, Status.FINISHED, replay=EVIL))
+    assert [name for name, _ in found.scripts] == ["data", "replay", None]
+    assert not any(tag == "img" for tag, _ in found.elements)
+    assert json.loads(dict(found.scripts)["replay"]) == EVIL
+    assert found.data["archive"]["domain"] == EVIL
+    assert EVIL in "".join(found.texts)
+
+
+def test_a_long_run_has_a_page_of_some_size(tmp_path: Path, monkeypatch: Any) -> None:
+    """Curves are thinned, trees beyond the room are left out, a large replay as well."""
+    history = read_history(written(tmp_path / "run"))
+    cost = {"episodes": 1, "evaluation": 0, "supervision": 0, "operators": 0}
+    record = next(RunFolder(tmp_path / "run").records())
+    for _ in range(2_000):
+        history.add(record, cost)
+    curves = thinned(history)
+    assert {len(curves[name]) for name in ("episodes", "best", "top", "mean", "coverage")} == {300}
+    assert curves["episodes"][-1] == 96 + 2_000
+    assert max(curves["best"]) == max(history.best)
+    folder = written(tmp_path / "many")
+    trees = ["PatrolWaypoint\n" + "# " + "x" * 500 for _ in range(6**4)]
+    elites = tuple(
+        Elite((k // 216, k // 36 % 6, k // 6 % 6, k % 6), f"0.{k}", tree, 0, 1, float(k), 1)
+        for k, tree in enumerate(trees)
+    )
+    archive, _ = read_archive(folder.path)
+    (folder.path / NAME).write_bytes(replace(archive, elites=elites).to_bytes())
+    text = run_page(folder, Status.FINISHED, replay="x" * 1_000_000)
+    found = Parsed(text)
+    shown = found.data["archive"]["elites"]
+    assert len(text.encode()) < 2_000_000
+    assert len(shown) == 6**4
+    assert [e["tree"] is None for e in shown] == sorted(e["tree"] is None for e in shown)
+    assert shown[0]["tree"] is not None
+    assert shown[-1]["tree"] is None
+    assert json.loads(dict(found.scripts)["replay"]) == ""
+    assert not any(a.get("id") == "show-replay" for _, a in found.elements)
+    monkeypatch.setattr(module, "STEPS", (1, 1))
+    long = written(tmp_path / "long", steps=supervised(1.0))
+    found = Parsed(run_page(long, Status.FINISHED))
+    steps = sum(tag == "li" for tag, _ in found.elements)
+    assert steps == 3 or "not shown" not in found.text
+
+
+@pytest.fixture(scope="module")
+def file(finished: RunFolder, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page as a file."""
+    path = tmp_path_factory.mktemp("page") / "run.html"
+    path.write_text(run_page(finished, Status.FINISHED, replay="<h1>It plays</h1>", now=1))
+    return path
+
+
+@pytest.fixture
+def opened(browser: Browser, file: Path) -> Iterator[Browser]:
+    """The page, just opened; fails where the browser complained about anything."""
+    browser.console.clear()
+    browser.open(f"file://{file}")
+    yield browser
+    browser.run("1")
+    assert browser.console == []
+
+
+def test_in_a_browser_all_parts_are_drawn(opened: Browser, finished: RunFolder) -> None:
+    """A curve a line, a cell an elite, and nothing asked of a network."""
+    elites = read_archive(finished.path)[0].elites
+    assert opened.run("document.querySelectorAll('#map .elite').length") == len(elites)
+    assert opened.run("document.querySelectorAll('#fitness .line').length") == 2
+    assert opened.run("document.querySelectorAll('#tiers .line').length") == 4
+    names = opened.run("[...document.querySelectorAll('.chart')].map(e => e.ariaLabel)")
+    assert names[0].startswith("Fitness, points, over 96 episodes: best of a generation ends at ")
+
+
+def test_a_cell_opens_its_tree(opened: Browser, finished: RunFolder) -> None:
+    """By a click, by the list, and by arrow keys from elite to elite."""
+    elites = read_archive(finished.path)[0].best_first()
+    tree = "document.querySelector('#cell pre').textContent"
+    assert opened.run(tree) == elites[0].tree
+    opened.run(
+        "(() => { const s = document.getElementById('cells'); s.value = '1';"
+        " s.dispatchEvent(new Event('change')); return 1; })()"
+    )
+    assert opened.run(tree) == elites[1].tree
+    assert opened.run("location.hash") == "#cell-" + "-".join(map(str, elites[1].cell))
+    opened.run("document.getElementById('map').focus()")
+    seen = set()
+    for key in ("ArrowLeft", "ArrowUp", "ArrowRight", "ArrowDown") * 4:
+        opened.press(key)
+        seen.add(opened.run(tree))
+    assert len(seen) > 1
+    assert seen <= {e.tree for e in elites}
+    box = opened.run(
+        "(() => { document.getElementById('map').scrollIntoView({block: 'center'});"
+        " const all = [...document.querySelectorAll('#map .elite')];"
+        " const r = all[2].getBoundingClientRect();"
+        " return [r.x + r.width / 2, r.y + r.height / 2]; })()"
+    )
+    opened.click(*box)
+    assert opened.run(tree) == elites[2].tree
+
+
+def test_the_command_of_a_cell_plays_its_tree(opened: Browser, tmp_path: Path) -> None:
+    """As a shell takes it: the tree comes by the standard input, whole."""
+    command = opened.run("document.querySelectorAll('#cell pre')[1].textContent")
+    program, _, rest = command.partition(" replay - ")
+    assert program
+    said = subprocess.run(
+        ["bash", "-c", f"printf '%s ' cat; cat {rest[rest.index('<<') :]}"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    tree = opened.run("document.querySelector('#cell pre').textContent")
+    assert said == f"cat domain island\n\n{tree}"
+    assert "--set world=dense -o cell.html" in rest
+
+
+def test_the_replay_opens_in_the_page(opened: Browser) -> None:
+    """On demand, in a frame that may run scripts and nothing else."""
+    assert opened.run("document.querySelectorAll('iframe').length") == 0
+    opened.run("document.getElementById('show-replay').click()")
+    frame = "document.querySelector('iframe')"
+    assert opened.run(f"{frame}.getAttribute('sandbox')") == "allow-scripts"
+    assert opened.run(f"{frame}.srcdoc") == "<h1>It plays</h1>"
+
+
+@pytest.mark.parametrize("width", [1500, 800, 400])
+def test_it_fits_into_the_window(
+    opened: Browser, file: Path, sized: Callable[[int, int], None], width: int
+) -> None:
+    """The page scrolls down, never sideways."""
+    sized(width, 900)
+    opened.open(f"file://{file}")
+    assert opened.run("document.documentElement.scrollWidth") <= width
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_every_text_can_be_read(opened: Browser, file: Path, theme: str) -> None:
+    """In both colours a text has a contrast of 4.5 to what it stands upon (WCAG AA)."""
+    wish = {"name": "prefers-color-scheme", "value": theme}
+    opened.call("Emulation.setEmulatedMedia", features=[wish])
+    try:
+        opened.open(f"file://{file}")
+        opened.run("document.querySelectorAll('details').forEach(d => d.open = true)")
+        # Their texts are all of one colour, soft upon panel, which the replay page has as well.
+        opened.run(
+            "document.head.append(Object.assign(document.createElement('style'),"
+            " {textContent: '.chart, #map { visibility: hidden }'})), 1"
+        )
+        assert faint(opened) == []
+    finally:
+        opened.call("Emulation.setEmulatedMedia", features=[])
+
+
+def test_a_running_page_can_be_stopped(browser: Browser, tmp_path: Path) -> None:
+    """It offers to pause its updates, and keeps the cell that was chosen."""
+    folder = written(tmp_path / "run", steps=run()[:4], done=False)
+    file = tmp_path / "run.html"
+    file.write_text(run_page(folder, Status.RUNNING, now=1))
+    browser.open(f"file://{file}")
+    assert browser.run("document.getElementById('pause').hidden") is False
+    browser.run("document.getElementById('pause').click()")
+    assert browser.run("document.getElementById('pause').textContent") == "updates are paused"
+    assert "is the run still at work?" in browser.run("document.body.textContent")
+    elites = browser.run("run.archive.elites.map(e => e.cell.join('-'))")
+    browser.open(f"file://{file}#cell-{elites[-1]}")
+    assert browser.run("document.getElementById('cells').value") == str(len(elites) - 1)
