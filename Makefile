@@ -86,6 +86,9 @@ ablations: $(STAMP) ## what of the expert helps: its rate, its trees, their choi
 study-worlds: $(STAMP) ## MiniGrid, LunarLander and CartPole: expert, baseline, random search; resumable
 	$(BIN)/python docs/study_worlds.py
 
+comparators: $(STAMP) ## all searches at equal episodes in five worlds, into docs/comparators; resumable
+	$(BIN)/python docs/comparators.py $(ARGS)
+
 docs: $(STAMP)   ## the documentation's site, in build/site
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]' -c constraints.txt
 	$(BIN)/python docs/pages.py
@@ -97,4 +100,4 @@ ui: $(STAMP)     ## start the MLflow UI on this folder's runs
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
 
-.PHONY: help setup run lint test test-slow btcpp fuzz torture gateways axe vscode bench demo-llm study ablations study-worlds docs ui clean
+.PHONY: help setup run lint test test-slow btcpp fuzz torture gateways axe vscode bench demo-llm study ablations study-worlds comparators docs ui clean

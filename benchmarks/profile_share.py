@@ -18,7 +18,8 @@ from benchmarks.figure import Effort, Figure, Missing
 from benchmarks.pinned import SEED, example, points, settings
 from islandgp.bt.node import Node
 from islandgp.domains.island.episode import run_episode
-from islandgp.evolution.loop import initial_state
+from islandgp.search.paper import first_population
+from islandgp.seeding import Streams
 
 EVERY: Final = 0.001  # s of processor time; the system may round it up
 ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 1, Effort.FULL: 4}
@@ -51,7 +52,8 @@ def measure(effort: Effort) -> list[Figure]:
     if not hasattr(signal, "setitimer"):
         raise Missing("this system has no timer of processor time")
     count = BATCH[effort]
-    population = initial_state(settings().plan(settings().make_domain()), SEED).population[:count]
+    plan = settings().plan(settings().make_domain())
+    population = first_population(plan, Streams(SEED))[:count]
     found = _shares("all_rounder", [example("all_rounder")] * count, ROUNDS[effort])
     return found + _shares("random", [i.tree for i in population], 2 * ROUNDS[effort])
 

@@ -35,7 +35,7 @@ CONF = resource("conf")
 _PAPER = re.compile(
     r"\b(?:[Ss]ections? [\d.]*\d(?:,? and [\d.]*\d)?|Tables? \d+|Eq\. \(\d+\)|Fig\. \d+)"
 )
-_CHOICES = ("supervisor", "evaluator", "tracking")
+_CHOICES = ("search", "supervisor", "evaluator", "tracking")
 """Groups whose key `policy` has other keys with each option."""
 
 _ABSENT: Any = object()
@@ -125,7 +125,11 @@ def _files(group: str) -> tuple[Path, ...]:
 def _option(group: str, file: Path) -> Chapter:
     """An option of a group with a `policy`."""
     value = getattr(configured([f"{group}={file.stem}"]), group)
-    comments = _comments([file])
+    # A search's file is one of the whole configuration, so its keys begin with the group's name.
+    comments = {path.removeprefix("search."): note for path, note in _comments([file]).items()}
+    if group == "search":
+        shared = _comments(_files("search/breeding"))
+        comments = {f"policy.breeding.{path}": note for path, note in shared.items()} | comments
     if issubclass(value.factory.Settings, ExpertSettings):
         comments = {**_comments([CONF / group / "expert.yaml"]), **comments}
     return Chapter(

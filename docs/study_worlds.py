@@ -22,7 +22,7 @@ import numpy as np
 
 import islandgp
 from islandgp.domain import Outcome, Scene
-from islandgp.evolution.validation import interval
+from islandgp.evolution.evidence import interval
 from islandgp.study.statistics import benjamini_hochberg, bootstrap, paired_test
 
 ROOT: Final = Path(__file__).resolve().parent.parent

@@ -4,6 +4,8 @@ compose     an experiment from configuration: iterate over its generations, eval
 run         composes an experiment, runs it with its records, and gives its results
 load        runs from their folders, as pandas frames
 parse       a tree from its text
+Streams     a run's random streams, which a search draws from
+Advice      what a supervisor's guidance comes to, which a search is told
 to_text     the canonical text of a tree
 IslandError what a user can do wrong, in one clear message; TreeError: a text is not a tree
 
@@ -21,11 +23,15 @@ if TYPE_CHECKING:
     from islandgp.errors import IslandError, TreeError
     from islandgp.experiment import Experiment, compose, run
     from islandgp.results import Results, load
+    from islandgp.search.base import Advice
+    from islandgp.seeding import Streams
 
 __all__ = [
+    "Advice",
     "Experiment",
     "IslandError",
     "Results",
+    "Streams",
     "TreeError",
     "__version__",
     "compose",
@@ -41,9 +47,11 @@ except PackageNotFoundError:  # a checkout that was never installed
     __version__ = "0"
 
 _HOMES = {
+    "Advice": "islandgp.search.base",
     "Experiment": "islandgp.experiment",
     "IslandError": "islandgp.errors",
     "Results": "islandgp.results",
+    "Streams": "islandgp.seeding",
     "TreeError": "islandgp.errors",
     "compose": "islandgp.experiment",
     "load": "islandgp.results",

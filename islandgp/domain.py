@@ -84,6 +84,11 @@ class Schema:
         must_be(Event, self.events, f"the event {{}} {of_domain}")
         must_be(Counter, self.counters, f"the counter {{}} {of_domain}")
         must_be(Form, self.forms, f"the form {{}} {of_domain}")
+        if isinstance(self.habits, str):
+            raise DomainError(
+                f"Expected a tuple of sentences as the habits {of_domain}, found one text; write"
+                " ('...',)."
+            )
         if not self.counters:
             counted = {name: Counter(event.meaning) for name, event in self.events.items()}
             object.__setattr__(self, "counters", counted)

@@ -7,6 +7,7 @@ IslandError            one clear message: expected, found, remedy; exit code 2 a
 |   `-- OtherDomainError  a tree is for another domain; a DomainError as well
 |-- ConfigError        the configuration is wrong (one line per error)
 |-- DomainError        a domain's declaration is wrong
+|   `-- TimeLimitError an episode takes longer than it may (names the action)
 |-- PartError          the user's own class, which configuration names, failed (with traceback)
 |-- EvaluationError    an episode could not be run (names the tree and the world seed)
 |-- SupervisionError   a supervisor cannot do its work
@@ -20,6 +21,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Final
 
 
 class IslandError(Exception):
@@ -54,6 +56,23 @@ class ConfigError(IslandError):
 
 class DomainError(IslandError):
     """A domain's declaration is wrong, or breaks its contract."""
+
+
+class TimeLimitError(DomainError):
+    """An episode took longer than it may; `found` is what was still running, and where."""
+
+    def __init__(self, found: str, seconds: float) -> None:
+        super().__init__(
+            f"Expected an episode to end within {seconds:g} s, found {found}; {LONGER}."
+        )
+        self.found = found
+
+
+LONGER: Final = (
+    "let it return, or raise the limit (--timeout of a command, evaluator.policy.episode_timeout of"
+    " a run)"
+)
+"""The remedy for a TimeLimitError."""
 
 
 class OtherDomainError(TreeError, DomainError):

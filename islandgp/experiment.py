@@ -4,12 +4,14 @@ experiment = islandgp.compose("gp.population=12", "supervisor=baseline")
 for step in experiment:
     print(step.record.snapshot.best)
 experiment.evaluate(step.champion.record.tree, worlds=range(10))
+
+`search` and `evaluate_population` are the parts of a loop that you write yourself (docs/search.md).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -22,9 +24,12 @@ from islandgp.config.settings import Settings
 from islandgp.domain import Domain, Outcome
 from islandgp.errors import ConfigError
 from islandgp.evaluation.serial import Serial
-from islandgp.evolution.loop import evolve
+from islandgp.evolution.loop import evaluate, evolve, worlds_of
+from islandgp.evolution.plan import Plan
+from islandgp.evolution.population import Evaluated, Individual
 from islandgp.evolution.record import Step
 from islandgp.results import Results, load
+from islandgp.search.base import Search
 
 
 @dataclass(frozen=True)
@@ -42,12 +47,64 @@ class Experiment:
 
     def __iter__(self) -> Iterator[Step]:
         """Evolves, a generation at a time, in this process; nothing is written."""
-        from islandgp.running.run import make_supervisor, plan_of
+        from islandgp.running.run import make_supervisor
 
         supervisor = make_supervisor(self.settings, None)
-        evaluator = Serial(self.settings.problem())
-        plan = plan_of(self.settings, self.domain)
-        yield from evolve(plan, self.settings.seed, supervisor, evaluator)
+        evaluator, seed = Serial(self.settings.problem()), self.settings.seed
+        yield from evolve(self.plan, seed, supervisor, evaluator, search=self.search())
+
+    @cached_property
+    def plan(self) -> Plan:
+        """What a run of it is made of: the limits, the settings of the operators, the classes."""
+        from islandgp.running.run import plan_of
+
+        return plan_of(self.settings, self.domain)
+
+    @cached_property
+    def _evaluator(self) -> Serial:
+        return Serial(self.settings.problem())
+
+    def search(self) -> Search:
+        """The search that it chooses, to be asked for individuals and told what they achieve.
+
+        Raises:
+            ConfigError: the search cannot work with these settings.
+        """
+        from islandgp.running.run import make_search
+
+        return make_search(self.settings, self.plan)
+
+    def evaluate_population(
+        self,
+        individuals: Sequence[Individual],
+        generation: int = 0,
+        *,
+        worlds: Iterable[int] | None = None,
+    ) -> tuple[Evaluated, ...]:
+        """What individuals achieve in a generation, one after the other in this process.
+
+        Args:
+            individuals: as `search().ask` returns them.
+            generation: whose stage of the curriculum scores them, from 0.
+            worlds: seeds of the worlds that each of them meets, from 0 to 2**32 - 1; None: the
+                worlds of a run's generation.
+
+        Raises:
+            ConfigError: there is no such world or generation.
+        """
+        if not (isinstance(generation, int | np.integer) and generation >= 0):
+            raise ConfigError(f"generation: expected 0 or more, found {generation!r}")
+        plan = self.plan
+        if worlds is None:
+            seeds = list(worlds_of(plan, self.settings.seed, int(generation)))
+        else:
+            seeds = _seeds(worlds)
+            if not seeds:
+                raise ConfigError("worlds: expected at least one seed, found none")
+            shared = {"episodes": len(seeds), "common_world": True}
+            plan = replace(plan, gp=plan.gp.model_copy(update=shared))
+        texts = [to_text(i.tree) for i in individuals]
+        return evaluate(plan, int(generation), individuals, texts, seeds, self._evaluator)
 
     def parse(self, text: str) -> Node:
         """A tree in the words of the domain. Raises TreeError."""
@@ -72,9 +129,7 @@ class Experiment:
         stage = last if stage is None else stage
         if stage not in range(last + 1):
             raise ConfigError(f"stage: expected 0 to {last}, found {stage!r}")
-        seeds: list[Any] = list(worlds)
-        if odd := [w for w in seeds if not (isinstance(w, int | np.integer) and 0 <= w < 2**32)]:
-            raise ConfigError(f"worlds: expected seeds from 0 to {2**32 - 1}, found {odd[0]!r}")
+        seeds = _seeds(worlds)
         domain = self.settings.problem().at(stage)
         weights = self.settings.curriculum.multipliers(stage)
         return [domain.run_episode(node, seed, weights) for seed in seeds]
@@ -92,6 +147,14 @@ class Experiment:
 
         run(self.settings, self.config, self.folder, home=Path.cwd())
         return load(self.folder)
+
+
+def _seeds(worlds: Iterable[Any]) -> list[int]:
+    """The seeds of worlds as integers. Raises ConfigError."""
+    seeds = list(worlds)
+    if odd := [w for w in seeds if not (isinstance(w, int | np.integer) and 0 <= w < 2**32)]:
+        raise ConfigError(f"worlds: expected seeds from 0 to {2**32 - 1}, found {odd[0]!r}")
+    return [int(w) for w in seeds]
 
 
 def compose(*overrides: str, config_dir: str | Path | None = None) -> Experiment:

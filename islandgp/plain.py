@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from functools import cache
 from typing import Any, Final, NoReturn, TypeVar, cast
@@ -60,6 +61,15 @@ def made_of(kind: type[T], value: Any) -> T:
 def plain(value: Any) -> Any:
     """A dataclass as JSON values, those inside it included."""
     return _adapter(cast("Any", type(value))).dump_python(value, mode="json")
+
+
+def nan_to_none(value: Any) -> Any:
+    """The plain values with None, JSON's null, for each NaN, which JSON does not have."""
+    if isinstance(value, dict):
+        return {key: nan_to_none(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [nan_to_none(each) for each in value]
+    return None if isinstance(value, float) and math.isnan(value) else value
 
 
 def _validated(kind: Any, text: bytes) -> Any:

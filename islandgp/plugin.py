@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import re
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
-from typing import Any, ClassVar, TypeVar, cast
+from importlib import import_module
+from inspect import findsource, getfile, unwrap
+from pathlib import Path
+from sysconfig import get_path
+from traceback import walk_tb
+from types import FrameType
+from typing import Any, ClassVar, Final, TypeVar, cast
 
 from pydantic import (
     BaseModel,
@@ -19,7 +26,7 @@ from pydantic import (
     field_validator,
 )
 
-from islandgp.errors import IslandError, PartError
+from islandgp.errors import DomainError, IslandError, PartError
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -42,6 +49,7 @@ class Plugin(BaseModel, frozen=True, extra="forbid"):
                 " file another name"
             )
         with blaming(str(path)):
+            _load(path)
             return proceed(path)
 
     @field_validator("factory")
@@ -82,9 +90,23 @@ class Part(Plugin, frozen=True, extra="forbid"):
         return self.factory.Settings.model_validate(self.policy)
 
 
+def _load(path: object) -> None:
+    """Imports the module of a path. Raises ImportError where it is one that this module needs.
+
+    Otherwise whoever imports it says what is wrong.
+    """
+    try:
+        if isinstance(path, str):
+            import_module(path.partition(":")[0])
+    except (ImportError, ValueError) as error:
+        if raised_in(error):
+            raise
+
+
 def imported(path: str) -> Any:
     """What a path names: "package.module:name". Raises ValidationError, PartError."""
     with blaming(path):
+        _load(path)
         return TypeAdapter(ImportString[Any]).validate_python(path)
 
 
@@ -135,6 +157,79 @@ def path_of(kind: Any) -> str:
     return f"{kind.__module__}:{name}" if name else str(getattr(kind, "__name__", kind))
 
 
+KNOWN: Final = (
+    Path(__file__).parent,
+    *(Path(get_path(name)) for name in ("stdlib", "purelib", "platlib")),
+)
+"""Folders of code that is not the user's own."""
+
+
+def raised_in(error: BaseException) -> str:
+    """The place in the user's own code that an error came from, ", in FILE, line N"; or ""."""
+    if isinstance(error, SyntaxError) and error.filename:
+        return f", in {error.filename}, line {error.lineno}"
+    frames = (frame for frame, _ in walk_tb(error.__traceback__))
+    lines = (line for _, line in walk_tb(error.__traceback__))
+    return _place(zip(frames, lines, strict=True))
+
+
+def place_of_frame(frame: FrameType | None, outer: FrameType | None) -> str:
+    """The place in the user's own code at which a frame is, as `raised_in`, below `outer`."""
+    found: list[tuple[FrameType, int]] = []
+    while frame is not None and frame is not outer:
+        found.append((frame, frame.f_lineno))
+        frame = frame.f_back
+    return _place(reversed(found))
+
+
+def shown(value: object) -> str:
+    """A value in a message: its `repr`, cut, and without addresses in memory."""
+    return re.sub(r" at 0x[0-9a-fA-F]+", "", f"{value!r:.200}")[:80]
+
+
+def defined_in(thing: Any) -> str:
+    """The place of the user's own function, method or class, as `raised_in`."""
+    code = getattr(unwrap(thing), "__code__", None) if callable(thing) else None
+    if code is not None:
+        return (
+            ""
+            if _known(code.co_filename)
+            else f", in {code.co_filename}, line {code.co_firstlineno}"
+        )
+    try:
+        file, (_, line) = getfile(thing), findsource(thing)
+    except (OSError, TypeError):  # of a class that was made at run time
+        return ""
+    return "" if _known(file) else f", in {file}, line {line + 1}"
+
+
+def _place(frames: Iterable[tuple[FrameType, int]]) -> str:
+    """The innermost of the frames in the user's own code.
+
+    Where there is none, the user's code may be an installed package: the place is where our code
+    called any other.
+    """
+    own = entered = ""
+    ours = False
+    for frame, line in frames:
+        file = frame.f_code.co_filename
+        place = f", in {file}, line {line}"
+        if not _known(file):
+            own = place
+        elif not entered and ours and not _ours(file) and Path(file).is_relative_to(KNOWN[2]):
+            entered = place
+        ours = ours or _ours(file)
+    return own or entered
+
+
+def _ours(file: str) -> bool:
+    return Path(file).is_relative_to(KNOWN[0])
+
+
+def _known(file: str) -> bool:
+    return file.startswith("<") or any(Path(file).is_relative_to(known) for known in KNOWN)
+
+
 @contextmanager
 def blaming(path: str) -> Iterator[None]:
     """Around a call into a class that configuration names: an exception of it is its author's.
@@ -144,12 +239,17 @@ def blaming(path: str) -> Iterator[None]:
     """
     try:
         yield
+    except DomainError as error:
+        place = raised_in(error)
+        if type(error) is not DomainError or not place or place in str(error):
+            raise
+        raise DomainError(f"{str(error).rstrip('.')}{place}.") from error
     except (IslandError, ValidationError):  # these are told in words of their own
         raise
     except Exception as error:
         if path.startswith("islandgp."):
             raise
-        what = " ".join(f"{type(error).__name__}: {error}".split())
+        what = " ".join(f"{type(error).__name__}: {error}{raised_in(error)}".split())
         raise PartError(
             f"{path} failed ({what}): this is a fault of that class, not of the program;"
             " mend it, and the same command goes on with what the run has."

@@ -1,10 +1,10 @@
-"""Runs as pandas frames: one row a run, a generation, or an individual.
+"""Runs as pandas frames: one row a run, a generation, an individual, or an elite.
 
     results = islandgp.load("runs/default")
     results.generations.groupby(["arm", "generation"])["best"].mean()
 
 Column names with a dot belong to the domain or the experiment: `tiers.complete`,
-`components.delivery`, `counters.deliveries`. COLUMNS says what the others mean.
+`components.delivery`, `counters.deliveries`, `cell.pickups`. COLUMNS says what the others mean.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ import yaml
 
 from islandgp.errors import RunError
 from islandgp.evaluation.base import check_version
+from islandgp.records.archive_file import NAME as ARCHIVE
+from islandgp.records.archive_file import read_archive
 from islandgp.records.checkpoint import reading
 from islandgp.records.files import values
 from islandgp.records.folder import RunFolder, run_folders
@@ -54,6 +56,28 @@ class Results:
     def individuals(self) -> DataFrame:
         """One row an individual."""
         return _frame("individuals", self._rows(_individuals))
+
+    @cached_property
+    def archive(self) -> DataFrame:
+        """One row an elite of a finished run; `cell.<counter>` is where its cell begins."""
+        return _frame("archive", self._elites())
+
+    def _elites(self) -> Iterator[dict[str, Any]]:
+        for folder in self.folders:
+            if not (folder.path / ARCHIVE).exists():  # it goes on, or is of an older version
+                continue
+            labels, (archive, _) = self._labels(folder), read_archive(folder.path)
+            edges = archive.cells.items()
+            for e in archive.elites:
+                yield {
+                    **{name: labels[name] for name in ("run", "arm", "seed")},
+                    **{name: getattr(e, name) for name in ("id", "stage", "episodes", "mean")},
+                    "tree": e.tree,
+                    **{
+                        f"cell.{name}": begins[place]
+                        for (name, begins), place in zip(edges, e.cell, strict=True)
+                    },
+                }
 
     def _run(self, folder: RunFolder) -> dict[str, Any]:
         row = {**self._labels(folder), "status": folder.status().value}
@@ -108,7 +132,13 @@ def _generation(record: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         for name, value in s[group].items()
     }
     kept = ("source", "phase", "pattern", "target", "crisis", "injected")
-    yield {**plain, **{name: guidance.get(name) for name in kept}, **nested}
+    archive = record.get("archive") or {}
+    yield {
+        **plain,
+        **{name: guidance.get(name) for name in kept},
+        **{name: archive.get(name) for name in ("coverage", "qd_score")},
+        **nested,
+    }
 
 
 def _individuals(record: Mapping[str, Any]) -> Iterator[dict[str, Any]]:

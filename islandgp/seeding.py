@@ -7,6 +7,7 @@ supervisor that decides otherwise never shifts other draws.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
@@ -24,11 +25,14 @@ class Stream(IntEnum):
     SUPERVISION = 7  # a supervisor's own draws, by generation
     NETWORK = 8  # jitter between attempts of a call, by generation
     UNSEEN = 9  # a comparison's worlds for champions, by slot; the run seed is 0
+    RESAMPLING = 100  # a comparison's bootstrap, by world; generation 1: a second sample; seed 0
     LIBRARY = 10  # the search for single behaviours, by behaviour and slot; the run seed is 0
     VALIDATION = 11  # worlds in which a run chooses its best robot, by slot
     TRIAL = 12  # the world in which a model's candidates are tried, by generation
     TEST = 13  # worlds that tell what a run's best trees are worth, by slot; they choose nothing
-    TUNING = 14  # worlds in which the numbers of a tree are tuned, by slot; generation 1: proposals
+    TUNING = 14  # worlds in which thresholds are tuned, by slot; generation 1: the draws of CMA-ES
+    SEARCH = 15  # a search's own draws, by generation and slot
+    ARCHIVE = 16  # worlds in which elites are challenged, by generation and slot
 
 
 def stream(
@@ -42,3 +46,16 @@ def stream(
 def seed_of(seed: int, purpose: Stream, *, generation: int = 0, slot: int = 0) -> int:
     """A seed for something else, mostly a world, in [0, 2**32)."""
     return int(stream(seed, purpose, generation=generation, slot=slot).integers(2**32))
+
+
+@dataclass(frozen=True, slots=True)
+class Streams:
+    """The streams of one run: `stream` with the run's seed filled in."""
+
+    seed: int
+
+    def __call__(
+        self, purpose: Stream, *, generation: int = 0, slot: int = 0
+    ) -> np.random.Generator:
+        """The generator of one purpose; calling it twice gives the same draws twice."""
+        return stream(self.seed, purpose, generation=generation, slot=slot)

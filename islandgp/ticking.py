@@ -16,10 +16,12 @@ tick in which it runs, and what it returns, True or False, is how it ends.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping
+from difflib import get_close_matches
 from functools import cache, wraps
-from inspect import isgeneratorfunction
+from inspect import iscoroutine, isgenerator, isgeneratorfunction, signature
 from math import isfinite
+from numbers import Real
 from threading import local
 from typing import Any, ClassVar, ParamSpec, Protocol, Self, TypeAlias, TypeVar
 
@@ -31,7 +33,9 @@ from islandgp.bt.node import RUNNING, Node
 from islandgp.bt.vocabulary import Key
 from islandgp.domain import Observer, Outcome, Schema
 from islandgp.errors import DomainError
+from islandgp.plugin import defined_in, shown
 from islandgp.scoring.rewards import RewardTable, worth
+from islandgp.time_limit import Overdue
 
 __all__ = ["RUNNING", "EventLog", "Leaf", "Simulation", "Stepped", "once_a_thread"]
 
@@ -75,15 +79,20 @@ class EventLog:
         self._rewarded = rewards.events.keys()
         self._worth = worth(rewards, weights)
         self._observer = observer
+        self._logged: Callable[[str], None] | None = getattr(observer, "logged", None)
 
     def __call__(self, event: str, amount: float = 1.0) -> None:
         """Something happened. Raises DomainError for an event or amount that cannot be."""
         if event not in self._events:
-            known = ", ".join(self._events)
-            raise DomainError(f"Expected an event of the schema ({known}), found {event!r}.")
+            known, near = ", ".join(self._events), _near(event, self._events)
+            raise DomainError(f"Expected an event of the schema ({known}), found {event!r}{near}.")
         self.counts[event] += 1
-        if not isfinite(amount):
-            raise DomainError(f"Expected a finite amount of the event {event!r}, found {amount}.")
+        if not _is_number(amount):
+            raise DomainError(
+                f"Expected a finite amount of the event {event!r}, found {shown(amount)}."
+            )
+        if self._logged is not None:
+            self._logged(event)
         if event not in self._rewarded:
             return
         component, points = self._worth(event, amount)
@@ -104,7 +113,7 @@ class Simulation(Protocol):
     """
 
     def sense(self) -> Mapping[str, float]:
-        """The value of each key now; True and False for flags."""
+        """The value of each key of the vocabulary now, and no others; True and False for flags."""
         ...
 
 
@@ -121,6 +130,8 @@ class Stepped:
     step_s: float = 1.0  # simulated s of a tick
 
     def __init__(self, world: Any, rewards: RewardTable) -> None:
+        """Raises DomainError where `step_s`, or the setting `ticks`, is not what it must be."""
+        _must_last(type(self), world, self.step_s)
         self.world = world
         self.rewards = rewards
 
@@ -139,9 +150,22 @@ class Stepped:
         """An episode, a `Simulation`, and what each action of the vocabulary does in a tick of it.
 
         `watched`: its scenes will be asked for.
+
+        Raises:
+            DomainError: there is no Episode, or it has no method for an action.
         """
-        episode: Any = type(self).Episode(self.world, seed, log)
-        return episode, {name: getattr(episode, name) for name in self.schema.vocabulary.actions}
+        kind = getattr(type(self), "Episode", None)
+        if kind is None:
+            raise DomainError(
+                f"Expected a class Episode in {type(self).__name__}, found none; write"
+                f" `Episode = ...` there{defined_in(type(self))}."
+            )
+        try:
+            episode: Any = kind(self.world, seed, log)
+        except TypeError as error:
+            _must_take(kind, 3, error, "an Episode that is made as Episode(world, seed, log)")
+            raise
+        return episode, {name: _leaf(episode, name) for name in self.schema.vocabulary.actions}
 
     def run_episode(
         self,
@@ -155,61 +179,170 @@ class Stepped:
         The ending is "time", or what `step` returned.
 
         Raises:
-            DomainError: a leaf returned no status, a key or counter is missing, or a key's value
-                is no finite number.
+            DomainError: a leaf returned no status, `sense` or `measures` not a number for each key
+                or counter, or `step` no text.
         """
         log = EventLog(self.rewards, self.schema, weights, observer)
         episode, leaves = self.begin(seed, log, watched=observer is not None)
+        try:
+            return self._run(episode, _Leaves(leaves, log), tree, log, observer)
+        except TypeError as error:
+            for name in ("sense", "step", "measures", "scene", *leaves):
+                if (method := leaves.get(name, getattr(episode, name, None))) is not None:
+                    _must_take(method, 0, error, f"a method {name} that is called as {name}()")
+            raise
+
+    def _run(
+        self, episode: Any, leaves: _Leaves, tree: Node, log: EventLog, observer: Observer | None
+    ) -> Outcome:
         step, measures = getattr(episode, "step", str), getattr(episode, "measures", dict)
         scene = getattr(episode, "scene", lambda: None)
-        keys, places = self.schema.vocabulary.keys, self.schema.vocabulary.places
+        places = self.schema.vocabulary.places
         board = [0.0] * len(places)
         watch = None if observer is None else observer.node
-        tick = compile_tree(tree, _Leaves(leaves, log), board, places, watch=watch)
+        tick = compile_tree(tree, leaves, board, places, watch=watch)
         done, ending = 0, ""
         while not ending and done < self.world.ticks:
             values = episode.sense()
             try:
-                board[:] = [float(values[key]) for key in keys]
-            except KeyError as error:
-                raise DomainError(
-                    f"Expected a value of the key {error.args[0]} from `sense`, found none."
-                ) from None
-            if not isfinite(sum(board)):
-                _must_be_finite(keys, board)
+                found = [values[key] for key in places]
+                if not isfinite(sum(found)) or len(values) != len(places):
+                    _must_be_values(self.schema.vocabulary.keys, values, episode.sense)
+            except (KeyError, TypeError, IndexError):
+                _must_be_values(self.schema.vocabulary.keys, values, episode.sense)
+                raise
+            board[:] = map(float, found)
             tick()
             done += 1
             if observer is not None:
                 observer.tick(board, scene())
             ending = step()
+            if ending and not isinstance(ending, str):
+                raise DomainError(_no_ending(ending, step))
         return Outcome(
             components=log.components,
-            counters=dict(_counters(self.schema, log, measures())),
+            counters=_counters(self.schema, log, measures),
             seconds=done * self.step_s,
             endings=(ending or "time",),
         )
 
 
-def _must_be_finite(keys: Mapping[str, Key], board: Sequence[float]) -> None:
-    """Raises DomainError for a value that no condition can ask for."""
-    for (name, key), found in zip(keys.items(), board, strict=True):
-        if not isfinite(found):
+def _must_last(kind: type, world: Any, step_s: Any) -> None:
+    """Raises DomainError for a tick, or an episode, that takes no time or for ever."""
+    if not (_is_number(step_s) and step_s > 0):
+        raise DomainError(
+            f"Expected a number of seconds above 0 as {kind.__name__}.step_s, found"
+            f" {step_s!r}{defined_in(kind)}."
+        )
+    ticks: Any = getattr(world, "ticks", None)
+    if not (_is_number(ticks) and ticks >= 1):
+        raise DomainError(
+            f"Expected the setting ticks of {type(world).__name__} to be a number of at least 1,"
+            f" found {ticks!r}; declare it as `ticks: int = Field(ge=1)`{defined_in(type(world))}."
+        )
+
+
+def _leaf(episode: Any, name: str) -> Leaf:
+    """The episode's method for an action. Raises DomainError where there is none."""
+    found = getattr(episode, name, None)
+    if not callable(found):
+        what = "none" if found is None else shown(found)
+        raise DomainError(
+            f"Expected a method {name} in {type(episode).__name__} for the action of that name,"
+            f" found {what}{defined_in(type(episode))}."
+        )
+    leaf: Leaf = found
+    return leaf
+
+
+def _must_take(function: Any, arguments: int, error: TypeError, expected: str) -> None:
+    """Raises DomainError where a TypeError is that of a call with other arguments."""
+    try:
+        signature(function).bind(*(None,) * arguments)
+    except TypeError as why:
+        raise DomainError(f"Expected {expected}, found: {why}{defined_in(function)}.") from error
+    except ValueError:  # it has no signature
+        return
+
+
+def _is_number(value: object) -> bool:
+    """Whether a value is a finite number: not text, and no array."""
+    if isinstance(value, float | int):  # the usual ones, quickly
+        return isfinite(value)
+    return isinstance(value, Real) and isfinite(value)
+
+
+def _near(name: object, known: Iterable[str]) -> str:
+    """The name that may have been meant, as a remedy; or ""."""
+    near = get_close_matches(str(name), [*known], 1, 0.6)
+    return f"; perhaps {near[0]} is meant" if near else ""
+
+
+def _must_be_values(keys: Mapping[str, Key], values: Any, sense: object) -> None:
+    """Raises DomainError for what `sense` returned, unless it is a number for each key."""
+    where = defined_in(sense)
+    if not isinstance(values, Mapping):
+        raise DomainError(
+            f"Expected a dict of values by key from `sense`, found {shown(values)}{where}."
+        )
+    for name, key in keys.items():
+        if name not in values:
+            raise DomainError(
+                f"Expected a value of the key {name} from `sense`, found none{where}."
+            )
+        if not _is_number(values[name]) and not _is_flag(values[name]):
             most = "" if key.most is None else f" and at most {key.most:g}"
             expected = "True or False" if key.flag else f"a number of at least {key.low:g}{most}"
             raise DomainError(
-                f"Expected {expected} as the value of the key {name} from `sense`, found {found}."
+                f"Expected {expected} as the value of the key {name} from `sense`, found"
+                f" {shown(values[name])}{where}."
             )
-
-
-def _counters(
-    schema: Schema, log: EventLog, measures: Mapping[str, float]
-) -> Iterator[tuple[str, float]]:
-    for name in schema.counters:
-        if name not in measures and name not in schema.events:
+    for name in values:
+        if name not in keys:
             raise DomainError(
-                f"Expected the counter {name} from `measures`, as no event has that name."
+                f"Expected values of the vocabulary's keys from `sense`, found {name!r} as well"
+                f"{_near(name, keys)}; declare it among the keys, or leave it out{where}."
             )
-        yield name, float(measures.get(name, log.counts[name]))
+
+
+def _is_flag(value: object) -> bool:
+    """Whether it is a truth value of NumPy's, which is none of Python's numbers."""
+    return type(value).__module__ == "numpy" and type(value).__name__ in ("bool", "bool_")
+
+
+def _no_ending(found: object, step: object) -> str:
+    hint = "; leave `yield` out of it" if isgenerator(found) else ""
+    return (
+        'Expected why the episode is over from `step`, a text, or "" to go on, found'
+        f" {shown(found)}{hint}{defined_in(step)}."
+    )
+
+
+def _counters(schema: Schema, log: EventLog, measures: Any) -> dict[str, float]:
+    """The value of each counter. Raises DomainError where `measures` gives no number for one."""
+    found = measures()
+    if fault := _wrong_measure(schema, found):
+        raise DomainError(f"{fault}{defined_in(measures)}.")
+    return {name: float(found.get(name, log.counts[name])) for name in schema.counters}
+
+
+def _wrong_measure(schema: Schema, found: Any) -> str:
+    """What is wrong with the values from `measures`, or ""."""
+    if not isinstance(found, Mapping):
+        return f"Expected a dict of values by counter from `measures`, found {shown(found)}"
+    for name, value in found.items():
+        if name not in schema.counters:
+            return (
+                f"Expected counters of the schema from `measures`, found {name!r}"
+                f"{_near(name, schema.counters)}; declare it among the counters, or leave it out"
+            )
+        if not _is_number(value) and not _is_flag(value):
+            expected = f"Expected a finite number as the counter {name} from `measures`"
+            return f"{expected}, found {shown(value)}"
+    for name in schema.counters:
+        if name not in found and name not in schema.events:
+            return f"Expected the counter {name} from `measures`, as it is no event, found none"
+    return ""
 
 
 class _Leaves(dict[str, Tick]):
@@ -225,15 +358,31 @@ class _Leaves(dict[str, Tick]):
 
         def tick(fresh: bool) -> int:
             log.action = name
-            status = call(fresh)
+            try:
+                status = call(fresh)
+            except Overdue as late:
+                late.action = late.action or name
+                raise
             log.action = ""
             if not isinstance(status, int) or not 0 <= status <= RUNNING:
+                if _is_flag(status):
+                    return int(bool(status))
                 raise DomainError(
-                    f"Expected True, False or RUNNING from the action {name}, found {status!r}."
+                    f"Expected True, False or RUNNING from the action {name}, found"
+                    f" {shown(status)}{_hint(status)}{defined_in(leaf)}."
                 )
             return int(status)
 
         return tick
+
+
+def _hint(status: object) -> str:
+    if isgenerator(status):
+        return "; write `return (yield from ...)` to run a generator of another method"
+    if iscoroutine(status):
+        status.close()
+        return "; write `def` in place of `async def`"
+    return "; return one in each branch" if status is None else ""
 
 
 def _generated(leaf: Callable[[], Generator[None, None, bool]]) -> Callable[[bool], Any]:

@@ -29,8 +29,9 @@ def version_1(record: Mapping[str, Any]) -> dict[str, Any]:
     s = dict(record["snapshot"])
     s.pop("overlapping", None)  # version 1 had one reading of diversity
     means = s.pop("counters", None) or {name: s.pop(name) for name in MEANS}
+    rest = {key: value for key, value in record.items() if key != "archive"}  # since version 3
     return {
-        **record,
+        **rest,
         "snapshot": {**s, **{name: means[name] for name in MEANS}},
         "individuals": [_individual(i) for i in record["individuals"]],
     }

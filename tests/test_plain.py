@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from islandgp.plain import made_of, must_fit
+from islandgp.plain import made_of, must_fit, nan_to_none
 
 TEXTS = st.lists(
     st.sampled_from(["\\", "u", "d8", '"', "\udcff", "\ud800", "\U0001f600", "é", "00"]), max_size=8
@@ -31,6 +31,13 @@ def test_any_text_that_json_writes_fits(text: str, as_bytes: bool) -> None:
     """Also the path of a folder whose name is no text."""
     written = json.dumps({"name": text, "n": 1, "more": text})
     must_fit(Named, written.encode() if as_bytes else written)
+
+
+def test_nan_is_null_at_every_depth() -> None:
+    """JSON has no NaN; infinite and other values stay as they are."""
+    nan = float("nan")
+    found = nan_to_none({"a": nan, "b": [1.5, nan, {"c": (nan, "x")}], "d": float("inf")})
+    assert found == {"a": None, "b": [1.5, None, {"c": [None, "x"]}], "d": float("inf")}
 
 
 @given(TEXTS, st.sampled_from([None, 1.5, "1", [], True]))

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from islandgp.records.folder import RunFolder
     from islandgp.scoring.classes import Classes
 
+TIMEOUT: Final = 600.0  # s that an episode may take
 EFFORT: Final = 20
 """Episodes of the race for each of --worlds."""
 
@@ -72,7 +73,7 @@ def command(
 
     runs = _finished(run)
     problem = Problem.recorded(runs[0].configuration())
-    with closing(Processes(problem, workers or cores())) as evaluator:
+    with closing(Processes(problem, workers or cores(), episode_timeout=TIMEOUT)) as evaluator:
         rows = list(_rows(runs, evaluator, tier, worlds))
     if output is not None:
         write_text(output, rows[0].tree)
@@ -112,7 +113,8 @@ def _must_be_alike(first: RunFolder, other: RunFolder) -> None:
 
 def _rows(runs: Sequence[RunFolder], evaluator: Evaluator, tier: str, worlds: int) -> Iterator[Row]:
     """The race's winner first, the others by falling mean in validation worlds."""
-    from islandgp.evolution.validation import interval, validate, worlds_of
+    from islandgp.evolution.evidence import interval
+    from islandgp.evolution.validation import validate, worlds_of
     from islandgp.scoring.classes import Classes, tiers
     from islandgp.seeding import Stream
     from islandgp.study.library import yardsticks

@@ -4,36 +4,104 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import redirect_stdout
 from dataclasses import asdict
-from typing import Any
+from io import StringIO
+from textwrap import indent
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from islandgp.bt.node import STATUS_NAMES
-from islandgp.commands.setting import Chosen, configured, with_domain_options
+from islandgp.bt.node import STATUS_NAMES, Node
+from islandgp.commands.domain_trees import own_trees
+from islandgp.commands.files import FILE, STDIN, called, read_text, read_tree
+from islandgp.commands.setting import (
+    Chosen,
+    configured,
+    domain_file,
+    settings_of,
+    with_domain_options,
+    with_timeout_option,
+)
 from islandgp.domain import Domain, Schema
+from islandgp.plugin import shown
+
+if TYPE_CHECKING:
+    from islandgp.config.settings import Settings
 
 
 @click.command()
-@click.argument("name", required=False)
+@click.argument("words", nargs=-1, metavar="[NAME] [TREE.bt]...")
 @click.option("--check", is_flag=True, help="Run the contract's tests against the domain.")
+@click.option("--strict", is_flag=True, help="With --check: exit code 1 for what was not reached.")
 @click.option("--json", "as_json", is_flag=True, help="Print the declaration as JSON.")
+@click.option("--yaml", "as_yaml", is_flag=True, help="Print the domain's file of configuration.")
 @with_domain_options
-def command(name: str | None, check: bool, as_json: bool, chosen: Chosen) -> None:
+@with_timeout_option
+def command(
+    words: tuple[str, ...],
+    check: bool,
+    strict: bool,
+    as_json: bool,
+    as_yaml: bool,
+    chosen: Chosen,
+    timeout: float,
+) -> None:
     """Show the actions, keys, events and counters of the domain NAME; default: the island.
 
-    With --check: exit code 1 when the domain breaks its contract.
+    With --check: run trees and test what a domain promises. The trees are those of the library,
+    the .bt files beside the domain's module that name it, the files given here, each action,
+    random trees and growing sequences of actions. What none of them reaches is listed. Exit
+    code 1 when the domain breaks its contract.
     """
-    named = (f"domain={name}",) if name else ()
-    domain = configured((*named, *chosen.overrides), chosen.config_dir).make_domain()
+    name, files = _parted(words)
+    if files and not check:
+        raise click.UsageError(f"expected --check with tree files, found {files[0]} without it")
+    if strict and not check:
+        raise click.UsageError("expected --check with --strict, found --strict alone")
+    if sum((check, as_json, as_yaml)) > 1:
+        raise click.UsageError("expected one of --check, --json and --yaml, found more")
+    if as_yaml:
+        click.echo(domain_file(name, chosen).read_text(encoding="utf-8"), nl=False)
+        return
+    settings = _settings(name, files, chosen)
+    domain = settings.make_domain()
     if check:
-        sys.exit(_check(domain))
+        sys.exit(_check(settings, domain, files, strict=strict, timeout=timeout))
     if as_json:
         click.echo(json.dumps(_plain(domain.schema), indent=1))
         return
     for line in _lines(domain.schema):
         click.echo(line)
+
+
+def _parted(words: Sequence[str]) -> tuple[str, list[str]]:
+    """The name of the domain, "" where none is given, and the files of trees."""
+    first = words[0] if words else ""
+    named = bool(first) and not first.endswith(".bt") and first != STDIN
+    context = click.get_current_context(silent=True)
+    files = [str(FILE.convert(word, None, context)) for word in words[named:]]
+    return first if named else "", files
+
+
+def _settings(name: str, files: Sequence[str], chosen: Chosen) -> Settings:
+    """The settings of the named domain, or of the one that the first file is for."""
+    if name or not files:
+        named = (f"domain={name}",) if name else ()
+        return configured((*named, *chosen.overrides), chosen.config_dir)
+    return settings_of(read_text(files[0]), chosen, name=called(files[0]))
+
+
+class _Printed(StringIO):
+    """Takes what a domain prints, and keeps the first of it."""
+
+    first = ""
+
+    def write(self, text: str) -> int:
+        """See `io.TextIOBase`."""
+        self.first = self.first or text.strip()
+        return len(text)
 
 
 def _lines(schema: Schema) -> Iterator[str]:
@@ -62,18 +130,48 @@ def _plain(schema: Schema) -> dict[str, Any]:
     return found
 
 
-def _check(domain: Domain) -> int:
+def _check(
+    settings: Settings, domain: Domain, files: Sequence[str], *, strict: bool, timeout: float
+) -> int:
     """Runs the contract suite; returns the exit code."""
     from islandgp.testing.domain_suite import DomainSuite, run_suite
 
-    class Suite(DomainSuite):
-        def make_domain(self) -> Domain:
-            return domain
+    words = domain.schema.vocabulary
+    given = [read_tree(file, words) for file in files]
+    found = own_trees(settings, domain)
+    for line in found.left_out:
+        click.echo(f"left out: {line}")
 
-    faults = 0
-    for promise, fault in run_suite(Suite()):
+    class Suite(DomainSuite):
+        episode_timeout = timeout
+
+        def make_domain(self) -> Domain:
+            return settings.make_domain()
+
+        def own_trees(self, domain: Domain) -> Iterator[Node]:  # noqa: ARG002 -- the suite's
+            yield from dict.fromkeys((*given, *found.trees))
+
+    suite = Suite()
+    faults, printed = 0, _Printed()
+    promises = run_suite(suite)
+    while True:
+        with redirect_stdout(printed):
+            promise, fault = next(promises, ("", ""))
+        if not promise:
+            break
         click.echo(f"{'FAILED' if fault else 'ok':<6}  {promise}")
         if fault:
             faults += 1
-            click.echo(f"        {fault.splitlines()[0]}")
-    return 1 if faults else 0
+            click.echo(indent(fault, " " * 8))
+    if printed.first:
+        click.echo(f"\nIts code prints while episodes run, e.g. {shown(printed.first.strip())}")
+    if not suite.trees_run:
+        click.echo("The other promises are checked as soon as the episode of a tree runs.")
+        return 1
+    unseen = list(suite.unseen())
+    if unseen:
+        click.echo(f"\nNot reached by any of {suite.trees_run} trees:")
+        for line in unseen:
+            click.echo(f"  {line}")
+        click.echo("Give a tree that reaches it: islandgp domain NAME --check TREE.bt")
+    return 1 if faults or (strict and unseen) else 0

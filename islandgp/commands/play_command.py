@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterable, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
-from math import isfinite
+from math import isfinite, isnan, nan
 from statistics import fmean, stdev
 from typing import TYPE_CHECKING, Final
 
@@ -20,11 +20,15 @@ from islandgp.commands.files import FILE, called, read_tree
 from islandgp.commands.rerun import with_rerun_option
 from islandgp.commands.setting import (
     Chosen,
+    NotNegative,
     stage_index,
     tree_in_domain,
     with_domain_options,
     with_stage_option,
+    with_timeout_option,
 )
+from islandgp.errors import EvaluationError
+from islandgp.plain import nan_to_none
 
 if TYPE_CHECKING:
     from rich.console import Console, JustifyMethod
@@ -36,6 +40,7 @@ Named = Iterable[tuple[str, Sequence[float]]]
 """Values by name, one in each world."""
 
 GAP: Final = 2  # letters between two columns
+MOST_SECONDS: Final = 1e6  # of an episode, as evaluators have it
 ENDLESS: Final = 100_000  # letters of a line where the output is a file or a pipe
 
 
@@ -46,13 +51,12 @@ ENDLESS: Final = 100_000  # letters of a line where the output is a file or a pi
 )
 @click.option("--watch", is_flag=True, help="Follow one episode in the terminal.")
 @click.option("--seed", type=click.IntRange(0), default=0, help="World of --watch; default: 0.")
-@click.option(
-    "--speed", type=click.FloatRange(0), default=10.0, help="Of --watch; 0: without waiting."
-)
+@click.option("--speed", type=NotNegative(), default=10.0, help="Of --watch; 0: without waiting.")
 @click.option("--json", "as_json", is_flag=True, help="Print the outcomes as JSON.")
 @with_rerun_option
 @with_domain_options
 @with_stage_option
+@with_timeout_option
 def command(
     files: tuple[str, ...],
     seeds: int,
@@ -62,6 +66,7 @@ def command(
     as_json: bool,
     chosen: Chosen,
     stage: int | None,
+    timeout: float,
 ) -> None:
     """Run the tree in each of FILES in the worlds 0, 1, 2, ...
 
@@ -72,12 +77,13 @@ def command(
     if watch and len(files) > 1:
         raise click.UsageError(f"expected one FILE for --watch, found {len(files)}")
     tree, settings, problem = tree_in_domain(files[0], chosen)
+    settings = _limited(settings, timeout)
     index = stage_index(settings, stage)
     if watch:
         from islandgp.viewer.recording import record
         from islandgp.viewer.watch import watch as show
 
-        recording = record(tree, problem, seed=seed, stage=index)
+        recording = record(tree, problem, seed=seed, stage=index, limit=timeout)
         show(recording, speed=speed or 10.0, pause=time.sleep if speed else lambda _: None)
         return
     others = [read_tree(file, problem.domain.schema.vocabulary) for file in files[1:]]
@@ -88,7 +94,7 @@ def command(
         if as_json:
             rows = [_compared(own, points[0]) for own in points]
             named = [{"file": name, **row} for name, row in zip(names, rows, strict=True)]
-            click.echo(json.dumps(named, indent=2))
+            click.echo(json.dumps(nan_to_none(named), indent=2))
         else:
             _print_comparison(names, points)
         return
@@ -101,8 +107,11 @@ def command(
 
 
 def _compared(own: Sequence[float], first: Sequence[float]) -> dict[str, float]:
-    """Mean fitness and mean paired difference to the first tree, each with its 95 % interval."""
-    from islandgp.evolution.validation import interval
+    """Mean fitness and mean paired difference to the first tree, each with its 95 % interval.
+
+    The ends of an interval are nan where there is one world.
+    """
+    from islandgp.evolution.evidence import interval
 
     pairs = [a - b for a, b in zip(own, first, strict=True)]
     names = ("fitness", "fitness_low", "fitness_high")
@@ -138,15 +147,17 @@ def _print_comparison(names: Sequence[str], points: Sequence[Sequence[float]]) -
             f"\nMeans over the worlds 0 to {worlds - 1}; differences are to the first tree in the"
             " same worlds, with Student's t."
         )
+    else:
+        console.print("\nOne world has no interval; --seeds N takes more.")
 
 
 def _with_intervals(rows: Sequence[dict[str, float]], what: str, worlds: int) -> tuple[str, ...]:
-    """Means of `fitness` or `difference`, each with its interval where there are two worlds."""
+    """Means of `fitness` or `difference`, each with its interval; a dash where there is none."""
     flat = numbers([row[what + end] for row in rows for end in ("", "_low", "_high")])
     columns = flat[::3], flat[1::3], flat[2::3]
     mean, low, high = (max(map(len, cells), default=0) for cells in columns)
     return tuple(
-        f"{a:>{mean}} ({b:>{low}} to {c:>{high}})" if worlds > 1 else a
+        f"{a:>{mean}} ({b:>{low}} to {c:>{high}})" if worlds > 1 else f"{a:>{mean}} (-)"
         for a, b, c in zip(*columns, strict=True)
     )
 
@@ -156,24 +167,43 @@ def _outcomes(tree: Node, settings: Settings, seeds: int, stage: int) -> list[Ou
     from rich.console import Console
     from rich.progress import Progress
 
-    from islandgp.evaluation.base import Job
+    from islandgp.evaluation.base import KEPT, Job
     from islandgp.running.run import make_evaluator
 
     jobs = [Job(to_text(tree), stage, seed) for seed in range(seeds)]
     if seeds < 4:  # quicker than starting processes
-        serial = settings.evaluator.model_validate(
-            {"factory": "islandgp.evaluation.serial:Serial", "cache": False, "policy": {}}
-        )
-        settings = settings.model_copy(update={"evaluator": serial})
+        settings = _serial(settings)
     outcomes: list[Outcome] = []
     console = Console(stderr=True)
     bar = Progress(console=console, disable=not console.is_terminal, transient=True)
     with closing(make_evaluator(settings)) as evaluator, bar:
         task = bar.add_task("episodes", total=seeds)
         for start in range(0, seeds, 16):
-            outcomes += evaluator.evaluate(jobs[start : start + 16])
+            try:
+                outcomes += evaluator.evaluate(jobs[start : start + 16])
+            except EvaluationError as error:  # the tree is that of the file
+                raise EvaluationError(str(error).partition(KEPT)[0]) from error
             bar.update(task, completed=len(outcomes))
     return outcomes
+
+
+def _limited(settings: Settings, seconds: float) -> Settings:
+    """The settings with an evaluator that takes so long for an episode, where it has a limit."""
+    part = settings.evaluator
+    if "episode_timeout" not in part.factory.Settings.model_fields:
+        return settings
+    limit = {**part.policy, "episode_timeout": min(seconds, MOST_SECONDS)}
+    evaluator = part.model_copy(update={"policy": limit})
+    return settings.model_copy(update={"evaluator": evaluator})
+
+
+def _serial(settings: Settings) -> Settings:
+    """The settings with the evaluator of this process, and the limit that there is."""
+    policy = {k: v for k, v in settings.evaluator.policy.items() if k == "episode_timeout"}
+    serial = settings.evaluator.model_validate(
+        {"factory": "islandgp.evaluation.serial:Serial", "cache": False, "policy": policy}
+    )
+    return settings.model_copy(update={"evaluator": serial})
 
 
 def standard_output() -> Console:
@@ -200,6 +230,8 @@ def _print(outcomes: Sequence[Outcome], schema: Schema, settings: Settings, stag
     reached = [tiers(outcome, settings.classes) for outcome in outcomes]
     counts = [f"{tier} {sum(tier in r for r in reached)}" for tier in settings.classes.tiers]
     console.print(f"Tiers, of {len(outcomes)} worlds: {', '.join(counts)}")
+    if len(outcomes) == 1:
+        console.print("One world has no standard deviation; --seeds N takes more.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -271,12 +303,15 @@ def fitting(columns: Sequence[Column], width: int) -> tuple[list[Column], list[s
 
 
 def numbers(values: Sequence[float]) -> list[str]:
-    """Numbers of one kind with the same digits: none behind the point if all of them are whole."""
+    """Numbers of one kind with the same digits: none behind the point if all of them are whole.
+
+    What is not known (nan) is a dash.
+    """
     from islandgp.viewer.recording import digits
 
     finite = [value for value in values if isfinite(value)]
     places = 0 if all(value == int(value) for value in finite) else digits(finite)
-    return [f"{value:,.{places}f}" for value in values]
+    return ["-" if isnan(value) else f"{value:,.{places}f}" for value in values]
 
 
 def _points(outcomes: Sequence[Outcome]) -> Named:
@@ -296,7 +331,7 @@ def _counts(outcomes: Sequence[Outcome], schema: Schema) -> Named:
 def _summary(title: str, rows: Named) -> list[Column]:
     """Mean and spread over the worlds, a row for each name."""
     names, values = zip(*rows, strict=True)
-    cells = [numbers([fmean(v), stdev(v) if len(v) > 1 else 0.0, min(v), max(v)]) for v in values]
+    cells = [numbers([fmean(v), stdev(v) if len(v) > 1 else nan, min(v), max(v)]) for v in values]
     headings = ("mean", "sd", "least", "most")
     columns = zip(headings, zip(*cells, strict=True), strict=True)
     return [Column(title, names, right=False), *(Column(*column) for column in columns)]

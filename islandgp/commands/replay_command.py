@@ -13,6 +13,7 @@ from islandgp.commands.setting import (
     tree_in_domain,
     with_domain_options,
     with_stage_option,
+    with_timeout_option,
 )
 
 
@@ -23,8 +24,15 @@ from islandgp.commands.setting import (
 @click.option("--title", help="Default: the file's name.")
 @with_domain_options
 @with_stage_option
+@with_timeout_option
 def command(
-    file: str, seed: int, output: str, title: str | None, chosen: Chosen, stage: int | None
+    file: str,
+    seed: int,
+    output: str,
+    title: str | None,
+    chosen: Chosen,
+    stage: int | None,
+    timeout: float,
 ) -> None:
     """Run the tree in FILE in one world, and write a page that shows it.
 
@@ -35,7 +43,8 @@ def command(
     from islandgp.viewer.recording import record
 
     tree, settings, problem = tree_in_domain(file, chosen)
-    recording = record(tree, problem, seed=seed, stage=stage_index(settings, stage))
+    index = stage_index(settings, stage)
+    recording = record(tree, problem, seed=seed, stage=index, limit=timeout)
     text = page(recording, title=title or Path(called(file)).stem)
     write_text(output, text)
     if output != STDIN:

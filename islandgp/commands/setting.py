@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import cache, wraps
 from importlib import import_module
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -92,6 +94,34 @@ with_stage_option = click.option(
     help="Stage of the curriculum (Table 2) that scores the episode, from 1; default: the last.",
 )
 """Adds --stage: `stage_index` reads it."""
+
+TIMEOUT: Final = 30.0  # s
+
+
+class NotNegative(click.FloatRange):
+    """A number of at least 0; "nan" is none."""
+
+    def __init__(self) -> None:
+        super().__init__(min=0)
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """The number. Raises click.BadParameter."""
+        found = super().convert(value, param, ctx)
+        if isnan(found):
+            self.fail(f"{value!r} is not a number of at least 0.", param, ctx)
+        return float(found)
+
+
+with_timeout_option = click.option(
+    "--timeout",
+    type=NotNegative(),
+    default=TIMEOUT,
+    show_default=True,
+    help="Seconds that an episode may take; 0: any time.",
+)
+"""Adds --timeout, in seconds."""
 
 
 def configured(overrides: Sequence[str], config_dir: str | None = None) -> Settings:
@@ -187,6 +217,24 @@ def _for_tree(text: str, chosen: Chosen, name: str) -> tuple[str, ...]:
 def configured_domains(config_dir: str | None) -> list[str]:
     """The domains that a tree can be for."""
     return sorted(_domain_files(config_dir))
+
+
+def domain_file(name: str, chosen: Chosen) -> Path:
+    """The file of configuration of a domain; of "", that of the one which the options choose.
+
+    Raises ConfigError where there is none.
+    """
+    given = [word.lstrip("+").partition("=") for word in chosen.overrides]
+    named = [value for key, _, value in given if key == "domain"]
+    name = name or (named[-1] if named else default_domain())
+    files = _domain_files(chosen.config_dir)
+    if name not in files:
+        near = get_close_matches(name, files, 1, 0.5)
+        hint = f"did you mean {near[0]}? " if near else ""
+        raise ConfigError(
+            f"domain={name}: unknown option; {hint}there are {', '.join(sorted(files))}"
+        )
+    return files[name]
 
 
 def default_domain() -> str:

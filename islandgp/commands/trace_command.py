@@ -9,10 +9,12 @@ import click
 from islandgp.commands.files import FILE
 from islandgp.commands.setting import (
     Chosen,
+    NotNegative,
     stage_index,
     tree_in_domain,
     with_domain_options,
     with_stage_option,
+    with_timeout_option,
 )
 
 
@@ -20,13 +22,20 @@ from islandgp.commands.setting import (
 @click.argument("file", type=FILE)
 @click.option("--seed", type=click.IntRange(0), default=0, help="Of the world; default: 0.")
 @click.option(
-    "--from", "begin", type=click.FloatRange(0), default=0.0, help="Start of the timeline, in s."
+    "--from", "begin", type=NotNegative(), default=0.0, help="Start of the timeline, in s."
 )
-@click.option("--to", "end", type=click.FloatRange(0), default=inf, help="End of it, in s.")
+@click.option("--to", "end", type=NotNegative(), default=inf, help="End of it, in s.")
 @with_domain_options
 @with_stage_option
+@with_timeout_option
 def command(
-    file: str, seed: int, begin: float, end: float, chosen: Chosen, stage: int | None
+    file: str,
+    seed: int,
+    begin: float,
+    end: float,
+    chosen: Chosen,
+    stage: int | None,
+    timeout: float,
 ) -> None:
     """Run the tree in FILE in one world, and tell what each node did.
 
@@ -42,7 +51,8 @@ def command(
     from islandgp.viewer.trace import components, courses, drawn, timeline
 
     tree, settings, problem = tree_in_domain(file, chosen)
-    recording = record(tree, problem, seed=seed, stage=stage_index(settings, stage))
+    index = stage_index(settings, stage)
+    recording = record(tree, problem, seed=seed, stage=index, limit=timeout)
     console = Console(soft_wrap=True, highlight=False)
     outcome = recording.outcome
     console.print(

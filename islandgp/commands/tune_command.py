@@ -1,18 +1,15 @@
-"""`islandgp tune`: a tree with better numbers."""
+"""`islandgp tune`: a tree with better thresholds."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
-from importlib.util import find_spec
-from pathlib import Path
-from statistics import fmean
+from time import monotonic
 from typing import TYPE_CHECKING, Final
 
 import click
 
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.numbers import Number, numbers_of, with_numbers
+from islandgp.bt.language import parse
 from islandgp.bt.printer import number_text
 from islandgp.commands.files import FILE, OUTPUT, STDIN, called, folder_of, read_text, write_text
 from islandgp.commands.setting import (
@@ -22,12 +19,17 @@ from islandgp.commands.setting import (
     with_domain_options,
     with_stage_option,
 )
-from islandgp.errors import ConfigError, IslandError
+from islandgp.errors import IslandError
 
 if TYPE_CHECKING:
     from islandgp.config.settings import Settings
-    from islandgp.evaluation.base import Evaluator
-    from islandgp.running.tuning import RaceState
+    from islandgp.search.numbers import (
+        Evaluate,
+        MeanInterval,
+        NumberComparison,
+        NumberSettings,
+        Tuned,
+    )
 
 MOST: Final = 100  # numbers of a file that are tuned at a time
 
@@ -36,202 +38,155 @@ MOST: Final = 100  # numbers of a file that are tuned at a time
 @click.argument("file", type=FILE)
 @click.option("-o", "--output", type=OUTPUT, default=STDIN, help="File to write.")
 @click.option(
-    "--worlds",
-    type=click.IntRange(2, 10_000),
-    default=30,
+    "--episodes",
+    type=click.IntRange(1, 1_000_000),
+    default=9_600,
     show_default=True,
-    help="Worlds to tune in; as many others choose among the best, and as many tell what that is"
-    " worth.",
+    help="Most episodes, in all: four fifths search, the rest chooses and compares.",
 )
 @click.option(
-    "--trials",
-    type=click.IntRange(1, 10_000),
-    default=50,
+    "--worlds",
+    type=click.IntRange(2, 1_000),
+    default=16,
     show_default=True,
-    help="Proposals of other numbers.",
+    help="New worlds of each generation of the search.",
 )
-@click.option("--seed", type=click.IntRange(0), default=0, help="Of worlds and proposals.")
+@click.option("--seed", type=click.IntRange(0), default=0, help="Of the worlds and the search.")
 @with_domain_options
 @with_stage_option
 def command(
     file: str,
     output: str,
+    episodes: int,
     worlds: int,
-    trials: int,
     seed: int,
     chosen: Chosen,
     stage: int | None,
 ) -> None:
-    """Tune the numbers of the tree in FILE: thresholds and counts of repeaters.
+    """Tune the thresholds of the tree in FILE by CMA-ES, from the numbers that are written.
 
-    Everything else stays as it is written: names of constants, comments, subtrees. Numbers of
-    included files stay, too. The tree is printed, or written with -o; what it is worth in
-    worlds in which it was not tuned is told on the standard error. Ctrl-C keeps the best so far.
+    Everything else stays as it is written: names of constants, comments, subtrees, counts of
+    repeaters, what `==` and `!=` compare, and included files. New numbers are written only if
+    they are better in worlds that were not used to find them; the tree is printed, or written
+    with -o. The comparison and the cost are reported on the standard error. Ctrl-C writes nothing.
     """
-    if find_spec("optuna") is None:
-        raise ConfigError("Expected Optuna, found it not installed; pip install 'islandgp[optuna]'")
-    from islandgp.evolution.validation import worlds_of
-    from islandgp.running.run import make_evaluator
-    from islandgp.running.tuning import choose
-    from islandgp.seeding import Stream
+    from islandgp.search.numbers import NumberSettings, thresholds_of, tuned
 
     text, name, folder = read_text(file), called(file), folder_of(file)
     settings = settings_of(text, chosen, name=name)
     index = stage_index(settings, stage)
-    ranges = _ranges(text, name, folder, settings)
-    if not ranges:
-        click.echo(f"{name}: there is no number to tune.", err=True)
-        write_text(output, text)
-        return
-    tuning = worlds_of(seed, frozenset(), worlds, Stream.TUNING)
-    choosing = worlds_of(seed, frozenset(tuning), worlds, Stream.VALIDATION)
-    telling = worlds_of(seed, frozenset((*tuning, *choosing)), worlds, Stream.TEST)
-    tree = _Tree(text, [number for number, _ in ranges], name, folder)
-    allowed = [values for _, values in ranges]
-    standing, stopped = _raced(tree, allowed, tuning, settings, index, trials, seed)
-    best = standing.finalists[0]
-    finalists = tuple(dict.fromkeys((tree.written, *standing.finalists)))
-    try:
-        with closing(make_evaluator(settings)) as evaluator:
-            best = choose(tree.canonical, finalists, choosing, evaluator, index)
-    except KeyboardInterrupt:
-        stopped = True
-    write_text(output, tree.text(best))
-    _tell_race(standing, worlds, tree.numbers, best)
-    if best != tree.written:
-        with closing(make_evaluator(settings)) as evaluator:
-            _tell_worth(tree, best, telling, evaluator, index)
-    if stopped:
-        raise click.Abort
-
-
-def _ranges(
-    text: str, name: str, folder: Path, settings: Settings
-) -> list[tuple[Number, tuple[float, ...]]]:
-    """The numbers of a tree that can be another one, each with the values that it may have.
-
-    Raises:
-        TreeError: the text is no tree of the domain.
-        IslandError: there are more of them than MOST.
-    """
-    from islandgp.running.tuning import choices
-
     words = settings.problem().domain.schema.vocabulary
     parse(text, words, name=name, folder=folder)
-    numbers = numbers_of(text, words, name=name, folder=folder)
-    ranges = [(number, choices(number, words, settings.gp.trees.repeats)) for number in numbers]
-    found = [(number, values) for number, values in ranges if len(values) > 1]
-    if len(found) > MOST:
-        raise IslandError(
-            f"{name}: expected at most {MOST} numbers to tune, found {len(found)}; give those that"
-            " belong together one name: constant NAME = NUMBER."
+    thresholds = thresholds_of(text, words, name=name, folder=folder)
+    if not thresholds:
+        click.echo(
+            f"{name}: there is no number to tune: no key is compared with one by <, <=, > or >=.",
+            err=True,
         )
-    return found
+        write_text(output, text)
+        return
+    if len(thresholds) > MOST:
+        raise IslandError(
+            f"{name}: expected at most {MOST} numbers to tune, found {len(thresholds)}; give those"
+            " that belong together one name: constant NAME = NUMBER."
+        )
+    search = NumberSettings(episodes=episodes, worlds=worlds)
+    _report_plan(search, len(thresholds))
+    start = monotonic()
+
+    def tune(evaluate: Evaluate, progress: Callable[[int], None]) -> Tuned:
+        return tuned(
+            text,
+            evaluate,
+            words,
+            search,
+            seed=seed,
+            name=name,
+            folder=folder,
+            progress=progress,
+        )
+
+    found = _with_episodes(tune, settings, index, episodes)
+    write_text(output, found.text)
+    _report(found, monotonic() - start)
 
 
-class _Tree:
-    """The tree of a file with any numbers."""
-
-    def __init__(self, text: str, numbers: Sequence[Number], name: str, folder: Path) -> None:
-        self.numbers = numbers
-        self.written = tuple(number.value for number in numbers)
-        self._text, self._name, self._folder = text, name, folder
-
-    def text(self, values: Sequence[float]) -> str:
-        """The file with these numbers."""
-        return with_numbers(self._text, self.numbers, values)
-
-    def canonical(self, values: Sequence[float]) -> str:
-        """The whole tree, as jobs have it. Raises LimitError where it gets too long."""
-        return to_text(parse(self.text(values), name=self._name, folder=self._folder))
-
-
-def _raced(
-    tree: _Tree,
-    allowed: Sequence[Sequence[float]],
-    worlds: Sequence[int],
+def _with_episodes(
+    tune: Callable[[Evaluate, Callable[[int], None]], Tuned],
     settings: Settings,
     stage: int,
-    trials: int,
-    seed: int,
-) -> tuple[RaceState, bool]:
-    """How the race ended, and whether it was stopped by Ctrl-C.
-
-    Raises:
-        KeyboardInterrupt: it was stopped before anything was known.
-    """
+    episodes: int,
+) -> Tuned:
+    """Calls `tune` with the evaluator of the settings, and with a progress bar on a terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
+    from islandgp.evaluation.base import evaluated
     from islandgp.running.run import make_evaluator
-    from islandgp.running.tuning import race
 
-    standing: RaceState | None = None
     console = Console(stderr=True)
-    columns = (BarColumn(20), MofNCompleteColumn(), TextColumn("{task.description}"))
+    columns = (BarColumn(20), MofNCompleteColumn(), TextColumn("episodes"))
     progress = Progress(*columns, console=console, disable=not console.is_terminal, transient=True)
-    try:
-        with closing(make_evaluator(settings)) as evaluator, progress as bar:
-            task = bar.add_task("trials", total=trials)
-            for standing in race(
-                tree.canonical,
-                tree.written,
-                allowed,
-                worlds,
-                evaluator,
-                stage=stage,
-                trials=trials,
-                seed=seed,
-            ):
-                done = standing.trials - 1
-                bar.update(task, completed=done, description=f"trials, {standing.gained:+,.6g}")
-    except KeyboardInterrupt:
-        if standing is None:
-            raise
-        return standing, True
-    assert standing is not None
-    return standing, False
+    with closing(make_evaluator(settings)) as evaluator, progress as bar:
+        task = bar.add_task("", total=episodes)
+
+        def points(trees: Sequence[str], worlds: Sequence[int]) -> list[list[float]]:
+            found = evaluated(evaluator, trees, stage, worlds)
+            return [[outcome.fitness for outcome in outcomes] for outcomes in found]
+
+        return tune(points, lambda done: bar.update(task, completed=done))
 
 
-def _tell_race(
-    standing: RaceState, worlds: int, numbers: Sequence[Number], best: Sequence[float]
-) -> None:
-    """What was tried, and a line for each number."""
+def _report_plan(settings: NumberSettings, numbers: int) -> None:
+    """What the search may cost. Raises ConfigError where the episodes are too few."""
+    plan = settings.plan(numbers)
     click.echo(
-        f"{standing.trials - 1} trials in {worlds} worlds: {standing.different - 1} different,"
-        f" {standing.dropped} given up early, {standing.episodes} episodes.",
+        f"{numbers} {'number' if numbers == 1 else 'numbers'} to tune in at most"
+        f" {settings.episodes:,} episodes: {plan.generations} generations of {plan.population}"
+        f" trees in {settings.worlds} worlds, a race, a comparison in {plan.comparing} worlds.",
         err=True,
     )
-    for number, value in zip(numbers, best, strict=True):
+
+
+def _report(found: Tuned, seconds: float) -> None:
+    """A line for each number, the comparison, and the cost."""
+    for threshold, value in zip(found.thresholds, found.values, strict=True):
+        number = threshold.number
         became = "stays" if value == number.value else f"becomes {number_text(value)}"
         click.echo(
             f"  line {number.line}: {number.label} {number_text(number.value)} {became}", err=True
         )
-    if all(value == number.value for number, value in zip(numbers, best, strict=True)):
-        click.echo("Nothing better was found.", err=True)
-
-
-def _tell_worth(
-    tree: _Tree, best: Sequence[float], worlds: Sequence[int], evaluator: Evaluator, stage: int
-) -> None:
-    """The paired difference to the tree as it was, in worlds in which it was not tuned."""
-    from islandgp.evaluation.base import Job
-    from islandgp.evolution.validation import interval
-    from islandgp.viewer.recording import digits
-
-    texts = [tree.canonical(values) for values in (tree.written, best)]
-    outcomes = evaluator.evaluate([Job(text, stage, world) for text in texts for world in worlds])
-    before = [outcome.fitness for outcome in outcomes[: len(worlds)]]
-    after = [outcome.fitness for outcome in outcomes[len(worlds) :]]
-    differences = [b - a for a, b in zip(before, after, strict=True)]
-    places = digits([*before, *after])
-    found = interval(differences)
-    mean, low, high = (f"{each:+,.{places}f}" for each in found)
-    won = sum(difference > 0 for difference in differences)
+    if found.comparison is None:
+        click.echo("Nothing better was found: the written numbers won the race.", err=True)
+    else:
+        _report_comparison(found.comparison)
+    costs = found.costs
     click.echo(
-        f"In {len(worlds)} worlds that chose nothing: {fmean(after):,.{places}f} points, {mean} to"
-        f" the tree as it was (95 %: {low} to {high}), better in {won}.",
+        f"Cost: {costs.total:,} episodes ({costs.search:,} search, {costs.race:,} race,"
+        f" {costs.comparison:,} comparison), {seconds:.1f} s.",
         err=True,
     )
-    if found[1] <= 0 <= found[2]:
-        click.echo("That may be chance: the interval holds 0.", err=True)
+
+
+def _report_comparison(comparison: NumberComparison) -> None:
+    """Means and the paired difference, each with its 95 % interval."""
+    from islandgp.viewer.recording import digits
+
+    means = comparison.written, comparison.tuned
+    places = digits([end for mean in means for end in mean])
+
+    def shown(mean: MeanInterval, sign: str = "") -> str:
+        middle, low, high = (f"{end:{sign},.{places}f}" for end in mean)
+        return f"{middle} points (95 %: {low} to {high})"
+
+    click.echo(f"In {comparison.worlds} worlds that were not used before:", err=True)
+    click.echo(f"  before: {shown(comparison.written)}", err=True)
+    click.echo(f"  after: {shown(comparison.tuned)}", err=True)
+    click.echo(
+        f"  difference: {shown(comparison.difference, '+')}, better in {comparison.better} worlds",
+        err=True,
+    )
+    if not comparison.accepted:
+        click.echo(
+            "Nothing better was found: the difference may be chance, so the numbers stay.", err=True
+        )

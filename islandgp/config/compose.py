@@ -22,7 +22,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
 from islandgp.config.errors import MISTAKES, explain, parsed, unresolved
-from islandgp.config.settings import Settings, read_settings
+from islandgp.config.settings import Settings, read_settings, with_generations
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError
 from islandgp.records.parameters import (
@@ -194,7 +194,9 @@ def _must_be_called(choice: str, settings: Settings) -> None:
 
 def plain(config: DictConfig) -> dict[str, Any]:
     """A composed configuration as plain values. Raises ConfigError."""
-    return {key: value for key, value in _resolved(config).items() if key != "hydra"}
+    return dict(
+        with_generations({k: value for k, value in _resolved(config).items() if k != "hydra"})
+    )
 
 
 def read(config: DictConfig) -> tuple[dict[str, Any], Settings]:

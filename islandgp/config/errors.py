@@ -139,7 +139,7 @@ def explain(error: Exception, overrides: Sequence[str], source: ConfigSource) ->
     if match := re.search(r"Could not override '([^']+)'", text):
         if source.options(match[1]):
             return (
-                f"{match[1]}: expected a group that the domain's file chooses an option of, found"
+                f"{match[1]}: expected a group that the chosen files have an option of, found"
                 f" none; write +{match[1]}=OPTION for an option on top of that file"
             )
         return _unknown(match[1], _chosen(overrides, source))

@@ -25,13 +25,16 @@ from pydantic import (
 from islandgp.domain import Domain, Schema
 from islandgp.errors import ConfigError, IslandError
 from islandgp.evaluation.base import Problem, staged
-from islandgp.evolution.plan import GP, Allocation, Plan, Switches
+from islandgp.evolution.archive import ArchiveSettings
+from islandgp.evolution.plan import GP, Allocation, Budget, Plan, Stop, Switches
 from islandgp.evolution.random_trees import check_growth
-from islandgp.plugin import Part, Plugin, blaming, imported, path_of
+from islandgp.plugin import Part, Plugin, blaming, defined_in, imported, path_of
 from islandgp.records.files import VALUES
 from islandgp.scoring.classes import CLASS_NAME, Classes
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.scoring.rewards import RewardTable
+from islandgp.search.base import SEARCHES, USES
+from islandgp.search.breeding import Breeding
 from islandgp.supervision.base import SUPERVISES
 from islandgp.supervision.library import LibrarySettings
 
@@ -73,6 +76,38 @@ class SupervisorSettings(Switches, Part, frozen=True, extra="forbid"):
     name: str = Field(pattern=r"^[a-z][a-z0-9_]*$")  # in records, tags and folders' names
 
 
+class SearchSettings(Part, frozen=True, extra="forbid"):
+    """The group `search`: the class that decides which trees are evaluated."""
+
+    needs = SEARCHES
+
+    name: str = Field(pattern=r"^[a-z][a-z0-9_]*$")  # in tags and tables
+    ranking: Literal["evidence", "fitness"] = "evidence"
+    """Which trees race for the best robot: those with the best evidence over all generations, or
+    the fittest of each generation and of each behaviour."""
+
+    @field_validator("factory")
+    @classmethod
+    def _is_a_search(cls, factory: Any) -> Any:
+        uses = getattr(factory, "uses", None)
+        if not (isinstance(uses, frozenset) and uses <= USES):
+            words = ", ".join(map(repr, sorted(USES)))
+            raise ValueError(
+                f"expected {factory!r} with a class attribute uses, a frozenset of some of {words},"
+                f" found {uses!r}"
+            )
+        if not hasattr(factory, "Memory"):
+            raise ValueError(
+                f"expected {factory!r} with a class attribute Memory, the type of the state that a"
+                " checkpoint keeps, found none"
+            )
+        return factory
+
+
+PAPERS: Final = {"name": "paper", "factory": "islandgp.search.paper:Paper", "ranking": "fitness"}
+"""The search of configurations that name none: those of versions before 0.3."""
+
+
 class EvaluatorSettings(Part, frozen=True, extra="forbid"):
     """The group `evaluator`."""
 
@@ -95,6 +130,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
         default_factory=dict
     )
     objectives: tuple[str, ...] = Field(("best",), min_length=1)  # keys of records.files.values
+    start: str | None = Field(None, min_length=1)  # a run whose archive opens generation 0
     domain: DomainSettings
     world: Any  # the domain's own World
     rewards: Any  # the domain's own Rewards
@@ -103,6 +139,10 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     library: LibrarySettings
     allocation: Allocation
     gp: GP
+    budget: Budget = Budget()
+    stop: Stop = Stop()
+    search: SearchSettings = SearchSettings.model_validate(PAPERS)
+    archive: ArchiveSettings = ArchiveSettings()
     supervisor: SupervisorSettings
     evaluator: EvaluatorSettings
     tracking: TrackingSettings
@@ -132,13 +172,27 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
                 f"tags.{taken[0]}: expected a name of your own, found one that every run has;"
                 " take another one"
             )
+        if self.start is not None and self.gp.founders:
+            raise ValueError(
+                "gp.founders: expected one source of trees that open the population, found start"
+                " as well; leave one of the two out"
+            )
         known = {*VALUES, *(f"first.{name}" for name in self.classes.milestones)}
         for name in self.objectives:
             if name not in known:
                 raise ValueError(
                     f"objectives: expected names among {', '.join(sorted(known))}, found {name}"
                 )
-        check_growth(self.gp.trees, self.gp.limits, self.gp.mutation.subtree_depth)
+        if self.stop.tier is not None and self.stop.tier not in self.classes.tiers:
+            raise ValueError(
+                f"stop.tier: expected one of {', '.join(self.classes.tiers)},"
+                f" found {self.stop.tier!r}"
+            )
+        mutations = {"gp.mutation": self.gp.mutation}
+        if isinstance(how := getattr(self.search.settings(), "breeding", None), Breeding):
+            mutations["search.policy.breeding.mutation"] = how.mutation
+        for path, mutation in mutations.items():
+            check_growth(self.gp.trees, self.gp.limits, mutation.subtree_depth, path)
         return self
 
     def make_domain(self) -> Domain:
@@ -146,10 +200,12 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
         factory = self.domain.factory
         with blaming(path_of(factory)):
             domain: Domain = factory.make(self.world, self.rewards)
-            if not isinstance(domain.schema, Schema):
+            schema = getattr(domain, "schema", None)
+            if not isinstance(schema, Schema):
+                found = "none" if schema is None else type(schema).__name__
                 raise ConfigError(
                     f"domain.factory: expected {path_of(factory)} with a schema that is a Schema,"
-                    f" found {type(domain.schema).__name__}"
+                    f" found {found}{defined_in(factory)}"
                 )
         return domain
 
@@ -168,6 +224,9 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
             curriculum=self.curriculum,
             classes=self.classes,
             switches=self.supervisor,
+            budget=self.budget,
+            stop=self.stop,
+            archive=self.archive,
         )
 
 
@@ -178,13 +237,32 @@ def read_settings(config: Mapping[str, Any]) -> Settings:
         ConfigError: with one line for each wrong key or value.
     """
     try:
-        settings = Settings(**config)
+        settings = Settings(**with_generations(config))
     except ValidationError as error:
         raise ConfigError("\n".join(sorted(set(_lines(error, config))))) from None
     wrong = list(_counted(config, settings)) or list(_faults(settings))
     if wrong:
         raise ConfigError("\n".join(wrong))
     return settings
+
+
+def with_generations(config: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The configuration with `gp.generations` as `budget.episodes` allows, if that is set.
+
+    A configuration whose values cannot be read is returned as it is: reading it reports them.
+    """
+    try:
+        budget = Budget(**config["budget"])
+        if budget.episodes is None:
+            return config
+        gp = GP(**config["gp"])
+    except (KeyError, TypeError, ValidationError):
+        return config
+    try:
+        found = budget.generations(gp.population, gp.episodes, gp.validation)
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+    return {**config, "gp": {**config["gp"], "generations": found}}
 
 
 def _faults(settings: Settings) -> Iterator[str]:
@@ -195,6 +273,11 @@ def _faults(settings: Settings) -> Iterator[str]:
         yield from settings.rewards.faults(schema)
     yield from settings.curriculum.faults(schema)
     yield from settings.classes.faults(schema)
+    search = settings.search.settings()
+    if hasattr(search, "faults"):
+        with blaming(path_of(settings.search.factory)):
+            yield from search.faults(schema)
+    yield from settings.archive.faults(schema)
 
 
 def _staged_worlds(settings: Settings, schema: Schema) -> Iterator[str]:

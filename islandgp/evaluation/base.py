@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
-from sysconfig import get_path
-from traceback import extract_tb
 from typing import Any, Final, Protocol, Self
 
 from pydantic import BaseModel
@@ -15,10 +12,11 @@ from pydantic import BaseModel
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node
 from islandgp.domain import Domain, Outcome
-from islandgp.errors import EvaluationError, RunError, brief
+from islandgp.errors import LONGER, EvaluationError, RunError, TimeLimitError, brief
 from islandgp.plain import UNREADABLE
-from islandgp.plugin import imported
+from islandgp.plugin import imported, raised_in
 from islandgp.scoring.curriculum import Curriculum
+from islandgp.time_limit import TimeLimit
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,18 +143,26 @@ def _tree(text: str) -> Node:
     return parse(text)
 
 
-def simulate(problem: Problem, job: Job) -> Outcome:
+def simulate(problem: Problem, job: Job, limit: float = 0) -> Outcome:
     """One job's outcome: a function of its arguments alone.
+
+    `limit`: seconds that the episode may take, as in `TimeLimit`; 0: any time.
 
     Raises:
         EvaluationError: whatever goes wrong; the message names the tree and the world seed.
     """
     weights = problem.curriculum.multipliers(job.stage)
     try:
-        outcome = problem.at(job.stage).run_episode(_tree(job.tree), job.seed, weights)
+        tree = _tree(job.tree)
+        with TimeLimit(limit):
+            outcome = problem.at(job.stage).run_episode(tree, job.seed, weights)
+    except TimeLimitError as late:
+        raise EvaluationError(blame(job, f"{late.found}; {LONGER}")) from None
     except (Exception, SystemExit) as error:  # a simulator may call sys.exit
         what = f"{type(error).__name__}: {str(error).rstrip('.')}{raised_in(error)}"
         raise EvaluationError(blame(job, what)) from error
+    if not isinstance(outcome, Outcome):
+        raise EvaluationError(blame(job, f"{outcome!r:.200}; return an Outcome from run_episode"))
     if not abs(outcome.fitness) < MOST_POINTS:
         what = f"{outcome.fitness} points; lower the rewards, or mend the domain's amounts"
         raise EvaluationError(blame(job, what))
@@ -166,26 +172,16 @@ def simulate(problem: Problem, job: Job) -> Outcome:
 MOST_POINTS: Final = 1e100  # of an episode: statistics square them
 
 
-KNOWN: Final = (
-    Path(__file__).parents[1],
-    *(Path(get_path(name)) for name in ("stdlib", "purelib", "platlib")),
-)
-"""Folders of code that is not the user's own."""
-
-
-def raised_in(error: BaseException) -> str:
-    """The place in the user's own code that an error came from, ", in FILE, line N"; or ""."""
-    frames = extract_tb(error.__traceback__)
-    own = [f for f in frames if not any(Path(f.filename).is_relative_to(k) for k in KNOWN)]
-    return f", in {own[-1].filename}, line {own[-1].lineno}" if own else ""
-
-
 def blame(job: Job, what: str) -> str:
     """The message of an error that names its job."""
     return (
         f"Expected an outcome from world seed {job.seed}, stage {job.stage}, found {what}."
-        f" The run keeps what it has; this is the tree:\n{job.tree}"
+        f"{KEPT}{job.tree}"
     )
+
+
+KEPT: Final = " The run keeps what it has; this is the tree:\n"
+"""Before the tree in the message of an error that names its job."""
 
 
 class Cached:

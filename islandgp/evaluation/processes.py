@@ -59,7 +59,10 @@ def _watch(parent: int) -> None:
 
 ENDING: Final = 1.0  # s that workers may take to end by themselves
 
+GRACE: Final = 2.0  # s that a worker has to report an episode that takes too long
+
 _problem: Problem | None = None  # a worker's own copy
+_limit = 0.0  # s that an episode of a worker may take; 0: any time
 
 
 def cores() -> int:
@@ -67,12 +70,12 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _start(problem: Problem) -> None:
-    global _problem
+def _start(problem: Problem, limit: float) -> None:
+    global _problem, _limit
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
     killed_with_parent()  # the server of forks, which ends with the run
     Thread(target=_end_with_parent, daemon=True).start()
-    _problem = problem
+    _problem, _limit = problem, limit
 
 
 def _end_with_parent() -> None:
@@ -85,7 +88,7 @@ def _end_with_parent() -> None:
 
 def _run(job: Job) -> Outcome:
     assert _problem is not None
-    return simulate(_problem, job)
+    return simulate(_problem, job, _limit)
 
 
 class ProcessesSettings(BaseModel, frozen=True, extra="forbid"):
@@ -121,7 +124,9 @@ class Processes:
         if os.name == "posix":
             own = ["islandgp.evaluation.forked", "islandgp.evaluation.processes"]
             context.set_forkserver_preload([*own, type(self.problem.domain).__module__])
-        return ProcessPoolExecutor(self.workers, context, _start, (self.problem,))
+        return ProcessPoolExecutor(
+            self.workers, context, _start, (self.problem, self.episode_timeout)
+        )
 
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
         """See `Evaluator`."""
@@ -144,9 +149,13 @@ class Processes:
             raise BrokenProcessPool(str(error)) from error
 
     def _result(self, job: Job, future: Future[Outcome], done: dict[Job, Outcome]) -> Outcome:
-        """Waits for a job. Those before it have ended, so it is at work from now on at least."""
+        """Waits for a job. Those before it have ended, so it is at work from now on at least.
+
+        A worker ends an episode that takes too long by itself, unless it cannot.
+        """
+        limit = self.episode_timeout + GRACE if self.episode_timeout else None
         try:
-            done[job] = future.result(self.episode_timeout or None)
+            done[job] = future.result(limit)
         except TimeoutError:
             self._renew()
             raise EvaluationError(

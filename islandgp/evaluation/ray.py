@@ -38,6 +38,7 @@ class RaySettings(BaseModel, frozen=True, extra="forbid"):
     cpus: float = Field(gt=0, le=64)  # of an episode
     retries: int = Field(ge=0, le=100)  # of an episode whose worker died
     workers: int = Field(ge=0, le=1024)  # of a local cluster; 0: one for each core
+    episode_timeout: float = Field(600, ge=0, le=1e6)  # s until an episode is given up; 0: never
 
 
 class Ray:
@@ -57,6 +58,7 @@ class Ray:
             EvaluationError: Ray is not installed, or there is no cluster at the address.
         """
         self.simulated = 0
+        self._limit = settings.episode_timeout
         self._looked = monotonic()
         self._ray, self._ours = _connect(settings)
         remote = settings.address.startswith("ray://")  # whose own address is another network's
@@ -72,7 +74,7 @@ class Ray:
         if monotonic() > self._looked + LOOK:
             self._must_be_there()  # tasks go on for a minute without the head; then Ray ends us
             self._looked = monotonic()
-        futures = [self._task.remote(self._problem, job) for job in jobs]
+        futures = [self._task.remote(self._problem, job, self._limit) for job in jobs]
         try:
             return [self._result(job, f) for job, f in zip(jobs, futures, strict=True)]
         except BaseException:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pydantic import BaseModel
+from pydantic import BaseModel, Field
 
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Job, Problem, simulate
 
 
 class SerialSettings(BaseModel, frozen=True, extra="forbid"):
-    """Nothing to choose."""
+    """How long an episode may take."""
+
+    episode_timeout: float = Field(600, ge=0, le=1e6)  # s until an episode is given up; 0: never
 
 
 class Serial:
@@ -20,18 +22,20 @@ class Serial:
     Settings = SerialSettings
 
     @classmethod
-    def make(cls, settings: SerialSettings, problem: Problem) -> Serial:  # noqa: ARG003 -- the protocol's
+    def make(cls, settings: SerialSettings, problem: Problem) -> Serial:
         """See `Evaluator`."""
-        return cls(problem)
+        return cls(problem, episode_timeout=settings.episode_timeout)
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, *, episode_timeout: float = 0) -> None:
+        """An episode that takes more than `episode_timeout` seconds ends the run; 0: none does."""
         self.problem = problem
+        self.episode_timeout = episode_timeout
         self.simulated = 0
 
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
         """See `Evaluator`."""
         self.simulated += len(jobs)
-        return [simulate(self.problem, job) for job in jobs]
+        return [simulate(self.problem, job, self.episode_timeout) for job in jobs]
 
     def close(self) -> None:
         """See `Evaluator`."""

@@ -11,14 +11,28 @@ from typing import Annotated, Any, Final
 from pydantic import Field
 
 from islandgp.evolution.record import IndividualRecord
-from islandgp.evolution.validation import Validation
+
+
+@dataclass(frozen=True, slots=True)
+class _Validated:
+    """What is read of `evolution.validation.Validation`; an interval of one world is null."""
+
+    worlds: tuple[int, ...]
+    mean: float
+    low: float | None
+    high: float | None
+    reached: dict[str, float]
+    yardstick: str = ""
+    difference: float = 0.0
+    difference_low: float | None = 0.0
+    difference_high: float | None = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class _Best:
     generation: int
     record: IndividualRecord
-    validation: Validation | None
+    validation: _Validated | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +61,7 @@ class RunMetadata:
     identity: str  # hash of all configuration that shapes the records
     tags: dict[str, str]
     domain_code: str = ""  # digest of the domain's source; "" for the package's own domains
+    start: str = ""  # digest of the archive that it starts from; "" for none
 
 
 def score(summary: Mapping[str, Any]) -> float:

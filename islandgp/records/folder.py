@@ -22,6 +22,8 @@ from filelock import FileLock, Timeout
 from islandgp.errors import BusyError, IslandError, RunError, brief
 from islandgp.evolution.record import Cost, GenerationRecord, RunState, Step
 from islandgp.plain import must_fit, typed
+from islandgp.records.archive_file import NAME as ARCHIVE
+from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.checkpoint import (
     damaged,
     read_checkpoint,
@@ -55,6 +57,8 @@ OWN: Final = (
     "costs.jsonl",
     "checkpoint.json",
     "best.bt",
+    "archive.json",
+    "run.html",
     "summary.json",
     "error.txt",
 )
@@ -291,9 +295,11 @@ class RunFolder:
             return int(self.summary()["generations"])
         return _generation(self._checkpoint) or _generation(self._previous)
 
-    def finish(self, summary: dict[str, Any]) -> None:
-        """Writes lineage and summary, and throws the checkpoints away. Raises RunError."""
+    def finish(self, summary: dict[str, Any], archive: ArchiveFile | None = None) -> None:
+        """Write archive, lineage and summary, and remove the checkpoints. Raises RunError."""
         with usable(self.path):
+            if archive is not None:
+                write_atomic(self.path / ARCHIVE, archive.to_bytes())
             self._restore_best(summary["champion"]["record"]["tree"])
             _write_lineage(self.path / "lineage.csv", self.records())
             write_atomic(self.path / "summary.json", pretty({**summary, "records": self._digest}))

@@ -9,6 +9,7 @@ from typing import Any, Final
 from islandgp.domain import total
 from islandgp.evolution.record import Champion
 from islandgp.evolution.validation import Best
+from islandgp.plain import nan_to_none
 from islandgp.records.files import answers, fallback_share
 from islandgp.records.folder import RunFolder
 from islandgp.supervision.state_json import title
@@ -42,7 +43,8 @@ def summary(
         "champion": {
             "generation": best.generation,
             "record": dict(best.record),
-            "validation": None if best.validation is None else asdict(best.validation),
+            # An interval of one world is nan, which JSON does not have.
+            "validation": None if best.validation is None else nan_to_none(asdict(best.validation)),
         },
         "fittest": asdict(fittest),
         "first": first,
@@ -126,7 +128,7 @@ def validated(champion: Mapping[str, Any]) -> Iterator[str]:
         return
     yield (
         f"{best}: {v['mean']:,.0f} points on {len(v['worlds'])} unseen worlds of the last stage"
-        + (f" (95 %: {v['low']:,.0f} to {v['high']:,.0f})" if len(v["worlds"]) > 1 else "")
+        f"{_interval(v, '', ',.0f')}"
     )
     shares = [f"{title(tier)} in {share:.0%}" for tier, share in v["reached"].items() if share]
     if shares:
@@ -134,5 +136,13 @@ def validated(champion: Mapping[str, Any]) -> Iterator[str]:
     if v["yardstick"]:
         yield (
             f"Against the tree {v['yardstick']} in the same worlds: {v['difference']:+,.0f} points"
-            f" (95 %: {v['difference_low']:+,.0f} to {v['difference_high']:+,.0f})"
+            f"{_interval(v, 'difference_', '+,.0f')}"
         )
+
+
+def _interval(v: Mapping[str, Any], what: str, form: str) -> str:
+    """A 95 % interval in brackets, or why there is none."""
+    low, high = v[f"{what}low"], v[f"{what}high"]
+    if len(v["worlds"]) < 2 or low is None or high is None:
+        return " (no interval: one world)"
+    return f" (95 %: {low:{form}} to {high:{form}})"

@@ -16,6 +16,7 @@ from uuid import uuid4
 from islandgp.config.settings import Settings
 from islandgp.errors import RunError
 from islandgp.plugin import path_of
+from islandgp.records.archive_file import read_archive
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import flatten, machinery, shape
@@ -43,6 +44,8 @@ def choose(folder: RunFolder, settings: Settings, config: Mapping[str, Any]) -> 
     about = folder.about()
     if about is not None and about.domain_code not in ("", domain_code(settings)):
         changed.append(f"domain.factory: the code of {path_of(settings.domain.factory)}")
+    if about is not None and _start_changed(settings, about.start, folder.finished()):
+        changed.append(f"start: the content of the archive in {settings.start}")
     if changed and (settings.resume != "force" or folder.finished()):
         state = "the finished run" if folder.finished() else "the run"
         raise RunError(
@@ -53,6 +56,21 @@ def choose(folder: RunFolder, settings: Settings, config: Mapping[str, Any]) -> 
     if folder.finished():
         folder.summary()
     return folder
+
+
+def start_digest(settings: Settings) -> str:
+    """A digest of the archive that a run starts from, "" for none. Raises RunError."""
+    return "" if settings.start is None else read_archive(Path(settings.start))[1]
+
+
+def _start_changed(settings: Settings, before: str, finished: bool) -> bool:
+    """Whether the archive differs from the one that the run began with. Raises RunError."""
+    try:
+        return start_digest(settings) != before
+    except RunError:
+        if finished:  # it needs it no more
+            return False
+        raise
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
@@ -77,7 +95,9 @@ def about_run(
 ) -> RunMetadata:
     """The same id and start as before, where a run goes on."""
     before = target.about()
-    shaping = shape(config)
+    shaping, start = shape(config), start_digest(settings)
+    if start:
+        shaping["start"] = start  # wherever the archive is
     alike = {key: value for key, value in shaping.items() if key not in {"seed", "name"}}
     return RunMetadata(
         id=before.id if before else uuid4().hex,
@@ -97,6 +117,7 @@ def about_run(
             "config": _hash(alike),  # the same for all seeds
         },
         domain_code=domain_code(settings),
+        start=start,
     )
 
 

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import sys
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -16,28 +13,37 @@ from typing import Any
 import yaml
 
 from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import Node, size, within
+from islandgp.bt.node import Node, within
 from islandgp.config.settings import Settings
 from islandgp.domain import Domain
-from islandgp.errors import ConfigError
 from islandgp.evaluation.base import Cached, Evaluator
+from islandgp.evolution.archive import Elite, archive_record
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.plan import Plan
 from islandgp.evolution.record import Champion, Step
-from islandgp.evolution.single_behaviours import single_behaviours
-from islandgp.evolution.validation import Best, Validation, candidates, validate
+from islandgp.evolution.validation import (
+    Best,
+    Validation,
+    candidates,
+    candidates_by_evidence,
+    validate,
+)
 from islandgp.evolution.validation import worlds_of as validation_worlds
-from islandgp.plain import must_fit
 from islandgp.plugin import blaming, path_of
-from islandgp.records.checkpoint import reading, write_atomic
+from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import redacted
+from islandgp.running.automatic_library import automatic_library
+from islandgp.running.page_writer import PageWriter
 from islandgp.running.progress import Progress
 from islandgp.running.report import is_mostly_fallback, report, summary
-from islandgp.running.resume import about_run, choose, domain_code
+from islandgp.running.resume import about_run, choose
+from islandgp.running.start import start_trees
+from islandgp.search.base import Search, SearchContext
 from islandgp.supervision.base import RunContext, Service, Supervisor, Witness
 from islandgp.supervision.library import Library, library_folder, read_library, read_tree
 from islandgp.tracking.base import Tracker
+from islandgp.viewer.run_page import NAME_OF_PAGE
 
 
 class Pruned(Exception):
@@ -84,72 +90,26 @@ def make_library(settings: Settings, domain: Domain) -> Library:
     """
     how, vocabulary = settings.library, domain.schema.vocabulary
     if how.folder is None:
-        return automatic_library(settings, domain)
+        return automatic_library(settings, domain, lambda: make_evaluator(settings))
     folder = library_folder(how.folder, domain)
     return read_library(how, folder, vocabulary, settings.classes)
 
 
 def plan_of(settings: Settings, domain: Domain) -> Plan:
-    """What a run is made of, the library's trees included where they open the population."""
+    """What a run is made of, with the trees that open its population: a library's or an archive's.
+
+    Raises ConfigError, RunError, TreeError where these cannot be had.
+    """
     plan = settings.plan(domain)
+    if settings.start is not None:
+        taken = start_trees(settings.start, plan.vocabulary, plan.gp.limits, plan.gp.population)
+        return replace(plan, founders=taken.trees)
     if not settings.gp.founders:
         return plan
     library = make_library(settings, domain)
     names = dict.fromkeys(name for target in library.targets.values() for name in target)
     trees = (library.trees[name] for name in names)
     return replace(plan, founders=tuple(t for t in trees if within(t, plan.gp.limits)))
-
-
-def automatic_library(settings: Settings, domain: Domain) -> Library:
-    """A tree for each behaviour, searched for once and kept in `runs` for all runs that are alike.
-
-    Raises ConfigError where no tree shows any behaviour.
-    """
-    shape = settings.model_dump(
-        mode="json",
-        include={
-            "domain": True,
-            "world": True,
-            "rewards": True,
-            "curriculum": {"stages"},
-            "classes": {"behaviours"},
-            "gp": {"trees", "mutation", "max_depth", "max_nodes"},
-        },
-    )
-    key = json.dumps([shape, repr(domain.schema), domain_code(settings)])
-    digest = hashlib.sha256(key.encode()).hexdigest()[:16]
-    file = Path(settings.runs) / ".libraries" / f"{digest}.json"
-    if not file.exists():
-        behaviours = len(settings.classes.behaviours)
-        print("islandgp: searching for a tree of each behaviour, once", file=sys.stderr)
-        stages = settings.curriculum.stages
-        space = settings.plan(domain).space
-        # Where stages change the world, a behaviour is easiest to find in the first one.
-        stage = 0 if any(s.world for s in stages) else len(stages) - 1
-        found: dict[str, Node] = {}
-        with closing(make_evaluator(settings)) as evaluator:
-            search = single_behaviours(
-                settings.classes, space, settings.gp.mutation, evaluator, stage
-            )
-            for n, (name, tree) in enumerate(search, 1):
-                if tree is not None:
-                    found[name] = tree
-                if settings.progress != "off":
-                    said = "no tree found" if tree is None else f"a tree of {size(tree)} nodes"
-                    print(f"islandgp: {name}: {said} ({n} of {behaviours})", file=sys.stderr)
-        file.parent.mkdir(parents=True, exist_ok=True)
-        plain = {name: to_text(tree) for name, tree in found.items()}
-        write_atomic(file, json.dumps(plain, indent=1).encode())
-    with reading("a library that was searched for", file):
-        texts = must_fit(dict[str, str], file.read_bytes())
-    if not texts:
-        raise ConfigError(
-            "library: expected to find a tree that shows one of the behaviours"
-            f" ({', '.join(settings.classes.behaviours)}), found none; write one, and name its"
-            " folder in library.folder."
-        )
-    trees = {name: parse(text, domain.schema.vocabulary) for name, text in texts.items()}
-    return Library(trees, texts, {name: (name,) for name in trees}, {})
 
 
 def make_supervisor(settings: Settings, folder: Path | None) -> Supervisor:
@@ -167,18 +127,37 @@ def make_supervisor(settings: Settings, folder: Path | None) -> Supervisor:
 def check_ready(settings: Settings, coming: frozenset[Path] = frozenset()) -> None:
     """Raises SupervisionError where the supervisor could not work, e.g. without a key.
 
-    A tracker that could not raises TrackingError. `coming` are the folders of the runs that the
+    A tracker that could not raises TrackingError, a search ConfigError, an archive to start from
+    that cannot be had RunError or ConfigError. `coming` are the folders of the runs that the
     same command makes before this one.
     """
+    if settings.start is not None:
+        plan_of(settings, settings.make_domain())
     tracking = settings.tracking
     if hasattr(tracking.factory, "ready"):
         with blaming(path_of(tracking.factory)):
             tracking.factory.ready(tracking.settings(), Path.cwd())
+    make_search(settings, settings.plan(settings.make_domain()))
     part = settings.supervisor
     if hasattr(part.factory, "ready"):
         with blaming(path_of(part.factory)):
             context = replace(run_context(settings), coming=coming)
             part.factory.ready(part.settings(), context)
+
+
+def make_search(settings: Settings, plan: Plan) -> Search:
+    """The search that the settings choose. Raises ConfigError, TreeError, PartError."""
+    part = settings.search
+
+    def library() -> Mapping[str, Node]:
+        """The trees of the library's folder; {} where there is none, as finding some is costly."""
+        if settings.library.folder is None:
+            return {}
+        return make_library(settings, settings.make_domain()).trees
+
+    with blaming(path_of(part.factory)):
+        search: Search = part.factory.make(part.settings(), SearchContext(plan, library))
+    return search
 
 
 def make_evaluator(settings: Settings) -> Evaluator:
@@ -221,10 +200,10 @@ def run(
         target.open(yaml.safe_dump(config, sort_keys=False), about)
         if target.finished():  # by the process that had the folder until now
             return _complete(target, tracker)
-        status = Status.FAILED
+        status, page = Status.FAILED, PageWriter(target)
         tracker.start(target)
         try:
-            _evolve(settings, target, supervisor, tracker, keep_display, judge)
+            _evolve(settings, target, supervisor, tracker, page, keep_display, judge)
             status = Status.FINISHED
         except (KeyboardInterrupt, Pruned):
             status = Status.KILLED
@@ -233,7 +212,10 @@ def run(
             target.fail(error)
             raise
         finally:
-            where = tracker.finish(status)
+            try:
+                page.end(status)
+            finally:
+                where = tracker.finish(status)
     finally:
         target.close()
     return _end(target, where)
@@ -247,6 +229,8 @@ def _end(target: RunFolder, *more: str) -> End:
 def _complete(target: RunFolder, tracker: Tracker) -> End:
     """A finished run as it is; the tracker sends what is missing of it."""
     target.restore()
+    if not (target.path / NAME_OF_PAGE).exists():  # of an older version
+        PageWriter(target).end(Status.FINISHED)
     tracker.start(target)
     where = tracker.finish(Status.FINISHED)
     again = "This run was complete already; resume=never runs it again."
@@ -258,6 +242,7 @@ def _evolve(
     target: RunFolder,
     supervisor: Supervisor,
     tracker: Tracker,
+    page: PageWriter,
     keep_display: bool,
     judge: Judge | None,
 ) -> None:
@@ -273,9 +258,14 @@ def _evolve(
             judge(record["snapshot"]["generation"], record["snapshot"]["best"])
     evaluator = make_evaluator(settings)
     fittest: Champion | None = None
+    stopped = ""
+    elites: tuple[Elite, ...] = ()
     plan = plan_of(settings, settings.make_domain())
     past = target.generations() if done and isinstance(supervisor, Witness) else ()
-    steps = evolve(plan, settings.seed, supervisor, evaluator, start=start, past=past)
+    search = make_search(settings, plan)
+    steps = evolve(
+        plan, settings.seed, supervisor, evaluator, search=search, start=start, past=past
+    )
     written: Future[None] = Future()
     written.set_result(None)
     try:
@@ -293,9 +283,9 @@ def _evolve(
         ):
             for step in steps:
                 written.result()
-                written = writer.submit(_write, target, step, tracker)
+                written = writer.submit(_write, target, step, tracker, page)
                 progress.show(step)
-                fittest = step.champion
+                fittest, stopped, elites = step.champion, step.stopped, step.archive
                 if judge is not None:
                     written.result()
                     judge(step.record.snapshot.generation, step.record.snapshot.best)
@@ -306,7 +296,11 @@ def _evolve(
         steps.close()  # now, and not when the interpreter ends
         evaluator.close()
     most = settings.supervisor.policy.get("most_fallback")  # None: a supervisor without a fallback
-    target.finish(summary(target, fittest, best, settings.classes.milestones, most))
+    axes, floor = plan.archive.axes(plan.classes), plan.archive.floor
+    counts = archive_record(elites, axes, floor=floor)
+    archive = ArchiveFile.of(plan.vocabulary.domain, axes, floor, elites, counts)
+    end = summary(target, fittest, best, settings.classes.milestones, most)
+    target.finish({**end, "stopped": stopped} if stopped else end, archive)
 
 
 def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> Best:
@@ -314,8 +308,11 @@ def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> B
 
     With gp.validation=0 it is the fittest individual of the last stage.
     """
-    found = candidates(target.records(), settings.classes)
-    episodes = round(settings.gp.validation * settings.gp.episodes_in_all)
+    if settings.search.ranking == "evidence":
+        found = candidates_by_evidence(target.records())
+    else:
+        found = candidates(target.records(), settings.classes)
+    episodes = validation_episodes(settings, target)
     verdict: Validation | None = None
     if episodes < len(found):
         winner = max(found, key=lambda c: c.trained)
@@ -339,6 +336,14 @@ def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> B
     return Best(winner.generation, own, verdict)
 
 
+def validation_episodes(settings: Settings, target: RunFolder) -> int:
+    """Episodes in which the run chooses its best robot; of a budget all that is left."""
+    if settings.gp.validation == 0 or settings.budget.episodes is None:
+        return round(settings.gp.validation * settings.gp.episodes_in_all)
+    spent = sum(int(cost["episodes"]) for cost in target.costs())
+    return settings.budget.episodes - spent
+
+
 def _yardstick(settings: Settings) -> tuple[str, str] | None:
     """Name and canonical text of the tree that best robots are compared with, if there is one."""
     how, domain = settings.library, settings.make_domain()
@@ -349,6 +354,7 @@ def _yardstick(settings: Settings) -> tuple[str, str] | None:
     return name, to_text(parse(text, domain.schema.vocabulary, name=name))
 
 
-def _write(target: RunFolder, step: Step, tracker: Tracker) -> None:
+def _write(target: RunFolder, step: Step, tracker: Tracker, page: PageWriter) -> None:
     target.append(step)
     tracker.generation()
+    page.generation()

@@ -27,6 +27,7 @@ class Curriculum(BaseModel, frozen=True, extra="forbid"):
 
     generations_per_epoch: int = Field(ge=1)  # as long as an epoch lasts
     stages: tuple[Stage, ...] = Field(min_length=1)
+    last_only: bool = False  # every generation belongs to the last stage
 
     @model_validator(mode="after")
     def _no_gaps(self) -> Curriculum:
@@ -53,7 +54,9 @@ class Curriculum(BaseModel, frozen=True, extra="forbid"):
         return max(1, -(-generation // self.generations_per_epoch))
 
     def stage(self, generation: int) -> int:
-        """Index of the stage of a generation; the last one holds for ever."""
+        """Index of the stage of a generation; the last one has no end."""
+        if self.last_only:
+            return len(self.stages) - 1
         epoch = self.epoch(generation)
         for i, stage in enumerate(self.stages):
             if epoch <= stage.epochs[1]:

@@ -112,7 +112,7 @@ class RecordedCalls:
                 f"Expected the recorded request in {name} for the {call}, found another one:\n"
                 + difference(done[-1].request, request)
                 + "\nA replay needs the code, the prompts, the configuration and the seed of the"
-                " recorded run."
+                " recorded run, and its answers as they were."
             )
         return same[-1].answer
 

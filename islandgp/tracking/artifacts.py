@@ -5,17 +5,16 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
 from islandgp.bt.language import parse
 from islandgp.bt.render import to_svg
-from islandgp.evaluation.base import Problem
 from islandgp.records.files import RunMetadata, fallback_words, score
 from islandgp.records.folder import RunFolder, Status
 from islandgp.supervision.state_json import title
 from islandgp.tracking.chart import Line, Panel, svg
+from islandgp.viewer.champion import champion_replay
 
 FILES: Final = (
     "best.bt",
@@ -23,6 +22,8 @@ FILES: Final = (
     "generations.jsonl",
     "costs.jsonl",
     "summary.json",
+    "archive.json",
+    "run.html",
     "transcript.jsonl",
 )
 """Files of the folder that are sent as they are. Not error.txt, which the note tells: MLflow
@@ -55,23 +56,7 @@ def artifacts(folder: RunFolder) -> Iterator[Artifact]:
         yield Artifact("best.bt.txt", lambda: text)  # MLflow shows .txt, not .bt
         yield Artifact("best.svg", lambda: to_svg(parse(text)))
     if folder.finished():
-        yield Artifact("replay.html", lambda: _replay(folder))
-
-
-def _replay(folder: RunFolder) -> str:
-    """The champion's episode, in the world and the stage in which it became the champion."""
-    from islandgp.viewer.page import page
-    from islandgp.viewer.recording import record as recorded
-
-    champion = folder.summary()["champion"]
-    config = folder.configuration()
-    generation, slot = (int(part) for part in champion["record"]["id"].split("."))
-    (record,) = islice(folder.records(generation), 1)
-    worlds = record["worlds"]
-    place = 0 if config["gp"]["common_world"] else slot * config["gp"]["episodes"]
-    tree, problem = parse(champion["record"]["tree"]), Problem.recorded(config)
-    episode = recorded(tree, problem, seed=worlds[place], stage=record["snapshot"]["stage"])
-    return page(episode, title=f"{folder.path.name}: the best individual, generation {generation}")
+        yield Artifact("replay.html", lambda: champion_replay(folder))
 
 
 def table(records: list[dict[str, Any]]) -> dict[str, Any]:

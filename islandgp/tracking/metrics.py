@@ -15,7 +15,13 @@ COSTS = {"evaluation": "evaluation_s", "supervision": "supervision_s", "operator
 
 def metrics(record: Mapping[str, Any], cost: Mapping[str, Any]) -> dict[str, float]:
     """One generation's metrics, from its lines in generations.jsonl and costs.jsonl."""
-    return {**_fitness(record), **_population(record), **_supervision(record), **dict(_cost(cost))}
+    return {
+        **_fitness(record),
+        **_population(record),
+        **_archive(record),
+        **_supervision(record),
+        **dict(_cost(cost)),
+    }
 
 
 def _fitness(record: Mapping[str, Any]) -> dict[str, float]:
@@ -40,6 +46,14 @@ def _population(record: Mapping[str, Any]) -> dict[str, float]:
         **{f"behaviours/{name}": n for name, n in s["doing"].items()},
         "size/mean": s["size"],
         **{f"counters/{name}": mean for name, mean in s["counters"].items()},
+    }
+
+
+def _archive(record: Mapping[str, Any]) -> dict[str, float]:
+    """Coverage and QD score; records of older versions have none."""
+    archive = record.get("archive") or {}
+    return {
+        f"archive/{name}": archive[name] for name in ("coverage", "qd_score") if name in archive
     }
 
 

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING, Final
 
 from filelock import FileLock
@@ -29,6 +30,7 @@ from islandgp.tracking.metrics import final_metrics, metrics
 from islandgp.tracking.parent import parent_run
 from islandgp.tracking.sent import FILE, LOCK, Sent, read_sent, write_sent
 from islandgp.tracking.store import POINTS, Place, Store, metric
+from islandgp.viewer.run_page import NAME_OF_PAGE
 
 if TYPE_CHECKING:
     from mlflow.entities import Metric
@@ -37,6 +39,7 @@ MARK: Final = "fitness/max"  # a metric that every generation has
 TABLES: Final = json.dumps([{"path": TABLE, "type": "table"}])  # so that the UI shows a table
 PARAMETERS: Final = 100  # MLflow's limit of parameters a call
 LONGEST: Final = 6000  # MLflow's limit of characters a parameter
+PAGE_PERIOD: Final = 30.0  # s between two copies of the page of a run that goes on
 
 
 class Mirror:
@@ -56,6 +59,7 @@ class Mirror:
         self._lock = FileLock(folder.path / LOCK)
         self._key = key_of(about)
         self._sure = False  # whether tracking.json was compared with the store
+        self._page_due = monotonic()
 
     def send(self, status: Status) -> str:
         """Sends what is missing; returns the MLflow run's id. Raises whatever MLflow raises."""
@@ -64,7 +68,9 @@ class Mirror:
             try:
                 sent = self._sent(status)
                 sent = self._generations(sent)
-                if status is not Status.RUNNING:
+                if status is Status.RUNNING:
+                    self._page(sent.run)
+                else:
                     sent = self._end(sent, status)
             except BaseException:
                 self._sure = False  # the store may hold more or less than we think
@@ -147,6 +153,14 @@ class Mirror:
                 " records are damaged."
             )
         return batch, step
+
+    def _page(self, run: str) -> None:
+        """Sends the page of a run that goes on, seldom; at its end it is one of its artifacts."""
+        file = self.folder.path / NAME_OF_PAGE
+        if file.exists() and monotonic() >= self._page_due:
+            log_files(self.store, run, [Artifact(NAME_OF_PAGE, file)])
+            self._page_due = monotonic() + PAGE_PERIOD
+            self._alive()
 
     def _end(self, sent: Sent, status: Status) -> Sent:
         done = end_of(status, sent.generations)

@@ -101,7 +101,7 @@ def _digest(found: list[ArmSummary]) -> str:
 
 
 def _curves(run: str, store: Store, found: list[ArmSummary], at: int) -> None:
-    """The mean and the deviation over seeds, as metrics of the parent."""
+    """The mean and, of two seeds or more, the deviation over them, as metrics of the parent."""
     points = [metric(name, value, at, step) for name, value, step in _points(found)]
     for i in range(0, len(points), POINTS):
         store.client.log_batch(run, metrics=points[i : i + POINTS])
@@ -110,8 +110,9 @@ def _curves(run: str, store: Store, found: list[ArmSummary], at: int) -> None:
 def _points(found: list[ArmSummary]) -> Iterator[tuple[str, float, int]]:
     for arm, name in zip(found, metric_names([arm.name for arm in found]), strict=True):
         for curve in arm.curves:
-            for step, (mean, sd) in enumerate(zip(curve.values, curve.spread, strict=True)):
+            for step, mean in enumerate(curve.values):
                 yield f"sweep/{name} {curve.name} mean", mean, step
+            for step, sd in enumerate(curve.spread):  # a single run has none
                 yield f"sweep/{name} {curve.name} sd", sd, step
 
 

@@ -35,7 +35,7 @@ class ArmSummary:
     jobs: tuple[SweepJob, ...]
     finished: tuple[SweepJob, ...]
     summaries: tuple[dict[str, Any], ...]  # of the finished ones
-    curves: tuple[Line, ...]  # measures: mean and sample deviation; 0 for a single run
+    curves: tuple[Line, ...]  # measures: mean and sample deviation; none for a single run
 
 
 def arms(sweep: SweepFolder, file: SweepFile) -> list[ArmSummary]:
@@ -72,7 +72,8 @@ def _curve(name: str, columns: list[list[float]]) -> Line:
     return Line(
         name,
         tuple(fmean(column) for column in columns),
-        tuple(stdev(column) if len(column) > 1 else 0.0 for column in columns),
+        # One run has no deviation, so no band.
+        tuple(map(stdev, columns)) if all(len(column) > 1 for column in columns) else (),
     )
 
 

@@ -41,7 +41,10 @@ def test_domains_do_not_know_each_other() -> None:
 
 def test_domains_know_the_contract_and_no_more() -> None:
     """The language, the contract and scoring are all that a domain is made with."""
-    allowed = ("bt", "domain", "domains", "errors", "resources", "scoring", "seeding", "ticking")
+    allowed = (
+        *("bt", "domain", "domains", "errors", "resources", "scoring", "seeding", "ticking"),
+        "time_limit",
+    )
     used = {
         i.name.removeprefix("islandgp.")
         for i in imports()

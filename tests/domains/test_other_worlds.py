@@ -28,7 +28,7 @@ from islandgp.evaluation.serial import Serial
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import Step
 from islandgp.experiment import run
-from islandgp.running.run import make_supervisor
+from islandgp.running.run import make_search, make_supervisor
 from islandgp.testing.domain_suite import DomainSuite
 from tests.composed import composed, plain
 from tests.running.commands import finish, kill_group, lines, start, wait_until
@@ -145,7 +145,8 @@ def steps_of(world: str, *overrides: str) -> list[Step]:
     settings = composed(f"domain={world}", *TINY, *overrides)
     evaluator = Serial(settings.problem())
     plan = settings.plan(settings.make_domain())
-    return list(evolve(plan, settings.seed, make_supervisor(settings, None), evaluator))
+    supervisor, search = make_supervisor(settings, None), make_search(settings, plan)
+    return list(evolve(plan, settings.seed, supervisor, evaluator, search=search))
 
 
 @every_world

@@ -85,7 +85,8 @@ def test_another_reward_is_put_on_top_of_the_domains_file(
     (here / "conf/rewards/own.yaml").write_text(rows, encoding="utf-8")
     assert main([*WORDS, "rewards=own"]) == 2
     said = capsys.readouterr().err
-    assert said.startswith("islandgp: rewards: expected a group that the domain's file chooses")
+    expected = "islandgp: rewards: expected a group that the chosen files have an option of"
+    assert said.startswith(expected)
     assert "write +rewards=OPTION" in said
     assert main([*WORDS, "+rewards=own", "--cfg", "job"]) == 0
     rewards = yaml.safe_load(capsys.readouterr().out)["rewards"]
@@ -138,7 +139,7 @@ def _stop(*_: object) -> None:
     ("body", "expected"),
     [
         ("return None", "wrong:hoist failed (TypeError: expected it to return something"),
-        ("return 1 / 0", "wrong:hoist failed (ZeroDivisionError: division by zero)"),
+        ("return 1 / 0", "wrong:hoist failed (ZeroDivisionError: division by zero, in {}, line 2)"),
     ],
 )
 def test_the_fault_of_an_operator_is_its_authors(
@@ -152,4 +153,4 @@ def test_the_fault_of_an_operator_is_its_authors(
     text = 'defaults: [paper, _self_]\nmutation: {operators: {"wrong:hoist": 2.5}}\n'
     (here / "conf/gp/own.yaml").write_text(text, encoding="utf-8")
     assert main([*WORDS, "gp=own"]) == 2
-    assert f"islandgp: {expected}" in capsys.readouterr().err
+    assert f"islandgp: {expected.format(here / 'wrong.py')}" in capsys.readouterr().err

@@ -27,6 +27,8 @@ class TestIsland(DomainSuite):
     """The island, with short episodes."""
 
     random_trees = 8
+    grown_trees = 10
+    more_episodes = 0
 
     def make_domain(self) -> Domain:
         return Problem.recorded(plain("world.episode.length=60")).domain
@@ -63,7 +65,9 @@ def test_the_suite_tells_where_a_domain_failed(monkeypatch: pytest.MonkeyPatch) 
     faults = [fault for _, fault in run_suite(Failing()) if fault.startswith("Expected no error")]
     line = Failing.make_domain.__code__.co_firstlineno + 2
     assert faults
-    assert {fault.partition(", in ")[2] for fault in faults} == {f"{__file__}, line {line}"}
+    assert {fault.partition(", in ")[2] for fault in faults} == {
+        f"{__file__}, line {line} (world seed 0, tree Localise)"
+    }
 
 
 def test_the_suite_finds_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -104,7 +108,7 @@ def test_a_status_that_an_action_has_only_behind_another_is_found() -> None:
         }
 
     class Suite(TestIsland):
-        random_trees = 0
+        random_trees = grown_trees = 0
 
         def make_domain(self) -> Domain:
             island = super().make_domain()

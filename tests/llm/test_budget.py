@@ -4,16 +4,27 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import get_args
+from threading import Barrier, BrokenBarrierError
+from typing import Any, get_args
 
 import pytest
 
-from islandgp.errors import ConfigError
+from islandgp.errors import ConfigError, SupervisionError
 from islandgp.supervision.llm.client import AnthropicClient
-from islandgp.supervision.llm.ledger import Caps, Ledger, Price, cost, known_usage, most_tokens
+from islandgp.supervision.llm.ledger import (
+    Caps,
+    Ledger,
+    Price,
+    cost,
+    known_usage,
+    most_cost,
+    most_tokens,
+)
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage
 from islandgp.supervision.llm.supervisor import LLM
 from islandgp.supervision.llm.transcript import Call, Sent, Transcript
@@ -26,6 +37,7 @@ from tests.llm.made import (
     answering,
     context,
     failed,
+    kind_of,
     said,
     settings,
     state,
@@ -124,6 +136,8 @@ def test_the_ledger_goes_on_after_a_resumption(tmp_path: Path) -> None:
         (FailureKind.TIMEOUT, None),
         (FailureKind.CUT, None),
         (FailureKind.MALFORMED, None),
+        (FailureKind.LATE, None),
+        (FailureKind.FOREIGN, None),
         (FailureKind.UNREACHABLE, Usage()),
         (FailureKind.RATE_LIMITED, Usage()),
         (FailureKind.SERVER, Usage()),
@@ -151,6 +165,78 @@ def test_the_bound_on_tokens_is_a_bound() -> None:
     request = Request("m", "word " * 1000, ("ünïcödé " * 100,), 2048)
     assert most_tokens(request).output == 2048
     assert most_tokens(request).input >= 5000 / 3 + 800 / 2
+
+
+@pytest.mark.parametrize("kind", [FailureKind.UNREACHABLE, FailureKind.UNTRUSTED])
+def test_a_connection_that_is_not_made_is_no_request(kind: FailureKind) -> None:
+    """Nothing was sent: it is a failure, and takes nothing of the caps but its seconds."""
+    plain = answering(tree=failed(kind))
+    llm, client = supervisor(plain, "caps.requests=7", "caps.usd=0.2")
+    assert run_of(llm, 5) == ["llm and fallback"] * 5
+    found = llm.spent()
+    assert found["requests"] == 6
+    assert len(client.requests) == 6 + 5 * (3 if kind is FailureKind.UNREACHABLE else 1)
+    assert found["uncounted_requests"] == 0
+    assert found["cost_usd"] == found["cost_usd_at_most"]
+    assert found[f"failures_{kind}"] == len(client.requests) - 6
+
+
+def test_what_makes_a_request_longer_is_in_the_bound() -> None:
+    """Its schema, more fields of its body, and a quoted answer of a byte a token."""
+    plain = Request("m", "s", ("u",), 2048)
+    for longer in (
+        replace(plain, schema={"enum": ["word"] * 3000}),
+        replace(plain, extra={"note": "word " * 3000}),
+        replace(plain, turns=("u", "\U00012345" * 500, "u")),
+    ):
+        assert most_tokens(longer).input - most_tokens(plain).input >= 1999
+
+
+@pytest.mark.parametrize(("write", "dollars"), [(1.25, 1.25), (0.0, 1.0)])
+def test_a_prompt_that_is_kept_may_cost_more(write: float, dollars: float) -> None:
+    """What is written to a cache has its own price; a server that keeps nothing takes the other."""
+    price = Price(input=1, output=5, cache_read=0.1, cache_write=write)
+    request = Request("m", "s" * 2_000_000, ("u",), 64, cache=True)
+    found = most_tokens(request)
+    assert found.cache_write == 1_000_000
+    rest = most_cost(replace(found, cache_write=0), price)
+    assert most_cost(found, price) - rest == pytest.approx(dollars)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        "caps.usd=inf",
+        "caps.seconds=inf",
+        "caps.usd=-1",
+        "caps.requests=0.5",
+        "retry.deadline=inf",
+        "retry.deadline=1e12",
+        "retry.longest_wait=1e12",
+        "+prices.models.m={input: inf, output: 1, cache_read: 0, cache_write: 0}",
+    ],
+)
+def test_an_odd_number_is_told_before_the_run(value: str) -> None:
+    """It could not be written down, waited for or multiplied with."""
+    with pytest.raises(ConfigError, match=re.escape(value.lstrip("+").partition("=")[0])):
+        settings(value)
+
+
+@pytest.mark.parametrize(
+    "field", ["max_tokens: 9", "model: m", "stream: true", "messages: []", "temperature: 1"]
+)
+def test_more_fields_of_a_request_cannot_replace_its_own(field: str) -> None:
+    """The caps are reckoned with what the request says, e.g. its longest answer."""
+    name = field.partition(":")[0]
+    with pytest.raises(ConfigError, match=f"expected other fields than .*found {name}"):
+        settings(f"extra_body={{{field}}}")
+
+
+@pytest.mark.parametrize("value", ["{a: nan}", "{a: {b: [inf]}}"])
+def test_more_fields_of_a_request_are_json(value: str) -> None:
+    """A number that JSON does not have is told before the run."""
+    with pytest.raises(ConfigError, match=r"extra_body: expected JSON values"):
+        settings(f"extra_body={value}")
 
 
 @pytest.mark.parametrize("cap", [0, 1, 2, 3, 7, 8])
@@ -273,6 +359,117 @@ def test_requests_of_a_killed_run_count(tmp_path: Path) -> None:
     assert llm.spent()["uncounted_requests"] == 3
 
 
+class Killed(BaseException):
+    """The process ends here."""
+
+
+@pytest.mark.parametrize("every", [2, 3, 5, 7, 8, 11])
+@pytest.mark.parametrize(
+    ("cap", "name", "most"),
+    [
+        ("requests", "requests", 4),
+        ("output_tokens", "requests", 5),
+        ("usd", "cost_usd_at_most", 0.07),
+    ],
+)
+def test_no_moment_of_a_kill_passes_a_cap(
+    tmp_path: Path, cap: str, name: str, most: float, every: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Killed again and again, before and after each line is written and before each answer."""
+    moments, sent = [], []
+
+    def moment() -> None:
+        moments.append(1)
+        if len(moments) % every == 0:
+            raise Killed
+
+    def write(transcript: Transcript, line: Mapping[str, Any]) -> None:
+        moment()
+        really_write(transcript, line)
+        moment()
+
+    def answer(request: Request, n: int) -> Reply | Failure:
+        sent.append(request)
+        moment()
+        return answering(tree=failed(FailureKind.TIMEOUT))(request, n)
+
+    really_write = Transcript._write
+    monkeypatch.setattr(Transcript, "_write", write)
+    given = context(tmp_path, "supervisor.adapt_mutation=false")
+    caps = {"requests": 4, "output_tokens": 9000, "usd": 0.07}
+    spent = []
+    for _ in range(15):
+        llm, _ = supervisor(answer, f"caps.{cap}={caps[cap]}", given=given)
+        with suppress(Killed):
+            run_of(llm, 8)
+        spent.append(llm.spent())
+    assert len(sent) <= spent[-1]["requests"]
+    assert max(found[name] for found in spent) <= most
+    assert [found["requests"] for found in spent] == sorted(found["requests"] for found in spent)
+
+
+def test_no_number_of_kills_passes_the_cap_on_seconds(tmp_path: Path) -> None:
+    """Seconds of a lost request are the most that it can take; the last one gets what is left."""
+    clock, allowed = [0.0], []
+
+    class Slow(FakeClient):
+        def send(self, request: Request, *, seconds: float) -> Reply | Failure:
+            if kind_of(request) == "probe":
+                return super().send(request, seconds=seconds)
+            allowed.append(seconds)
+            clock[0] += seconds
+            raise Killed
+
+    given = context(tmp_path, "supervisor.adapt_mutation=false")
+    for _ in range(8):
+        llm = LLM(settings("caps.seconds=100", "retry.deadline=30"), given, Slow(answering()))
+        llm._open().clock = lambda: clock[0]
+        with suppress(Killed):
+            run_of(llm, 3)
+    assert allowed == [30, 30, 30, 10]
+    assert "the cap seconds=100 is reached" in advise(llm, state(7)).notes["tree"]
+
+
+def test_no_wait_passes_the_cap_on_seconds() -> None:
+    """Between attempts no longer than there is time left."""
+    llm, client = supervisor(
+        lambda request, n: failed(FailureKind.OVERLOADED, 25),  # noqa: ARG005
+        "caps.seconds=40",
+    )
+    slept: list[float] = []
+    llm._open().sleep = slept.append
+    advise(llm)
+    assert slept[:2] == [25, pytest.approx(15, abs=1)]
+    assert sum(slept) == pytest.approx(40, abs=1)
+    assert len(client.requests) == 2
+
+
+def test_two_questions_at_once_do_not_pass_a_cap(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where an outage is waited out, both are sent again and again, up to the cap together.
+
+    Both look at the cap at the same moment, if they can, when there is room for one of them.
+    """
+    meeting = Barrier(2)
+
+    def busy(request: Request, n: int) -> Reply | Failure:
+        if kind_of(request) == "probe":
+            return answering()(request, n)
+        return failed(FailureKind.OVERLOADED)
+
+    def over(ledger: Ledger, *next_one: Any) -> str:
+        found = really_over(ledger, *next_one)
+        if len(client.requests) == 25 and not found:
+            with suppress(BrokenBarrierError):
+                meeting.wait(0.5)
+        return found
+
+    really_over = Ledger.over
+    monkeypatch.setattr(Ledger, "over", over)
+    llm, client = supervisor(busy, "on_outage=wait", "caps.requests=26")
+    advise(llm)
+    assert len(client.requests) == 26
+
+
 def test_a_lost_request_counts_as_the_most_it_can_be(tmp_path: Path) -> None:
     """In tokens and dollars, too."""
     transcript = Transcript(tmp_path / "transcript.jsonl")
@@ -285,6 +482,41 @@ def test_a_lost_request_counts_as_the_most_it_can_be(tmp_path: Path) -> None:
     ledger = Ledger(again, price, caps)
     assert ledger.totals()["cost_usd_at_most"] == pytest.approx((700 + 5 * 2048) / 1e6)
     assert "input_tokens=700" in ledger.over(Usage(1, 0))
+
+
+@pytest.mark.parametrize("loss", ["deleted", "emptied", "cut", "older copy"])
+def test_a_transcript_that_lacks_requests_is_told(tmp_path: Path, loss: str) -> None:
+    """The run's costs count more: with fewer the caps would begin again without a word."""
+    llm, _ = supervisor(answering(), folder=tmp_path)
+    run_of(llm, 2)
+    file = tmp_path / "transcript.jsonl"
+    older = file.read_bytes()
+    advise(llm, state(2))
+    (tmp_path / "costs.jsonl").write_text(
+        json.dumps({"llm": {}}) + "\n" + json.dumps({"llm": llm.spent()}) + "\n", encoding="utf-8"
+    )
+    whole = file.read_bytes()
+    changed = {"emptied": b"", "cut": whole[: len(whole) // 2], "older copy": older}
+    file.unlink()
+    if loss in changed:
+        file.write_bytes(changed[loss])
+    again, client = supervisor(answering(), folder=tmp_path)
+    with pytest.raises(SupervisionError, match=r"Expected the 7 requests that .* begin again") as e:
+        again.start()
+    assert "Put the transcript back, or begin again with resume=never" in str(e.value)
+    assert client.requests == []
+    file.write_bytes(whole)
+    once_more, client = supervisor(answering(), folder=tmp_path)
+    once_more.start()
+    assert once_more.spent() == llm.spent()
+
+
+@pytest.mark.parametrize("costs", [b"", b"{}\n", b"not json\n", b'{"llm": {"requests": []}}\n'])
+def test_costs_that_count_nothing_expect_nothing(tmp_path: Path, costs: bytes) -> None:
+    """A run that has no generation yet, or was another supervisor's."""
+    (tmp_path / "costs.jsonl").write_bytes(costs)
+    llm, _ = supervisor(answering(), folder=tmp_path)
+    assert "structured output" in llm.start()
 
 
 def test_a_server_that_counts_nothing_does_not_escape_the_caps() -> None:

@@ -104,7 +104,7 @@ def test_the_deadline_is_hard(fault: Fault) -> None:
 
 
 def test_a_server_that_never_accepts_is_left_at_the_deadline() -> None:
-    """The deadline holds before there is a connection, too."""
+    """The deadline holds before there is a connection, too; nothing was sent then."""
     with socket.create_server(("127.0.0.1", 0), backlog=0) as server:
         address = server.getsockname()
         blockers = [socket.socket() for _ in range(4)]
@@ -115,8 +115,7 @@ def test_a_server_that_never_accepts_is_left_at_the_deadline() -> None:
             found = client.send(ASK, seconds=DEADLINE)
         for s in blockers:
             s.close()
-    assert isinstance(found, Failure)
-    assert found.kind is FailureKind.TIMEOUT
+    assert found == Failure(FailureKind.UNREACHABLE, f"no connection within {DEADLINE:g} s")
 
 
 @pytest.mark.parametrize(
@@ -301,6 +300,20 @@ def test_retry_after_is_read(header: str, seconds: float | None) -> None:
     assert found.retry_after == seconds
 
 
+@pytest.mark.parametrize(
+    ("header", "seconds"),
+    [("1500", 1.5), ("0", 0.0), ("-7", 0.0), ("nan", 9.0), ("inf", 9.0), ("soon", 9.0), ("", 9.0)],
+)
+def test_retry_after_in_milliseconds_is_read(header: str, seconds: float) -> None:
+    """It is more precise than the seconds beside it, which are taken where it is nonsense."""
+    found = mocked(b"{}", 429, **{"retry-after-ms": header, "retry-after": "9"})
+    assert isinstance(found, Failure)
+    assert found.retry_after == seconds
+    alone = mocked(b"{}", 429, **{"retry-after-ms": "250"})
+    assert isinstance(alone, Failure)
+    assert alone.retry_after == 0.25
+
+
 def test_retry_after_may_be_a_date() -> None:
     """A date in the past asks for no wait, one far ahead for a long one."""
     past = mocked(b"{}", 429, **{"retry-after": "Wed, 21 Oct 2015 07:28:00 GMT"})
@@ -317,6 +330,33 @@ def test_redirects_are_not_followed() -> None:
     found = mocked(b"", 302, location="http://elsewhere.example/")
     assert isinstance(found, Failure)
     assert found.kind is FailureKind.REJECTED
+    assert found.message == "status 302, which leads to http://elsewhere.example/"
+
+
+@pytest.mark.parametrize(
+    ("status", "body", "kind", "said"),
+    [
+        (200, b'{"object": "chat.completion", "choices": []}', "foreign", "OpenAI's language"),
+        (200, b'{"error": "Unexpected endpoint (POST /v1/messages)"}', "not_found", "Unexpected"),
+        (200, b'{"error": {"message": "busy", "code": 502}}', "malformed", "with an error: busy"),
+        (200, b'{"error": null}', "malformed", "with an error: None"),
+        (404, b'{"detail": "Not Found"}', "not_found", "status 404"),
+        (405, b'{"detail": "Method Not Allowed"}', "not_found", "status 405"),
+        (501, b"<html>Unsupported method</html>", "not_found", "status 501"),
+        (408, b"{}", "late", "status 408"),
+        (504, b"<html>Gateway Time-out</html>", "late", "status 504"),
+        (524, b"error code: 524", "late", "status 524"),
+        (502, b"<html>Bad Gateway</html>", "server", "status 502"),
+    ],
+)
+def test_what_another_server_says_is_told_apart(
+    status: int, body: bytes, kind: str, said: str
+) -> None:
+    """An answer in OpenAI's language, an unknown address, a gateway that gave up waiting."""
+    found = mocked(body, status)
+    assert isinstance(found, Failure)
+    assert found.kind == kind
+    assert said in found.message
 
 
 def test_closing_is_prompt_and_final() -> None:
@@ -446,3 +486,46 @@ def test_a_server_that_does_not_count_is_told_apart(usage: object, known: bool) 
     found = mocked(json.dumps(message).encode())
     assert isinstance(found, Reply)
     assert (found.usage is not None) == known
+
+
+@pytest.mark.parametrize(
+    ("content", "known"), [([], True), ([{"type": "thinking", "thinking": "hm"}], False)]
+)
+def test_thoughts_without_an_answer_take_tokens(content: list[object], known: bool) -> None:
+    """A refusal has none; a server that counts none of the thoughts does not count."""
+    usage = {"input_tokens": 3, "output_tokens": 0}
+    found = mocked(json.dumps({"content": content, "usage": usage}).encode())
+    assert isinstance(found, Reply)
+    assert (found.usage is not None) == known
+
+
+def test_a_request_that_was_begun_counts() -> None:
+    """A connection that breaks off before it is made is told apart from one that breaks after."""
+
+    def hang_up(server: socket.socket) -> None:
+        connection, _ = server.accept()
+        connection.recv(1)
+        connection.close()
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        thread = threading.Thread(target=hang_up, args=(server,))
+        thread.start()
+        with client_of(f"http://127.0.0.1:{server.getsockname()[1]}") as client:
+            cut = client.send(ASK, seconds=5)
+        thread.join()
+    with client_of("http://host.invalid:1") as client:
+        unknown = client.send(ASK, seconds=5)
+    assert isinstance(cut, Failure)
+    assert isinstance(unknown, Failure)
+    assert (cut.kind, unknown.kind) == (FailureKind.CUT, FailureKind.UNREACHABLE)
+
+
+def test_a_proxy_that_never_connects_was_sent_nothing() -> None:
+    """What it is asked for is a connection; the request with its prompt comes after that."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        proxy = f"http://127.0.0.1:{server.getsockname()[1]}"
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("HTTPS_PROXY", proxy)
+            with client_of("https://model.invalid") as client:
+                found = client.send(ASK, seconds=DEADLINE)
+    assert found == Failure(FailureKind.UNREACHABLE, f"no connection within {DEADLINE:g} s")

@@ -42,9 +42,9 @@ def test_every_generation_but_the_last_asks_twice() -> None:
 def test_answers_that_would_come_too_late_cost_nothing() -> None:
     """With a lag the last generations are not asked about."""
     assert expected(settings(), context(), 5).requests == 2 * (40 - 5) + 1
-    assert at_most(settings(), context(), 5).requests == 3 * 2 * 2 * (40 - 5) + 9
+    assert at_most(settings(), context(), 5).requests == 3 * 2 * 2 * (40 - 5) + 12
     text = said("supervisor=llm", "supervisor.lag=5")
-    assert [line.split()[2] for line in text.splitlines() if "a run " in line] == ["71", "429"]
+    assert [line.split()[2] for line in text.splitlines() if "a run " in line] == ["71", "432"]
     assert expected(settings(), context(), 99).requests == 1
 
 
@@ -61,7 +61,7 @@ def test_what_is_switched_off_costs_nothing() -> None:
 def test_at_most_counts_attempts_and_repairs() -> None:
     """3 attempts x 2 turns x 2 questions x 40 generations, and the probe's own."""
     found = at_most(settings(), context())
-    assert found.requests == 3 * 2 * 2 * 40 + 9
+    assert found.requests == 3 * 2 * 2 * 40 + 3 * 4
     assert found.output == 3 * 2 * 2 * 40 * 2048
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
 from pathlib import Path
+from time import sleep
 
 import pytest
 
@@ -41,16 +43,20 @@ class Killing(MessagesServer):
 
     def run(self, home: Path, *words: str) -> int:
         """The command in its own process; returns its exit code."""
+        self.process = self.started(home, *words)
+        return self.process.wait()
+
+    def started(self, home: Path, *words: str) -> subprocess.Popen[bytes]:
+        """The command in its own process."""
         free = {k: v for k, v in os.environ.items() if not k.startswith("ANTHROPIC")}
         url = f"supervisor.policy.base_url={self.url}"
-        self.process = subprocess.Popen(
+        return subprocess.Popen(
             [sys.executable, "-m", "islandgp", *WORDS, url, *words],
             cwd=home,
             env={**free, "PYTHONPATH": str(resource("conf").parent)},
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
-        return self.process.wait()
 
 
 @pytest.mark.slow
@@ -74,3 +80,52 @@ def test_kill_9_and_resume(tmp_path: Path, lag: int) -> None:
     records = [next(home.rglob("generations.jsonl")).read_bytes() for home in (straight, cut)]
     assert records[0] == records[1]
     assert asked < again <= asked + 3 * 2  # both questions of a generation may be under way
+
+
+class NeverAnswers(Killing):
+    """A server that answers the probe, and nothing after it."""
+
+    def __init__(self, answered: int = 1) -> None:
+        super().__init__(set())
+        self.script = lambda n: Fault.SILENCE if n >= answered else None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("cap", "most"),
+    [("requests=2", 2), ("requests=7", 7), ("usd=0.035", 3), ("output_tokens=5000", 3)],
+)
+def test_no_number_of_kills_passes_a_cap(tmp_path: Path, cap: str, most: int) -> None:
+    """Killed with SIGKILL whenever a request arrives or a generation is written, ten times.
+
+    Each kill loses an answer, which may have been charged; the server counts what it was sent.
+    """
+    words = (f"supervisor.policy.caps.{cap}", "gp.generations=30")
+    kills = 0
+    with NeverAnswers() as server:
+        while kills < 10:
+            before = (len(server.requests), written(tmp_path))
+            process = server.started(tmp_path, *words)
+            while process.poll() is None and before == (len(server.requests), written(tmp_path)):
+                sleep(0.005)
+            process.kill()
+            assert process.wait() == -9
+            kills += 1
+        assert server.run(tmp_path, *words) == 3  # the fallback supervised it
+        sent = server.requests
+    assert 2 <= len(sent) <= most
+    *_, last = next(tmp_path.rglob("costs.jsonl")).read_text().splitlines()
+    spent = json.loads(last)["llm"]
+    assert spent["requests"] == len(sent)
+    # What the server could charge: a token for each three bytes, and the longest answers.
+    texts = [r["system"] + "".join(m["content"] for m in r["messages"]) for r in sent]
+    output = sum(r["max_tokens"] for r in sent[1:])
+    charged = (sum(len(text.encode()) for text in texts) / 3 + 5 * output) / 1e6
+    assert charged < spent["cost_usd_at_most"] < 0.035 * most / 2
+    if cap == "usd=0.035":
+        assert spent["cost_usd_at_most"] <= 0.035
+
+
+def written(home: Path) -> int:
+    """How many generations stand in the record of the only run."""
+    return sum(file.read_bytes().count(b"\n") for file in home.rglob("generations.jsonl"))

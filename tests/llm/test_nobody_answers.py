@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import re
 import socket
 from collections.abc import Mapping
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import pytest
@@ -68,6 +71,40 @@ def test_an_address_where_nobody_listens_stops_the_run(
     assert not list(here.rglob("summary.json"))
 
 
+class OnlyOpenAI(BaseHTTPRequestHandler):
+    """A server that knows /v1/chat/completions alone, as FastAPI would say it."""
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Prints nothing."""
+
+    def do_POST(self) -> None:
+        """Every other address is not found."""
+        self.rfile.read(int(self.headers["content-length"]))
+        said = b'{"detail": "Not Found"}'
+        self.send_response(404)
+        self.send_header("content-length", str(len(said)))
+        self.end_headers()
+        self.wfile.write(said)
+
+
+def test_a_server_that_speaks_another_language_stops_the_run(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 2 and one line with the remedy; its own address, too, is told before anything."""
+    with ThreadingHTTPServer(("127.0.0.1", 0), OnlyOpenAI) as server:
+        Thread(target=server.serve_forever, args=(0.02,), daemon=True).start()
+        url = f"http://127.0.0.1:{server.server_port}"
+        assert main([*SMALL, f"supervisor.policy.base_url={url}"]) == 2
+        assert main([*SMALL, f"supervisor.policy.base_url={url}/v1/chat/completions"]) == 2
+        server.shutdown()
+    first, second = capsys.readouterr().err.splitlines()
+    for line in (first, second):
+        assert "needs LiteLLM's proxy before it, see docs/llm.md, Any model" in line
+    assert "found not_found (status 404)" in first
+    assert f"such as {url}, found /v1/chat/completions at its end" in second
+    assert not list(here.rglob("generations.jsonl"))
+
+
 def test_the_same_command_works_once_the_server_is_there(
     here: Path, refused: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -78,6 +115,48 @@ def test_the_same_command_works_once_the_server_is_there(
         monkeypatch.setenv("ANTHROPIC_BASE_URL", server.url)
         assert main(SMALL) == 0
     assert found(here, "summary.json")["answers"] == {"total": 3, "fallback": 0, "in_part": 0}
+
+
+def test_a_run_whose_transcript_is_gone_does_not_go_on(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its ledger would begin again; with the file back, or with resume=never, it goes on."""
+    faults = [Fault.OVERLOADED]
+    with MessagesServer(lambda n: faults[0] if n > 2 and faults else None) as server:
+        url = f"supervisor.policy.base_url={server.url}"
+        words = [*SMALL, url, "supervisor.policy.on_outage=stop"]
+        assert main(words) == 2
+        (file,) = here.rglob("transcript.jsonl")
+        kept = file.rename(here / "kept.jsonl")
+        faults.clear()
+        asked = len(server.requests)
+        capsys.readouterr()
+        assert main(words) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert "requests that the run's costs.jsonl counts in" in line
+        assert len(server.requests) == asked
+        assert not file.exists()
+        kept.rename(file)
+        assert main(words) == 0
+    assert found(here, "summary.json")["answers"] == {"total": 3, "fallback": 0, "in_part": 0}
+
+
+def test_a_replay_of_an_edited_reply_stops(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Also where nothing follows from the reply any more: it is not what the model said."""
+    with MessagesServer() as server:
+        assert main([*SMALL, f"supervisor.policy.base_url={server.url}"]) == 0
+    (file,) = here.rglob("transcript.jsonl")
+    text = file.read_text(encoding="utf-8")
+    last = text.rindex("Mock answer: ")
+    file.write_text(text[:last] + "My answer: " + text[last + 13 :], encoding="utf-8")
+    record = f"supervisor.policy.transcript='{file.parent}'"
+    capsys.readouterr()
+    replay = [*SMALL[:-2], "supervisor=replay", record, "runs=again"]
+    assert main(replay) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert re.search(r"as it was written, found line \d+ \(\w+ after generation 2\) changed", line)
+    file.write_text(text, encoding="utf-8")
+    assert main(replay) == 0
 
 
 def test_a_run_of_fallbacks_says_so(here: Path, capsys: pytest.CaptureFixture[str]) -> None:

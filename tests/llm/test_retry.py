@@ -53,8 +53,25 @@ def test_a_transient_failure_is_tried_three_times(kind: FailureKind) -> None:
     """Section 2.4.5: up to three attempts; the last failure is the answer."""
     client = FakeClient([failed(kind)] * 5)
     found = calls(client)[0].ask(CALL, ASK)
-    assert found == failed(kind)
+    assert isinstance(found, Failure)
+    assert found.kind is kind
+    assert found.message.startswith(f"a made-up {kind} failure")
     assert len(client.requests) == 3
+
+
+def test_an_answer_that_is_too_late_tells_the_setting() -> None:
+    """The deadline of an attempt, or the cap that left less than that."""
+    live, _ = calls(FakeClient([failed(FailureKind.TIMEOUT)] * 3))
+    found = live.ask(CALL, ASK)
+    assert isinstance(found, Failure)
+    assert "; raise supervisor.policy.retry.deadline, a model that thinks may" in found.message
+    live, clock = calls(FakeClient([failed(FailureKind.TIMEOUT)] * 3))
+    live.ledger.caps = NO_CAPS.model_copy(update={"seconds": 7})
+    live.client.script = lambda *_: clock.sleep(7) or failed(FailureKind.TIMEOUT)  # type: ignore[attr-defined, func-returns-value]
+    live.ask(CALL, ASK)
+    first = live.transcript.attempts[0].answer
+    assert isinstance(first, Failure)
+    assert "; raise supervisor.policy.caps.seconds, a model" in first.message
 
 
 @pytest.mark.parametrize("kind", sorted(set(FailureKind) - TRANSIENT))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import threading
 from collections.abc import Callable
@@ -11,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from islandgp.bt.language import to_text
-from islandgp.errors import SupervisionError
+from islandgp.errors import ConfigError, SupervisionError
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.base import Guidance, Pattern, Phase
 from islandgp.supervision.llm.adviser import Adviser
@@ -253,7 +254,46 @@ def refused(message: str) -> object:
             (),
             "JSON found in text, no temperature",
         ),
-        ((refused("something"), refused("something"), "Hi"), (), "in text, no temperature"),
+        (
+            (refused("Sampling parameters are not supported"), {"greeting": "Hi"}),
+            (),
+            "structured output, no temperature",
+        ),
+        (
+            (refused("sampling is off"), refused("json_schema is unknown"), "Hi"),
+            (),
+            "JSON found in text, no temperature",
+        ),
+        (
+            (refused("something"), {"greeting": "Hi"}),
+            (),
+            "structured output, no temperature",
+        ),
+        (
+            (refused("something"), refused("something"), "Hi"),
+            (),
+            "JSON found in text, temperature 0.7",
+        ),
+        (
+            (refused("something"), refused("something"), refused("something"), "Hi"),
+            (),
+            "JSON found in text, no temperature",
+        ),
+        (
+            (refused("temperature is not for output_config"), {"greeting": "Hi"}),
+            (),
+            "structured output, no temperature",
+        ),
+        (
+            (refused("your JSON is odd"), refused("something"), {"greeting": "Hi"}),
+            (),
+            "structured output, no temperature",
+        ),
+        (
+            (refused("no schema with a temperature"), {"greeting": "Hi"}),
+            ("output=structured",),
+            "structured output, no temperature",
+        ),
         (({"greeting": "Hi"},), ("temperature=null",), "structured output, no temperature"),
         (("Hello!",), ("output=structured",), "structured output, temperature 0.7"),
         (({"greeting": "Hi"},), ("output=text",), "JSON found in text, temperature 0.7"),
@@ -306,6 +346,22 @@ def test_a_hopeless_probe_stops_the_run_before_it_starts(kind: FailureKind, reme
         llm.start()
 
 
+@pytest.mark.parametrize(
+    ("overrides", "requests"),
+    [((), 4), (("temperature=null",), 2), (("output=text",), 2), (("output=structured",), 2)],
+)
+def test_a_probe_that_is_refused_every_time_ends(overrides: tuple[str, ...], requests: int) -> None:
+    """Each way to ask is tried once, then what the server says is told."""
+    llm, client = supervisor(
+        lambda request, n: Failure(REFUSED, "status 400: thinking: unknown"),  # noqa: ARG005
+        *overrides,
+    )
+    with pytest.raises(SupervisionError, match="thinking: unknown"):
+        llm.start()
+    assert len(client.requests) == requests
+    assert len({r.digest for r in client.requests}) == requests
+
+
 @pytest.mark.parametrize("address", ["http://here:1/v1", "http://here:1/v1/"])
 def test_an_address_with_a_version_too_many(address: str) -> None:
     """The client adds /v1 itself: a 404 there is told with the address as it should be."""
@@ -315,6 +371,59 @@ def test_an_address_with_a_version_too_many(address: str) -> None:
     )
     with pytest.raises(SupervisionError, match=r"drop /v1 from the address, as in http://here:1\."):
         llm.start()
+
+
+@pytest.mark.parametrize(
+    ("kind", "message", "told"),
+    [
+        (FailureKind.NOT_FOUND, "status 404", True),
+        (FailureKind.NOT_FOUND, "status 404: model: qwen3", False),
+        (FailureKind.FOREIGN, "an answer in OpenAI's language", True),
+    ],
+)
+def test_a_server_that_speaks_only_openai_s_language(
+    kind: FailureKind, message: str, told: bool
+) -> None:
+    """The remedy is a proxy, and where it is described; an unknown model has another one."""
+    llm, client = supervisor(lambda request, n: Failure(kind, message))  # noqa: ARG005
+    with pytest.raises(SupervisionError) as caught:
+        llm.start()
+    assert ("LiteLLM's proxy before it, see docs/llm.md, Any model" in str(caught.value)) == told
+    assert ("supervisor.policy.model" in str(caught.value)) == (kind is FailureKind.NOT_FOUND)
+    assert len(client.requests) == 1
+
+
+@pytest.mark.parametrize(
+    ("address", "found"),
+    [
+        ("http://here:1/v1/chat/completions", "such as http://here:1, found /v1/chat/completions"),
+        ("http://here:1/llm/chat/completions/", "such as http://here:1/llm, found /chat/compl"),
+        ("https://here/v1/messages", "such as https://here, found /v1/messages"),
+        ("https://here/v1/responses", "such as https://here, found /v1/responses"),
+        ("here:8080", "an address such as http://localhost:11434"),
+        ("http://:80", "an address such as"),
+        ("http://here:99999", "an address such as"),
+        ("http://he re", "an address such as"),
+        ("ftp://here", "an address such as"),
+        ("http://me:word@here", "expected no user name and password"),
+    ],
+)
+@pytest.mark.parametrize("place", ["configuration", "environment"])
+def test_an_address_that_cannot_be_one(
+    address: str, found: str, place: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is told before the run, with the address as it should be."""
+    if place == "configuration":
+        with pytest.raises(ConfigError) as wrong:
+            settings(f"base_url='{address}'")
+        assert found in str(wrong.value)
+        return
+    monkeypatch.setenv("ANTHROPIC_BASE_URL", address)
+    with pytest.raises(SupervisionError) as caught:
+        LLM.make(settings(), context())
+    assert str(caught.value).startswith("ANTHROPIC_BASE_URL: expected")
+    assert found in str(caught.value)
+    assert "word" not in str(caught.value).replace("password", "")
 
 
 @pytest.mark.parametrize("kind", [FailureKind.TIMEOUT, FailureKind.OVERLOADED, FailureKind.CUT])
@@ -441,6 +550,131 @@ def test_a_useless_model_can_stop_the_run() -> None:
         advise(llm, state(1))
 
 
+PAID = [FailureKind.TIMEOUT, FailureKind.LATE, FailureKind.CUT, FailureKind.MALFORMED]
+
+
+@pytest.mark.parametrize("kind", PAID)
+def test_answers_that_never_arrive_are_not_paid_to_the_end(
+    kind: FailureKind, tmp_path: Path
+) -> None:
+    """Too late, cut or malformed, they may all be charged: they count as useless ones.
+
+    A resumed run and a replay agree, and the reason is told.
+    """
+    plain = answering()
+    script = lambda request, n: plain(request, n) if n == 0 else failed(kind)  # noqa: E731
+    llm, client = supervisor(script, folder=tmp_path)
+    given = [advise(llm, state(g)) for g in range(12)]
+    assert len(client.requests) == 1 + 10 * 3
+    why = f"fallback: useless: no usable answer to 10 questions in a row (the last: {kind}: a made"
+    assert all(note.startswith(why) for g in given[5:] for note in g.notes.values())
+    again, client = supervisor(answering(), folder=tmp_path)
+    assert [advise(again, state(g)) for g in range(12)] == given
+    assert client.requests == []
+    replay = Replay(Adviser(llm.settings, context()), Transcript(tmp_path / "transcript.jsonl"))
+    streams = [stream(0, Stream.SUPERVISION, generation=g) for g in range(12)]
+    assert [replay.advise(state(g), rng) for g, rng in enumerate(streams)] == given
+
+
+@pytest.mark.parametrize("kind", PAID)
+def test_a_probe_without_an_answer_is_not_paid_to_the_end(kind: FailureKind) -> None:
+    """Two questions of each generation are not asked for it; after ten nobody is."""
+    llm, client = supervisor(lambda request, n: failed(kind))  # noqa: ARG005
+    for g in range(12):
+        advise(llm, state(g))
+    assert len(client.requests) == 3 * (1 + 5)
+
+
+def test_a_model_that_is_too_slow_can_stop_the_run() -> None:
+    """The error names the setting that gives it more time."""
+    llm, _ = supervisor(
+        lambda request, n: failed(FailureKind.TIMEOUT),  # noqa: ARG005
+        "useless={most: 2, then: stop}",
+    )
+    advise(llm, state(0))
+    with pytest.raises(
+        SupervisionError, match=r"last 2 questions \(.* raise supervisor.policy.retry"
+    ):
+        advise(llm, state(1))
+
+
+@pytest.mark.parametrize(
+    "kind", [FailureKind.OVERLOADED, FailureKind.UNREACHABLE, FailureKind.SERVER]
+)
+def test_a_server_that_works_on_nothing_is_asked_to_the_end(kind: FailureKind) -> None:
+    """It takes no money, and may be back in the next generation."""
+    plain = answering()
+    llm, client = supervisor(lambda request, n: plain(request, n) if n == 0 else failed(kind))
+    for g in range(12):
+        advise(llm, state(g))
+    assert len(client.requests) == 1 + 12 * 2 * 3
+
+
+def test_waiting_ends_where_it_is_paid_for() -> None:
+    """An outage is waited out; answers that never arrive, as many as of useless ones, are not."""
+    plain = answering()
+
+    def cut(request: Request, n: int) -> Reply | Failure:
+        return plain(request, n) if n == 0 else failed(FailureKind.CUT)
+
+    given = context(None, "supervisor.inject=false")
+    how = ("on_outage=wait", "useless.most=4", "caps.requests=60")
+    llm, client = supervisor(cut, *how, given=given)
+    sources = [advise(llm, state(g)).source for g in range(8)]
+    assert sources == ["fallback"] * 8
+    assert len(client.requests) == 1 + 4 * 3 + 3 * 3
+
+
+def test_an_older_transcript_counts_as_it_did(tmp_path: Path) -> None:
+    """Its questions do not say what failed: the run went on asking, and a replay does, too."""
+    plain = answering()
+    llm, _ = supervisor(
+        lambda request, n: plain(request, n) if n == 0 else failed(FailureKind.TIMEOUT),
+        "useless=null",
+        folder=tmp_path,
+    )
+    given = [advise(llm, state(g)) for g in range(8)]
+    file = tmp_path / "transcript.jsonl"
+    lines = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
+    for line in lines:
+        line.pop("failed", None)
+        line.pop("checksum", None)
+    file.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
+    older = settings("retry.first_wait=0", "retry.longest_wait=0")
+    assert older.useless is not None
+    replay = Replay(Adviser(older, context()), Transcript(file, fixed=True))
+    streams = [stream(0, Stream.SUPERVISION, generation=g) for g in range(8)]
+    assert [replay.advise(state(g), rng) for g, rng in enumerate(streams)] == given
+
+
+@pytest.mark.parametrize(
+    ("overrides", "seconds"),
+    [
+        ((), 30),
+        (("retry.deadline=5",), 5),
+        (("model=claude-haiku-5-5",), 30 + 14_000 / 50),
+        (("model=claude-haiku-5-5", "retry.deadline=60"), 60 + 14_000 / 50),
+        (("model=claude-haiku-5-5", "thinking_seconds=0"), 30),
+        (("model=claude-haiku-5-5", "thinking={type: disabled}"), 30),
+        (("model=mine", "thinking_tokens=1000"), 50),
+        (("thinking={type: enabled, budget_tokens: 4000}", "thinking_seconds=7.5"), 37.5),
+    ],
+)
+def test_a_model_that_thinks_has_a_longer_deadline(
+    overrides: tuple[str, ...], seconds: float
+) -> None:
+    """The paper's 30 s are for an answer; the room for thoughts takes time, too."""
+    given: list[float] = []
+
+    class Watching(FakeClient):
+        def send(self, request: Request, *, seconds: float) -> Reply | Failure:
+            given.append(seconds)
+            return super().send(request, seconds=seconds)
+
+    advise(LLM(settings(*overrides), context(), Watching(answering())))
+    assert given == [seconds] * 3
+
+
 def test_a_usable_answer_starts_the_count_anew() -> None:
     """And one that nobody answered is passed over: it says nothing about the model."""
     rates = ["no", failed(FailureKind.OVERLOADED), failed(FailureKind.OVERLOADED), "no", DECISION]
@@ -556,12 +790,26 @@ def test_a_key_or_an_address_is_enough(
     assert (client._key, client._base_url) == (key, address)
 
 
-@pytest.mark.parametrize("name", ["ANTHROPIC_API_KEY", "ANTHROPIC_BASE_URL"])
+@pytest.mark.parametrize(
+    "name", ["ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN", "ANTHROPIC_BASE_URL"]
+)
 def test_an_empty_variable_is_none(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """It is how a shell script says that there is no key."""
     monkeypatch.setenv(name, "")
     with pytest.raises(SupervisionError):
         LLM.make(settings(), context())
+
+
+def test_a_key_of_more_than_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The line end of a file is none of it; what cannot be sent is told without quoting it."""
+    monkeypatch.setenv("ANTHROPIC_API_KEY", " sk-0123456789\r\n")
+    client = LLM.make(settings(), context()).client
+    assert isinstance(client, AnthropicClient)
+    assert client._key == "sk-0123456789"
+    monkeypatch.setenv("ANTHROPIC_API_KEY", "sk-0123456789\nsk-9876543210")
+    with pytest.raises(SupervisionError, match="a key in one line") as caught:
+        LLM.make(settings(), context())
+    assert "sk-" not in str(caught.value)
 
 
 def test_closing_leaves_no_trace_of_a_call_under_way() -> None:

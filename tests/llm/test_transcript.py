@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from errno import ENOSPC
 from pathlib import Path
 
 import pytest
@@ -103,6 +104,76 @@ def test_a_damaged_transcript_is_told(tmp_path: Path, data: bytes) -> None:
     (tmp_path / NAME).write_bytes(data)
     with pytest.raises(SupervisionError, match="damaged"):
         Transcript(tmp_path / NAME)
+
+
+def edited(path: Path, old: str, new: str) -> None:
+    """Changes the first place in the file that says so."""
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("of two lines", "of three lines"),  # a reply
+        ('"output": 2', '"output": 1'),  # what it took
+        ('"turns": ["question"]', '"turns": ["a question"]'),
+        ("system text", "another text"),
+        ('"structured": true', '"structured": false'),
+        ('"source": "fallback"', '"source": "llm"'),
+    ],
+)
+def test_a_changed_line_is_told(tmp_path: Path, old: str, new: str) -> None:
+    """A reply that somebody edited is not replayed as the model's, nor is a smaller bill."""
+    path = tmp_path / NAME
+    written = Transcript(path)
+    written.begin({"dialect": {"structured": True}})
+    written.add(attempt())
+    written.add(Conclusion(3, "rate", "fallback", "timeout: late", ()))
+    edited(path, old, new)
+    with pytest.raises(SupervisionError, match=r"as it was written, found line \d") as caught:
+        Transcript(path)
+    assert "its checksum differs; put the original back" in str(caught.value)
+
+
+def test_a_line_can_be_changed_on_purpose(tmp_path: Path) -> None:
+    """Without its checksum a changed answer is taken, as those of older transcripts are."""
+    path = tmp_path / NAME
+    Transcript(path).add(attempt())
+    system, line = map(json.loads, path.read_text(encoding="utf-8").splitlines())
+    line["reply"]["text"] = "mine"
+    del line["checksum"]
+    path.write_text(f"{json.dumps(system)}\n{json.dumps(line)}\n", encoding="utf-8")
+    (found,) = Transcript(path).attempts
+    assert isinstance(found.answer, Reply)
+    assert found.answer.text == "mine"
+    line["request"]["turns"] = ["another question"]
+    path.write_text(f"{json.dumps(system)}\n{json.dumps(line)}\n", encoding="utf-8")
+    with pytest.raises(SupervisionError, match=r"rate after generation 3\) changed: the digest of"):
+        Transcript(path)
+
+
+def test_a_write_that_fails_leaves_no_piece_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a full disk a part of a line may be written; the next line takes its place."""
+    transcript = Transcript(tmp_path / NAME)
+    transcript.add(attempt())
+    whole = (tmp_path / NAME).read_bytes()
+
+    def full(number: int) -> None:  # noqa: ARG001 -- os.fsync's
+        raise OSError(ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("os.fsync", full)
+        with pytest.raises(OSError, match="No space"):
+            transcript.add(FAILED)
+    transcript.add(Conclusion(3, "rate", "llm", "", ()))
+    after = (tmp_path / NAME).read_bytes()
+    assert after.startswith(whole)
+    assert after[len(whole) :].count(b"\n") == 1
+    assert Transcript(tmp_path / NAME).attempts == [attempt()]
 
 
 def test_lines_of_a_later_version_are_passed_over(tmp_path: Path) -> None:

@@ -128,6 +128,23 @@ def test_a_run_where_nothing_ever_works(tmp_path: Path, script: Script) -> None:
     assert {g.source for s in found if (g := s.record.guidance) is not None} == {"fallback"}
 
 
+@pytest.mark.parametrize("fault", [Fault.DRIP, Fault.CUT, Fault.TRUNCATED])
+def test_answers_that_never_arrive_whole_are_not_paid_to_the_end(
+    tmp_path: Path, fault: Fault
+) -> None:
+    """A server that answers the probe and no question: ten are asked, three times each."""
+    with MessagesServer(lambda n: fault if n else None) as server:
+        found = live(server, tmp_path / "live", "gp.generations=12")
+        assert len(server.requests) == 1 + 10 * 3
+    last = found[-2].record.guidance
+    assert last is not None
+    assert "useless: no usable answer to 10 questions in a row (the last: " in last.notes["rate"]
+    setting = "raise supervisor.policy.retry.deadline"
+    assert (setting in last.notes["rate"]) == (fault is Fault.DRIP)
+    again = replayed(tmp_path / "live", tmp_path / "again", "gp.generations=12")
+    assert lines(again) == lines(found)
+
+
 @pytest.mark.parametrize("lag", [0, 2])
 @pytest.mark.parametrize("stop", [0, 1, 4])
 def test_a_resumed_run_asks_nothing_twice(tmp_path: Path, lag: int, stop: int) -> None:

@@ -16,11 +16,10 @@ TINY = ("supervisor=baseline", "gp.population=8", "gp.generations=6", "progress=
 
 def fake(kind: str, **policy: object) -> list[str]:
     """Overrides that choose an evaluator of `tests.running.evaluators`."""
-    words = ",".join(f"{key}:{value}" for key, value in policy.items())
     return [
         "evaluator=serial",
         f"evaluator.factory=tests.running.evaluators:{kind}",
-        f"++evaluator.policy={{{words}}}",
+        *(f"+evaluator.policy.{key}={value}" for key, value in policy.items()),
     ]
 
 

@@ -18,6 +18,8 @@ from tests.evolution.fake import Fake, outcome_of
 class NoSettings(BaseModel, frozen=True, extra="forbid"):
     """Nothing to choose."""
 
+    episode_timeout: float = 0  # as the settings of `serial`, whose file is taken
+
 
 class Instant(Fake):
     """Made-up outcomes at once; keeps nothing, so that a long run's memory is its own."""
@@ -37,6 +39,8 @@ class Instant(Fake):
 
 class BreaksSettings(BaseModel, frozen=True, extra="forbid"):
     """When to break."""
+
+    episode_timeout: float = 0  # as the settings of `serial`, whose file is taken
 
     after: int  # generations that go well
     how: str  # "error", "fault", "interrupt" or "kill"
@@ -79,6 +83,8 @@ class Breaks(Fake):
 
 class SlowSettings(BaseModel, frozen=True, extra="forbid"):
     """How slow."""
+
+    episode_timeout: float = 0  # as the settings of `serial`, whose file is taken
 
     seconds: float  # a generation
 

@@ -95,7 +95,7 @@ def test_a_job_of_a_sweep_names_the_class_too(
     wrong = WELL.replace("return", "if state.now.generation == 2: 1 / 0\n        return")
     assert command(here, wrong, "seed=4", "-m") == 1
     said = capsys.readouterr().err
-    assert "mysup:Mine failed (ZeroDivisionError: division by zero)" in said
+    assert "mysup:Mine failed (ZeroDivisionError: division by zero, in " in said
     assert "Traceback" not in said
     (error,) = here.rglob("error.txt")
     assert "mysup.py" in error.read_text(encoding="utf-8")

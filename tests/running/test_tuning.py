@@ -1,20 +1,21 @@
-"""Tuning: what numbers stand in a file, what they may become, and how values race."""
+"""Tuning: which numbers stand in a file, which are tuned, and what CMA-ES finds."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from math import isclose
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from islandgp.bt.language import parse, to_text
-from islandgp.bt.numbers import REPEATS, Number, numbers_of, with_numbers
+from islandgp.bt.numbers import EQUAL, REPEATS, numbers_of, with_numbers
 from islandgp.bt.vocabulary import Action, Vocabulary, flag, number
-from islandgp.domain import Outcome
-from islandgp.evaluation.base import Job
-from islandgp.running.tuning import FINALISTS, RaceState, Values, choices, choose, race
-from tests.made import outcome
+from islandgp.errors import ConfigError
+from islandgp.search.numbers import NumberSettings, Tuned, thresholds_of, tuned
 
 WORDS = Vocabulary(
     "maze",
@@ -76,147 +77,290 @@ def test_included_numbers_are_left_out(tmp_path: Path) -> None:
     assert [(n.label, n.value, set(n.purposes)) for n in found] == [("use s: t =", 5.0, {REPEATS})]
 
 
-def asked(value: float, *purposes: str) -> Number:
-    """A number for these purposes."""
-    return Number("", value, frozenset(purposes), 1, 0, 1)
+def test_equality_is_a_purpose() -> None:
+    """A number that `==` or `!=` compares, also by a constant, has it beside the key."""
+    text = (
+        "constant n = 2 selector { when lap == n { Go } when lap != 3 { Go } when lap > 1 { Go } }"
+    )
+    found = [(n.value, set(n.purposes)) for n in numbers_of(text, WORDS)]
+    assert found == [(2.0, {"lap", EQUAL}), (3.0, {"lap", EQUAL}), (1.0, {"lap"})]
+
+
+def test_which_numbers_are_tuned() -> None:
+    """Those that order is asked of; counts, equalities and what nothing uses are left.
+
+    A number of several keys has the range that they have in common and the finest step.
+    """
+    text = """
+    constant shared = 3
+    constant count = 2
+    constant nobody = 9
+    subtree s(t, times) = when charge <= t { repeater times { Go } }
+    selector {
+      use s(20, count)
+      when charge < shared { when lap < shared { Go } }
+      when lap == 2 or wall { Go }
+      when charge >= 150 { repeater 3 { Go } }
+    }
+    """
+    found = [
+        (t.number.label, t.number.value, (t.key.low, t.key.high, t.key.step), t.bounds)
+        for t in thresholds_of(text, WORDS)
+    ]
+    assert found == [
+        ("constant shared =", 3, (1, 4, 1), (1, 4)),
+        ("use s: t =", 20, (0, 100, 5), (0, 100)),
+        ("charge >=", 150, (0, 100, 5), (0, 250)),
+    ]
+
+
+def test_keys_without_a_common_range_share_no_threshold() -> None:
+    """Nor is anything tuned in a range that is narrower than the digits of a file."""
+    keys = {"a": number("", 0, 1), "b": number("", 2, 3), "c": number("", 0, 1e-9, 1e-12)}
+    words = Vocabulary("maze", {"Go": Action("")}, keys)
+    text = "constant n = 1 when a < n and b < n and c < 0.5 and b > 2 { Go }"
+    assert [t.number.label for t in thresholds_of(text, words)] == ["b >"]
+
+
+class Hill:
+    """Points are highest at some thresholds, the same in all worlds but for the world's luck."""
+
+    def __init__(self, *best: float, words: Vocabulary = WORDS, ends: int = 10**9) -> None:
+        """The best thresholds of a tree, in its order; episode `ends` is interrupted."""
+        self.best, self.words, self.ends = best, words, ends
+        self.calls: list[tuple[tuple[str, ...], tuple[int, ...]]] = []
+
+    @property
+    def episodes(self) -> int:
+        """That were asked for."""
+        return sum(len(trees) * len(worlds) for trees, worlds in self.calls)
+
+    def __call__(self, trees: Sequence[str], worlds: Sequence[int]) -> list[list[float]]:
+        """See `Evaluate`."""
+        self.calls.append((tuple(trees), tuple(worlds)))
+        if self.episodes > self.ends:
+            raise KeyboardInterrupt
+        return [[self.points(tree, world) for world in worlds] for tree in trees]
+
+    def points(self, tree: str, world: int) -> float:
+        """A world is good or bad for all, and its slopes are steep or gentle."""
+        luck = world % 1000
+        found = thresholds_of(tree, self.words)
+        loss = sum(
+            abs(t.number.value - best) / (t.key.high - t.key.low)
+            for t, best in zip(found, self.best, strict=True)
+        )
+        return luck - 100 * loss * (1 + luck / 1000)
+
+
+TREE = "selector { when charge < 60 { Go } when lap > 1.5 abort none { Go } Go }"
+SMALL = NumberSettings(episodes=2_400, worlds=4)  # 40 generations
+
+
+def run(hill: Hill, text: str = TREE, how: NumberSettings = SMALL, seed: int = 1) -> Tuned:
+    """A tree that is tuned on the hill."""
+    return tuned(text, hill, hill.words, how, seed=seed)
+
+
+def test_the_optimum_is_found_off_the_grid() -> None:
+    """Thresholds come within the rounding of the best ones, which random trees cannot have."""
+    hill = Hill(33.7, 2.62)
+    found = run(hill)
+    assert found.comparison is not None
+    assert found.comparison.accepted
+    assert found.comparison.better == found.comparison.worlds
+    charge, lap = found.values
+    assert abs(charge - 33.7) <= 0.3
+    assert abs(lap - 2.62) <= 0.03
+    expected = TREE.replace("60", f"{charge:g}").replace("1.5", f"{lap:g}")
+    assert found.text == expected
+
+
+def test_the_episodes_are_counted() -> None:
+    """The costs are what the evaluator ran, within the budget; progress is told of each call."""
+    hill, told = Hill(33.7, 2.62), list[int]()
+    found = tuned(TREE, hill, WORDS, SMALL, seed=1, progress=told.append)
+    assert found.comparison is not None
+    assert found.costs.total == hill.episodes == told[-1] <= 2_400
+    assert 12 * 4 * 10 < found.costs.search <= 1_920  # it converges before
+    assert found.costs.comparison == 2 * found.comparison.worlds == 240
+    assert 0 < found.costs.race <= 240
+    assert len(told) == len(hill.calls)
+
+
+def test_who_meets_which_worlds() -> None:
+    """All trees of a generation meet the same worlds; no two calls have a world in common."""
+    hill = Hill(33.7, 2.62)
+    run(hill)
+    worlds = [world for _, each in hill.calls for world in each]
+    assert len(set(worlds)) == len(worlds)
+    assert {len(each) for _, each in hill.calls[:10]} == {4}
+    assert to_text(parse(TREE)) in hill.calls[-1][0]
+
+
+def test_a_function_of_the_seed() -> None:
+    """Equal seeds ask for the same episodes; others for other worlds and trees."""
+    hills = [Hill(33.7, 2.62) for _ in range(3)]
+    ends = [run(hill, seed=seed) for hill, seed in zip(hills, (1, 1, 2), strict=True)]
+    assert hills[0].calls == hills[1].calls
+    assert ends[0] == ends[1]
+    assert hills[0].calls != hills[2].calls
+
+
+def test_the_best_tree_stays() -> None:
+    """Where the written numbers are the best, they win the race and nothing is compared."""
+    found = run(Hill(60, 1.5))
+    assert (found.text, found.values, found.comparison) == (TREE, (60, 1.5), None)
+    assert found.costs.comparison == 0
+
+
+def test_numbers_without_effect_stay() -> None:
+    """Of equal trees the written one is kept, and the search stops before its budget is spent."""
+    calls: list[int] = []
+
+    def flat(trees: Sequence[str], worlds: Sequence[int]) -> list[list[float]]:
+        calls.append(len(trees) * len(worlds))
+        return [list(map(float, worlds)) for _ in trees]
+
+    found = tuned(TREE, flat, WORDS, SMALL, seed=0)
+    assert (found.text, found.comparison) == (TREE, None)
+    assert found.costs.search < 0.8 * 2_400 * 0.6
+
+
+def test_luck_is_not_accepted() -> None:
+    """A difference that may be chance leaves the tree as it was, with the comparison told."""
+
+    def lucky(trees: Sequence[str], worlds: Sequence[int]) -> list[list[float]]:
+        return [[float(hash_of(tree, world)) for world in worlds] for tree in trees]
+
+    def hash_of(tree: str, world: int) -> int:
+        return (sum(map(ord, tree)) * 7919 + world) * 104_729 % 1_000
+
+    ends = [tuned(TREE, lucky, WORDS, SMALL, seed=seed) for seed in range(6)]
+    kept = [end for end in ends if end.comparison and not end.comparison.accepted]
+    assert kept
+    assert all(end.text == TREE and end.values == (60, 1.5) for end in kept)
+
+
+def test_one_number() -> None:
+    """CMA-ES searches one dimension, too."""
+    text = "when charge > 40 { Go }"
+    found = run(Hill(51.3), text)
+    assert abs(found.values[0] - 51.3) <= 0.3
+    assert found.text == f"when charge > {found.values[0]:g} {{ Go }}"
+
+
+def test_a_constant_has_one_value() -> None:
+    """It keeps its name and its comment in all uses; a number that stays keeps its digits."""
+    text = (
+        "# A robot\nconstant low = 40.0  # percent\n"
+        "selector {\n  when charge < low { Go }  when charge >= low { repeater 02 { Go } }\n"
+        "  when lap == 3.00 { Go }\n}\n"
+    )
+
+    def points(trees: Sequence[str], worlds: Sequence[int]) -> list[list[float]]:
+        found = [[t.number.value for t in thresholds_of(tree, WORDS)] for tree in trees]
+        assert all(a == b for a, b in found)
+        return [[world % 7 - abs(a - 63.4) for world in worlds] for a, _ in found]
+
+    found = tuned(text, points, WORDS, SMALL, seed=3)
+    assert abs(found.values[0] - 63.4) <= 0.3
+    assert found.text == text.replace("40.0", f"{found.values[0]:g}")
 
 
 @pytest.mark.parametrize(
-    ("one", "values"),
+    "text",
     [
-        (asked(2, "lap"), (1, 2, 3, 4)),
-        (asked(2.5, "lap"), (1, 2, 2.5, 3, 4)),
-        (asked(-7, "lap"), (-7, 1, 2, 3, 4)),
-        (asked(12.5, "lap", "charge"), (1, 12.5)),
-        (asked(1, REPEATS), (1, 2, 3)),
-        (asked(4, REPEATS), (1, 2, 3, 4, 5, 6, 7, 8)),
-        (asked(100, REPEATS), tuple(range(1, 101))),
-        (asked(2, REPEATS, "lap"), (1, 2, 3, 4)),
-        (asked(9), (9,)),
+        "Go",
+        "selector { Go when wall { Go } }",
+        "repeater 3 { Go }",
+        "when lap == 2 { Go }",
+        "constant n = 3 Go",
     ],
 )
-def test_choices(one: Number, values: tuple[float, ...]) -> None:
-    """A key's grid or 1 to the most repetitions, and the value as it is written."""
-    assert choices(one, WORDS, 3) == values
+def test_no_numbers(text: str) -> None:
+    """A tree without thresholds costs nothing and comes out as it is."""
+    hill = Hill()
+    found = run(hill, text)
+    assert (found.text, found.values, found.comparison) == (text, (), None)
+    assert hill.calls == []
+    assert found.costs.total == 0
 
 
-@pytest.mark.parametrize(("low", "high", "step"), [(0, 1e9, 1e-300), (-1e300, 1e300, 1)])
-def test_choices_are_bounded(low: float, high: float, step: float) -> None:
-    """A key with any range has few values, all of which the language can say."""
+@pytest.mark.parametrize(
+    ("low", "high", "step", "written"),
+    [
+        (-1e300, 1e300, 1, 7),
+        (0, 1e9, 1e-300, 500_000),
+        (0, 1e-6, 1e-7, 0),
+        (0, 1, 0.1, 1_000_000),
+        (0, 1, 0.1, -1_000_000),
+        (999_999, 1e7, 1, 999_999),
+    ],
+)
+def test_any_range(low: float, high: float, step: float, written: float) -> None:
+    """Candidates of a key with any range stay in it and can be read."""
     words = Vocabulary("maze", {"Go": Action("")}, {"far": number("", low, high, step)})
-    found = choices(asked(7, "far"), words, 3)
-    assert 100 < len(found) < 205
-    for value in (found[0], found[-1]):
-        text = with_numbers("when far < 7 { Go }", [Number("", 7, frozenset(), 1, 11, 12)], [value])
-        parse(text, words)
+    hill = Hill(0, words=words)
+    found = run(hill, f"when far < {written} {{ Go }}", NumberSettings(episodes=300, worlds=2))
+    seen = [t for trees, _ in hill.calls for tree in trees for t in thresholds_of(tree, words)]
+    least, most = found.thresholds[0].bounds
+    assert len(seen) > 12
+    assert all(least <= t.number.value <= most for t in seen)
 
 
-class Hilly:
-    """An evaluator whose points are best at `charge < 35` and two repetitions, in any world."""
-
-    def __init__(self, *, ends: int = 10**9) -> None:
-        """It is interrupted when it has run `ends` episodes."""
-        self.jobs: list[Job] = []
-        self.ends = ends
-
-    @property
-    def simulated(self) -> int:
-        """See `Evaluator`."""
-        return len(self.jobs)
-
-    def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
-        """See `Evaluator`."""
-        self.jobs += jobs
-        if len(self.jobs) > self.ends:
-            raise KeyboardInterrupt
-        return [outcome(points(job)) for job in jobs]
-
-    def close(self) -> None:
-        """Nothing is held."""
-
-
-def points(job: Job) -> float:
-    """What a tree earns: its numbers, and a world that is good or bad for all."""
-    charge, count = map(float, re.findall(r"\d+", job.tree))
-    luck = job.seed * 7919 % 1000
-    return luck - abs(charge - 35) * (1 + luck / 1000) - 10 * abs(count - 2)
+@given(st.integers(2, 40), st.integers(1, 20_000), st.integers(1, 100), st.integers(2, 30))
+@settings(max_examples=200)
+def test_a_plan_keeps_to_its_episodes(
+    worlds: int, episodes: int, dimensions: int, population: int
+) -> None:
+    """There is a generation, a race of two and a comparison, or an error that says the least."""
+    how = NumberSettings(episodes=episodes, worlds=worlds, population=population)
+    try:
+        plan = how.plan(dimensions)
+    except ConfigError as error:
+        match = re.search(r"at least ([\d,]+) episodes", str(error))
+        assert match is not None
+        least = int(match[1].replace(",", ""))
+        assert least > episodes
+        assert NumberSettings(least, worlds, population).plan(dimensions).generations == 1
+        return
+    search = plan.generations * plan.population * worlds
+    assert plan.generations >= 1
+    assert plan.comparing >= 2
+    assert plan.racing >= 4
+    assert search + plan.racing + 2 * plan.comparing == episodes
 
 
-TREE = "when charge < 95 { repeater 5 { Go } }"
-NUMBERS = numbers_of(TREE, WORDS)
-ALLOWED = [choices(n, WORDS, 5) for n in NUMBERS]
+@pytest.mark.parametrize(("worlds", "episodes"), [(2, 32), (4, 61), (16, 240), (16, 700)])
+def test_small_budgets(worlds: int, episodes: int) -> None:
+    """The least budget is enough, and none is overspent."""
+    hill = Hill(33.7, 2.62)
+    found = run(hill, how=NumberSettings(episodes, worlds))
+    assert found.costs.total == hill.episodes <= episodes
 
 
-def text_of(values: Values) -> str:
-    """The canonical text with these numbers."""
-    return to_text(parse(with_numbers(TREE, NUMBERS, values)))
+def test_too_few_episodes() -> None:
+    """It is one error, before any episode."""
+    hill = Hill(33.7, 2.62)
+    with pytest.raises(ConfigError, match="Expected at least 240 episodes: a generation is 12"):
+        run(hill, how=NumberSettings(episodes=239))
+    assert hill.calls == []
 
 
-def raced(evaluator: Hilly, trials: int = 40, seed: int = 1) -> list[RaceState]:
-    """All standings of a race from the numbers of TREE."""
-    found = race(text_of, (95, 5), ALLOWED, range(20), evaluator, stage=0, trials=trials, seed=seed)
-    return list(found)
-
-
-def test_a_race_finds_better_numbers() -> None:
-    """The best trees met every world, the others were given up before; nobody meets one twice."""
-    evaluator = Hilly()
-    last = raced(evaluator)[-1]
-    assert last.trials == 41
-    assert len(last.finalists) == FINALISTS
-    best = last.finalists[0]
-    assert abs(best[0] - 35) <= 5
-    assert abs(best[1] - 2) <= 1
-    assert last.gained > 60
-    assert len(set(evaluator.jobs)) == len(evaluator.jobs) == last.episodes
-    assert last.dropped > last.different / 2
-    assert last.episodes < last.different * 20 * 2 / 3
-    trees = [job.tree for job in evaluator.jobs]
-    assert [trees.count(text_of(values)) for values in last.finalists] == [20] * FINALISTS
-    tried = {job.tree for job in evaluator.jobs}
-    top = max(tried, key=lambda text: sum(points(Job(text, 0, world)) for world in range(20)))
-    assert top == text_of(best)
-
-
-def test_a_race_is_a_function_of_its_seed() -> None:
-    """The same seed proposes the same trees in the same order."""
-    runs = [Hilly(), Hilly(), Hilly()]
-    ends = [raced(each, 20, seed)[-1] for each, seed in zip(runs, (1, 1, 2), strict=True)]
-    assert runs[0].jobs == runs[1].jobs
-    assert runs[0].jobs != runs[2].jobs
-    assert ends[0] == ends[1]
-
-
-def test_a_race_with_one_value_ends() -> None:
-    """Proposals that were there before cost no episode."""
-    evaluator = Hilly()
-    found = race(
-        text_of, (95, 5), [(35, 95), (5,)], range(4), evaluator, stage=0, trials=30, seed=0
-    )
-    last = list(found)[-1]
-    assert (last.trials, last.different, last.episodes) == (31, 2, 8)
-    assert last.finalists == ((35, 5), (95, 5))
-
-
-def test_what_an_interrupted_race_knows() -> None:
-    """The standing before Ctrl-C is there, with the best of those that had met every world."""
-    whole = raced(Hilly(), 20)
-    going = race(text_of, (95, 5), ALLOWED, range(20), Hilly(ends=150), stage=0, trials=20, seed=1)
-    kept: list[RaceState] = []
+def test_an_interruption_is_passed_on() -> None:
+    """Ctrl-C ends the search at once."""
+    hill = Hill(33.7, 2.62, ends=500)
     with pytest.raises(KeyboardInterrupt):
-        kept.extend(going)  # what came before the interruption stays
-    assert kept == whole[: len(kept)]
-    assert 100 < kept[-1].episodes <= 150
+        run(hill)
+    assert hill.episodes <= 500 + 48
 
 
-def test_the_choice_is_made_in_other_worlds() -> None:
-    """The highest mean of these worlds; the first of equals."""
-    evaluator = Hilly()
-    assert choose(text_of, [(95, 5), (35, 3), (30, 2)], range(100, 104), evaluator, 0) == (30, 2)
-    assert {job.seed for job in evaluator.jobs} == set(range(100, 104))
-    assert choose(text_of, [(95, 5), (35, 2), (35, 2)], range(3), Hilly(), 0) == (35, 2)
-
-
-def test_no_numbers() -> None:
-    """A tree without numbers has none."""
-    assert numbers_of("selector { Go when wall { Go } }", WORDS) == []
+def test_the_intervals() -> None:
+    """Before, after and difference are paired: means differ by the mean difference."""
+    comparison = run(Hill(33.7, 2.62)).comparison
+    assert comparison is not None
+    apart = comparison.tuned[0] - comparison.written[0]
+    assert isclose(apart, comparison.difference[0])
+    width = comparison.difference[2] - comparison.difference[1]
+    assert 0 < width < comparison.written[2] - comparison.written[1]

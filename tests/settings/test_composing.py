@@ -13,7 +13,7 @@ from tests.composed import composed, plain
 CONF = resource("conf")
 OWN_GROUPS = (
     "domain", "world", "curriculum", "rewards", "classes", "library", "allocation", "gp",
-    "supervisor", "evaluator", "tracking",
+    "search", "supervisor", "evaluator", "tracking",
 )  # fmt: skip
 
 
@@ -34,7 +34,7 @@ def test_experiments(experiment: str) -> None:
 def test_options(choice: str) -> None:
     """Each option of each group composes, its class can be imported, and its settings fit."""
     settings = composed(choice)
-    for part in (settings.supervisor, settings.evaluator, settings.tracking):
+    for part in (settings.search, settings.supervisor, settings.evaluator, settings.tracking):
         assert part.settings() is not None
 
 
@@ -42,6 +42,12 @@ def test_supervisors_are_called_what_their_files_are_called() -> None:
     """The name in a record leads back to the file, unless a name says which variant it is."""
     for name in options("supervisor"):
         assert composed(f"supervisor={name}").supervisor.name.startswith(name)
+
+
+def test_searches_are_called_what_their_files_are_called() -> None:
+    """The name in tags and tables is the one that chooses the search."""
+    for name in options("search"):
+        assert composed(f"search={name}").search.name == name
 
 
 def test_the_paper_is_the_default() -> None:

@@ -14,9 +14,11 @@ from tests.site.generators import script
 
 reference = script("reference")
 GROUPS = (
-    "world", "rewards", "curriculum", "classes", "library", "allocation", "gp",
-    "supervisor", "evaluator", "tracking", "hydra/sweeper", "hydra/launcher",
+    "world", "rewards", "curriculum", "classes", "library", "allocation", "gp", "search",
+    "search/breeding", "supervisor", "evaluator", "tracking", "hydra/sweeper", "hydra/launcher",
 )  # fmt: skip
+PACKAGES = {"search": "", "search/breeding": "search.policy.breeding"}
+"""Where the keys of a group's files stand, if not below the group's name."""
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +46,8 @@ def given() -> Iterator[tuple[str, Path]]:
     for group in GROUPS:
         for file in sorted((reference.CONF / group).glob("*.yaml")):
             values = yaml.safe_load(file.read_text(encoding="utf-8"))
-            for path in leaves(values, group.replace("/", ".")):
+            for path in leaves(values, PACKAGES.get(group, group.replace("/", "."))):
+                path = path.removeprefix(".")
                 yield path.replace(".@policy", ".policy").replace("_target_", ""), file
     for name in yaml.safe_load((reference.CONF / "config.yaml").read_text()):
         if name not in ("defaults", "hydra"):

@@ -57,7 +57,8 @@ FAULTS: Final = {
     "worker killed": Fault(stops.killed_workers, "it is replaced, its episodes run again"),
     "worker or simulator that does not answer": Fault(
         stops.silent_worker,
-        "after `episode_timeout` exit code 2, with tree and world; the same command goes on",
+        "after `episode_timeout` exit code 2, with tree and world, and the action where it is the"
+        " simulator; the same command goes on",
     ),
     "the same command eight times at once, two sweeps": Fault(
         stops.two_commands, "one does the work, the others end with exit code 2"

@@ -117,7 +117,7 @@ def silent_worker(lab: Lab) -> None:
     process = start(home, *hanging)
     under_way(home, process)
     flag.touch()
-    assert_refused(lab.end(process), "no answer of its worker in 2 s", "world seed")
+    assert_refused(lab.end(process), "still running after 2 s", "world seed")
     flag.unlink()
     lab.assert_finishes(home, hanging)
 

@@ -27,6 +27,7 @@ def test_metrics_are_the_records_numbers() -> None:
     best = max(step.record.individuals, key=lambda line: line.fitness)
     found = metrics(asdict(step.record), COST)
     assert {name.partition("/")[0] for name in found} == {
+        "archive",
         "behaviours",
         "components",
         "cost",

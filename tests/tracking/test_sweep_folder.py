@@ -191,6 +191,8 @@ def test_more_seeds_make_a_new_parent(home: Path, store: Store) -> None:
     sweep = opened(home / "runs/s", job("one"))
     written(home / "runs/s/one", home)
     first = send(sweep, store)
+    deviation = "sweep/baseline diversity sd"
+    assert store.client.get_metric_history(first, deviation) == []  # one run has none
     opened(home / "runs/s", job("two", seed=1))
     written(home / "runs/s/two", home, seed=2)
     second = send(sweep, store)
@@ -198,6 +200,7 @@ def test_more_seeds_make_a_new_parent(home: Path, store: Store) -> None:
     assert store.client.get_run(first).info.lifecycle_stage == "deleted"
     points = store.client.get_metric_history(second, "sweep/baseline diversity mean")
     assert [m.step for m in points] == [0, 1, 2, 3, 4]
+    assert len(store.client.get_metric_history(second, deviation)) == 5
 
 
 def test_the_table_says_how_many_answers_were_the_fallbacks(tmp_path: Path) -> None:

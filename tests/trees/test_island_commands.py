@@ -243,7 +243,7 @@ def test_trace_between(islandgp: Cli) -> None:
     ("times", "message"),
     [
         (("--from", 300, "--to", 200), "expected --from before --to, found 300 and 200"),
-        (("--from", "nan"), "expected --from before --to, found nan and inf"),
+        (("--from", "nan"), "'nan' is not a number of at least 0"),
         (("--from", -5, "--to", -1), "-5.0 is not in the range x>=0"),
         (("--to", -1), "-1.0 is not in the range x>=0"),
     ],
@@ -299,6 +299,24 @@ def test_play_several(islandgp: Cli) -> None:
     said = islandgp("play", GOOD, "-", "--seeds", 3, *SHORT, stdin="PatrolWaypoint")
     assert [line.split()[0] for line in said.out.splitlines()[:3]] == ["tree", str(GOOD), "<stdin>"]
     assert islandgp("play", GOOD, GOOD, "--watch", *SHORT).code == 2
+
+
+def test_one_world_has_no_interval(islandgp: Cli) -> None:
+    """Its ends are null in JSON, and a dash with a reason for people; so is the deviation."""
+    words = ("play", GOOD, GOOD, "--seeds", 1, *SHORT)
+    first, second = json.loads(islandgp(*words, "--json").out)
+    assert (second["difference"], second["difference_low"], second["difference_high"]) == (
+        *(0, None, None),
+    )
+    assert (first["fitness_low"], first["fitness_high"]) == (None, None)
+    said = islandgp(*words).out
+    assert f"{first['fitness']:,.0f} (-)" in said
+    assert "One world has no interval; --seeds N takes more." in said
+    alone = islandgp("play", GOOD, "--seeds", 1, *SHORT).out
+    assert "One world has no standard deviation" in alone
+    (row,) = (line.split() for line in alone.splitlines() if line.startswith("fitness"))
+    assert row[2] == "-"
+    assert "standard deviation" not in islandgp("play", GOOD, "--seeds", 2, *SHORT).out
 
 
 def test_a_timeline_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:

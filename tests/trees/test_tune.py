@@ -3,104 +3,167 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 
-from islandgp.bt.language import parse
+from islandgp.domain import Outcome
 from islandgp.evaluation.base import Job
 from islandgp.evaluation.serial import Serial
+from tests.made import outcome
 from tests.trees.shell import Cli
 
 SHORT = ("--set", "world.episode.length=10", "--set", "evaluator=serial")
-FEW = ("--worlds", 2, "--trials", 4)
+FEW = ("--worlds", 2, "--episodes", 60)  # two generations
 TREE = """# my robot
-constant low = 90  # percent
+constant low = 90.0  # percent
 
-when batteryLevel < low { MoveToGarbage }
+selector { repeater 02 { when batteryLevel < low { MoveToGarbage } } PatrolWaypoint }
 """
-BETTER = "selector { repeater 2 { PatrolWaypoint } when batteryLevel < 7.5 { SeekCharger } }\n"
+NEAR = "when batteryLevel < 60 { PatrolWaypoint }"
 
 
-def test_tune(islandgp: Cli, tmp_path: Path) -> None:
-    """The tree is printed with names and comments kept, and what was done is told beside it."""
-    (tmp_path / "my tree.bt").write_text(BETTER)
-    first = islandgp("tune", tmp_path / "my tree.bt", *FEW, *SHORT)
-    assert first.code == 0
-    assert re.sub(r"[\d.]+", "", first.out) == re.sub(r"[\d.]+", "", BETTER)
-    assert "4 trials in 2 worlds: " in first.err
-    assert "  line 1: repeater 2 " in first.err
-    assert "  line 1: batteryLevel < 7.5 " in first.err
-    made = tmp_path / "tuned.bt"
-    again = islandgp("tune", "-", *FEW, *SHORT, "-o", made, stdin=BETTER)
-    assert again.out == ""
-    assert made.read_text() == first.out
-    other = islandgp("tune", "-", *FEW, *SHORT, "--seed", 5, stdin=TREE)
-    assert other.out.startswith("# my robot\nconstant low = ")
-    assert other.out.endswith("  # percent\n\nwhen batteryLevel < low { MoveToGarbage }\n")
+class Awake(Serial):
+    """Points are highest at one threshold of the battery, in any world; no simulator is needed."""
 
+    jobs: ClassVar[list[Job]] = []
+    ends: ClassVar[int] = 10**9  # jobs that are run before Ctrl-C
 
-def test_what_it_is_worth(islandgp: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Better numbers are told with an interval, from worlds that neither raced nor chose."""
-    jobs: list[Job] = []
-    evaluate = Serial.evaluate
-
-    def noted(self: Serial, asked: list[Job]) -> object:
-        jobs.extend(asked)
-        return evaluate(self, asked)
-
-    monkeypatch.setattr(Serial, "evaluate", noted)
-    text = "when batteryLevel < 40 { PatrolWaypoint }"  # it stands still
-    said = islandgp("tune", "-", "--worlds", 3, "--trials", 12, *SHORT, stdin=text)
-    assert said.code == 0
-    told = re.search(
-        r"In 3 worlds that chose nothing: \S+ points, (\S+) to the tree as it was"
-        r" \(95 %: (\S+) to (\S+)\), better in 3\.",
-        said.err,
-    )
-    assert told is not None
-    mean, low, high = (float(word.replace(",", "")) for word in told.groups())
-    assert low <= mean <= high
-    assert mean > 0
-    written = parse(text)
-    worlds = [job.seed for job in jobs if parse(job.tree) == written]
-    assert len(set(worlds)) == 9  # to race, to choose and to tell
-    assert len(worlds) >= 9
-
-
-def test_ctrl_c_keeps_the_best(
-    islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The tree is written, its worth is told, and the exit code is that of Ctrl-C."""
-    evaluate = Serial.evaluate
-    calls: list[int] = []
-
-    def stopped(self: Serial, jobs: list[Job]) -> object:
-        calls.append(len(jobs))
-        if len(calls) == 4:
+    def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
+        """See `Evaluator`."""
+        self.jobs.extend(jobs)
+        if len(self.jobs) > self.ends:
             raise KeyboardInterrupt
-        return evaluate(self, jobs)
+        return [outcome(job.seed % 100 - abs(threshold(job.tree) - 63.4)) for job in jobs]
 
-    monkeypatch.setattr(Serial, "evaluate", stopped)
-    made = tmp_path / "tuned.bt"
-    text = "when batteryLevel < 40 { PatrolWaypoint }"
-    words = ("--worlds", 2, "--trials", 40, "-o", made)
-    said = islandgp("tune", "-", *words, *SHORT, stdin=text)
-    assert said.code == 130
-    assert "islandgp: stopped" in said.err
-    assert made.read_text() != text
-    assert "worlds that chose nothing" in said.err
+
+def threshold(tree: str) -> float:
+    """Of its only condition."""
+    found = re.search(r"batteryLevel < ([\d.]+)", tree)
+    assert found is not None
+    return float(found[1])
+
+
+@pytest.fixture
+def awake(monkeypatch: pytest.MonkeyPatch) -> type[Awake]:
+    """The evaluator of commands, without its jobs."""
+    monkeypatch.setattr(Awake, "jobs", [])
+    monkeypatch.setattr(Serial, "evaluate", Awake.evaluate)
+    monkeypatch.setattr(Serial, "jobs", Awake.jobs, raising=False)
+    monkeypatch.setattr(Serial, "ends", 10**9, raising=False)
+    return Awake
+
+
+def test_tune(islandgp: Cli, tmp_path: Path, awake: type[Awake]) -> None:
+    """One number changes, all else stays to the letter; before, after and cost are reported."""
+    file, made = tmp_path / "my tree.bt", tmp_path / "tuned.bt"
+    file.write_text(TREE)
+    first = islandgp("tune", file, "--worlds", 4, "--episodes", 1_200, *SHORT)
+    assert first.code == 0
+    value = re.findall(r"low = ([\d.]+)", first.out)[0]
+    assert abs(float(value) - 63.4) < 1
+    assert first.out == TREE.replace("90.0", value)
+    assert f"  line 2: constant low = 90 becomes {value}\n" in first.err
+    assert "1 number to tune in at most 1,200 episodes: 20 generations of 12 trees" in first.err
+    numbers = r"[-+\d.,]+ points \(95 %: [-+\d.,]+ to [-+\d.,]+\)"
+    for line in (f"before: {numbers}", f"after: {numbers}", f"difference: {numbers}, better in 60"):
+        assert re.search(line, first.err)
+    cost = re.search(
+        r"Cost: ([\d,]+) episodes \(([\d,]+) search, (\d+) race, 120 comparison\), [\d.]+ s",
+        first.err,
+    )
+    assert cost is not None
+    total, search, race = (int(word.replace(",", "")) for word in cost.groups())
+    assert total == len(awake.jobs) == search + race + 120 <= 1_200
+
+    again = islandgp("tune", file, "--worlds", 4, "--episodes", 1_200, *SHORT, "-o", made)
+    assert (again.out, made.read_text()) == ("", first.out)
+
+
+def test_the_file_itself_is_tuned(islandgp: Cli, tmp_path: Path, awake: type[Awake]) -> None:  # noqa: ARG001 -- the fixture is what it does
+    """`-o` may name the file that is read."""
+    file = tmp_path / "a.bt"
+    file.write_text(TREE)
+    assert islandgp("tune", file, "-o", file, "--episodes", 1_200, *SHORT).code == 0
+    assert file.read_text() != TREE
+    assert re.sub(r"low = [\d.]+", "low = 90.0", file.read_text()) == TREE
+
+
+def test_in_the_simulator(islandgp: Cli) -> None:
+    """The bytes do not depend on the number of workers."""
+    words = ("--episodes", 400, "--worlds", 4, "--set", "world.episode.length=10")
+    one = islandgp("tune", "-", *words, "--set", "evaluator=serial", stdin=NEAR)
+    two = islandgp("tune", "-", *words, "--set", "evaluator.policy.workers=2", stdin=NEAR)
+    assert one.code == two.code == 0
+    assert one.out == two.out
+    assert one.out != NEAR  # the battery has more when it starts
+    assert one.err.rpartition(",")[0] == two.err.rpartition(",")[0]  # but for the seconds
+
+
+def test_nothing_better(islandgp: Cli, awake: type[Awake]) -> None:  # noqa: ARG001 -- the fixture is what it does
+    """The text comes out as it was, to the byte."""
+    text = "when  batteryLevel<63.40 { MoveToGarbage }\r\n"
+    said = islandgp("tune", "-", "--episodes", 400, *SHORT, stdin=text)
+    assert (said.code, said.out) == (0, text)
+    assert "line 1: batteryLevel < 63.4 stays" in said.err
+    assert "Nothing better was found" in said.err
+
+
+def test_ctrl_c_writes_nothing(
+    islandgp: Cli, tmp_path: Path, awake: type[Awake], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the search, the race or the comparison: the file stays, the exit code is 130."""
+    file = tmp_path / "a.bt"
+    file.write_text(TREE)
+    words = ("tune", file, "--worlds", 4, "--episodes", 600, *SHORT)
+    assert islandgp(*words).code == 0
+    episodes = len(awake.jobs)  # 60 of them compare
+    for ends in (10, episodes - 61, episodes - 1):
+        awake.jobs.clear()
+        monkeypatch.setattr(Serial, "ends", ends)
+        said = islandgp(*words, "-o", file)
+        assert (said.code, said.out) == (130, "")
+        assert "islandgp: stopped" in said.err
+        assert len(awake.jobs) > ends
+        assert (list(tmp_path.iterdir()), file.read_text()) == ([file], TREE)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--episodes", 239), "Expected at least 240 episodes: a generation is 12 trees in 16"),
+        (("--episodes", 31, "--worlds", 2), "Expected at least 32 episodes"),
+        (("--episodes", 0), "0 is not in the range"),
+        (("--worlds", 1), "1 is not in the range"),
+        (("--seed", -1), "-1 is not in the range"),
+        (("--stage", 99), "--stage: expected 1 to "),
+    ],
+)
+def test_budgets_that_are_too_small(
+    islandgp: Cli, tmp_path: Path, words: tuple[object, ...], message: str
+) -> None:
+    """One error, before any episode, and no file."""
+    said = islandgp("tune", "-", *words, "-o", tmp_path / "new.bt", stdin=TREE)
+    assert (said.code, said.out) == (2, "")
+    assert message in said.err
+    assert "Traceback" not in said.err
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(
     ("text", "code", "message"),
     [
-        ("PatrolWaypoint", 0, "<stdin>: there is no number to tune."),
-        ("constant a = 3 PatrolWaypoint", 0, "<stdin>: there is no number to tune."),
+        ("PatrolWaypoint", 0, "<stdin>: there is no number to tune"),
+        ("constant a = 3 PatrolWaypoint", 0, "<stdin>: there is no number to tune"),
+        ("repeater 3 { PatrolWaypoint }", 0, "<stdin>: there is no number to tune"),
+        ("when batteryLevel == 3 { PatrolWaypoint }", 0, "<stdin>: there is no number to tune"),
+        ("when foundGarbage { PatrolWaypoint }\r\n", 0, "<stdin>: there is no number to tune"),
         ("when batteryLevel < { PatrolWaypoint }", 2, "<stdin>:1:21: unexpected '{'"),
         ("when batteryLvel < 5 { PatrolWaypoint }", 2, "Did you mean batteryLevel?"),
         (
-            "selector {" + "repeater 2 { PatrolWaypoint }" * 101 + "}",
+            "selector {" + "when batteryLevel < 2 { PatrolWaypoint }" * 101 + "}",
             2,
             "expected at most 100 numbers to tune, found 101",
         ),
@@ -114,11 +177,3 @@ def test_what_cannot_be_tuned(islandgp: Cli, text: str, code: int, message: str)
     assert message in said.err
     assert "Traceback" not in said.err
     assert said.out == (text if code == 0 else "")
-
-
-def test_without_optuna(islandgp: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The extra that brings it is named."""
-    monkeypatch.setattr("islandgp.commands.tune_command.find_spec", lambda _: None)
-    said = islandgp("tune", "-", stdin=TREE)
-    assert said.code == 2
-    assert "pip install 'islandgp[optuna]'" in said.err

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
+from traceback import walk_tb
 from typing import ClassVar, Final, Self
 
 from pydantic import BaseModel
@@ -20,6 +21,7 @@ from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.errors import DomainError
 from islandgp.scoring.rewards import RewardTable, Worth, worth
+from islandgp.time_limit import Overdue
 
 EARNED_BY: Final[Mapping[str, str]] = {
     Event.PICKUP: "PickupGarbage",
@@ -68,6 +70,21 @@ class Island:
         observer: Observer | None = None,
     ) -> Outcome:
         """See `Domain`. With an observer the tree is ticked in every step."""
+        try:
+            return self._run(tree, seed, weights, observer)
+        except Overdue as late:
+            late.action = late.action or self._action_in(late)
+            raise
+
+    def _action_in(self, late: Overdue) -> str:
+        """The action in whose function it was raised, or ""."""
+        names = {getattr(act, "__code__", None): name for name, act in self.actions.items()}
+        found = (names.get(frame.f_code, "") for frame, _ in walk_tb(late.__traceback__))
+        return next(filter(None, found), "")
+
+    def _run(
+        self, tree: Node, seed: int, weights: Mapping[str, float], observer: Observer | None
+    ) -> Outcome:
         value = worth(self.rewards, weights)
         if observer is None:
             episode = run_episode(

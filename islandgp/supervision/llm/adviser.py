@@ -33,7 +33,7 @@ from islandgp.supervision.llm.informed import (
     run_values,
     standing_values,
 )
-from islandgp.supervision.llm.message import Failure, FailureKind, Request
+from islandgp.supervision.llm.message import CHARGED, Failure, FailureKind, Request
 from islandgp.supervision.llm.prompts import (
     fixed_values,
     load_prompt,
@@ -176,16 +176,19 @@ class Adviser:
 
     def _given_up(self, calls: Calls, generation: int) -> Failure | None:
         """Why the model is not asked any more; None: it is."""
-        how = self.settings.useless
-        if how is None or (found := calls.transcript.useless_before(generation)) < how.most:
+        how, found = self.settings.useless, calls.transcript.useless_before(generation)
+        if how is None or len(found) < how.most:
             return None
+        last = f" (the last: {found[-1].why})" if found[-1].failed in CHARGED else ""
         if how.then == "stop":
             raise SupervisionError(
                 f"Expected a usable answer of {self.settings.model_name}, found none to the last"
-                f" {found} questions; set another supervisor.policy.model, or raise"
+                f" {len(found)} questions{last}; set another supervisor.policy.model, or raise"
                 " supervisor.policy.useless.most."
             )
-        return Failure(FailureKind.USELESS, f"no usable answer to {found} questions in a row")
+        return Failure(
+            FailureKind.USELESS, f"no usable answer to {len(found)} questions in a row{last}"
+        )
 
     def _answers(
         self, state: PopulationState, calls: Calls, dialect: Dialect

@@ -13,9 +13,10 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from math import inf
+from threading import Lock
 from typing import Any, Final, Generic, Literal, Protocol, TypeVar
 
 import numpy as np
@@ -25,6 +26,7 @@ from islandgp.errors import SupervisionError
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.llm.ledger import Ledger, cost, known_usage, most_tokens
 from islandgp.supervision.llm.message import (
+    CHARGED,
     QUOTED,
     TRANSIENT,
     Client,
@@ -38,16 +40,17 @@ from islandgp.supervision.llm.transcript import Attempt, Call, Conclusion, Sent,
 from islandgp.supervision.llm.validation import Check, Rejection, RejectionStage
 
 T = TypeVar("T")
+DAY: Final = 86_400  # s
 
 
 class RetrySettings(BaseModel, frozen=True, extra="forbid"):
     """Section 2.4.5: 30 s an attempt, exponential backoff, up to three attempts."""
 
     attempts: int = Field(ge=1, le=20)  # of a call, the first included
-    deadline: float = Field(gt=0)  # s for a whole attempt, however the answer trickles in
-    first_wait: float = Field(ge=0)  # s before the second attempt; doubles each time
-    longest_wait: float = Field(ge=0)  # s
-    retry_after_most: float = Field(ge=0)  # s; a server that asks for more is not asked again
+    deadline: float = Field(gt=0, le=DAY)  # s for a whole attempt, however the answer trickles in
+    first_wait: float = Field(ge=0, le=DAY)  # s before the second attempt; doubles each time
+    longest_wait: float = Field(ge=0, le=DAY)  # s
+    retry_after_most: float = Field(ge=0, le=DAY)  # s; who asks for more is not asked again
 
 
 def final(answer: Reply | Failure, attempt: int, how: RetrySettings) -> bool:
@@ -101,13 +104,19 @@ class LiveCalls:
         *,
         seed: int,
         on_outage: Outage = "fallback",
+        useless: int | None = None,
         sleep: Callable[[float], None] = time.sleep,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """`sleep` and `clock` take the time's place in tests."""
+        """After `useless` calls in a row that may be charged and brought nothing, none waits.
+
+        `sleep` and `clock` take the time's place in tests.
+        """
         self.client, self.transcript, self.ledger, self.retry = client, transcript, ledger, retry
-        self.seed, self.on_outage, self.sleep, self.clock = seed, on_outage, sleep, clock
+        self.seed, self.on_outage, self.useless = seed, on_outage, useless
+        self.sleep, self.clock = sleep, clock
         self._closed = False
+        self._sending = Lock()  # between the look at the caps and the note of what is sent
         self._not_before = -inf  # by the clock: when the server lets itself be asked again
 
     def ask(self, call: Call, request: Request) -> Reply | Failure:
@@ -139,6 +148,7 @@ class LiveCalls:
                     due = wait(answer, number - before, self.retry, rng)
                 else:  # what an earlier call was told holds for this one, too
                     due = max(0.0, self._not_before - self.clock())
+                due = min(due, max(0.0, self.ledger.seconds_left() - pause))
                 if due:
                     self.sleep(due)
                 waited, pause = pause + due, 0.0
@@ -166,7 +176,17 @@ class LiveCalls:
         if isinstance(answer, Reply) or answer.kind not in TRANSIENT:
             return False
         never_there = call.generation < 0 and answer.kind is FailureKind.UNREACHABLE
-        return self.on_outage != "fallback" and not never_there
+        paid = self.on_outage == "wait" and answer.kind in CHARGED and self._is_useless()
+        return self.on_outage != "fallback" and not never_there and not paid
+
+    def _is_useless(self) -> bool:
+        """Whether the last attempts, as many as `useless` calls make, may all be charged."""
+        count = 0
+        for attempt in reversed(list(self.transcript.attempts)):
+            if isinstance(attempt.answer, Reply):
+                break
+            count += attempt.answer.kind in CHARGED
+        return self.useless is not None and count >= self.useless * self.retry.attempts
 
     def _sit_out(self, failure: Failure) -> float:
         """Waits for the server; returns for how long, s."""
@@ -190,7 +210,8 @@ class LiveCalls:
         """See `Calls`: as long as no cap could end one of them.
 
         Near a cap they are asked one after the other: which of them it ends must not
-        depend on which answer comes first.
+        depend on which answer comes first. The cap on seconds depends on time in any case; of
+        it there must be enough for an attempt at each.
         """
         attempts, turns = self.retry.attempts, 1 + repairs
         count = attempts * turns * len(requests)
@@ -200,9 +221,9 @@ class LiveCalls:
             Usage(
                 input=attempts * turns * sum(u.input for u in most),
                 output=attempts * turns * sum(u.output for u in most),
+                cache_write=attempts * turns * sum(u.cache_write for u in most),
             ),
-            seconds=count * (self.retry.deadline + self.retry.longest_wait)
-            + count * self.retry.retry_after_most,
+            seconds=turns * len(requests) * self.retry.deadline,
         )
 
     def close(self) -> None:
@@ -218,11 +239,14 @@ class LiveCalls:
         self.client.open()
         at, began = datetime.now(UTC).isoformat(timespec="milliseconds"), self.clock()
         answer: Reply | Failure
-        if why := self.ledger.over(most, waited):
+        with self._sending:
+            seconds = min(self.retry.deadline, self.ledger.seconds_left() - waited)
+            if not (why := self.ledger.over(most, waited)):
+                self.transcript.add(Sent(call, number, most, round(waited + seconds, 3)))
+        if why:
             answer = Failure(FailureKind.BUDGET, why)
         else:
-            self.transcript.add(Sent(call, number, most))
-            answer = self.client.send(request, seconds=self.retry.deadline)
+            answer = self._told(self.client.send(request, seconds=seconds), seconds)
         asked = answer.retry_after if isinstance(answer, Failure) else None
         if asked is not None and asked <= self.retry.retry_after_most:
             self._not_before = self.clock() + asked
@@ -242,6 +266,18 @@ class LiveCalls:
         )
         self.transcript.add(attempt)
         return answer
+
+    def _told(self, answer: Reply | Failure, seconds: float) -> Reply | Failure:
+        """The answer; one that was too late with the setting that gives it more time."""
+        if isinstance(answer, Reply) or answer.kind is not FailureKind.TIMEOUT:
+            return answer
+        short = seconds < self.retry.deadline
+        setting = "caps.seconds" if short else "retry.deadline"
+        return replace(
+            answer,
+            message=f"{answer.message}; raise supervisor.policy.{setting}, a model that thinks may"
+            " need minutes",
+        )
 
     def _check_open(self) -> None:
         if self._closed:
@@ -271,12 +307,12 @@ def converse(
     """Asks, with at most `repairs` turns more; `repair` words what is wrong."""
     rejected: list[RejectionStage] = []
     prompts: list[str] = []
-    value, source, why = None, "fallback", ""
+    value, source, why, failed = None, "fallback", "", ""
     for turn in range(1 + repairs):
         prompts.append(request.prompt_digest)
         answer = calls.ask(Call(generation, part, turn), request)
         if isinstance(answer, Failure):
-            why = f"{answer.kind}: {answer.message}"
+            why, failed = f"{answer.kind}: {answer.message}", answer.kind.value
             break
         found = check(answer)
         if not isinstance(found, Rejection):
@@ -288,13 +324,14 @@ def converse(
         if found.stage is RejectionStage.REFUSED:
             break
         request = request.followed_by(answer.text[:QUOTED], repair(found))
-    end = Conclusion(generation, part, source, why, tuple(rejected))
+    end = Conclusion(generation, part, source, why, tuple(rejected), failed)
     calls.transcript.add(end)
     return Conversation(value, end, tuple(prompts))
 
 
 def unasked(calls: Calls, generation: int, part: str, why: Failure) -> Conversation[Any]:
     """A question that is not asked, and why."""
-    end = Conclusion(generation, part, "fallback", f"{why.kind}: {why.message}", ())
+    said = f"{why.kind}: {why.message}"
+    end = Conclusion(generation, part, "fallback", said, (), why.kind.value)
     calls.transcript.add(end)
     return Conversation(None, end)

@@ -2,11 +2,14 @@
 
 It asks for a greeting in plain words and at the same time for a JSON schema.
 A server that answers with JSON keeps to schemas; one that greets does not know
-them. What a server refuses is left out the next time.
+them. What a server refuses is left out the next time: the parameter that its
+error names, else the temperature, then the schema, then both.
 """
 
 from __future__ import annotations
 
+import re
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
@@ -26,6 +29,14 @@ _SCHEMA: Final[dict[str, Any]] = {
     "required": ["greeting"],
     "additionalProperties": False,
 }
+
+
+_SAMPLING: Final = re.compile(r"temperature|sampling|top[_ ][pk]\b", re.IGNORECASE)
+_OUTPUT: Final = re.compile(r"output_config|output_format|schema|structured|json", re.IGNORECASE)
+"""What an error says that refuses the one or the other parameter."""
+
+Way = tuple[bool, float | None]
+"""With a JSON schema or not, and the temperature that is sent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,14 +92,16 @@ class Dialects:
 
 
 def find_dialect(calls: Calls, settings: LLMSettings, generation: int = -1) -> Dialect | Failure:
-    """Asks the server, with at most three calls; a failure where it does not answer just now.
+    """Asks the server, with at most four calls; a failure where it does not answer just now.
 
     Raises:
         SupervisionError: no request of this run would ever be answered: the key, the model or
             the address is wrong, or no server listens there at the run's start.
     """
-    structured, temperature = settings.output != "text", settings.temperature
-    for turn in range(3):
+    untried, named = _ways(settings), frozenset[str]()
+    turn = 0
+    while True:
+        structured, temperature = way = _best(untried, named)
         request = Request(
             settings.model_name,
             _SYSTEM,
@@ -109,26 +122,55 @@ def find_dialect(calls: Calls, settings: LLMSettings, generation: int = -1) -> D
             raise _hopeless(answer, settings)
         if answer.kind in TRANSIENT or answer.kind is FailureKind.BUDGET:
             return answer
-        if answer.kind is not FailureKind.REJECTED or not (structured or temperature is not None):
+        untried.remove(way)
+        if answer.kind is not FailureKind.REJECTED or not untried:
             raise _hopeless(answer, settings)
-        if structured and settings.output == "auto" and "temperature" not in answer.message:
-            structured = False
-        elif temperature is not None:
-            temperature = None
-        else:
-            raise _hopeless(answer, settings)
-    raise AssertionError("each turn leaves something out, and there are two things to leave out")
+        named, turn = _named(answer.message, named), turn + 1
+
+
+def _ways(settings: LLMSettings) -> list[Way]:
+    """How requests may be made, the best way first: a schema is worth more than a temperature."""
+    schemas = {"auto": (True, False), "structured": (True,), "text": (False,)}[settings.output]
+    heats = dict.fromkeys((settings.temperature, None))
+    return [(structured, heat) for structured in schemas for heat in heats]
+
+
+def _named(refusal: str, before: frozenset[str]) -> frozenset[str]:
+    """The parameters that refusals name: "temperature", "schema".
+
+    A refusal may be worded in any way, so what it seems to say only decides what is tried first.
+    One that names neither, or both, says nothing, and makes what was said before doubtful.
+    """
+    found = {"temperature": _SAMPLING.search(refusal), "schema": _OUTPUT.search(refusal)}
+    new = {name for name, match in found.items() if match}
+    return before | new if len(new) == 1 else frozenset()
+
+
+def _best(untried: Sequence[Way], named: Collection[str]) -> Way:
+    """The first way with the fewest of the parameters that refusals name."""
+    return min(
+        untried,
+        key=lambda way: (
+            ("schema" in named and way[0]) + ("temperature" in named and way[1] is not None)
+        ),
+    )
 
 
 def _hopeless(failure: Failure, settings: LLMSettings) -> SupervisionError:
     where = settings.address or "the Anthropic API"
     address = settings.address or ""
+    openai = (
+        "a server that speaks only OpenAI's language needs LiteLLM's proxy before it, see"
+        " docs/llm.md, Any model"
+    )
     remedy = {
         FailureKind.UNAUTHORISED: "set another ANTHROPIC_API_KEY",
+        FailureKind.FOREIGN: openai,
         FailureKind.NOT_FOUND: (
             f"drop /v1 from the address, as in {address.rstrip('/').removesuffix('/v1')}"
             if address.rstrip("/").endswith("/v1")
             else "set supervisor.policy.model, or supervisor.policy.base_url"
+            + ("" if "model" in failure.message.lower() else f"; {openai}")
         ),
         FailureKind.UNREACHABLE: "start the server, or set supervisor.policy.base_url",
         FailureKind.UNTRUSTED: "set SSL_CERT_FILE to the certificate of whoever signed it",

@@ -20,6 +20,7 @@ import time
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import CancelledError
 from contextlib import suppress
+from contextvars import ContextVar
 from email.utils import parsedate_to_datetime
 from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any, Final
@@ -39,6 +40,8 @@ LARGEST: Final = 8_000_000  # bytes of a body; an honest one has some 10,000
 GRACE: Final = 5.0  # s for a cancelled attempt to end; it needs none of it
 HIDDEN: Final = "[key]"
 ENCODING: Final = "islandgp.encoding"  # of a body, where it has one; an extension of a response
+_BEGUN: Final[ContextVar[list[str]]] = ContextVar("begun")
+"""What of an attempt's request is sent so far, as events; empty: nothing."""
 
 
 class AnthropicClient:
@@ -68,19 +71,16 @@ class AnthropicClient:
 
     def send(self, request: Request, *, seconds: float) -> Reply | Failure:
         """See `Client`."""
-        late = Failure(FailureKind.TIMEOUT, f"no whole answer within {seconds:g} s")
         self.open()
         with self._lock:
             if self._running is None:
                 return Failure(FailureKind.CUT, "the client is closed")
             loop, _, sdk = self._running
-            attempt = asyncio.run_coroutine_threadsafe(
-                asyncio.wait_for(self._attempt(sdk, request), seconds), loop
-            )
+            attempt = asyncio.run_coroutine_threadsafe(self._bounded(sdk, request, seconds), loop)
         try:
             return attempt.result(seconds + GRACE)
         except (TimeoutError, CancelledError):
-            return late
+            return _late(seconds)
         finally:
             attempt.cancel()  # after Ctrl-C; does nothing to one that is over
 
@@ -108,6 +108,19 @@ class AnthropicClient:
         thread.start()
         return loop, thread, sdk
 
+    async def _bounded(
+        self, sdk: anthropic.AsyncAnthropic, request: Request, seconds: float
+    ) -> Reply | Failure:
+        """An attempt that ends at the deadline."""
+        begun = [] if self._transport is None else ["transport"]  # that one tells no events
+        _BEGUN.set(begun)
+        try:
+            return await asyncio.wait_for(self._attempt(sdk, request), seconds)
+        except TimeoutError:
+            if begun:
+                return _late(seconds)
+            return Failure(FailureKind.UNREACHABLE, f"no connection within {seconds:g} s")
+
     async def _attempt(self, sdk: anthropic.AsyncAnthropic, request: Request) -> Reply | Failure:
         import anthropic
 
@@ -129,16 +142,19 @@ class AnthropicClient:
             cause = error.__cause__ or error
             return Failure(_unconnected(cause), self._line(str(cause)) or type(cause).__name__)
         except Exception as error:  # whatever the SDK makes of a broken answer is a broken answer
-            return Failure(FailureKind.MALFORMED, self._line(f"{type(error).__name__}: {error}"))
+            kind = FailureKind.MALFORMED if _BEGUN.get() else FailureKind.UNREACHABLE
+            return Failure(kind, self._line(f"{type(error).__name__}: {error}"))
 
     def _refused(self, error: anthropic.APIStatusError) -> Failure:
         said = error.api_message if isinstance(error.api_message, str) else ""
         message = f"status {error.status_code}" + (f": {self._line(said)}" if said else "")
         headers = error.response.headers
+        if location := headers.get("location"):
+            message += f", which leads to {self._line(location)}"
         return Failure(
             kind_of(error.status_code),
             message,
-            retry_after(headers.get("retry-after")),
+            retry_after(headers.get("retry-after"), headers.get("retry-after-ms")),
             should_retry(headers.get("x-should-retry")),
         )
 
@@ -149,6 +165,10 @@ class AnthropicClient:
     def _hide(self, text: str) -> str:
         """The text without the key, in whatever way JSON can spell it."""
         return self._secret.sub(HIDDEN, text) if self._secret else text
+
+
+def _late(seconds: float) -> Failure:
+    return Failure(FailureKind.TIMEOUT, f"no whole answer within {seconds:g} s")
 
 
 def _unconnected(cause: BaseException) -> FailureKind:
@@ -205,11 +225,24 @@ def _sdk(
         if isinstance(response.stream, httpx2.AsyncByteStream):
             response.stream = Bounded(response.stream)
 
+    async def watch(request: httpx2.Request) -> None:
+        begun = _BEGUN.get()
+
+        async def note(event: str, info: dict[str, Any]) -> None:
+            # A proxy is asked for a connection first, with a request of its own.
+            if (
+                event.endswith("send_request_headers.started")
+                and info["request"].method != b"CONNECT"
+            ):
+                begun.append(event)
+
+        request.extensions["trace"] = note
+
     http = httpx2.AsyncClient(
         transport=transport,
         timeout=None,
         follow_redirects=False,  # one could carry the key to another place; the API has none
-        event_hooks={"response": [bound]},
+        event_hooks={"request": [watch], "response": [bound]},
     )
     return anthropic.AsyncAnthropic(
         api_key=key, base_url=base_url, http_client=http, max_retries=0, timeout=None
@@ -253,13 +286,15 @@ def read_message(
     """
     try:
         message = json.loads(body)
+        if other := _other_language(message, line):
+            return other
         text = "".join(b["text"] for b in message["content"] if b["type"] == "text")
         thoughts = [b.get("thinking") for b in message["content"] if b["type"] == "thinking"]
         thinking = "\n".join(thought for thought in thoughts if isinstance(thought, str))
         stop = message.get("stop_reason") or ""
         usage = _usage(message.get("usage") or {})
-        # A server has counted where the request has tokens, and a text has some, too.
-        counted = usage.read > 0 and (usage.output > 0 or not text)
+        # A server has counted where the request has tokens, and the answer has some, too.
+        counted = usage.read > 0 and (usage.output > 0 or not message["content"])
         said, thought = clean(hide(text)), clean(hide(thinking))
         return Reply(said, line(str(stop)), usage if counted else None, thought)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
@@ -269,6 +304,21 @@ def read_message(
             f"expected a message, found a body of {len(body)} bytes that begins with"
             f" {start!r} ({type(error).__name__})",
         )
+
+
+def _other_language(message: Any, line: Callable[[str], str]) -> Failure | None:
+    """The failure where a body of status 200 is an OpenAI server's answer, or an error."""
+    if not isinstance(message, dict) or "content" in message:
+        return None
+    if "choices" in message:
+        return Failure(FailureKind.FOREIGN, "an answer in OpenAI's language")
+    if "error" not in message:
+        return None
+    error = message["error"]
+    said = line(str(error.get("message", error) if isinstance(error, dict) else error))
+    unknown = "endpoint" in said.lower() or "/messages" in said
+    kind = FailureKind.NOT_FOUND if unknown else FailureKind.MALFORMED
+    return Failure(kind, f"status 200 with an error: {said}")
 
 
 def _usage(found: dict[str, Any]) -> Usage:
@@ -293,16 +343,27 @@ def kind_of(status: int) -> FailureKind:
         401: FailureKind.UNAUTHORISED,
         403: FailureKind.UNAUTHORISED,
         404: FailureKind.NOT_FOUND,
-        408: FailureKind.SERVER,
+        405: FailureKind.NOT_FOUND,
+        408: FailureKind.LATE,
         409: FailureKind.SERVER,
+        410: FailureKind.NOT_FOUND,
         429: FailureKind.RATE_LIMITED,
+        501: FailureKind.NOT_FOUND,
+        504: FailureKind.LATE,
+        524: FailureKind.LATE,
         529: FailureKind.OVERLOADED,
     }
     return known.get(status, FailureKind.SERVER if status >= 500 else FailureKind.REJECTED)
 
 
-def retry_after(said: str | None) -> float | None:
-    """The seconds that a server asks to wait, given as a number or as a date."""
+def retry_after(said: str | None, milliseconds: str | None = None) -> float | None:
+    """The seconds that a server asks to wait, given as a number or as a date.
+
+    `milliseconds` is the header `retry-after-ms`, which is more precise and comes first.
+    """
+    with suppress(ValueError, TypeError):
+        if math.isfinite(exact := float(milliseconds or "nan") / 1000):
+            return max(0.0, exact)
     if said is None:
         return None
     try:

@@ -18,6 +18,7 @@ from islandgp.supervision.llm.transcript import Transcript
 ANSWER: Final = 300  # tokens of an answer; an assumption: a paragraph, or a tree of 20 nodes
 CANDIDATE: Final = 150  # tokens of each tree more; an assumption
 ADDED: Final = {"rate": 4_300, "tree": 7_200}  # characters more of informed ones, as measured
+PROBES: Final = 4  # calls at most
 ADDED_MOST: Final = 30_000  # the same at most, as `informed` bounds it
 
 
@@ -49,7 +50,7 @@ def at_most(settings: LLMSettings, context: RunContext, lag: int = 0) -> Bill:
     ]
     bill = _bill(
         settings,
-        times * turns * len(asked) + 3 * settings.retry.attempts,
+        times * turns * len(asked) + PROBES * settings.retry.attempts,
         times * turns * sum(m.input for m in most),
         times * turns * sum(m.output for m in most),
     )

@@ -9,14 +9,18 @@ What is known of models and what their tokens cost is the dated table of `conf/p
 
 from __future__ import annotations
 
+import json
 import math
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 from pydantic import BaseModel, Field
 
-from islandgp.supervision.llm.message import CHARGED, Failure, FailureKind, Reply, Request, Usage
+from islandgp.plain import UNREADABLE, read_json
+from islandgp.supervision.llm.message import CHARGED, UNSENT, Failure, Reply, Request, Usage
 from islandgp.supervision.llm.transcript import Attempt, Transcript
 
 PER: Final = 1e6  # tokens that a price is for
@@ -24,7 +28,7 @@ CHARACTERS: Final = 3.8  # of a token, as measured: docs/llm.md, "What it will c
 DATE: Final = r"^\d{4}-\d\d-\d\d$"
 
 
-class Price(BaseModel, frozen=True, extra="forbid"):
+class Price(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False):
     """US dollars for a million tokens of one model."""
 
     input: float = Field(ge=0)  # USD a million tokens
@@ -63,17 +67,30 @@ def cost(usage: Usage, price: Price) -> float:
     ) / PER
 
 
+def most_cost(usage: Usage, price: Price) -> float:
+    """US dollars that so many tokens cost at most: a cache may keep those to be written, or not."""
+    dearest = price.model_copy(update={"cache_write": max(price.input, price.cache_write)})
+    return cost(usage, dearest)
+
+
 def most_tokens(request: Request, *, longer: int = 0) -> Usage:
-    """More tokens than a request can take, also when it grows by `longer` characters.
+    """More tokens than a request can take, also when it quotes `longer` characters more.
 
-    English text and JSON have three to four bytes a token, here it is two; the
-    schema and the frame of the message are in the constant.
+    The prompts and JSON have three to four bytes a token, here it is two. A quoted answer may be
+    in any script, down to a byte a token, but has no more tokens than an answer may have. The
+    frame of the message is in the constant.
     """
-    size = longer + sum(len(text.encode()) for text in (request.system, *request.turns))
-    return Usage(input=size // 2 + 500, output=request.max_tokens)
+    system = len(request.system.encode()) // 2
+    own = (*request.turns[::2], json.dumps([request.schema, request.extra]))
+    rest = sum(len(text.encode()) for text in own) // 2 + 500
+    quoted = longer + sum(len(text.encode()) for text in request.turns[1::2])
+    rest += max(quoted // 2, min(quoted, request.max_tokens))
+    if request.cache:
+        return Usage(input=rest, output=request.max_tokens, cache_write=system)
+    return Usage(input=system + rest, output=request.max_tokens)
 
 
-class Caps(BaseModel, frozen=True, extra="forbid"):
+class Caps(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False):
     """The most that one run may take; None: no cap."""
 
     requests: int | None = Field(ge=0)  # sent, retries and repairs included
@@ -96,6 +113,12 @@ class Bill:
     def of(cls, requests: float, usage: Usage, price: Price | None) -> Bill:
         """Requests that take so many tokens together."""
         usd = None if price is None else cost(usage, price)
+        return cls(requests, usage.read, usage.output, usd)
+
+    @classmethod
+    def at_most(cls, requests: float, usage: Usage, price: Price | None) -> Bill:
+        """Requests that take at most so many tokens together, at the dearest price of each."""
+        usd = None if price is None else most_cost(usage, price)
         return cls(requests, usage.read, usage.output, usd)
 
     def __add__(self, other: Bill) -> Bill:
@@ -150,12 +173,14 @@ class Ledger:
     def seconds_left(self) -> float:
         """Until the cap on seconds is reached, >= 0; infinite without one.
 
-        Waiting counts also where a cap ended it.
+        Waiting counts also where a cap ended it. A request without an outcome counts as all the
+        seconds that it can take.
         """
         if self.caps.seconds is None:
             return math.inf
+        _, lost = self.transcript.taken()
         spent = sum(a.seconds + a.waited for a in list(self.transcript.attempts))
-        return max(0.0, self.caps.seconds - spent)
+        return max(0.0, self.caps.seconds - spent - sum(s.seconds for s in lost))
 
     def room_for(self, requests: int, at_most: Usage, *, seconds: float) -> bool:
         """Whether so much more keeps every cap, in whatever order it comes."""
@@ -165,21 +190,24 @@ class Ledger:
 
     def _after(self, requests: int, at_most: Usage) -> dict[str, tuple[float, float | None]]:
         """What would be used after so much more, and the caps."""
-        return (self._most() + Bill.of(requests, at_most, self.price)).against(self.caps)
+        return (self._most() + Bill.at_most(requests, at_most, self.price)).against(self.caps)
 
     def _most(self) -> Bill:
-        """The most that all attempts so far may have taken."""
-        sent = [a.at_most for a in _sent(self.transcript.attempts)]
-        sent += [s.at_most for s in self.transcript.lost()]
-        bills = (Bill.of(1, usage, self.price) for usage in sent)
+        """The most that all requests so far may have taken."""
+        made, lost = self.transcript.taken()
+        sent = [a for a in made if is_sent(a)]
+        known = [Bill.of(1, a.usage, self.price) for a in sent if a.usage is not None]
+        unknown = [a.at_most for a in sent if a.usage is None] + [s.at_most for s in lost]
+        bills = (*known, *(Bill.at_most(1, usage, self.price) for usage in unknown))
         return sum(bills, Bill.of(0, Usage(), self.price))
 
     def totals(self) -> dict[str, float]:
         """Sums from the run's start by name, for the costs of a generation and for MLflow."""
-        attempts, parts = _sent(self.transcript.attempts), list(self.transcript.parts)
-        lost = len(self.transcript.lost())
+        made, under_way = self.transcript.taken()
+        attempts, lost = [a for a in made if is_sent(a)], len(under_way)
+        parts = list(self.transcript.parts)
         usages = [a.usage for a in attempts if a.usage is not None]
-        failures = Counter(a.answer.kind for a in attempts if isinstance(a.answer, Failure))
+        failures = Counter(a.answer.kind for a in made if isinstance(a.answer, Failure))
         rejected = Counter(stage for part in parts for stage in part.rejected)
         found: dict[str, float] = {
             "requests": len(attempts) + lost,
@@ -188,8 +216,8 @@ class Ledger:
             "output_tokens": sum(u.output for u in usages),
             "cache_read_tokens": sum(u.cache_read for u in usages),
             "cache_write_tokens": sum(u.cache_write for u in usages),
-            "latency_s": sum(a.seconds for a in attempts),
-            "waited_s": sum(a.waited for a in attempts),
+            "latency_s": sum(a.seconds for a in made),
+            "waited_s": sum(a.waited for a in made),
             "uncounted_requests": len(attempts) + lost - len(usages),
             "failures": failures.total(),
             "rejections": rejected.total(),
@@ -211,7 +239,19 @@ class Ledger:
         return found
 
 
-def _sent(attempts: list[Attempt]) -> list[Attempt]:
-    """The attempts that reached the network."""
-    budget = FailureKind.BUDGET
-    return [a for a in list(attempts) if isinstance(a.answer, Reply) or a.answer.kind is not budget]
+def recorded_requests(folder: Path) -> int:
+    """The requests that the costs of a run's generations count; 0 where there are none yet."""
+    try:
+        lines = (folder / "costs.jsonl").read_bytes().splitlines()
+    except FileNotFoundError:
+        return 0
+    found = 0
+    for line in lines:
+        with suppress(*UNREADABLE):  # a damaged line is told where records are read
+            found = max(found, int(read_json(line)["llm"].get("requests", 0)))
+    return found
+
+
+def is_sent(attempt: Attempt) -> bool:
+    """Whether something was sent to the server: not where the connection was refused."""
+    return isinstance(attempt.answer, Reply) or attempt.answer.kind not in UNSENT

@@ -23,16 +23,18 @@ class FailureKind(StrEnum):
     """Why there is no answer."""
 
     TIMEOUT = "timeout"  # no whole answer before the deadline
-    UNREACHABLE = "unreachable"  # no connection at all; nothing was sent
+    LATE = "late"  # 408, 504, 524: a gateway in between did not wait for the answer
+    UNREACHABLE = "unreachable"  # no connection, or none before the deadline; nothing was sent
     UNTRUSTED = "untrusted"  # the certificate is signed by no known authority; nothing was sent
     CUT = "cut"  # the connection broke off
     RATE_LIMITED = "rate_limited"  # 429
     OVERLOADED = "overloaded"  # 529
-    SERVER = "server"  # 5xx, and 408 and 409, which ask for another attempt
+    SERVER = "server"  # other 5xx, and 409, which asks for another attempt
     MALFORMED = "malformed"  # a body that is no message: HTML, cut off, of wrong types
+    FOREIGN = "foreign"  # an answer in OpenAI's language
     REJECTED = "rejected"  # 400 and the like: the request itself is refused
     UNAUTHORISED = "unauthorised"  # 401, 403: the key is refused
-    NOT_FOUND = "not_found"  # 404: no such model, or no such address
+    NOT_FOUND = "not_found"  # 404, 405, 410, 501: no such model, or no such address
     BUDGET = "budget"  # a cap is reached; nothing was sent
     USELESS = "useless"  # too many useless answers in a row; nothing was sent
 
@@ -40,6 +42,7 @@ class FailureKind(StrEnum):
 TRANSIENT: Final = frozenset(
     {
         FailureKind.TIMEOUT,
+        FailureKind.LATE,
         FailureKind.UNREACHABLE,
         FailureKind.CUT,
         FailureKind.RATE_LIMITED,
@@ -50,8 +53,19 @@ TRANSIENT: Final = frozenset(
 )
 """Failures that another attempt may mend."""
 
-CHARGED: Final = frozenset({FailureKind.TIMEOUT, FailureKind.CUT, FailureKind.MALFORMED})
+CHARGED: Final = frozenset(
+    {
+        FailureKind.TIMEOUT,
+        FailureKind.LATE,
+        FailureKind.CUT,
+        FailureKind.MALFORMED,
+        FailureKind.FOREIGN,
+    }
+)
 """Failures whose request may have been worked on and charged, without our hearing how much."""
+
+UNSENT: Final = frozenset({FailureKind.UNREACHABLE, FailureKind.UNTRUSTED})
+"""Failures of attempts that found no connection: nothing was sent, so it is no request."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,12 +101,12 @@ class Request:
     @property
     def digest(self) -> str:
         """SHA-256 of the whole request, hexadecimal."""
-        return _sha256(self.plain())
+        return sha256_of(self.plain())
 
     @property
     def prompt_digest(self) -> str:
         """SHA-256 of the rendered prompt alone, hexadecimal."""
-        return _sha256([self.system, *self.turns])
+        return sha256_of([self.system, *self.turns])
 
     def plain(self) -> dict[str, Any]:
         """As JSON values. Fields that came later stand there only where they say something."""
@@ -146,6 +160,7 @@ def clean(text: str) -> str:
     return "".join(c if c.isprintable() or c in "\n\t" else " " for c in kept)
 
 
-def _sha256(value: Any) -> str:
+def sha256_of(value: Any) -> str:
+    """SHA-256 of JSON values, hexadecimal; the order of their keys does not matter."""
     body = json.dumps(value, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
     return hashlib.sha256(body.encode()).hexdigest()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 from typing import Annotated, Any, Final, Literal
 from urllib.parse import urlsplit
 
@@ -10,12 +12,51 @@ from pydantic import BaseModel, Field, SecretStr, field_validator, model_validat
 
 from islandgp.plugin import Part
 from islandgp.supervision.base import SUPERVISES, Phase, check_ranges
-from islandgp.supervision.llm.calls import RetrySettings
+from islandgp.supervision.llm.calls import DAY, RetrySettings
 from islandgp.supervision.llm.informed import InformedSettings
 from islandgp.supervision.llm.ledger import Caps, Facts, Price, Prices
 from islandgp.supervision.llm.validation import RateSettings
 
 THINKING_TOKENS: Final = 14_000  # room for what a model thinks before an answer
+THINKING_SPEED: Final = 50  # tokens a second that a model thinks at least
+
+
+OWN_FIELDS: Final = frozenset(
+    {
+        "max_tokens",
+        "messages",
+        "model",
+        "output_config",
+        "stream",
+        "system",
+        "temperature",
+        "thinking",
+    }
+)
+"""Fields of a request's body that are made from other settings; `stream` is not supported."""
+
+
+_REQUESTS: Final = re.compile(r"(/v1)?/(messages|responses|(chat/)?completions)/*$")
+
+
+def check_address(url: str) -> None:
+    """Raises ValueError unless a server's address can be one, without the path of a request."""
+    parts = urlsplit(url)
+    try:
+        whole = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
+    except ValueError:  # a port that is none
+        whole = False
+    if not whole or not url.isprintable() or " " in url:
+        raise ValueError("expected an address such as http://localhost:11434")
+    if "@" in parts.netloc:
+        raise ValueError("expected no user name and password; set ANTHROPIC_API_KEY instead")
+    if found := _REQUESTS.search(parts.path):
+        address = f"{parts.scheme}://{parts.netloc}{parts.path[: found.start()]}"
+        raise ValueError(
+            f"expected an address without the path of a request, such as {address}, found"
+            f" {found[0]} at its end; the client adds /v1/messages. A server that speaks only"
+            " OpenAI's language needs LiteLLM's proxy before it, see docs/llm.md, Any model"
+        )
 
 
 class TreeSize(BaseModel, frozen=True, extra="forbid"):
@@ -65,6 +106,7 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     api_key: SecretStr | None = None  # None: ANTHROPIC_API_KEY; never written anywhere
     max_tokens: int = Field(ge=64, le=200_000)  # of an answer
     thinking_tokens: Annotated[int, Field(ge=0, le=200_000)] | Literal["auto"] = 0  # before it
+    thinking_seconds: Annotated[float, Field(ge=0, le=DAY)] | Literal["auto"] = 0  # s for it
     temperature: float | None = Field(ge=0, le=2)  # sent where the model takes one
     output: Literal["auto", "structured", "text"]  # auto: as the probe at the start finds
     thinking: Thinking | None = None  # None: as the model does by itself
@@ -95,16 +137,25 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
         # A key of digits is a number to a command line, and errors show wrong values.
         return str(key) if isinstance(key, int) else key
 
+    @field_validator("extra_body")
+    @classmethod
+    def _more_fields(cls, extra: dict[str, Any] | None) -> dict[str, Any] | None:
+        if taken := sorted(OWN_FIELDS.intersection(extra or {})):
+            raise ValueError(
+                f"expected other fields than {', '.join(sorted(OWN_FIELDS))}, which have settings"
+                f" of their own or are not supported, found {', '.join(taken)}"
+            )
+        try:
+            json.dumps(extra, allow_nan=False)
+        except (ValueError, TypeError) as error:
+            raise ValueError(f"expected JSON values ({error})") from None
+        return extra
+
     @field_validator("base_url")
     @classmethod
     def _plain_url(cls, url: str | None) -> str | None:
-        if url is None:
-            return None
-        parts = urlsplit(url)
-        if parts.scheme not in ("http", "https") or not parts.netloc:
-            raise ValueError("expected an address such as http://localhost:11434")
-        if "@" in parts.netloc:
-            raise ValueError("expected no user name and password; set ANTHROPIC_API_KEY instead")
+        if url is not None:
+            check_address(url)
         return url
 
     @model_validator(mode="after")
@@ -133,6 +184,13 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
         by_itself = self.thinking is None and self.facts.thinks
         thinks = by_itself or (self.thinking is not None and self.thinking.type == "adaptive")
         return self.max_tokens + (THINKING_TOKENS if thinks else 0)
+
+    @property
+    def deadline(self) -> float:
+        """The s of a whole attempt: for the answer, and for what the model thinks before it."""
+        if self.thinking_seconds != "auto":
+            return self.retry.deadline + self.thinking_seconds
+        return self.retry.deadline + (self.reply_tokens - self.max_tokens) / THINKING_SPEED
 
     @property
     def address(self) -> str | None:

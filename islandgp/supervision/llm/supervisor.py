@@ -15,9 +15,9 @@ from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.calls import LiveCalls
 from islandgp.supervision.llm.capabilities import Dialect, Dialects
 from islandgp.supervision.llm.client import AnthropicClient
-from islandgp.supervision.llm.ledger import Ledger
+from islandgp.supervision.llm.ledger import Ledger, recorded_requests
 from islandgp.supervision.llm.message import Client
-from islandgp.supervision.llm.settings import LLMSettings
+from islandgp.supervision.llm.settings import LLMSettings, check_address
 from islandgp.supervision.llm.transcript import NAME, Transcript
 
 _WAYS = """\
@@ -40,9 +40,19 @@ class LLM:
 
     @classmethod
     def ready(cls, settings: LLMSettings, context: RunContext) -> None:  # noqa: ARG003 -- the protocol's
-        """Raises SupervisionError where there is neither a key nor an address."""
-        if _key(settings) is None and settings.address is None:
+        """Raises SupervisionError where there is neither a key nor an address, or a wrong one."""
+        key = _key(settings)
+        if key is None and settings.address is None:
             raise SupervisionError(_WAYS)
+        if key is not None and not key.isprintable():  # an error of a header would quote it
+            raise SupervisionError(
+                "Expected a key in one line, found one with line breaks or control characters; set"
+                " ANTHROPIC_API_KEY to the key alone."
+            )
+        try:
+            check_address(settings.address or "https://api.anthropic.com")
+        except ValueError as error:  # `base_url` is checked with the configuration
+            raise SupervisionError(f"ANTHROPIC_BASE_URL: {error}.") from None
 
     @classmethod
     def make(cls, settings: LLMSettings, context: RunContext) -> LLM:
@@ -63,6 +73,7 @@ class LLM:
         """See `Service`: opens the transcript, and finds out how the server wants to be asked."""
         calls = self._open()
         try:
+            self._check_complete(calls.transcript)
             found = self._dialects.start()
         except SupervisionError:
             self.close()
@@ -118,12 +129,29 @@ class LLM:
                 self.client,
                 transcript,
                 ledger,
-                how.retry,
+                how.retry.model_copy(update={"deadline": how.deadline}),
                 seed=self.context.seed,
                 on_outage=how.on_outage,
+                useless=None if how.useless is None else how.useless.most,
             )
             self._dialects = Dialects(how, transcript, self._calls)
         return self._calls
+
+    def _check_complete(self, transcript: Transcript) -> None:
+        """Raises SupervisionError where requests of the run are missing in its transcript.
+
+        Without them the ledger, and so the caps, would begin again.
+        """
+        if transcript.path is None:
+            return
+        made, lost = transcript.taken()
+        expected, found = recorded_requests(transcript.path.parent), len(made) + len(lost)
+        if found < expected:
+            raise SupervisionError(
+                f"Expected the {expected} requests that the run's costs.jsonl counts in"
+                f" {transcript.path}, found {found}: the caps would begin again. Put the"
+                " transcript back, or begin again with resume=never."
+            )
 
     def _warn(self, guidance: Guidance, generation: int) -> None:
         """Tells once that the model is not asked any more; the record tells it every time."""
@@ -139,7 +167,10 @@ class LLM:
 
 
 def _key(settings: LLMSettings) -> str | None:
-    """The credential, None where there is none; the API takes keys and tokens in one header."""
+    """The credential, None where there is none; the API takes keys and tokens in one header.
+
+    Space around it, such as a file's last line end, is none of it.
+    """
     given = settings.api_key.get_secret_value() if settings.api_key is not None else ""
-    found = os.environ.get
-    return given or found("ANTHROPIC_API_KEY") or found("ANTHROPIC_AUTH_TOKEN") or None
+    found = (given, *(os.environ.get(n, "") for n in ("ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN")))
+    return next((key.strip() for key in found if key.strip()), None)

@@ -11,6 +11,8 @@ sent     an attempt is about to be made; without its attempt line, its outcome i
 attempt  one attempt at a call: where, request, reply or failure, tokens, dollars, seconds
 part     the result for one part of the guidance: its source, and the stages that rejected it
 played   episodes that supervision ran for itself: for which generation, what for, how many
+
+Each has a `checksum` of its other fields. Transcripts of older versions have none.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ import hashlib
 import json
 import os
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from threading import Lock
@@ -27,7 +29,15 @@ from typing import Any, Final
 
 from islandgp.errors import SupervisionError
 from islandgp.plain import UNREADABLE, made_of, read_json
-from islandgp.supervision.llm.message import Failure, Reply, Request, Usage
+from islandgp.supervision.llm.message import (
+    CHARGED,
+    Failure,
+    FailureKind,
+    Reply,
+    Request,
+    Usage,
+    sha256_of,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +60,7 @@ class Sent:
     call: Call
     number: int  # from 1
     at_most: Usage  # tokens that it can take
+    seconds: float = 0.0  # that it can take, the wait before it included; 0 in older transcripts
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +88,7 @@ class Conclusion:
     source: str  # "llm", "llm, repaired", "fallback", ...
     why: str  # of a fallback, else ""
     rejected: tuple[str, ...]  # stages of the validation, in order
+    failed: str = ""  # the kind of the failure that ended it, else ""; "" in older transcripts
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,8 +136,76 @@ def from_line(line: Mapping[str, Any], systems: Mapping[str, str]) -> Attempt:
 
 NAME: Final = "transcript.jsonl"
 FORMAT: Final = 1
+CHECKSUM: Final = "checksum"
 
 Entry = Sent | Attempt | Conclusion | Played
+
+_KINDS: Final[Mapping[str, type[Sent | Conclusion | Played]]] = {
+    "sent": Sent,
+    "part": Conclusion,
+    "played": Played,
+}
+"""By the field `line`: sorts of entries whose other fields are those of a dataclass."""
+
+
+@dataclass(frozen=True, slots=True)
+class TranscriptLine:
+    """A line as it is read."""
+
+    number: int  # from 1
+    plain: Mapping[str, Any]  # its JSON values; empty if it is no JSON object
+    entry: Entry | None  # None: of another sort, or it cannot be read
+    damage: str = ""  # why it cannot be read
+    change: str = ""  # how one sees that it was changed after it was written
+
+    @property
+    def kind(self) -> str:
+        """Of which sort it is, "" where it does not say so."""
+        return str(self.plain.get("line", ""))
+
+
+def read_lines(lines: Iterable[bytes]) -> Iterator[TranscriptLine]:
+    """Each line by itself: one that is damaged does not hide those behind it."""
+    systems: dict[str, str] = {}
+    for number, raw in enumerate(lines, 1):
+        plain: Mapping[str, Any] = {}
+        try:
+            plain = _object(raw)
+            entry = _entry(plain, systems)
+        except UNREADABLE as error:
+            yield TranscriptLine(number, plain, None, f"{type(error).__name__}: {error}")
+        else:
+            yield TranscriptLine(number, plain, entry, change=_change(plain, entry))
+
+
+def _object(raw: bytes) -> Mapping[str, Any]:
+    found = read_json(raw)
+    if not isinstance(found, dict):
+        raise TypeError("expected a JSON object")
+    return found
+
+
+def _entry(plain: Mapping[str, Any], systems: dict[str, str]) -> Entry | None:
+    """What a line holds; one of a sort that is not known is passed over. Raises UNREADABLE."""
+    kind = plain["line"]
+    if kind == "system":
+        systems[plain["sha256"]] = plain["text"]
+    if kind == "dialect":
+        plain["generation"], plain["dialect"]
+    if kind == "attempt":
+        return from_line(plain, systems)
+    return made_of(_KINDS[kind], plain) if kind in _KINDS else None
+
+
+def _change(plain: Mapping[str, Any], entry: Entry | None) -> str:
+    """How one sees that a line was changed after it was written; "" if one does not see it."""
+    if CHECKSUM in plain:
+        rest = {key: value for key, value in plain.items() if key != CHECKSUM}
+        return "" if sha256_of(rest) == plain[CHECKSUM] else "its checksum differs"
+    digest = plain.get("digest")
+    if isinstance(entry, Attempt) and digest not in (None, entry.request.digest):
+        return "the digest of its request differs"
+    return ""
 
 
 class Transcript:
@@ -137,7 +217,7 @@ class Transcript:
         A fixed one stays as it is, whatever it is told.
 
         Raises:
-            SupervisionError: the file is no transcript.
+            SupervisionError: the file is no transcript, or was changed after it was written.
         """
         self.path, self.fixed = path, fixed
         self.start: dict[str, Any] | None = None
@@ -179,30 +259,39 @@ class Transcript:
                 self.learnt = (generation, dict(dialect))
                 self._write({"line": "dialect", "generation": generation, "dialect": dialect})
 
-    def useless_before(self, generation: int) -> int:
-        """How many questions in a row, up to a generation, had answers of no use.
+    def useless_before(self, generation: int) -> list[Conclusion]:
+        """The last questions in a row, up to a generation, whose answers were of no use.
 
-        One without an answer is passed over.
+        So is one that came too late, cut off or malformed: it may be charged as any other. A
+        question that nobody worked on is passed over.
         """
-        count = 0
+        found: list[Conclusion] = []
         for part in sorted(self.parts, key=lambda part: (part.generation, part.part)):
             if part.generation < generation and part.source != "fallback":
-                count = 0
-            elif part.generation < generation and part.rejected:
-                count += 1
-        return count
+                found = []
+            elif part.generation < generation and (part.rejected or part.failed in CHARGED):
+                found.append(part)
+        return found
 
     def lost(self) -> list[Sent]:
-        """What was sent and never heard of again, e.g. because the process was killed."""
+        """Requests without an outcome: under way, or cut off when the process was killed."""
+        return self.taken()[1]
+
+    def taken(self) -> tuple[list[Attempt], list[Sent]]:
+        """The attempts that were made, and the requests without an outcome, at one moment.
+
+        An attempt that a cap refused was not made: it is the outcome of no request.
+        """
         with self._lock:
-            heard = Counter((a.call, a.number) for a in self.attempts)
-            found = []
+            made = [a for a in self.attempts if not _is_refused_by_cap(a)]
+            heard = Counter((a.call, a.number) for a in made)
+            lost = []
             for sent in reversed(self.sent):  # of two with one number the later was heard of
                 if heard[sent.call, sent.number]:
                     heard[sent.call, sent.number] -= 1
                 else:
-                    found.append(sent)
-        return found
+                    lost.append(sent)
+        return made, lost
 
     def add(self, entry: Entry) -> None:
         """Writes an entry down before it returns; a conclusion or what was played but once."""
@@ -228,32 +317,47 @@ class Transcript:
         with self.path.open("ab") as file:
             if self._whole is not None:
                 file.truncate(self._whole)
-                self._whole = None
-            file.write(json.dumps(line, ensure_ascii=False, allow_nan=False).encode() + b"\n")
+            self._whole = file.seek(0, os.SEEK_END)  # where writing fails, a piece may follow
+            whole = {**line, CHECKSUM: sha256_of(line)}
+            file.write(json.dumps(whole, ensure_ascii=False, allow_nan=False).encode() + b"\n")
             file.flush()
             os.fsync(file.fileno())
+        self._whole = None
 
     def _load(self, data: bytes, path: Path) -> None:
-        known = {kind: (sort, kept) for sort, (kind, kept) in self._kept.items()}
-        try:
-            for line in map(read_json, data.splitlines()):
-                kind = line.pop("line")
-                if kind == "start":
-                    self.start = line
-                elif kind == "system":
-                    self._systems[line["sha256"]] = line["text"]
-                elif kind == "dialect":
-                    self.learnt = (line["generation"], line["dialect"])
-                elif kind == "attempt":
-                    self.attempts.append(from_line(line, self._systems))
-                elif kind in known:
-                    sort, kept = known[kind]
-                    kept.append(made_of(sort, line))
-        except UNREADABLE as error:
-            raise SupervisionError(
-                f"Expected a transcript in {path}, found a damaged file"
-                f" ({type(error).__name__}: {error}); move it away to ask again."
-            ) from None
+        for line in read_lines(data.splitlines()):
+            if line.damage:
+                raise SupervisionError(
+                    f"Expected a transcript in {path}, found line {line.number} damaged"
+                    f" ({line.damage}); put a copy back, or begin again with resume=never."
+                    " `islandgp transcript` shows what can be read."
+                )
+            if line.change:
+                raise SupervisionError(
+                    f"Expected {path} as it was written, found line {line.number}"
+                    f"{_about(line)} changed: {line.change}; put the original back, or take the"
+                    " fields `checksum` and `digest` out of the line to use it as it is."
+                )
+            self._take(line)
+
+    def _take(self, line: TranscriptLine) -> None:
+        if line.entry is not None:
+            self._kept[type(line.entry)][1].append(line.entry)
+        elif line.kind == "start":
+            self.start = {k: v for k, v in line.plain.items() if k not in ("line", CHECKSUM)}
+        elif line.kind == "system":
+            self._systems[line.plain["sha256"]] = line.plain["text"]
+        elif line.kind == "dialect":
+            self.learnt = (line.plain["generation"], line.plain["dialect"])
+
+
+def _about(line: TranscriptLine) -> str:
+    """What a line is about, in brackets."""
+    return f" ({line.entry.call})" if isinstance(line.entry, Sent | Attempt) else ""
+
+
+def _is_refused_by_cap(attempt: Attempt) -> bool:
+    return isinstance(attempt.answer, Failure) and attempt.answer.kind is FailureKind.BUDGET
 
 
 def find_transcript(place: Path) -> Path:

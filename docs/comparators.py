@@ -1,0 +1,186 @@
+"""All searches at equal episodes in five worlds: `make comparators`; the plan is in docs/log.md.
+
+    python docs/comparators.py [--seeds N] [--worlds island,cartpole] [--report]
+
+Runs what is missing in `runs/`, evaluates each run's best robot in worlds that chose nothing, and
+writes docs/comparators/: raw scores, a table, profiles. It can be stopped and started again at
+any time: a run that is unfinished goes on, and a score that is in scores.json is kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import fmean
+from time import process_time
+from typing import Any, Final
+
+import islandgp
+from islandgp.study.figures.profiles import profile_picture
+from islandgp.study.profiles import Scores, summarise
+from islandgp.study.tables.scores import score_table, scores_csv
+
+ROOT: Final = Path(__file__).resolve().parent.parent
+FOLDER: Final = ROOT / "docs" / "comparators"
+RAW: Final = FOLDER / "scores.json"
+SEEDS: Final = range(9000, 9020)  # of runs; nothing was tuned on them
+UNSEEN: Final = range(200_000, 200_100)  # of worlds
+REFERENCE: Final = "random"
+QUIET: Final = ("tracking=off", "progress=off")
+
+ARMS: Final[dict[str, tuple[str, ...]]] = {
+    "random": ("search=random", "supervisor=baseline"),
+    "paper": ("search=paper", "supervisor=baseline"),
+    "hill": ("search=hill", "supervisor=baseline"),
+    "lexicase": ("search=lexicase", "supervisor=baseline"),
+    "map_elites": ("search=map_elites", "supervisor=baseline"),
+    "novelty": ("search=novelty", "supervisor=baseline"),
+    "nsga2": ("search=nsga2", "supervisor=baseline"),
+    "racing": ("search=racing", "supervisor=baseline", "search.policy.library=0"),
+    "paper, expert": ("search=paper", "supervisor=expert"),
+    "racing, library": ("search=racing", "supervisor=baseline"),
+    "racing, expert": ("search=racing", "supervisor=expert"),
+    "compose": ("search=compose", "supervisor=baseline"),
+}
+WITH_LIBRARY: Final = ("paper, expert", "racing, library", "racing, expert", "compose")
+"""Arms that use written trees; only where the domain has a library."""
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """A domain with its budget."""
+
+    words: tuple[str, ...]  # overrides
+    by_hand: Path  # a tree for comparison
+    config_dir: Path | None = None
+    library: bool = False
+
+
+DOMAINS: Final = ROOT / "islandgp" / "domains"
+PICK_PLACE: Final = ROOT / "examples" / "pick_place"
+WORLDS: Final[dict[str, World]] = {
+    "island": World(
+        ("domain=island", "budget.episodes=1414"),
+        ROOT / "grammar" / "examples" / "all_rounder.bt",
+        library=True,
+    ),
+    "cartpole": World(
+        ("domain=cartpole", "budget.episodes=3000"),
+        DOMAINS / "gymnasium" / "trees" / "cartpole.bt",
+    ),
+    "pick_place": World(
+        ("domain=pick_place", "budget.episodes=3000"), PICK_PLACE / "carry.bt", PICK_PLACE / "conf"
+    ),
+    "lunarlander": World(
+        ("domain=lunarlander", "budget.episodes=10000", "gp.population=60", "gp.episodes=2"),
+        DOMAINS / "gymnasium" / "trees" / "lunarlander.bt",
+    ),
+    "minigrid": World(
+        ("domain=minigrid", "budget.episodes=10000", "gp.population=60", "gp.episodes=2"),
+        DOMAINS / "minigrid" / "trees" / "by_hand.bt",
+    ),
+}
+
+
+def arms_of(world: World) -> Iterator[str]:
+    """The arms that can run in a world."""
+    for arm in ARMS:
+        if world.library or arm not in WITH_LIBRARY:
+            yield arm
+
+
+def measured(name: str, arm: str, seed: int) -> dict[str, Any]:
+    """A run, made where it is missing, and its best robot's mean in unseen worlds."""
+    world, began = WORLDS[name], process_time()
+    words = (*world.words, *ARMS[arm], f"name=comparators-{name}", f"seed={seed}", *QUIET)
+    (row,) = islandgp.run(*words, config_dir=world.config_dir).runs.to_dict("records")
+    experiment = islandgp.compose(*words, config_dir=world.config_dir)
+    outcomes = experiment.evaluate(str(row["tree"]), UNSEEN)
+    counters = {key: fmean(o.counters[key] for o in outcomes) for key in outcomes[0].counters}
+    return {
+        "score": fmean(o.fitness for o in outcomes),
+        "counters": counters,
+        "tree": row["tree"],
+        "seconds": row["seconds"],
+        "main_process_cpu_s": round(process_time() - began, 3),
+    }
+
+
+def by_hand(name: str) -> float:
+    """The mean of the hand-written tree in the unseen worlds."""
+    world = WORLDS[name]
+    experiment = islandgp.compose(*world.words, *QUIET, config_dir=world.config_dir)
+    text = world.by_hand.read_text(encoding="utf-8")
+    return fmean(o.fitness for o in experiment.evaluate(text, UNSEEN))
+
+
+def write_raw(raw: dict[str, Any]) -> None:
+    """The raw scores, in one piece."""
+    FOLDER.mkdir(exist_ok=True)
+    temporary = RAW.with_suffix(".tmp")
+    temporary.write_text(json.dumps(raw, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    temporary.replace(RAW)
+
+
+def report(raw: dict[str, Any]) -> None:
+    """The table and the profiles of the seeds that every arm of a world has."""
+    scores: dict[str, dict[str, list[float]]] = {}
+    for name, arms in raw["scores"].items():
+        common = set.intersection(*(set(seeds) for seeds in arms.values()))
+        if common:
+            scores[name] = {
+                arm: [arms[arm][seed]["score"] for seed in sorted(common)]
+                for arm in arms_of(WORLDS[name])
+                if arm in arms
+            }
+    table: Scores = scores
+    rows = summarise(table, reference=REFERENCE, paired=True)
+    found = score_table(rows, title="Best robots in unseen worlds, by search")
+    lines = [
+        "| " + " | ".join(found.columns) + " |",
+        "|---" * len(found.columns) + "|",
+        *("| " + " | ".join(row) + " |" for row in found.rows),
+        "",
+        *found.notes,
+        "",
+        *(f"- {name} by hand: {value:,.1f}" for name, value in raw["by_hand"].items()),
+    ]
+    (FOLDER / "table.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (FOLDER / "scores.csv").write_text(scores_csv(rows), encoding="utf-8")
+    profile_picture(table, label="Mean in unseen worlds").save(FOLDER)
+
+
+def main() -> None:
+    """Runs, measures and writes."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=len(SEEDS), help="how many, at most 20")
+    parser.add_argument("--worlds", default=",".join(WORLDS), help="names, with commas")
+    parser.add_argument("--report", action="store_true", help="only write the report")
+    options = parser.parse_args()
+    sys.path.insert(0, str(PICK_PLACE))
+    names = options.worlds.split(",")
+    if unknown := [name for name in names if name not in WORLDS]:
+        parser.error(f"expected worlds among {', '.join(WORLDS)}, found {unknown[0]}")
+    raw: dict[str, Any] = {"by_hand": {}, "scores": {}}
+    if RAW.exists():
+        raw = json.loads(RAW.read_text(encoding="utf-8"))
+    for seed in () if options.report else SEEDS[: options.seeds]:
+        for name in names:  # seed by seed: what is stopped has as many of each arm
+            raw["by_hand"].setdefault(name, None)
+            if raw["by_hand"][name] is None:
+                raw["by_hand"][name] = by_hand(name)
+            for arm in arms_of(WORLDS[name]):
+                seeds = raw["scores"].setdefault(name, {}).setdefault(arm, {})
+                if str(seed) not in seeds:
+                    seeds[str(seed)] = measured(name, arm, seed)
+                    write_raw(raw)
+                    print(f"{name} {arm} {seed}: {seeds[str(seed)]['score']:,.1f}", flush=True)
+    report(raw)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,71 @@
+"""`islandgp watch`: a run's page, which grows while the run goes on."""
+
+from __future__ import annotations
+
+import re
+import sys
+import webbrowser
+from itertools import chain
+from pathlib import Path
+from typing import Final
+
+import click
+
+from islandgp.errors import RunError
+
+STATUS: Final = re.compile(rb'<body data-status="([A-Z]+)">')
+
+
+@click.command()
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option(
+    "--open/--no-open",
+    "opened",
+    default=None,
+    help="Open it in a browser.  [default: on a terminal]",
+)
+def command(run: Path, opened: bool | None) -> None:
+    """Open the page of the run in the folder RUN, and print its path.
+
+    The page shows the result, the curves, the archive's map, the champion and how it came to be.
+    While the run goes on it loads itself again every few seconds.
+    """
+    path = _page(run)
+    click.echo(path)
+    wanted = sys.stdout.isatty() if opened is None else opened
+    if wanted and not webbrowser.open(path.absolute().as_uri()):
+        click.echo("Found no browser to open: open the file yourself.", err=True)
+
+
+def _page(path: Path) -> Path:
+    """The page as the run is now, made again where it is missing or of an earlier state.
+
+    Raises:
+        RunError: there is no run in the folder, or it is damaged.
+    """
+    from islandgp.records.folder import RunFolder, Status
+    from islandgp.running.page_writer import write_page
+    from islandgp.viewer.run_page import NAME_OF_PAGE
+
+    folder = RunFolder(path)
+    if not path.is_dir() or not folder.begun() or folder.about() is None:
+        below = chain(path.glob("*/about.json"), path.glob("*/*/about.json"))
+        one = next((file.parent for file in below), None)
+        inside = "none" if one is None else "runs below it"
+        example = "as a run's last line names it" if one is None else f"e.g. {one}"
+        raise RunError(
+            f"Expected a run in {path}, found {inside}; give a run's own folder, {example}."
+        )
+    status, page = folder.status(), path / NAME_OF_PAGE
+    if page.exists() and (status is Status.RUNNING or _status_of(page) == status):
+        return page
+    return write_page(folder, status)
+
+
+def _status_of(page: Path) -> str:
+    """The status of the run when its page was made; "" where the page does not say it."""
+    try:
+        found = STATUS.search(page.read_bytes())
+    except OSError:
+        return ""
+    return found[1].decode() if found else ""

@@ -1,0 +1,85 @@
+"""`archive.json`: the elites that a run leaves behind, which another run can start from."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Final
+
+from islandgp.errors import RunError, brief
+from islandgp.evolution.archive import ArchiveRecord, Elite
+from islandgp.plain import UNREADABLE, made_of, read_json
+
+NAME: Final = "archive.json"
+MOST_BYTES: Final = 2**28  # of a file that is read; 10,000 trees of a thousand nodes are smaller
+
+
+@dataclass(frozen=True, slots=True)
+class ArchiveFile:
+    """What archive.json holds. Equal archives have equal bytes."""
+
+    domain: str  # name of the vocabulary of its trees
+    cells: dict[str, tuple[float, ...]]  # edges by counter
+    floor: float  # points
+    coverage: float  # in [0, 1]
+    qd_score: float  # points
+    elites: tuple[Elite, ...]  # by cell
+
+    @classmethod
+    def of(
+        cls,
+        domain: str,
+        cells: Mapping[str, Sequence[float]],
+        floor: float,
+        elites: Sequence[Elite],
+        record: ArchiveRecord,
+    ) -> ArchiveFile:
+        """The file of a run's last archive."""
+        edges = {name: tuple(values) for name, values in cells.items()}
+        return cls(domain, edges, floor, record.coverage, record.qd_score, tuple(elites))
+
+    def to_bytes(self) -> bytes:
+        """JSON, an elite a line."""
+        head = asdict(self)
+        elites = ",\n".join(json.dumps(e, allow_nan=False) for e in head.pop("elites"))
+        return f'{json.dumps(head, allow_nan=False)[:-1]}, "elites": [\n{elites}\n]}}\n'.encode()
+
+    def best_first(self) -> list[Elite]:
+        """The elites by falling mean, those of later stages first: scales differ by stage."""
+        return sorted(self.elites, key=lambda e: (-e.stage, -e.mean, e.cell))
+
+
+def read_archive(path: Path) -> tuple[ArchiveFile, str]:
+    """The archive of a run's folder, or of the file itself, and a digest of its content.
+
+    Raises:
+        RunError: there is none, it cannot be read, or it is damaged.
+    """
+    file = path / NAME if path.is_dir() else path
+    try:
+        with file.open("rb") as opened:
+            data = opened.read(MOST_BYTES + 1)
+    except OSError as error:
+        raise RunError(
+            f"Expected the archive of a finished run in {file}, found: {error.strerror or error};"
+            f" give the folder of a run that has ended, or its {NAME}."
+        ) from error
+    try:
+        if len(data) > MOST_BYTES:
+            raise ValueError(f"it has more than {MOST_BYTES:,} bytes")
+        found = made_of(ArchiveFile, read_json(data))
+        sizes = [len(edges) for edges in found.cells.values()]
+        for e in found.elites:
+            if len(e.cell) != len(sizes) or any(
+                not 0 <= place < size for place, size in zip(e.cell, sizes, strict=True)
+            ):
+                raise ValueError(f"the elite {e.id} is in no cell of its grid")
+        return found, hashlib.sha256(data).hexdigest()[:12]
+    except UNREADABLE as error:
+        raise RunError(
+            f"Expected an archive in {file}, found a damaged file ({brief(error)}); give the"
+            " archive of another run."
+        ) from error

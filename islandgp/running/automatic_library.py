@@ -1,0 +1,159 @@
+"""The library of a run that names none: a tree for each behaviour, kept in the folder of runs."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Final
+from weakref import WeakValueDictionary
+
+from islandgp.bt.language import parse, to_text
+from islandgp.bt.node import Node, size
+from islandgp.config.settings import Settings
+from islandgp.domain import Domain
+from islandgp.errors import ConfigError
+from islandgp.evaluation.base import Evaluator, staged
+from islandgp.evolution.single_behaviours import single_behaviours
+from islandgp.plain import must_fit
+from islandgp.records.checkpoint import reading, write_atomic
+from islandgp.running.resume import domain_code
+from islandgp.supervision.library import Library
+
+SEARCH: Final = 2
+"""Version of the search, which is part of the name of a kept library."""
+
+
+def automatic_library(
+    settings: Settings, domain: Domain, make_evaluator: Callable[[], Evaluator]
+) -> Library:
+    """A tree for each behaviour, searched for once and kept in `runs` for all runs that are alike.
+
+    Where stages of the curriculum change the world, each of their worlds is searched, in order, for
+    what the ones before did not show. What no stage showed is reported to the error stream, in
+    every run that uses the library.
+
+    Args:
+        settings: of the run.
+        domain: with the run's world.
+        make_evaluator: called where a search is needed.
+
+    Raises:
+        ConfigError: no tree shows any behaviour.
+        EvaluationError: an episode of the search cannot be run.
+        RunError: the kept file is damaged.
+    """
+    file = library_file(settings, domain)
+    if not file.exists():
+        found = _search(settings, domain, make_evaluator)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        plain = {name: to_text(tree) for name, tree in found.items()}
+        write_atomic(file, json.dumps(plain, indent=1).encode())
+    texts = kept_texts(file)
+    behaviours = settings.classes.behaviours
+    if not texts:
+        raise ConfigError(
+            "library: expected to find a tree that shows one of the behaviours"
+            f" ({', '.join(behaviours)}), found none; write one, and name its folder in"
+            " library.folder."
+        )
+    _report_missing([name for name in behaviours if name not in texts], settings)
+    trees = {
+        name: parse(text, domain.schema.vocabulary, name=f"{file}: {name}")
+        for name, text in texts.items()
+    }
+    return Library(trees, texts, {name: (name,) for name in trees}, {})
+
+
+def library_file(settings: Settings, domain: Domain) -> Path:
+    """Where the library of these settings is kept, whether or not it has been searched for."""
+    shape = settings.model_dump(
+        mode="json",
+        include={
+            "domain": True,
+            "world": True,
+            "rewards": True,
+            "curriculum": {"stages"},
+            "classes": {"behaviours"},
+            "gp": {"trees", "mutation", "max_depth", "max_nodes"},
+        },
+    )
+    key = json.dumps([SEARCH, shape, repr(domain.schema), domain_code(settings)])
+    digest = hashlib.sha256(key.encode()).hexdigest()[:16]
+    return Path(settings.runs) / ".libraries" / f"{digest}.json"
+
+
+def kept_texts(file: Path) -> dict[str, str]:
+    """The trees of a kept library, by behaviour. Raises RunError where the file is damaged."""
+    with reading("a library that was searched for", file):
+        texts: dict[str, str] = must_fit(dict[str, str], file.read_bytes())
+    return texts
+
+
+def _search(
+    settings: Settings, domain: Domain, make_evaluator: Callable[[], Evaluator]
+) -> dict[str, Node]:
+    """The trees that were found, in the order of the behaviours."""
+    behaviours = [*settings.classes.behaviours]
+    space = settings.plan(domain).space
+    stages = list(_stages(settings))
+    found: dict[str, Node] = {}
+    _say("searching for a tree of each behaviour, once")
+    with closing(make_evaluator()) as evaluator:
+        for stage in stages:
+            missing = [name for name in behaviours if name not in found]
+            if not missing:
+                break
+            if stage != stages[0]:
+                _say(f"in the world of stage {stage + 1}: {', '.join(missing)}")
+            search = single_behaviours(
+                settings.classes,
+                space,
+                settings.gp.mutation,
+                evaluator,
+                stage,
+                wanted=missing,
+                known=tuple(found.values()),
+            )
+            for n, (name, tree) in enumerate(search, 1):
+                if tree is not None:
+                    found[name] = tree
+                if settings.progress != "off":
+                    outcome = "no tree found" if tree is None else f"a tree of {size(tree)} nodes"
+                    _say(f"{name}: {outcome} ({n} of {len(missing)})")
+    return {name: found[name] for name in behaviours if name in found}
+
+
+def _stages(settings: Settings) -> Iterator[int]:
+    """The stages to search: the first one with each world, or the last one where all are alike.
+
+    Early stages come first, as behaviours are easiest to find in their worlds.
+    """
+    stages = settings.curriculum.stages
+    worlds = [staged(settings.world, stage.world) for stage in stages]
+    if all(world == worlds[0] for world in worlds):
+        yield len(stages) - 1
+        return
+    yield from (i for i, world in enumerate(worlds) if world not in worlds[:i])
+
+
+_reported: WeakValueDictionary[int, Settings] = WeakValueDictionary()
+"""Settings that have reported what is missing, by id: a run may ask twice for its library."""
+
+
+def _report_missing(missing: Sequence[str], settings: Settings) -> None:
+    """Reports behaviours without a tree, once a run."""
+    if not missing or _reported.get(id(settings)) is settings:
+        return
+    _reported[id(settings)] = settings
+    _say(
+        f"library: found no tree for {', '.join(missing)} in any stage; supervisors inject none for"
+        " that. Write a tree for each behaviour, and name their folder in library.folder"
+    )
+
+
+def _say(line: str) -> None:
+    print(f"islandgp: {line}", file=sys.stderr)

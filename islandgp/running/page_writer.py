@@ -1,0 +1,70 @@
+"""Writes a run's page while the run goes on, and at its end."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from time import monotonic, time
+from typing import Final
+
+from islandgp.errors import RunError, brief
+from islandgp.records.checkpoint import reading, usable, write_atomic
+from islandgp.records.folder import RunFolder, Status
+from islandgp.viewer.champion import champion_replay
+from islandgp.viewer.run_page import NAME_OF_PAGE, run_page
+
+PERIOD: Final = 5.0  # s between two pages of a run that goes on, at least
+SHARE: Final = 0.02  # of a run's time that its pages may take
+
+
+class PageWriter:
+    """Writes the page of one run. No fault of a page ends a run: a line tells of the first one."""
+
+    def __init__(self, folder: RunFolder) -> None:
+        self._folder = folder
+        self._due = monotonic()
+        self._told = False
+
+    def generation(self) -> None:
+        """The folder holds one more generation: writes a new page if it is time for one."""
+        began = monotonic()
+        if began < self._due:
+            return
+        self._try(Status.RUNNING)
+        ended = monotonic()
+        self._due = ended + max(PERIOD, (ended - began) / SHARE)
+
+    def end(self, status: Status) -> None:
+        """Writes the last page, with the champion's replay where the run is finished."""
+        if self._folder.begun():
+            self._try(status)
+
+    def _try(self, status: Status) -> None:
+        try:
+            write_page(self._folder, status)
+        except RunError as error:
+            if not self._told:
+                self._told = True
+                print(f"islandgp: no new {NAME_OF_PAGE}: {brief(error)}", file=sys.stderr)
+
+
+def write_page(folder: RunFolder, status: Status) -> Path:
+    """Writes the page of a run as its folder is; returns its path. Raises RunError."""
+    path = folder.path / NAME_OF_PAGE
+    with usable(folder.path), reading("the records of a run", folder.path):
+        replay = _replay(folder) if status is Status.FINISHED else ""
+        text = run_page(folder, status, replay=replay, now=int(1000 * time()))
+        write_atomic(path, text.encode())
+    return path
+
+
+def _replay(folder: RunFolder) -> str:
+    """The champion's replay; "" where its episode cannot be recorded.
+
+    A domain of the user's own may fail in any way when it is observed, or be gone by now.
+    """
+    try:
+        return champion_replay(folder)
+    except Exception as error:
+        print(f"islandgp: no replay of the champion: {brief(error)}", file=sys.stderr)
+        return ""

@@ -1,0 +1,104 @@
+"""A limit for the time of an episode, whose code may be a user's that never returns."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from inspect import currentframe
+from time import monotonic
+from types import FrameType, TracebackType
+from typing import Any, Final
+
+from islandgp.errors import TimeLimitError
+from islandgp.plugin import place_of_frame
+
+AGAIN: Final = 0.2
+"""Seconds until code that has caught `Overdue` gets it again."""
+
+MOST: Final = 10
+"""How often it gets it; then the process ends."""
+
+
+class Overdue(BaseException):
+    """Raised inside of code that takes longer than its limit; `except Exception` lets it pass."""
+
+    action = ""  # the leaf that it was raised in, where that is known
+
+
+class TimeLimit:
+    """A context whose block may take `seconds` at most; 0: any time.
+
+        with TimeLimit(60):
+            domain.run_episode(...)
+
+    It works in a process's main thread, on systems that have SIGALRM; elsewhere it does nothing. It
+    cannot interrupt C code that never returns to Python. The handler and the timer of SIGALRM are
+    the former ones afterwards.
+
+    Raises:
+        TimeLimitError: at the end of a block that took longer, also where it caught `Overdue`.
+    """
+
+    def __init__(self, seconds: float) -> None:
+        self._seconds = seconds
+        self._times = 0  # that `Overdue` was raised
+        self._late: Overdue | None = None  # the first one
+        self._what = self._where = ""  # the function that was running then, and its place
+        self._over = True
+        self._entered: FrameType | None = None
+        self._before: tuple[float, Any, tuple[float, float]] | None = None
+
+    def __enter__(self) -> None:
+        main = threading.current_thread() is threading.main_thread()
+        if not self._seconds or not main or not hasattr(signal, "setitimer"):
+            return
+        self._entered = _caller()
+        self._over = False
+        handler = signal.signal(signal.SIGALRM, self._stop)
+        timer = signal.setitimer(signal.ITIMER_REAL, min(self._seconds, 1e6), AGAIN)
+        self._before = (monotonic(), handler, timer)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
+    ) -> None:
+        self._over = True
+        self._entered = None
+        if self._before is None:
+            return
+        begun, handler, (left, interval) = self._before
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, signal.SIG_DFL if handler is None else handler)
+        if left:
+            left = max(left - (monotonic() - begun), 0.001)
+            signal.setitimer(signal.ITIMER_REAL, left, interval)
+        if self._late is None or (kind is not None and issubclass(kind, KeyboardInterrupt)):
+            return
+        raise TimeLimitError(self._found(), self._seconds) from None
+
+    def _found(self) -> str:
+        assert self._late is not None
+        who = f"the action {self._late.action}" if self._late.action else self._what
+        return f"{who} still running after {self._seconds:g} s{self._where}"
+
+    def _stop(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 -- a handler's
+        if self._over:
+            return
+        self._times += 1
+        if self._late is None:
+            self._where = place_of_frame(frame, self._entered)
+            self._what = f"the function {frame.f_code.co_name}" if frame is not None else "it"
+            self._late = Overdue()
+            raise self._late
+        if self._times > MOST:
+            os.write(
+                2, f"islandgp: Expected an end of an episode, found {self._found()}\n".encode()
+            )
+            os._exit(2)
+        raise Overdue
+
+
+def _caller() -> FrameType | None:
+    """The frame that enters the context."""
+    frame = currentframe()
+    return frame and frame.f_back and frame.f_back.f_back

@@ -1,0 +1,94 @@
+"""The library that is searched for: in the worlds of stages, and in runs that use it again."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from islandgp.running.app import main
+from tests.domains.test_outside import OWN, here
+from tests.running.commands import TINY
+
+__all__ = ["here"]
+
+WORDS = (*OWN, *TINY, "gp.validation=0", "evaluator=serial", "supervisor=expert")
+BEHAVIOURS = ("localising", "driving", "picking", "placing")
+IMPOSSIBLE = "world.ticks=12"  # too few for an item to be placed
+
+
+def stages(*worlds: str) -> str:
+    """A curriculum with a stage for each world."""
+    found = (
+        f"{{epochs:[{n},{n}],multipliers:{{}},world:{world}}}" for n, world in enumerate(worlds, 1)
+    )
+    return f"curriculum.stages=[{','.join(found)}]"
+
+
+def library(here: Path) -> dict[str, str]:
+    """The only library that is kept."""
+    (file,) = (here / "runs/.libraries").glob("*.json")
+    found: dict[str, str] = json.loads(file.read_text())
+    return found
+
+
+def missing(said: str) -> list[str]:
+    """The lines on behaviours without a tree."""
+    return [line for line in said.splitlines() if "found no tree for" in line]
+
+
+def test_what_the_first_stage_switches_off_is_found_in_a_later_one(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Where every skill fails in the first stage, the trees for them are of the second one."""
+    assert main([*WORDS, stages("{failure:1,lost:1}", "{failure:0}")]) == 0
+    said = capsys.readouterr().err
+    assert list(library(here)) == list(BEHAVIOURS)
+    assert "islandgp: in the world of stage 2: localising, driving, picking, placing\n" in said
+    lines = [line.partition(" (")[0] for line in said.splitlines() if line.endswith(" of 4)")]
+    assert lines[:4] == [f"islandgp: {name}: no tree found" for name in BEHAVIOURS]
+    assert not [line for line in lines[4:] if "no tree" in line]
+
+
+@pytest.mark.usefixtures("here")
+def test_stages_with_one_world_are_searched_once(capsys: pytest.CaptureFixture[str]) -> None:
+    """A world that was searched shows nothing new in another stage."""
+    assert main([*WORDS, stages("{ticks:12}", "{ticks:12}", "{ticks:13}", "{ticks:12}")]) == 0
+    said = capsys.readouterr().err
+    assert [line for line in said.splitlines() if "in the world of" in line] == [
+        "islandgp: in the world of stage 3: placing"
+    ]
+
+
+def test_what_is_missing_is_reported_once_in_every_run(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By the run that searches, by one that uses what is kept, and by each run of a sweep."""
+    assert main([*WORDS, IMPOSSIBLE, "gp.founders=true"]) == 0
+    line = missing(capsys.readouterr().err)
+    assert line == [
+        "islandgp: library: found no tree for placing in any stage; supervisors inject none for"
+        " that. Write a tree for each behaviour, and name their folder in library.folder"
+    ]
+    assert list(library(here)) == ["localising", "driving", "picking"]
+    assert main([*WORDS, IMPOSSIBLE, "gp.founders=true", "seed=1", "progress=off"]) == 0
+    said = capsys.readouterr().err
+    assert missing(said) == line
+    assert "searching" not in said
+    assert main([*WORDS, IMPOSSIBLE, "seed=2,3", "-m"]) == 0
+    assert missing(capsys.readouterr().err) == line * 2
+
+
+def test_a_kept_tree_that_is_none_is_told_with_its_file(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Somebody has edited the file: one line with its path and the behaviour, exit code 2."""
+    assert main([*WORDS, IMPOSSIBLE]) == 0
+    (file,) = (here / "runs/.libraries").glob("*.json")
+    file.write_text(json.dumps({**library(here), "driving": "sequence { MoveToPik }"}))
+    capsys.readouterr()
+    assert main([*WORDS, IMPOSSIBLE, "seed=1"]) == 2
+    said = capsys.readouterr().err
+    assert f"{file.relative_to(here)}: driving:1:12: unknown action 'MoveToPik'" in said
+    assert "Traceback" not in said

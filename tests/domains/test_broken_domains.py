@@ -1,0 +1,446 @@
+"""Faults in a domain of one's own: each is reported once, with its file and line.
+
+The domain is that of the tutorial with one piece of its text replaced.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import ClassVar
+
+import pytest
+import yaml
+
+from islandgp.bt.vocabulary import Action
+from islandgp.domain import Domain
+from islandgp.domains.island import Island
+from islandgp.domains.island.actions import IslandAction
+from islandgp.domains.island.state import State
+from islandgp.errors import DomainError, EvaluationError
+from islandgp.evaluation.base import Job, Problem, simulate
+from islandgp.evaluation.serial import Serial
+from islandgp.scoring.curriculum import Curriculum
+from islandgp.testing.domain_suite import DomainSuite, run_suite
+from tests.composed import plain
+from tests.domains.test_outside import OWN, here
+from tests.domains.test_tutorial import EXAMPLE
+from tests.running.commands import ROOT, TINY
+from tests.trees.shell import Cli, shell
+
+__all__ = ["here"]
+
+TUCK = "        self.arm_tucked = True\n        return True"
+"""What the action `Tuck` does."""
+
+MEASURES = "    def measures(self):\n        return {}\n\n    def step(self):"
+
+Broken = Callable[[str, str], ModuleType]
+
+
+@pytest.fixture
+def broken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Broken:
+    """Makes a module of the tutorial's domain with one piece of its text replaced."""
+
+    def made(old: str, new: str) -> ModuleType:
+        text = (EXAMPLE / "pick_place.py").read_text(encoding="utf-8")
+        assert old in text
+        file = tmp_path / "broken_domain.py"
+        file.write_text(text.replace(old, new, 1), encoding="utf-8")
+        spec = importlib.util.spec_from_file_location("broken_domain", file)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        monkeypatch.setitem(sys.modules, "broken_domain", module)
+        spec.loader.exec_module(module)
+        return module
+
+    return made
+
+
+def problem(module: ModuleType) -> Problem:
+    """Its domain, with the settings of the tutorial."""
+    text = (EXAMPLE / "conf/domain/pick_place.yaml").read_text(encoding="utf-8")
+    config = yaml.safe_load(text)
+    factory = module.PickPlace
+    world = factory.World.model_validate(config["world"])
+    rewards = factory.Rewards.model_validate(config["rewards"])
+    return Problem.of(factory, world, rewards, Curriculum(**config["curriculum"]))
+
+
+def suite(module: ModuleType, *, timeout: float = 20) -> DomainSuite:
+    """The contract's tests for it, with a few trees."""
+
+    class Suite(DomainSuite):
+        random_trees = 4
+        grown_trees = 60
+        episode_timeout = timeout
+
+        def make_domain(self) -> Domain:
+            return problem(module).domain
+
+    return Suite()
+
+
+def faults(tests: DomainSuite) -> dict[str, list[str]]:
+    """The lines of each promise that is broken."""
+    return {promise: fault.splitlines() for promise, fault in run_suite(tests) if fault}
+
+
+EPISODES = [
+    # Old text, new text, the fault, and the text of the line that it names.
+    ('self.log("failed")', 'self.log("faild")',
+     "Expected an event of the schema (localised, moved, picked, placed, failed, tick), found"
+     " 'faild'; perhaps failed is meant", "faild"),
+    ('self.placed += event == "placed"', 'self.placed += {"picked": 0}[event]',
+     "Expected no error, found KeyError: 'placed'", "picked\": 0"),
+    ('self.placed += event == "placed"', '1 / (event == "picked")',
+     "Expected no error, found ZeroDivisionError: division by zero", "1 / (event"),
+    ('self.log("tick")', "yield",
+     'Expected why the episode is over from `step`, a text, or "" to go on, found <generator object'
+     " Robot.step>; leave `yield` out of it", "def step"),
+    ('return "task done" if self.placed == self.world.blocks else ""', "return 1",
+     'Expected why the episode is over from `step`, a text, or "" to go on, found 1', "def step"),
+    ('"blocks_left": self.world.blocks - self.placed}', '"blocks_left": "3"}',
+     "Expected a number of at least 0 and at most 9 as the value of the key blocks_left from"
+     " `sense`, found '3'", "def sense"),
+    ('"blocks_left": self.world.blocks - self.placed}', '"blocks_left": 1, "blocks_lft": 2}',
+     "Expected values of the vocabulary's keys from `sense`, found 'blocks_lft' as well; perhaps"
+     " blocks_left is meant; declare it among the keys, or leave it out", "def sense"),
+    ('"blocks_left": self.world.blocks - self.placed}', "}",
+     "Expected a value of the key blocks_left from `sense`, found none", "def sense"),
+    ("return {**own, **at,", "{**own, **at,",
+     "Expected a dict of values by key from `sense`, found None", "def sense"),
+    ("def sense(self)", "def sense(self, time)",
+     "Expected a method sense that is called as sense(), found: missing a required argument:"
+     " 'time'", "def sense"),
+    ("def __init__(self, world, seed, log)", "def __init__(self, world, log)",
+     "Expected an Episode that is made as Episode(world, seed, log), found: too many positional"
+     " arguments", "class Robot"),
+    ("def Tuck(self)", "def Tukc(self)",
+     "Expected a method Tuck in Robot for the action of that name, found none", "class Robot"),
+    ("def Tuck(self)", "def Tuck(self, fresh)",
+     "Expected a method Tuck that is called as Tuck(), found: missing a required argument:"
+     " 'fresh'", "def Tuck"),
+    ("def Tuck(self)", "async def Tuck(self)",
+     "Expected True, False or RUNNING from the action Tuck, found <coroutine object Robot.Tuck>;"
+     " write `def` in place of `async def`", "def Tuck"),
+    (TUCK, "        pass",
+     "Expected True, False or RUNNING from the action Tuck, found None; return one in each branch",
+     "def Tuck"),
+    ('return (yield from self._drive("pick"))', 'return self._drive("pick")',
+     "Expected True, False or RUNNING from the action MoveToPick, found <generator object"
+     " Robot._drive>; write `return (yield from ...)` to run a generator of another method",
+     "def MoveToPick"),
+    ('self.log("failed")', 'self.log("failed", "1")',
+     "Expected a finite amount of the event 'failed', found '1'", 'log("failed", "1")'),
+    (TUCK, "        import sys; sys.exit(3)", "Expected no error, found SystemExit: 3", "sys.exit"),
+    (TUCK, "        self.Tuck()",
+     "Expected no error, found RecursionError: maximum recursion depth exceeded", "self.Tuck()"),
+    ("World, Episode, schema = World, Robot, SCHEMA", "World, schema = World, SCHEMA",
+     "Expected a class Episode in PickPlace, found none; write `Episode = ...` there",
+     "class PickPlace"),
+    ("    def step(self):", MEASURES.format("{'tickk': 1}"),
+     "Expected counters of the schema from `measures`, found 'tickk'; perhaps tick is meant;"
+     " declare it among the counters, or leave it out", "def measures"),
+    ("    def step(self):", MEASURES.format("{'tick': '1'}"),
+     "Expected a finite number as the counter tick from `measures`, found '1'", "def measures"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fault", "line"), EPISODES, ids=[fault[9:60] for *_, fault, _ in EPISODES]
+)
+def test_a_fault_of_an_episode_is_reported_once(
+    broken: Broken, old: str, new: str, fault: str, line: str
+) -> None:
+    """By the first promise, with the line of the domain's file and the smallest tree."""
+    module = broken(old, new)
+    found = faults(suite(module))
+    assert list(found) == ["every episode runs"]
+    (said,) = found["every episode runs"]
+    assert said.startswith(f"{fault}, in {module.__file__}, line ")
+    number = int(re.findall(r", line (\d+)", said)[0])
+    text = Path(str(module.__file__)).read_text(encoding="utf-8").splitlines()[number - 1]
+    assert line in text
+    assert re.search(r" \(world seed \d+, tree .+\)$", said)
+
+
+PROMISES = [
+    ('Action("tucks the arm")', 'Action("tucks the arm", statuses=frozenset({0}))',
+     "actions return the statuses that they declare",
+     "Expected Tuck to return FAILURE, found SUCCESS."),
+    ('"blocks_left": self.world.blocks - self.placed}', '"blocks_left": -1}',
+     "the blackboard keeps its ranges", "Expected blocks_left >= 0, found -1.0"),
+    ('Thing("robot", *TABLES', 'Thing("robo", *TABLES',
+     "scenes use the declared forms",
+     "Expected a form of the schema, found Thing(form='robo', x=0.0, y=0.0, size=0.4, text='')"),
+    ("return Scene(bounds=(-5, -2, 5, 4), movers=(*tables, robot))", "return 'a scene'",
+     "scenes use the declared forms", "Expected a Scene, found 'a scene'"),
+    ("    World, Episode, schema = World, Robot, SCHEMA",
+     "    World, Episode, schema = World, Robot, SCHEMA\n\n"
+     "    def __init__(self, world, rewards):\n"
+     "        super().__init__(world, rewards)\n        self.f = lambda: 1",
+     "it can be sent to workers",
+     "Expected no error, found AttributeError: Can't pickle local object"
+     " 'PickPlace.__init__.<locals>.<lambda>'"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "promise", "fault"), PROMISES)
+def test_a_promise_that_is_broken_is_reported(
+    broken: Broken, old: str, new: str, promise: str, fault: str
+) -> None:
+    """All episodes run, and one promise does not hold."""
+    assert faults(suite(broken(old, new))) == {promise: [fault]}
+
+
+DECLARATIONS = [
+    ('flag("the robot knows where it is")', '"the robot knows where it is"',
+     "Expected Key(...) for the key localised of the domain pick_place, found 'the robot"),
+    ('"tick": Event("ticks")', '"tick": "ticks"',
+     "Expected Event(...) for the event tick of the domain pick_place, found 'ticks'"),
+    ("0, 3, most=9)", '"0", 3, most=9)',
+     "Expected numbers as low, high, step and most of the key blocks_left of the domain"
+     " pick_place, found '0', 3, 1.0, 9"),
+    ('Action("tucks the arm")', 'Action("tucks the arm", statuses=frozenset({"SUCCESS"}))',
+     "Expected statuses among FAILURE, SUCCESS and RUNNING for the action Tuck"),
+    ('Action("tucks the arm")', 'Action("tucks the arm", changes={"armtucked": 1})',
+     "Expected keys of the vocabulary in the conditions and changes of the action Tuck of the"
+     " domain pick_place, found 'armtucked'"),
+    ('habits=("Check what has been reached before acting.", "Tuck the arm before driving.")',
+     'habits="Check what has been reached before acting."',
+     "Expected a tuple of sentences as the habits of the domain pick_place, found one text"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "fault"), DECLARATIONS)
+def test_a_declaration_of_a_wrong_type_is_refused(
+    broken: Broken, old: str, new: str, fault: str
+) -> None:
+    """When the module is loaded."""
+    with pytest.raises(DomainError, match=re.escape(fault)):
+        broken(old, new)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fault"),
+    [
+        ("    World, Episode, schema", "    step_s = 0\n    World, Episode, schema",
+         "Expected a number of seconds above 0 as PickPlace.step_s, found 0, in {}, line"),
+        ("    ticks: int = Field(ge=1, le=10_000)", "    ticks: str | int",
+         "Expected the setting ticks of World to be a number of at least 1, found 'many';"),
+    ],
+)  # fmt: skip
+def test_an_episode_must_last(broken: Broken, old: str, new: str, fault: str) -> None:
+    """A tick takes time, and there is a most of them."""
+    module = broken(old, new)
+    world = {"blocks": 1, "ticks": "many" if "str" in new else 5, "drive": 1}
+    settings = module.World.model_validate({**world, "failure": 0, "lost": 0})
+    with pytest.raises(DomainError, match=re.escape(fault.format(module.__file__))):
+        module.PickPlace.make(settings, None)
+
+
+# Code that does not return
+
+HANGS = {
+    "in a loop": ("        while True:\n            pass", "the action Tuck"),
+    "in a system call": ("        import time; time.sleep(1e6)", "the action Tuck"),
+    "in a helper": ("        self._rest()\n\n    def _rest(self):\n        while True: pass",
+                    "the action Tuck"),
+    "and catches exceptions": ("        while True:\n            try: sum(range(9))\n"
+                               "            except Exception: pass", "the action Tuck"),
+    "and catches all once": ("        while not self.arm_tucked:\n            try: sum(range(9))\n"
+                             "            except: self.arm_tucked = True\n"
+                             "        return True", "the function Tuck"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("how", HANGS)
+def test_an_action_that_does_not_return_is_named(broken: Broken, how: str) -> None:
+    """The suite ends after the first episode that takes too long, with the action and the line."""
+    code, who = HANGS[how]
+    module = broken(TUCK, code)
+    (said,) = faults(suite(module, timeout=0.2))["every episode runs"]
+    assert f"found {who} still running after 0.2 s, in {module.__file__}, line " in said
+
+
+def test_an_action_of_the_island_that_does_not_return_is_named() -> None:
+    """By its name in the language, not by its function's."""
+
+    def think(_: State, __: bool) -> int:
+        while True:
+            pass
+
+    class Thinking(Island):
+        schema = Island.schema.with_actions("thinking", {"Think": Action("thinks")})
+        actions: ClassVar[Mapping[str, IslandAction]] = {**Island.actions, "Think": think}
+
+    setting = Problem.recorded(plain("world.episode.length=60"))
+    island = setting.domain
+    assert isinstance(island, Island)
+    setting = replace(setting, domain=Thinking(island.world, island.rewards))
+    with pytest.raises(EvaluationError, match=r"the action Think still running after 0\.2 s"):
+        simulate(setting, Job("Think", 0, 3), 0.2)
+
+
+def test_other_code_that_does_not_return_is_named(broken: Broken) -> None:
+    """By its function."""
+    module = broken("    def sense(self):\n", "    def sense(self):\n        while True: pass\n")
+    (said,) = faults(suite(module, timeout=0.2))["every episode runs"]
+    assert f"found the function sense still running after 0.2 s, in {module.__file__}" in said
+
+
+def test_serial_runs_are_bounded(broken: Broken) -> None:
+    """The error names the world, the tree and the action."""
+    setting = problem(broken(TUCK, "        while True: pass"))
+    evaluator = Serial(setting, episode_timeout=0.2)
+    with pytest.raises(
+        EvaluationError, match=r"world seed 3, .*the action Tuck still.*\nTuck"
+    ) as found:
+        evaluator.evaluate([Job("Tuck", 0, 3)])
+    assert "evaluator.policy.episode_timeout" in str(found.value)
+    assert (
+        simulate(setting, Job("Localise", 0, 3), 20)
+        == evaluator.evaluate([Job("Localise", 0, 3)])[0]
+    )
+
+
+# The commands
+
+
+@pytest.fixture
+def islandgp(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Cli:
+    """The command line."""
+    return shell(monkeypatch, capsys)
+
+
+def edit(here: Path, old: str, new: str) -> None:
+    """Replaces a piece of the domain's text."""
+    file = here / "pick_place.py"
+    text = file.read_text(encoding="utf-8")
+    assert old in text
+    file.write_text(text.replace(old, new, 1), encoding="utf-8")
+
+
+def check(islandgp: Cli, *words: str) -> tuple[int, str]:
+    """Exit code and output of `islandgp domain --check`, without the promises that are kept."""
+    said = islandgp("domain", *words, "--check", "--config-dir", "conf")
+    assert said.err == ""
+    return said.code, "\n".join(line for line in said.out.splitlines() if line[:2] != "ok")
+
+
+def test_a_sound_domain_reaches_all(here: Path, islandgp: Cli) -> None:
+    """With the tree beside its module or without it: nothing is listed."""
+    assert check(islandgp, "pick_place", "--strict") == (0, "")
+    (here / "carry.bt").unlink()
+    assert check(islandgp, "pick_place", "--strict") == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line"),
+    [
+        ('        self.log("moved")\n', "", "events never logged: moved"),
+        ("at == \"place\" and self.have_block)", "at == 'nowhere')", "succeeded: Place"),
+        ('"at_place": self.at == "place"', '"at_place": False', "at_place (always 0)"),
+    ],
+)  # fmt: skip
+def test_what_no_tree_reaches_is_listed(
+    here: Path, islandgp: Cli, old: str, new: str, line: str
+) -> None:
+    """The exit code is that of the promises, unless --strict asks for more."""
+    edit(here, old, new)
+    code, out = check(islandgp, "pick_place")
+    assert code == 0
+    assert "Not reached by any of " in out
+    assert line in out
+    assert check(islandgp, "pick_place", "--strict")[0] == 1
+
+
+def test_a_tree_file_reaches_what_others_do_not(here: Path, islandgp: Cli) -> None:
+    """Here a fault behind seven actions of a kind; the file names the domain itself."""
+    edit(here, TUCK, f"        self.tucks = getattr(self, 'tucks', 0) + 1\n{TUCK}")
+    count = "        before, self.tucks = getattr(self, 'tucks', 0), 0\n        1 / (before != 7)\n"
+    edit(here, "    def Pick(self):\n", f"    def Pick(self):\n{count}")
+    assert check(islandgp, "pick_place") == (0, "")
+    (here / "mine").mkdir()
+    tree = "sequence { repeater 7 { Tuck } Pick }"
+    (here / "mine/seven.bt").write_text(f"domain pick_place\n{tree}\n")
+    code, out = check(islandgp, "mine/seven.bt")
+    assert code == 1
+    assert "Expected no error, found ZeroDivisionError: division by zero, in " in out
+    assert f"tree {tree})" in out
+
+
+def test_trees_of_the_library_are_run(here: Path, islandgp: Cli) -> None:
+    """One that cannot be read is left out in a line."""
+    (here / "trees").mkdir()
+    (here / "trees/all.bt").write_text((here / "carry.bt").read_text())
+    (here / "carry.bt").write_text("domain pick_place\nMoveToPik\n")
+    file = here / "conf/domain/pick_place.yaml"
+    each = "localising: [all], driving: [all], picking: [all], placing: [al]"
+    own = f"{{folder: trees, trees: {{{each}}}}}"
+    text = file.read_text(encoding="utf-8").replace("{folder: null}", own)
+    file.write_text(text, encoding="utf-8")
+    code, out = check(islandgp, "pick_place")
+    assert code == 0
+    first, second = out.splitlines()
+    assert first.startswith("left out: library: expected a tree in ")
+    assert second.startswith(f"left out: {here}/carry.bt:2:1: unknown action 'MoveToPik'")
+
+
+def test_what_a_domain_prints_is_told_once(here: Path, islandgp: Cli) -> None:
+    """Episodes are many: a print in one of them would hide the rest."""
+    edit(here, TUCK, f"        print('tucked')\n{TUCK}")
+    assert check(islandgp, "pick_place") == (
+        0, "\nIts code prints while episodes run, e.g. 'tucked'",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "words", [("play",), ("play", "--seeds", "2"), ("play", "--watch"), ("trace",), ("replay",)]
+)
+def test_commands_are_bounded(here: Path, islandgp: Cli, words: tuple[str, ...]) -> None:
+    """One line that names the action, exit code 2, and nothing written."""
+    edit(here, TUCK, "        while True: pass")
+    command, *others = words
+    said = islandgp(command, "carry.bt", "--config-dir", "conf", "--timeout", "0.5", *others)
+    assert said.code == 2
+    assert "the action Tuck still running after 0.5 s, in " in said.err
+    assert said.err.count("\n") == 1
+    assert "--timeout" in said.err
+    assert not (here / "replay.html").exists()
+
+
+def test_an_import_that_fails_names_its_line(here: Path, islandgp: Cli) -> None:
+    """What the domain's module imports is not there: exit code 2."""
+    edit(here, "import numpy as np\n", "import numpyy as np\n")
+    said = islandgp("domain", "pick_place", "--config-dir", "conf")
+    assert said.code == 2
+    place = f"No module named 'numpyy', in {here}/pick_place.py, line 7)"
+    assert f"pick_place:PickPlace failed (ModuleNotFoundError: {place}" in said.err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no SIGALRM")
+def test_a_serial_run_that_hangs_ends(here: Path) -> None:
+    """Exit code 2, and the action's name; also where it catches everything, for ever."""
+    words = (*OWN, *TINY, "evaluator=serial", "evaluator.policy.episode_timeout=0.5")
+    forever = "        while True:\n            try: sum(range(9))\n            except: pass"
+    edit(here, TUCK, forever)
+    done = subprocess.run(
+        [sys.executable, "-m", "islandgp", *words, "gp.validation=0"],
+        cwd=here,
+        env={"PYTHONPATH": str(ROOT), "PATH": ""},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "still running after 0.5 s, in " in done.stderr

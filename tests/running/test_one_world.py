@@ -1,0 +1,73 @@
+"""A run whose best robot was validated in a single world."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+from islandgp.evolution.validation import Best, Candidate, validate
+from islandgp.records.files import values
+from islandgp.records.folder import RunFolder
+from islandgp.results import load
+from islandgp.running.report import report, summary
+from islandgp.study.select import find, read
+from tests.composed import composed
+from tests.evolution.fake import Fake
+from tests.tracking.folders import MILESTONES, begun, steps
+
+
+def _validated_once(path: Path, home: Path) -> RunFolder:
+    """A finished run with one candidate, which met one world and a yardstick there."""
+    folder, done = begun(path, home), steps()
+    for step in done:
+        folder.append(step)
+    champion = done[-1].champion
+    candidate = Candidate(0, champion.record.id, champion.record.tree, champion.record.fitness)
+    (_, validation), *_ = validate(
+        [candidate],
+        [123],
+        Fake(),
+        0,
+        composed().classes,
+        episodes=1,
+        yardstick=("good", champion.record.tree),
+    )
+    best = Best(champion.generation, asdict(champion.record), validation)
+    folder.finish(summary(folder, champion, best, MILESTONES))
+    folder.close()
+    return folder
+
+
+def test_an_interval_of_one_world_is_null_in_the_summary(tmp_path: Path) -> None:
+    """The file is JSON, with null for the four ends; its readers accept them."""
+    folder = _validated_once(tmp_path / "run", tmp_path)
+    text = (folder.path / "summary.json").read_text(encoding="utf-8")
+    assert "NaN" not in text
+    found = json.loads(text)["champion"]["validation"]
+    ends = ("low", "high", "difference_low", "difference_high")
+    assert [found[end] for end in ends] == [None] * 4
+    assert found["difference"] == 0
+    assert values(folder.summary())["best"] == found["mean"]
+    assert load(tmp_path).runs["best"][0] == found["mean"]
+    (run,) = find(tmp_path)
+    assert read(run).validation == (123,)
+
+
+def test_the_end_of_such_a_run_says_why(tmp_path: Path) -> None:
+    """No interval is shown, and the reason is."""
+    said = report(_validated_once(tmp_path / "run", tmp_path)).splitlines()
+    assert said[0].endswith("points on 1 unseen worlds of the last stage (no interval: one world)")
+    (line,) = (line for line in said if line.startswith("Against the tree good"))
+    assert line.endswith("+0 points (no interval: one world)")
+
+
+def test_a_summary_of_an_older_version_is_read(tmp_path: Path) -> None:
+    """There an interval of one world has its mean at both ends."""
+    folder = _validated_once(tmp_path / "run", tmp_path)
+    file = folder.path / "summary.json"
+    text = file.read_text(encoding="utf-8")
+    for end in ("low", "high"):
+        text = text.replace(f'{end}": null', f'{end}": 5.0')
+    file.write_text(text, encoding="utf-8")
+    assert "no interval: one world" in report(folder)
