@@ -4,7 +4,7 @@
     results.generations.groupby(["arm", "generation"])["best"].mean()
 
 Column names with a dot belong to the domain or the experiment: `tiers.complete`,
-`components.delivery`, `counters.deliveries`, `cell.pickups`. COLUMNS says what the others mean.
+`components.delivery`, `counters.deliveries`, `cell.deliveries`. COLUMNS says what the others mean.
 """
 
 from __future__ import annotations
