@@ -1,6 +1,6 @@
 """All searches at equal episodes in five worlds: `make comparators`; the plan is in docs/log.md.
 
-    python docs/comparators.py [--seeds N] [--worlds island,cartpole] [--report]
+    python docs/comparators.py [--seeds N] [--worlds island,cartpole] [--arms "random;hill"] [--report]
 
 Runs what is missing in `runs/`, evaluates each run's best robot in worlds that chose nothing, and
 writes docs/comparators/: raw scores, a table, profiles. It can be stopped and started again at
@@ -159,12 +159,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=len(SEEDS), help="how many, at most 20")
     parser.add_argument("--worlds", default=",".join(WORLDS), help="names, with commas")
+    parser.add_argument("--arms", default=";".join(ARMS), help="names, with semicolons")
     parser.add_argument("--report", action="store_true", help="only write the report")
     options = parser.parse_args()
     sys.path.insert(0, str(PICK_PLACE))
     names = options.worlds.split(",")
     if unknown := [name for name in names if name not in WORLDS]:
         parser.error(f"expected worlds among {', '.join(WORLDS)}, found {unknown[0]}")
+    arms = options.arms.split(";")
+    if unknown := [arm for arm in arms if arm not in ARMS]:
+        parser.error(f"expected arms among {'; '.join(ARMS)}, found {unknown[0]}")
     raw: dict[str, Any] = {"by_hand": {}, "scores": {}}
     if RAW.exists():
         raw = json.loads(RAW.read_text(encoding="utf-8"))
@@ -173,7 +177,7 @@ def main() -> None:
             raw["by_hand"].setdefault(name, None)
             if raw["by_hand"][name] is None:
                 raw["by_hand"][name] = by_hand(name)
-            for arm in arms_of(WORLDS[name]):
+            for arm in (arm for arm in arms_of(WORLDS[name]) if arm in arms):
                 seeds = raw["scores"].setdefault(name, {}).setdefault(arm, {})
                 if str(seed) not in seeds:
                     seeds[str(seed)] = measured(name, arm, seed)
