@@ -1,6 +1,6 @@
 """All searches at equal episodes in five worlds: `make comparators`; the plan is in docs/log.md.
 
-    python docs/comparators.py [--seeds N] [--worlds island,cartpole] [--arms "random;hill"] [--report]
+    python docs/comparators.py [--seeds N] [--worlds A,B] [--arms "A;B"] [--report]
 
 Runs what is missing in `runs/`, evaluates each run's best robot in worlds that chose nothing, and
 writes docs/comparators/: raw scores, a table, profiles. It can be stopped and started again at
