@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import os
 import signal
 from collections.abc import Iterator
 from threading import Thread
@@ -9,21 +11,42 @@ from threading import Thread
 import hypothesis
 import pytest
 
+from islandgp.running import page_writer
 from islandgp.tracking import mlflow
 from islandgp.tracking.sender import Order, Tell, Worker
+from tests import once
 
-# Every run tries the same examples, so that a red test stays red until it is mended.
-# `pytest --hypothesis-profile=search` looks for new ones.
-hypothesis.settings.register_profile("fixed", deadline=None, derandomize=True, database=None)
-hypothesis.settings.register_profile("search", deadline=None, max_examples=1000)
-hypothesis.settings.load_profile("fixed")
+# `quick` tries the same examples in every run, so that a red test stays red until it is mended.
+# `nightly` (make test-slow) tries others, and five times as many.
+hypothesis.settings.register_profile("quick", deadline=None, derandomize=True, database=None)
+hypothesis.settings.register_profile("nightly", deadline=None)
+hypothesis.settings.load_profile("quick")
+
+# Processes that tests start keep what they have compiled, as an installed package does.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+once.install()
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Tests marked `slow` run only when `-m` asks for them: `pytest -m slow`."""
     config.addinivalue_line("markers", "slow: exhaustive, takes longer than a second")
+    config.addinivalue_line("markers", "replay: the run's page holds the champion's replay")
     if not config.option.markexpr:
         config.option.markexpr = "not slow"
+
+
+def pytest_collection_finish() -> None:
+    """Modules stay until the end: looking for garbage among them takes a tenth of the time."""
+    gc.collect()
+    gc.freeze()
+
+
+@pytest.fixture(autouse=True)
+def _no_replay(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs end without playing their champion's episode, which takes longer than a small run."""
+    if request.node.get_closest_marker("replay") is None:
+        monkeypatch.setattr(page_writer, "champion_replay", lambda _: "")
 
 
 class InThread:

@@ -22,6 +22,7 @@ from islandgp.records.parameters import shape
 from islandgp.resources import resource
 from islandgp.running.app import main
 from islandgp.running.resume import differences
+from islandgp.viewer.run_page import NAME_OF_PAGE
 from tests.composed import composed, named
 from tests.running.commands import TINY, fake
 from tests.running.histories import store, tracked
@@ -51,6 +52,16 @@ def test_a_run_leaves_its_records_and_says_where(
     assert f"Results: {here}/runs/default/{folder}" in said
     assert "Best robot" in said
     assert {path.name for path in here.iterdir()} == {"runs"}
+
+
+@pytest.mark.replay
+def test_the_page_of_a_finished_run_holds_its_champions_episode(here: Path) -> None:
+    """The replay is the champion's: it opens with the run's folder and the generation."""
+    assert main([*INSTANT, "gp.generations=2"]) == 0
+    (name,) = leaf(here)
+    text = (here / "runs/default" / name / NAME_OF_PAGE).read_text(encoding="utf-8")
+    (replay,) = re.findall(r'<script[^>]* id="replay"[^>]*>(.*?)</script>', text, re.DOTALL)
+    assert f"{name}: the best individual, generation " in json.loads(replay)
 
 
 def test_what_a_runs_folder_is_called() -> None:
