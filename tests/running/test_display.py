@@ -13,6 +13,8 @@ import pytest
 
 from tests.running.commands import ROOT, TINY, fake
 
+pytestmark = pytest.mark.process
+
 WORDS = (*TINY, "tracking=off", *fake("Instant"))
 
 

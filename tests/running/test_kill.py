@@ -26,7 +26,10 @@ from tests.running.commands import (
 )
 from tests.running.histories import store, tracked
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
+pytestmark = [
+    pytest.mark.process,
+    pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc"),
+]
 
 SLOW = (*TINY, "gp.generations=12", *fake("Slow", seconds=0.2))
 

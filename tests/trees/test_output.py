@@ -12,6 +12,8 @@ import pytest
 
 from tests.running.commands import ROOT
 
+pytestmark = pytest.mark.process
+
 TREE = ROOT / "grammar/examples/all_rounder.bt"
 RUN = ("run", "experiment=smoke", "tracking=off", "--cfg", "job")
 
