@@ -23,13 +23,14 @@ lint: $(STAMP)   ## ruff and mypy
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+UNIT := 'not slow and not process and not packaging'
 # worksteal keeps the tests of a module in one process, which makes their fixtures once.
 PYTEST := $(BIN)/python -m pytest -n auto --dist worksteal
 
 test: lint test-unit test-process test-packaging ## lint, types and the tests of a change: three minutes
 
 test-unit: $(STAMP) ## the tests that start no process
-	$(PYTEST) -m 'not slow and not process and not packaging'
+	$(PYTEST) -m $(UNIT)
 
 test-process: $(STAMP) ## the tests with processes, a browser, MLflow
 	$(PYTEST) -m 'process and not slow and not packaging'
@@ -39,10 +40,10 @@ test-packaging: $(STAMP) ## the tests of the wheel
 
 test-slow: $(STAMP) ## nightly: long and exhaustive tests, and more examples for all others
 	$(PYTEST) --timeout 3600 -m slow
-	$(PYTEST) --timeout 3600 --hypothesis-profile nightly -m 'not slow and not process and not packaging'
+	$(PYTEST) --timeout 3600 --hypothesis-profile nightly -m $(UNIT)
 
 coverage: $(STAMP) ## lines and branches that the unit tests reach
-	COVERAGE_CORE=sysmon $(PYTEST) -m 'not slow and not process and not packaging' --cov --cov-report term:skip-covered
+	$(PYTEST) -m $(UNIT) --cov
 
 mutants: $(STAMP) ## which changes of the core the unit tests notice
 	$(BIN)/python -m tests.mutants $(ARGS)

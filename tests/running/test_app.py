@@ -208,8 +208,9 @@ def in_a_line(capsys: pytest.CaptureFixture[str], *words: str) -> str:
     return said
 
 
-@pytest.mark.parametrize("reason", [errno.ENOSPC, errno.EROFS, errno.EACCES])
-@pytest.mark.parametrize("generation", [0, 3, 5])  # of 6
+@pytest.mark.parametrize(
+    ("generation", "reason"), [(0, errno.ENOSPC), (3, errno.EROFS), (5, errno.EACCES)]
+)  # the first generation, one between, and the last of 6
 def test_a_generation_that_cannot_be_written_down_ends_the_run(
     generation: int,
     reason: int,
@@ -263,16 +264,15 @@ def test_runs_that_cannot_be_kept_anywhere_are_told_in_a_line(
     assert "choose another place with runs=" in said
 
 
-@pytest.mark.parametrize("sweep", [(), ("-m",)], ids=["run", "sweep"])
 @pytest.mark.parametrize(
-    ("file", "data"),
+    ("file", "data", "sweep"),
     [
-        ("summary.json", b'{"champion": '),
-        ("summary.json", b"{}"),
-        ("summary.json", b"3"),
-        ("config.yaml", b"seed: [0"),
-        ("config.yaml", b""),
-        ("config.yaml", b"\xff\xfe"),
+        ("summary.json", b'{"champion": ', ()),
+        ("summary.json", b"{}", ("-m",)),
+        ("summary.json", b"3", ()),
+        ("config.yaml", b"seed: [0", ("-m",)),
+        ("config.yaml", b"", ()),
+        ("config.yaml", b"\xff\xfe", ()),
     ],
 )
 def test_a_damaged_folder_is_told_in_a_line(
