@@ -171,6 +171,7 @@ def begun(home: Path) -> bool:
     return any(lines(file) >= 3 for file in home.rglob("generations.jsonl"))
 
 
+@pytest.mark.process
 @every_world
 @pytest.mark.slow
 def test_one_worker_and_four_give_the_same_records(tmp_path: Path, world: str) -> None:
@@ -192,6 +193,7 @@ def test_one_worker_and_four_give_the_same_records(tmp_path: Path, world: str) -
     assert records[0] == records[1]
 
 
+@pytest.mark.process
 @pytest.mark.slow
 def test_arms_are_compared(islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`compare` writes its page for a domain of an extra, unseen worlds included."""
@@ -206,6 +208,7 @@ def test_arms_are_compared(islandgp: Cli, tmp_path: Path, monkeypatch: pytest.Mo
     assert (tmp_path / "out" / "index.html").is_file()
 
 
+@pytest.mark.process
 def test_processes_run_an_environment() -> None:
     """A worker makes the environment by itself."""
     problem = composed("domain=cartpole", *SHORT).problem()
