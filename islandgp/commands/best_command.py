@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from islandgp.commands.files import OUTPUT, STDIN, write_text
+from islandgp.commands.trust_options import with_trust_options
 from islandgp.errors import ConfigError, RunError
 from islandgp.evaluation.base import Job
 
@@ -71,6 +72,7 @@ class UnseenWorlds:
 )
 @click.option("-o", "--output", type=OUTPUT, help="Write the winner to this file.")
 @click.option("--json", "as_json", is_flag=True, help="Print the rows as JSON.")
+@with_trust_options
 def command(
     run: Path, tier: str, worlds: int, workers: int, output: str | None, as_json: bool
 ) -> None:

@@ -43,6 +43,7 @@ from islandgp.search.base import Search, SearchContext
 from islandgp.supervision.base import RunContext, Service, Supervisor, Witness
 from islandgp.supervision.library import Library, library_folder, read_library, read_tree
 from islandgp.tracking.base import Tracker
+from islandgp.trust import names_in, trust
 from islandgp.viewer.run_page import NAME_OF_PAGE
 
 
@@ -189,6 +190,7 @@ def run(
         RunError: the folder belongs to another configuration or another process.
         EvaluationError, SupervisionError: the run cannot go on; what it has is kept.
     """
+    trust(names_in(config))  # the user's own, of whatever launcher's process
     config = redacted(config)
     target = choose(RunFolder(folder), settings, config)
     tracker: Tracker = settings.tracking.factory.make(settings.tracking.settings(), home)
