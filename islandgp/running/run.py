@@ -161,10 +161,10 @@ def make_search(settings: Settings, plan: Plan) -> Search:
     return search
 
 
-def make_evaluator(settings: Settings) -> Evaluator:
-    """The evaluator that the settings choose."""
-    part = settings.evaluator
-    evaluator: Evaluator = part.factory.make(part.settings(), settings.problem())
+def make_evaluator(settings: Settings, *, perturbed: bool | None = None) -> Evaluator:
+    """The evaluator that the settings choose; `perturbed` as in `Settings.problem`."""
+    part, problem = settings.evaluator, settings.problem(perturbed=perturbed)
+    evaluator: Evaluator = part.factory.make(part.settings(), problem)
     return Cached(evaluator) if part.cache else evaluator
 
 

@@ -17,7 +17,7 @@ LAYERS: list[tuple[str, ...]] = [
     # A module imports from its own layer and those above it in this list, never from below.
     ("errors", "plain", "seeding", "resources", "plugin", "time_limit", "trust"),
     ("bt",),
-    ("domain",),
+    ("domain", "sensors"),
     ("scoring",),
     ("ticking", "domains"),
     (
