@@ -1,11 +1,13 @@
-"""What a run's folder may make this process import or contact.
+"""What a run's folder may make this process import, contact or read.
 
-A folder may come from a stranger. The classes and servers that its configuration names are used
-only if the user's own configuration or command names them as well.
+A folder may come from a stranger. It holds files of its own, no links to others. The classes and
+servers that its configuration names are used only if the user's own configuration or command names
+them as well.
 """
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -75,6 +77,21 @@ def must_trust_code(config: Any) -> None:
             raise UntrustedError(
                 f"Expected code that your own configuration names, found {name!r}, which only the"
                 " run names; give --config-dir FOLDER with a file that names it, or --trust."
+            )
+
+
+def must_have_no_links(folder: Path) -> None:
+    """Raises UntrustedError for a link, a pipe or a device among the files of a run's folder."""
+    try:
+        found = sorted(os.scandir(folder), key=lambda entry: entry.name)
+    except OSError:  # there is no such folder: whoever reads it reports that
+        return
+    for entry in found:
+        if entry.is_symlink() or not (entry.is_file() or entry.is_dir()):
+            what = "a link" if entry.is_symlink() else "none"
+            raise UntrustedError(
+                f"Expected a file of the run in {entry.path}, found {what}; a link may lead to a"
+                " file that is not the run's: put the file itself there, or delete it."
             )
 
 

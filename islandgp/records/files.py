@@ -62,6 +62,7 @@ class RunMetadata:
     tags: dict[str, str]
     domain_code: str = ""  # digest of the domain's source; "" for the package's own domains
     start: str = ""  # digest of the archive that it starts from; "" for none
+    manifest: bool = False  # whether its end writes manifest.json; older versions do not
 
 
 def score(summary: Mapping[str, Any]) -> float:

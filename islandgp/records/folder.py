@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, replace
 from enum import StrEnum
+from itertools import islice
 from pathlib import Path
 from time import time
 from typing import Any, Final
@@ -26,6 +27,7 @@ from islandgp.records.archive_file import NAME as ARCHIVE
 from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.checkpoint import (
     damaged,
+    dump,
     read_checkpoint,
     reading,
     remove_leftovers,
@@ -43,11 +45,24 @@ from islandgp.records.lines import (
     write_digests,
     wrong_record,
 )
+from islandgp.records.manifest import (
+    MADE_AGAIN,
+    Damage,
+    damaged_files,
+    must_be_as_written,
+    read_manifest,
+    refused,
+    write_manifest,
+)
+from islandgp.records.manifest import NAME as MANIFEST
 from islandgp.records.parameters import without_credentials
 from islandgp.scoring.snapshot import Snapshot
+from islandgp.trust import must_have_no_links
 
 LINEAGE: Final = ("id", "origin", "parents", "mutation", "fitness", "specialist", "tiers")
 """The columns of lineage.csv behind the generation."""
+
+PAGE: Final = "run.html"
 
 OWN: Final = (
     "about.json",
@@ -58,8 +73,9 @@ OWN: Final = (
     "checkpoint.json",
     "best.bt",
     "archive.json",
-    "run.html",
+    PAGE,
     "summary.json",
+    "manifest.json",
     "error.txt",
 )
 """The files that only the process writes that holds the folder."""
@@ -86,6 +102,7 @@ class RunFolder:
         self._checkpoint = path / "checkpoint.json"
         self._previous = path / "checkpoint.previous.json"
         self._digest = ""  # of the records that this object has found or written
+        self._left: Stamp = None  # of generations.jsonl, after the last generation
 
     def open(self, config: str, about: RunMetadata) -> None:
         """Takes the folder for this process and writes down whose it is.
@@ -97,6 +114,7 @@ class RunFolder:
             RunError: the folder cannot be written.
         """
         with usable(self.path):
+            must_have_no_links(self.path)
             busy = BusyError(
                 f"Expected to be the only one who writes to {self.path}, found another run at work"
                 " there; wait for it, or give this one another name=..."
@@ -106,7 +124,8 @@ class RunFolder:
                 remove_leftovers(self.path, f"{name}.*")
             if self.finished():
                 return
-            write_atomic(self.path / "about.json", pretty(asdict(about)))
+            (self.path / MANIFEST).unlink(missing_ok=True)  # of an end that did not come
+            write_atomic(self.path / "about.json", pretty(asdict(replace(about, manifest=True))))
             write_atomic(self.path / "config.yaml", config.encode())
             (self.path / "error.txt").unlink(missing_ok=True)
 
@@ -138,6 +157,7 @@ class RunFolder:
 
     def status(self) -> Status:
         """How far the run is, also where the process that worked on it has died."""
+        must_have_no_links(self.path)
         if self.finished():
             return Status.FINISHED
         if locked(self.path / ".lock"):
@@ -147,6 +167,7 @@ class RunFolder:
     def about(self) -> RunMetadata | None:
         """What was written down at the start, if there was one. Raises RunError if damaged."""
         file = self.path / "about.json"
+        self._must_be_as_written(file.name)
         if not file.exists():
             return None
         with reading("what a run says of itself", file):
@@ -160,6 +181,7 @@ class RunFolder:
     def config(self) -> str | None:
         """The configuration of the run that was here before, as YAML; None if there was none."""
         file = self.path / "config.yaml"
+        self._must_be_as_written(file.name)
         return file.read_text(encoding="utf-8") if file.exists() else None
 
     def configuration(self) -> dict[str, Any]:
@@ -179,6 +201,27 @@ class RunFolder:
         """Whether the run has ended."""
         return (self.path / "summary.json").exists()
 
+    def _must_be_as_written(self, name: str) -> None:
+        """Raises RunError for a link in the folder, and for a damaged file of a finished run."""
+        must_have_no_links(self.path)
+        if self.finished():
+            must_be_as_written(self.path, name)
+
+    def must_be_sound(self, *, page: bool = True) -> None:
+        """Raises RunError where a file of a finished run is not as it was written.
+
+        Files that follow from others may be missing, and there may be more. `page`: the page
+        of the run counts as well.
+        """
+        for found in damaged_files(self.path):
+            again = found.damage is Damage.MISSING and found.name in MADE_AGAIN
+            if again or found.damage is Damage.ADDED or (found.name == PAGE and not page):
+                continue
+            raise refused(self.path, found)
+        if read_manifest(self.path) is None:
+            for _ in self.checked_records():  # of a run of an older version
+                pass
+
     def resume(self, tell: Callable[[str], None] = lambda _: None) -> RunState | None:
         """The state to go on from; cuts off what was written after it. None: from the start.
 
@@ -197,12 +240,13 @@ class RunFolder:
         with usable(self.path):
             state = self._state(tell)
             done = state.generation if state else 0
-            for lines in (self._generations, self._costs):
-                lines.cut(done)
+            self._generations.cut(done)
+            self._mend_costs(done, 0 if state is None else state.spent, tell)
             found = list(digests(self._generations.head(done)))
             self._digest = found[-1] if found else ""
             if read_digests(self._sums) != found:
                 write_digests(self._sums, found)
+            self._left = stamp(self._generations.path)
             if state is not None and state.champion is not None:
                 self._restore_best(state.champion.record.tree)
         return state
@@ -249,10 +293,39 @@ class RunFolder:
         if expected and (why := wrong_record(lines, expected, self._sums)):
             raise damaged(self._generations.what, self._generations.path, why)
         history = [self._generations.value(line, i) for i, line in enumerate(lines)]
-        for i, line in enumerate(self._costs.head(len(lines))):
-            self._costs.value(line, i)
         snapshots = tuple(typed(Snapshot, record["snapshot"]) for record in history)
         return replace(state, history=snapshots), bool(expected)
+
+    def _mend_costs(self, done: int, spent: int, tell: Callable[[str], None]) -> None:
+        """Cuts the costs; lines that cannot be read get no seconds and a share of the episodes.
+
+        Args:
+            done: generations before the state to go on from.
+            spent: their episodes, which the checkpoint knows.
+            tell: gets a line for people where costs were lost.
+        """
+        found: list[dict[str, Any] | None] = []
+        for i, line in enumerate(islice(self._costs.whole(), done)):
+            try:
+                found.append(self._costs.value(line, i))
+            except RunError:
+                found.append(None)
+        found += [None] * (done - len(found))
+        lost = [i for i, cost in enumerate(found) if cost is None]
+        if not lost:
+            self._costs.cut(done)
+            return
+        left = max(0, spent - sum(cost["episodes"] for cost in found if cost is not None))
+        at, llm = int(1000 * time()), dict[str, float]()
+        lines = []
+        for i, cost in enumerate(found):
+            if cost is None:
+                share = left // len(lost) + (i == lost[-1]) * (left % len(lost))
+                cost = {**asdict(Cost(0.0, 0.0, 0.0, share, 0, llm)), "at": at}
+            at, llm = cost["at"], cost["llm"]
+            lines.append(dump(cost).encode() + b"\n")
+        write_atomic(self._costs.path, b"".join(lines))
+        tell(f"{self._costs.path}: the seconds of {len(lost)} generations are lost.")
 
     def restore(self) -> None:
         """Makes the files of a finished run again that are missing and follow from others."""
@@ -263,6 +336,11 @@ class RunFolder:
             lineage = self.path / "lineage.csv"
             if not lineage.exists():
                 _write_lineage(lineage, self.records())
+
+    def has_page(self) -> bool:
+        """Whether the page of a finished run is there, as it was written. Raises RunError."""
+        wrong = {found.name for found in damaged_files(self.path)}
+        return (self.path / PAGE).exists() and PAGE not in wrong
 
     def best_text(self, tree: str) -> str:
         """What best.bt holds for a tree: the domain that it is for, and its canonical text."""
@@ -278,7 +356,10 @@ class RunFolder:
     def append(self, step: Step) -> None:
         """Writes a generation down, then the state to go on from. Raises RunError, as `usable`."""
         with usable(self.path):
+            if stamp(self._generations.path) != self._left:
+                self.must_be_as_left()
             line = self._generations.append(asdict(step.record))
+            self._left = stamp(self._generations.path)
             self._digest = chained(self._digest, line)
             append_digest(self._sums, step.record.snapshot.generation, self._digest)
             self._costs.append({**asdict(step.cost), "at": int(1000 * time())})
@@ -289,6 +370,19 @@ class RunFolder:
                     self._checkpoint, step.state, records=self._digest, previous=self._previous
                 )
 
+    def must_be_as_left(self) -> None:
+        """Raises RunError where something else has changed the records of the run at work."""
+        digest, size = "", 0
+        for line in self._generations.whole():
+            digest, size = chained(digest, line), size + len(line)
+        found = stamp(self._generations.path)
+        if digest != self._digest or size != (0 if found is None else found[0]):
+            raise RunError(
+                f"Expected the records in {self._generations.path} as this run left them, found"
+                " them changed by something else while it ran; put them back, or use resume=never"
+                " for a new folder beside this one."
+            )
+
     def settled(self) -> int:
         """How many generations no resumption will take back, >= 0."""
         if self.finished():
@@ -296,18 +390,26 @@ class RunFolder:
         return _generation(self._checkpoint) or _generation(self._previous)
 
     def finish(self, summary: dict[str, Any], archive: ArchiveFile | None = None) -> None:
-        """Write archive, lineage and summary, and remove the checkpoints. Raises RunError."""
+        """Write archive, lineage, manifest and summary, and remove the checkpoints.
+
+        Raises:
+            RunError: the records are not those that were appended, or the folder cannot be used.
+        """
         with usable(self.path):
+            self.must_be_as_left()
             if archive is not None:
                 write_atomic(self.path / ARCHIVE, archive.to_bytes())
             self._restore_best(summary["champion"]["record"]["tree"])
             _write_lineage(self.path / "lineage.csv", self.records())
-            write_atomic(self.path / "summary.json", pretty({**summary, "records": self._digest}))
+            end = pretty({**summary, "records": self._digest, "manifest": True})
+            write_manifest(self.path, end)
+            write_atomic(self.path / "summary.json", end)
             self._checkpoint.unlink(missing_ok=True)
             self._previous.unlink(missing_ok=True)
 
     def records(self, first: int = 0) -> Iterator[dict[str, Any]]:
         """The generation records from the `first` on, as plain JSON values. Raises RunError."""
+        self._must_be_as_written(self._generations.path.name)
         return self._generations.read(first)
 
     def checked_records(self) -> Iterator[dict[str, Any]]:
@@ -317,6 +419,7 @@ class RunFolder:
             RunError: a line holds something else; or, after the last one, the records are not
                 those that the run wrote. There is no checksum of the oldest versions' runs.
         """
+        self._must_be_as_written(self._generations.path.name)
         expected = self.summary().get("records") if self.finished() else None
         digest = ""
         for i, line in enumerate(self._generations.whole()):
@@ -332,19 +435,34 @@ class RunFolder:
 
     def costs(self, first: int = 0) -> Iterator[dict[str, Any]]:
         """What the generations took, from the `first` on; `at` is ms since 1970."""
+        self._must_be_as_written(self._costs.path.name)
         return self._costs.read(first)
 
     def summary(self) -> dict[str, Any]:
         """The end of a finished run. Raises RunError where it cannot be told."""
         file = self.path / "summary.json"
+        self._must_be_as_written(file.name)
         with reading("a finished run's summary", file):
             return dict(must_fit(Summary, file.read_bytes()))
 
 
 def run_folders(root: Path) -> Iterator[RunFolder]:
-    """Every run at or below a folder, in the order of their paths."""
-    for file in sorted(root.rglob("about.json")):
-        yield RunFolder(file.parent)
+    """Every run at or below a folder, in the order of their paths; also one without about.json."""
+    signs = ("about.json", "generations.sha256", MANIFEST)
+    for folder in sorted({file.parent for name in signs for file in root.rglob(name)}):
+        yield RunFolder(folder)
+
+
+Stamp = tuple[int, int, int] | None  # bytes, ns of the last change, inode
+
+
+def stamp(file: Path) -> Stamp:
+    """What changes when a file is written; None where there is no file."""
+    try:
+        found = file.stat()
+    except FileNotFoundError:
+        return None
+    return found.st_size, found.st_mtime_ns, found.st_ino
 
 
 def _generation(checkpoint: Path) -> int:
