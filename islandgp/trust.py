@@ -26,8 +26,6 @@ PLAIN: Final = frozenset({"tags", "name", "runs", "start", "resume", "progress",
 CODE: Final = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.-]*")
 """A class, a function or an environment as "module:name"."""
 
-SERVER: Final = re.compile(r"https?://\S+")
-
 _trusted: Final[set[str]] = set()
 
 
@@ -80,19 +78,39 @@ def must_trust_code(config: Any) -> None:
             )
 
 
+def must_trust_server(uri: str) -> None:
+    """Raises UntrustedError for a server that only a run's folder names.
+
+    It would get the user's name and password, and could choose where files are written.
+    MLFLOW_TRACKING_URI names a server of the user's own.
+    """
+    name, own = server_name(uri), server_name(os.environ.get("MLFLOW_TRACKING_URI", ""))
+    if "://" not in name or name.startswith("sqlite:") or name == own or is_trusted(name):
+        return
+    raise UntrustedError(
+        f"Expected a server that your own configuration or command names, found {name}, which only"
+        f" the run names; give --uri {name} if it is yours."
+    )
+
+
 def must_have_no_links(folder: Path) -> None:
     """Raises UntrustedError for a link, a pipe or a device among the files of a run's folder."""
     try:
-        found = sorted(os.scandir(folder), key=lambda entry: entry.name)
+        found = sorted(folder.iterdir())
     except OSError:  # there is no such folder: whoever reads it reports that
         return
-    for entry in found:
-        if entry.is_symlink() or not (entry.is_file() or entry.is_dir()):
-            what = "a link" if entry.is_symlink() else "none"
-            raise UntrustedError(
-                f"Expected a file of the run in {entry.path}, found {what}; a link may lead to a"
-                " file that is not the run's: put the file itself there, or delete it."
-            )
+    for file in found:
+        must_be_no_link(file)
+
+
+def must_be_no_link(file: Path) -> None:
+    """Raises UntrustedError where a path is a link, a pipe or a device."""
+    link = file.is_symlink()
+    if link or (file.exists() and not (file.is_file() or file.is_dir())):
+        raise UntrustedError(
+            f"Expected a file of the run in {file}, found {'a link' if link else 'none'}; put the"
+            " file itself there, or delete it."
+        )
 
 
 def names_in(config: Mapping[str, Any]) -> set[str]:
