@@ -75,6 +75,25 @@ def score(summary: Mapping[str, Any]) -> float:
     return float(champion["record"]["fitness"] if validation is None else validation["mean"])
 
 
+PAGE: Final = "run.html"
+
+OWN: Final = (
+    "about.json",
+    "config.yaml",
+    "generations.jsonl",
+    "generations.sha256",
+    "costs.jsonl",
+    "checkpoint.json",
+    "best.bt",
+    "archive.json",
+    PAGE,
+    "summary.json",
+    "manifest.json",
+    "error.txt",
+)
+"""The files that only the process writes that holds the folder."""
+
+
 SUMMED: Final = ("generations", "final_best", "final_mean", "mean_diversity", "seconds")
 VALUES: Final = ("best", "trained", *SUMMED)
 """What `values` tells of every run."""

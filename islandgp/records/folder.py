@@ -5,20 +5,17 @@ docs/running.md lists its files. A run is finished when there is a summary.json.
 
 from __future__ import annotations
 
-import csv
-import re
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, replace
 from enum import StrEnum
-from itertools import islice
 from pathlib import Path
 from time import time
-from typing import Any, Final
+from typing import Any
 
 import yaml
-from filelock import FileLock, Timeout
+from filelock import FileLock
 
 from islandgp.errors import BusyError, IslandError, RunError, brief
 from islandgp.evolution.record import Cost, GenerationRecord, RunState, Step
@@ -27,7 +24,7 @@ from islandgp.records.archive_file import NAME as ARCHIVE
 from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.checkpoint import (
     damaged,
-    dump,
+    generation_of,
     read_checkpoint,
     reading,
     remove_leftovers,
@@ -35,16 +32,21 @@ from islandgp.records.checkpoint import (
     usable,
     write_atomic,
 )
-from islandgp.records.files import RunMetadata, Summary, pretty
+from islandgp.records.costs import mend_costs
+from islandgp.records.files import OWN, PAGE, RunMetadata, Summary, pretty
+from islandgp.records.lineage_file import write_lineage
 from islandgp.records.lines import (
     Lines,
+    Stamp,
     append_digest,
     chained,
     digests,
     read_digests,
+    stamp,
     write_digests,
     wrong_record,
 )
+from islandgp.records.locks import locked, take
 from islandgp.records.manifest import (
     MADE_AGAIN,
     Damage,
@@ -58,27 +60,6 @@ from islandgp.records.manifest import NAME as MANIFEST
 from islandgp.records.parameters import without_credentials
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.trust import must_have_no_links
-
-LINEAGE: Final = ("id", "origin", "parents", "mutation", "fitness", "specialist", "tiers")
-"""The columns of lineage.csv behind the generation."""
-
-PAGE: Final = "run.html"
-
-OWN: Final = (
-    "about.json",
-    "config.yaml",
-    "generations.jsonl",
-    "generations.sha256",
-    "costs.jsonl",
-    "checkpoint.json",
-    "best.bt",
-    "archive.json",
-    PAGE,
-    "summary.json",
-    "manifest.json",
-    "error.txt",
-)
-"""The files that only the process writes that holds the folder."""
 
 
 class Status(StrEnum):
@@ -241,7 +222,7 @@ class RunFolder:
             state = self._state(tell)
             done = state.generation if state else 0
             self._generations.cut(done)
-            self._mend_costs(done, 0 if state is None else state.spent, tell)
+            mend_costs(self._costs, done, 0 if state is None else state.spent, tell)
             found = list(digests(self._generations.head(done)))
             self._digest = found[-1] if found else ""
             if read_digests(self._sums) != found:
@@ -296,37 +277,6 @@ class RunFolder:
         snapshots = tuple(typed(Snapshot, record["snapshot"]) for record in history)
         return replace(state, history=snapshots), bool(expected)
 
-    def _mend_costs(self, done: int, spent: int, tell: Callable[[str], None]) -> None:
-        """Cuts the costs; lines that cannot be read get no seconds and a share of the episodes.
-
-        Args:
-            done: generations before the state to go on from.
-            spent: their episodes, which the checkpoint knows.
-            tell: gets a line for people where costs were lost.
-        """
-        found: list[dict[str, Any] | None] = []
-        for i, line in enumerate(islice(self._costs.whole(), done)):
-            try:
-                found.append(self._costs.value(line, i))
-            except RunError:
-                found.append(None)
-        found += [None] * (done - len(found))
-        lost = [i for i, cost in enumerate(found) if cost is None]
-        if not lost:
-            self._costs.cut(done)
-            return
-        left = max(0, spent - sum(cost["episodes"] for cost in found if cost is not None))
-        at, llm = int(1000 * time()), dict[str, float]()
-        lines = []
-        for i, cost in enumerate(found):
-            if cost is None:
-                share = left // len(lost) + (i == lost[-1]) * (left % len(lost))
-                cost = {**asdict(Cost(0.0, 0.0, 0.0, share, 0, llm)), "at": at}
-            at, llm = cost["at"], cost["llm"]
-            lines.append(dump(cost).encode() + b"\n")
-        write_atomic(self._costs.path, b"".join(lines))
-        tell(f"{self._costs.path}: the seconds of {len(lost)} generations are lost.")
-
     def restore(self) -> None:
         """Makes the files of a finished run again that are missing and follow from others."""
         with usable(self.path):
@@ -335,12 +285,7 @@ class RunFolder:
                 self._restore_best(self.summary()["champion"]["record"]["tree"])
             lineage = self.path / "lineage.csv"
             if not lineage.exists():
-                _write_lineage(lineage, self.records())
-
-    def has_page(self) -> bool:
-        """Whether the page of a finished run is there, as it was written. Raises RunError."""
-        wrong = {found.name for found in damaged_files(self.path)}
-        return (self.path / PAGE).exists() and PAGE not in wrong
+                write_lineage(lineage, self.records())
 
     def best_text(self, tree: str) -> str:
         """What best.bt holds for a tree: the domain that it is for, and its canonical text."""
@@ -387,7 +332,7 @@ class RunFolder:
         """How many generations no resumption will take back, >= 0."""
         if self.finished():
             return int(self.summary()["generations"])
-        return _generation(self._checkpoint) or _generation(self._previous)
+        return generation_of(self._checkpoint) or generation_of(self._previous)
 
     def finish(self, summary: dict[str, Any], archive: ArchiveFile | None = None) -> None:
         """Write archive, lineage, manifest and summary, and remove the checkpoints.
@@ -400,7 +345,7 @@ class RunFolder:
             if archive is not None:
                 write_atomic(self.path / ARCHIVE, archive.to_bytes())
             self._restore_best(summary["champion"]["record"]["tree"])
-            _write_lineage(self.path / "lineage.csv", self.records())
+            write_lineage(self.path / "lineage.csv", self.records())
             end = pretty({**summary, "records": self._digest, "manifest": True})
             write_manifest(self.path, end)
             write_atomic(self.path / "summary.json", end)
@@ -453,59 +398,6 @@ def run_folders(root: Path) -> Iterator[RunFolder]:
         yield RunFolder(folder)
 
 
-Stamp = tuple[int, int, int] | None  # bytes, ns of the last change, inode
-
-
-def stamp(file: Path) -> Stamp:
-    """What changes when a file is written; None where there is no file."""
-    try:
-        found = file.stat()
-    except FileNotFoundError:
-        return None
-    return found.st_size, found.st_mtime_ns, found.st_ino
-
-
-def _generation(checkpoint: Path) -> int:
-    """The generation that a checkpoint goes on with, 0 where none can be read."""
-    try:
-        with checkpoint.open(encoding="utf-8", errors="replace") as file:
-            head = re.search(r'"generation":(\d+)', file.read(200))
-    except FileNotFoundError:
-        return 0
-    return int(head[1]) if head else 0
-
-
 def generation_lines(folder: Path) -> Lines:
     """A run's generation records."""
     return Lines(folder / "generations.jsonl", "generation records", GenerationRecord)
-
-
-def _write_lineage(path: Path, records: Iterable[Mapping[str, Any]]) -> None:
-    """Writes the table, from the lines of generations.jsonl; lists are apart by spaces."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        out = csv.writer(file)
-        out.writerow(("generation", *LINEAGE))
-        for record in records:
-            for i in record["individuals"]:
-                row = {**i, "parents": " ".join(i["parents"]), "tiers": " ".join(i["tiers"])}
-                out.writerow([record["snapshot"]["generation"], *(row[name] for name in LINEAGE)])
-
-
-def take(lock: FileLock, folder: Path, busy: RunError) -> None:
-    """Makes a folder and takes its lock; raises `busy` where another process holds it."""
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        lock.acquire(timeout=1, poll_interval=0.05)  # a look at it may hold it
-    except Timeout:
-        raise busy from None
-
-
-def locked(path: Path) -> bool:
-    """Whether a process holds the lock file now."""
-    if not path.exists():
-        return False
-    try:
-        with FileLock(path, timeout=0):
-            return False
-    except Timeout:
-        return True

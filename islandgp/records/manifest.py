@@ -18,7 +18,7 @@ from typing import Final
 from islandgp.errors import RunError
 from islandgp.plain import UNREADABLE, made_of, read_json
 from islandgp.records.checkpoint import damaged, reading, write_atomic
-from islandgp.records.files import pretty
+from islandgp.records.files import PAGE, pretty
 from islandgp.trust import must_have_no_links
 
 NAME: Final = "manifest.json"
@@ -38,7 +38,7 @@ NEEDED: Final = (
 )
 """Files of every finished run."""
 
-MADE_AGAIN: Final = frozenset({"best.bt", "lineage.csv", "run.html"})
+MADE_AGAIN: Final = frozenset({"best.bt", "lineage.csv", PAGE})
 """Files that the run's command makes again from the others where they are missing."""
 
 
@@ -80,9 +80,7 @@ class Manifest:
 def write_manifest(folder: Path, summary: bytes) -> None:
     """Writes the manifest of a run's files, and of the summary that is about to be written."""
     files = {
-        name: _entry(folder / name)
-        for name in _names(folder)
-        if name not in ("run.html", "summary.json")
+        name: _entry(folder / name) for name in _names(folder) if name not in (PAGE, "summary.json")
     }
     files["summary.json"] = ManifestEntry(len(summary), hashlib.sha256(summary).hexdigest())
     _write(folder, Manifest(files))
@@ -127,6 +125,14 @@ def must_be_as_written(folder: Path, name: str) -> None:
     found = None if manifest is None else _damage(folder / name, manifest)
     if found is not None:
         raise refused(folder, found)
+
+
+def is_as_written(folder: Path, name: str) -> bool:
+    """True if a file is there, and as the manifest has it where there is one. Raises RunError."""
+    manifest = read_manifest(folder)
+    return (folder / name).exists() and (
+        manifest is None or _damage(folder / name, manifest) is None
+    )
 
 
 def refused(folder: Path, found: DamagedFile) -> RunError:

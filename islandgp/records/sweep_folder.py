@@ -19,7 +19,8 @@ from islandgp.errors import RunError, brief
 from islandgp.plain import UNREADABLE, must_fit
 from islandgp.records.checkpoint import usable, write_atomic
 from islandgp.records.files import pretty
-from islandgp.records.folder import RunFolder, Status, locked, take
+from islandgp.records.folder import RunFolder, Status
+from islandgp.records.locks import locked, take
 from islandgp.trust import must_be_no_link
 
 

@@ -31,7 +31,9 @@ from islandgp.evolution.validation import (
 from islandgp.evolution.validation import worlds_of as validation_worlds
 from islandgp.plugin import blaming, path_of
 from islandgp.records.archive_file import ArchiveFile
+from islandgp.records.files import PAGE
 from islandgp.records.folder import RunFolder, Status
+from islandgp.records.manifest import is_as_written
 from islandgp.records.parameters import redacted
 from islandgp.running.automatic_library import automatic_library
 from islandgp.running.page_writer import PageWriter
@@ -235,7 +237,7 @@ def _complete(target: RunFolder, tracker: Tracker) -> End:
     """
     target.must_be_sound(page=False)
     target.restore()
-    if not target.has_page():
+    if not is_as_written(target.path, PAGE):
         PageWriter(target).end(Status.FINISHED)
     tracker.start(target)
     where = tracker.finish(Status.FINISHED)

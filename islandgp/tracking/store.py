@@ -24,7 +24,8 @@ from pydantic import BaseModel, Field, field_validator
 
 from islandgp.errors import TrackingError
 from islandgp.records.checkpoint import must_take_files
-from islandgp.records.parameters import CREDENTIALS, HIDDEN
+from islandgp.records.parameters import CREDENTIALS
+from islandgp.redaction import HIDDEN
 
 if TYPE_CHECKING:
     from mlflow.entities import Metric, Run

@@ -9,7 +9,8 @@ import pytest
 
 from islandgp.errors import EvaluationError, RunError
 from islandgp.records.checkpoint import save_state
-from islandgp.records.folder import RunFolder, Status, locked
+from islandgp.records.folder import RunFolder, Status
+from islandgp.records.locks import locked
 from tests.tracking.folders import about, begun, steps, written
 
 
