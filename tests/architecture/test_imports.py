@@ -15,7 +15,7 @@ from tests.architecture.sources import PACKAGE, ROOT, imports, module_name, modu
 
 LAYERS: list[tuple[str, ...]] = [
     # A module imports from its own layer and those above it in this list, never from below.
-    ("errors", "plain", "seeding", "resources", "plugin", "time_limit"),
+    ("errors", "plain", "seeding", "resources", "plugin", "time_limit", "trust"),
     ("bt",),
     ("domain",),
     ("scoring",),

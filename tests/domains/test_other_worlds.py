@@ -27,7 +27,7 @@ from islandgp.evaluation.processes import Processes
 from islandgp.evaluation.serial import Serial
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import Step
-from islandgp.experiment import run
+from islandgp.experiment import compose, run
 from islandgp.running.run import make_search, make_supervisor
 from islandgp.testing.domain_suite import DomainSuite
 from tests.composed import composed, plain
@@ -426,3 +426,13 @@ def test_stages_play_their_own_levels() -> None:
     assert "LockedRoom" in played[2]
     assert played[2] == problem.domain.world.levels  # type: ignore[attr-defined]
     assert replace(problem, stages=()).at(0) is problem.domain
+
+
+def test_a_lander_lands_or_crashes_once() -> None:
+    """A hard touch of the ground pays more than 100 points here, and is no landing."""
+    landers = compose("domain=lunarlander", "tracking=off", "evaluator=serial")
+    falling = landers.evaluate("Rest", range(300_000, 300_040))
+    by_hand = landers.evaluate(BY_HAND["lunarlander"].read_text(), range(300_000, 300_004))
+    for outcome in (*falling, *by_hand):
+        assert outcome.counters["landed"] + outcome.counters["crashed"] <= 1
+    assert sum(outcome.counters["landed"] for outcome in by_hand) >= 1
