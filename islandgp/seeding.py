@@ -33,6 +33,7 @@ class Stream(IntEnum):
     TUNING = 14  # worlds in which thresholds are tuned, by slot; generation 1: the draws of CMA-ES
     SEARCH = 15  # a search's own draws, by generation and slot
     ARCHIVE = 16  # worlds in which elites are challenged, by generation and slot
+    EDIT = 17  # mutation of edited trees (supervisor.mutate_advice), by generation and slot
 
 
 def stream(

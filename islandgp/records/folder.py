@@ -20,7 +20,7 @@ import yaml
 from filelock import FileLock, Timeout
 
 from islandgp.errors import BusyError, IslandError, RunError, brief
-from islandgp.evolution.record import Cost, GenerationRecord, RunState, Step
+from islandgp.evolution.record import Cost, GenerationRecord, RunState, Step, record_values
 from islandgp.plain import must_fit, typed
 from islandgp.records.archive_file import NAME as ARCHIVE
 from islandgp.records.archive_file import ArchiveFile
@@ -278,7 +278,7 @@ class RunFolder:
     def append(self, step: Step) -> None:
         """Writes a generation down, then the state to go on from. Raises RunError, as `usable`."""
         with usable(self.path):
-            line = self._generations.append(asdict(step.record))
+            line = self._generations.append(record_values(step.record))
             self._digest = chained(self._digest, line)
             append_digest(self._sums, step.record.snapshot.generation, self._digest)
             self._costs.append({**asdict(step.cost), "at": int(1000 * time())})

@@ -17,7 +17,7 @@ from pydantic import BaseModel, Field
 
 from islandgp.errors import ConfigError
 from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import Evaluated, Individual, Tree
+from islandgp.evolution.population import EditedTree, Evaluated, Individual, Tree
 from islandgp.search.base import Advice, SearchContext, SearchState
 from islandgp.search.breeding import Breeding, Parent, first_generation, next_generation
 from islandgp.seeding import Streams
@@ -46,6 +46,7 @@ class Contenders:
 
     all: tuple[Contender, ...]
     given: Tree | None  # of the supervisor, to inject
+    edited: tuple[EditedTree, ...] = ()  # of the supervisor
 
 
 class Lexicase:
@@ -53,7 +54,7 @@ class Lexicase:
 
     Settings = LexicaseSettings
     Memory: ClassVar[Any] = Contenders
-    uses: ClassVar[frozenset[str]] = frozenset({"tree"})
+    uses: ClassVar[frozenset[str]] = frozenset({"tree", "edits"})
 
     @classmethod
     def make(cls, settings: LexicaseSettings, context: SearchContext) -> Lexicase:
@@ -92,6 +93,7 @@ class Lexicase:
             state.generation,
             again=[parents[k] for k in fittest[: self.settings.elites]],
             tree=memory.given,
+            edited=memory.edited,
             pick=pick,
             how=self.settings.breeding,
         )
@@ -104,7 +106,7 @@ class Lexicase:
             Contender(Parent(e.individual.id, e.individual.tree), e.fitness, self._cases(e))
             for e in evaluated
         )
-        return SearchState(state.generation + 1, Contenders(found, advice.tree))
+        return SearchState(state.generation + 1, Contenders(found, advice.tree, advice.edited))
 
     def _cases(self, e: Evaluated) -> tuple[float, ...]:
         if self.settings.cases == "episodes":

@@ -19,7 +19,7 @@ from pydantic import BaseModel, Field
 
 from islandgp.domain import Schema
 from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import Evaluated, Individual, Tree
+from islandgp.evolution.population import EditedTree, Evaluated, Individual, Tree
 from islandgp.search.base import Advice, SearchContext, SearchState
 from islandgp.search.breeding import Breeding, Parent, digest, first_generation, next_generation
 from islandgp.search.descriptor import Descriptor, cell, dimensions, faults, point
@@ -57,6 +57,7 @@ class Grid:
 
     occupants: tuple[Occupant, ...]
     given: Tree | None  # of the supervisor, to inject
+    edited: tuple[EditedTree, ...] = ()  # of the supervisor
 
 
 class MapElites:
@@ -64,7 +65,7 @@ class MapElites:
 
     Settings = MapElitesSettings
     Memory: ClassVar[Any] = Grid
-    uses: ClassVar[frozenset[str]] = frozenset({"tree"})
+    uses: ClassVar[frozenset[str]] = frozenset({"tree", "edits"})
 
     @classmethod
     def make(cls, settings: MapElitesSettings, context: SearchContext) -> MapElites:
@@ -99,6 +100,7 @@ class MapElites:
             state.generation,
             again=[o.parent for o in doubtful[:most]],
             tree=memory.given,
+            edited=memory.edited,
             pick=pick,
             how=self.settings.breeding,
             known=[o.parent.tree for o in memory.occupants],
@@ -115,7 +117,7 @@ class MapElites:
             known[key] = updated(known.get(key), e, point(self.dimensions, e.outcome))
         cells = self.cells(tuple(known.values())).values()
         kept = tuple(o for found in cells for o in found[: self.settings.depth])
-        return SearchState(state.generation + 1, Grid(kept, advice.tree))
+        return SearchState(state.generation + 1, Grid(kept, advice.tree, advice.edited))
 
     def cells(self, occupants: Sequence[Occupant]) -> dict[tuple[int, ...], list[Occupant]]:
         """The occupants of each cell, the best first."""

@@ -21,7 +21,14 @@ from pydantic import BaseModel, Field
 from islandgp.bt.node import Node, size
 from islandgp.evolution.evidence import estimate
 from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import Evaluated, Individual, Origin, Tree
+from islandgp.evolution.population import (
+    EditedTree,
+    Evaluated,
+    Individual,
+    Origin,
+    Tree,
+    edited_individuals,
+)
 from islandgp.search.base import Advice, SearchContext, SearchState
 from islandgp.search.breeding import Breeding, Parent, children, digest, random_individuals
 from islandgp.search.compose import priority_lists
@@ -60,6 +67,7 @@ class Evidence:
     entries: tuple[Entry, ...]
     tree: Tree | None  # of the supervisor, to inject
     tried: tuple[str, ...]  # digests of trees
+    edited: tuple[EditedTree, ...] = ()  # of the supervisor
 
 
 TRIED = 3000  # trees that are remembered as tried
@@ -70,7 +78,7 @@ class Racing:
 
     Settings = RacingSettings
     Memory: ClassVar[Any] = Evidence
-    uses: ClassVar[frozenset[str]] = frozenset({"tree"})
+    uses: ClassVar[frozenset[str]] = frozenset({"tree", "edits"})
 
     @classmethod
     def make(cls, settings: RacingSettings, context: SearchContext) -> Racing:
@@ -94,6 +102,7 @@ class Racing:
         asked = self._again(memory, g) if g else self._first(streams)
         if memory.tree is not None:
             asked.append(Individual(f"{g}.{len(asked)}", memory.tree, Origin.INJECTED))
+        asked += edited_individuals(memory.edited, g, len(asked))
         slots = range(len(asked), self.plan.gp.population)
         tried = {*memory.tried, *(digest(i.tree) for i in asked)}
         common = self.plan.space, how.breeding, tried
@@ -121,7 +130,7 @@ class Racing:
         """Survivors that meet the generation's worlds: those with the highest upper bounds."""
         likely = self._ranked(memory.entries, 1.0)
         n = self.plan.gp.population
-        most = min(max(1, round(self.settings.again * n)), n - 2)
+        most = min(max(1, round(self.settings.again * n)), n - 2 - len(memory.edited))
         return [
             Individual(f"{generation}.{slot}", e.tree, Origin.ELITE, (e.id,))
             for slot, e in enumerate(likely[:most])
@@ -140,7 +149,7 @@ class Racing:
         tried = tuple(dict.fromkeys((*memory.tried, *keys)))[-TRIED:]
         most = max(2, round(self.settings.survivors * self.plan.gp.population))
         kept = tuple(ranked[:most])
-        return SearchState(state.generation + 1, Evidence(kept, advice.tree, tried))
+        return SearchState(state.generation + 1, Evidence(kept, advice.tree, tried, advice.edited))
 
     def _bonus(self, e: Evaluated) -> float:
         """What milestones and behaviours are worth, in standard deviations.
