@@ -32,6 +32,7 @@ LAYERS: list[tuple[str, ...]] = [
         "evolution.allocation",
         "evolution.edits",
         "evolution.record",
+        "evolution.edit_fates",
     ),
     ("search",),
     ("supervision",),
