@@ -1,16 +1,16 @@
-"""A supervisor by rules that edits living trees: what does the best robot lack, who has it?
+"""A supervisor by rules that edits living trees: what does the fittest robot lack, who has it?
 
-It goes by what the run has measured, so it works in any domain. A tier's row asks for counters.
-The best tree is the one that meets the most of them. For a counter that it lacks a branch is
-looked for: in the library, by what its trees are for, and in trees that had the counter above 0, by
-the action that goes with it. The branch is put where its guard belongs, the narrowest guard first.
+It goes by what the run has measured, so it works in any domain. Tiers ask for counters. For a
+counter of which the fittest tree has too little a branch is looked for: in the library, by what its
+trees are for, and in trees that had the counter above 0, by the action that goes with it. The
+branch is put where its guard belongs, the narrowest guard first.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar, Final, Literal, Self
@@ -39,6 +39,8 @@ from islandgp.supervision.library import Library
 
 WIDER: Final = 0.15  # by which a guard is widened, as a share of its key's range
 DONORS: Final = 5  # trees for each counter whose branches are looked at
+Key = tuple[str, str, str | None, float | None]
+"""Kind, place, branch and number of an edit."""
 WORD: Final = re.compile(r"\w+")
 
 
@@ -161,11 +163,11 @@ class Editor:
         self.requirements = requirements(context.classes)
         self._now: Seen | None = None
         self._donors: dict[str, list[IndividualRecord]] = {}  # by counter, the most counts first
-        self._best: dict[frozenset[Requirement], IndividualRecord] = {}  # by what they meet
         self._with: Counter[tuple[str, str]] = Counter()  # trees by counter they have, and action
         self._all: Counter[str] = Counter()  # trees by action
         self._tried: Counter[str] = Counter()  # edits by the branch that they put in
-        self._gained: Counter[str] = Counter()  # those that met more requirements
+        self._gained: Counter[str] = Counter()  # those that were better than the tree before
+        self._done: set[tuple[str, Key]] = set()  # the edits that were taken, by tree
 
     # What the run has measured.
 
@@ -175,9 +177,6 @@ class Editor:
         self._now = generation
         counters = dict.fromkeys(r.counter for r in self.requirements)
         for i in generation.individuals:
-            met = self.met(i)
-            if met not in self._best or i.fitness > self._best[met].fitness:
-                self._best[met] = i
             actions = set(WORD.findall(i.tree)) & self.context.schema.vocabulary.actions.keys()
             self._all.update(actions)
             for counter in counters:
@@ -190,20 +189,17 @@ class Editor:
             del self._donors[counter][DONORS:]
 
     def _learn(self, generation: Seen) -> None:
-        """Which branches of earlier edits helped: the edited tree meets more than its parent."""
+        """Which edits were taken, and which branches made a tree better in the same world."""
         if self._now is None or generation.guidance is None:
             return
+        trees = {i.id: i.tree for i in self._now.individuals}
         made = [edit for edit in generation.guidance.edits if not edit.refused]
-        known = {i.id: i for i in (*self._now.individuals, *generation.individuals)}
         for edit, trial in zip(made, generation.trials, strict=False):
-            if edit.branch is not None and trial.parent in known:
+            if edit.of in trees:
+                self._done.add((trees[edit.of], (edit.kind, edit.at, edit.branch, edit.number)))
+            if edit.branch is not None:
                 self._tried[edit.branch] += 1
-                gained = len(self.met(known[trial.id])) > len(self.met(known[trial.parent]))
-                self._gained[edit.branch] += gained
-
-    def met(self, i: IndividualRecord) -> frozenset[Requirement]:
-        """The requirements that an individual meets."""
-        return frozenset(r for r in self.requirements if r.met(i.counters))
+                self._gained[edit.branch] += trial.fitness > trial.parent_fitness
 
     # What is advised.
 
@@ -227,39 +223,33 @@ class Editor:
 
     def edits(self, seen: Seen, rng: np.random.Generator) -> list[tuple[str, Edit]]:
         """At most as many as the run takes, each with the counter that it is for."""
-        chosen = self.best(seen)
+        fittest = max(seen.individuals, key=lambda i: i.fitness)
         each: dict[str, Iterator[Edit]] = {}
         found: list[tuple[str, Edit]] = []
-        for r in self.wanted(chosen):
+        for r in self.wanted(fittest):
             if len(found) == self.context.edits:
                 break
             if r.counter not in each:
-                edits = [
-                    self.edit(self.tree(seen, chosen, rng), branch, r)
-                    for branch in self.branches(r.counter, rng)
-                ]
-                each[r.counter] = iter([edit for edit in edits if edit is not None])
+                branches = self.branches(r.counter, rng)
+                each[r.counter] = self.new(self.tree(seen, fittest, rng), branches, r)
             if (edit := next(each[r.counter], None)) is not None:
                 found.append((r.counter, edit))
         return found
 
-    def wanted(self, chosen: IndividualRecord) -> list[Requirement]:
+    def new(
+        self, i: IndividualRecord, branches: Sequence[Branch], r: Requirement
+    ) -> Iterator[Edit]:
+        """The edits that put these branches into a tree, without those that it had already."""
+        done = {edit for tree, edit in self._done if tree == i.tree}
+        for edit in (edit for branch in branches for edit in self.ways(i, branch, r)):
+            text = None if edit.branch is None else to_text(edit.branch)
+            if (key := (edit.kind, edit.at, text, edit.number)) not in done:
+                done.add(key)
+                yield edit
+
+    def wanted(self, fittest: IndividualRecord) -> list[Requirement]:
         """What the edits are for, in turn; controls ask for something else."""
-        return self.lacking(chosen) * self.context.edits
-
-    def best(self, seen: Seen) -> IndividualRecord:
-        """The individual that meets the most requirements, of equals the fittest.
-
-        Those of the easiest milestone count first. It is of the population, or of the archive.
-        """
-        elites = {e.id for e in seen.archive}
-        kept = [i for i in self._best.values() if i.id in elites]
-
-        def worth(i: IndividualRecord) -> tuple[list[int], float]:
-            met = Counter(r.milestone for r in self.met(i))
-            return [met[k] for k in range(len(self.context.classes.milestones))], i.fitness
-
-        return max((*seen.individuals, *kept), key=worth)
+        return self.lacking(fittest) * self.context.edits
 
     def lacking(self, i: IndividualRecord) -> list[Requirement]:
         """What a tree does not meet: of the easiest milestone first, the furthest away first."""
@@ -275,11 +265,11 @@ class Editor:
         return sorted(easiest, key=order)
 
     def tree(
-        self, seen: Seen, chosen: IndividualRecord, rng: np.random.Generator
+        self, seen: Seen, fittest: IndividualRecord, rng: np.random.Generator
     ) -> IndividualRecord:
         """The individual that is edited; controls take another one."""
         del seen, rng
-        return chosen
+        return fittest
 
     def branches(self, counter: str, rng: np.random.Generator) -> list[Branch]:
         """Branches for a counter, each once, the most promising first; controls draw others."""
@@ -328,26 +318,21 @@ class Editor:
         """The run's library; to find one may take a while."""
         return self.context.library()
 
-    def edit(self, i: IndividualRecord, branch: Branch, r: Requirement) -> Edit | None:
-        """The edit that puts a branch where its guard belongs.
+    def ways(self, i: IndividualRecord, branch: Branch, r: Requirement) -> Iterator[Edit]:
+        """The edits that put a branch where its guard belongs, or in front of the whole tree.
 
-        Where the tree has the branch already, its guard is widened; None: it cannot be.
+        Where the tree has the branch already, its guard is widened instead.
         """
         tree, words = parse(i.tree), self.context.schema.vocabulary
         why = f"{r.counter} {i.counters[r.counter]:g}, wanted {r}"
         if (own := guard_above(tree, branch.node)) is not None:
-            path, guard = own
-            number = widened(condition_of(guard), words)
-            if number is None:
-                return None
-            at = written(path)
-            return Edit("number", of=i.id, at=at, number=number, reason=f"{why}: a wider guard")
+            at, number = written(own[0]), widened(condition_of(own[1]), words)
+            if number is not None:
+                yield Edit("number", i.id, at, number=number, reason=f"{why}: a wider guard")
+            return
+        why = f"{why}: a branch of {branch.source}"
         place = place_for(tree, branch.node, words)
-        last = place is not None and place == len(tree.children)
-        return Edit(
-            "insert" if last else "front",
-            of=i.id,
-            at="" if place is None else str(place),
-            branch=branch.node,
-            reason=f"{why}: a branch of {branch.source}",
-        )
+        if place is not None and place > 0:
+            kind = "insert" if place == len(tree.children) else "front"
+            yield Edit(kind, i.id, str(place), branch.node, reason=why)
+        yield Edit("front", i.id, branch=branch.node, reason=why)

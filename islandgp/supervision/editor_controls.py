@@ -19,7 +19,7 @@ from islandgp.supervision.yoked import Yoked, YokedSettings
 
 
 class RandomBranch(Editor):
-    """Puts branches into the best tree that are drawn from those for all counters."""
+    """Puts branches into the fittest tree that are drawn from those for all counters."""
 
     name = "editor_random_branch"
 
@@ -32,15 +32,15 @@ class RandomBranch(Editor):
 
 
 class RandomTree(Editor):
-    """Puts the branch that the best tree lacks into trees that are drawn from the population."""
+    """Puts the branch that the fittest tree lacks into trees that are drawn from the population."""
 
     name = "editor_random_tree"
 
     def tree(
-        self, seen: Seen, chosen: IndividualRecord, rng: np.random.Generator
+        self, seen: Seen, fittest: IndividualRecord, rng: np.random.Generator
     ) -> IndividualRecord:
         """Any individual of the population is as likely as another."""
-        del chosen
+        del fittest
         return seen.individuals[rng.integers(len(seen.individuals))]
 
 
@@ -53,7 +53,7 @@ class ConstantSettings(EditorSettings, frozen=True, extra="forbid"):
 
 
 class Constant(Editor):
-    """Gives the same advice always: a branch for one counter, whatever the best tree lacks."""
+    """Gives the same advice always: a branch for one counter, whatever the fittest tree lacks."""
 
     name = "editor_constant"
     Settings: ClassVar[type[EditorSettings]] = ConstantSettings
@@ -84,9 +84,9 @@ class Constant(Editor):
             )
         return known[counter]
 
-    def wanted(self, chosen: IndividualRecord) -> list[Requirement]:
+    def wanted(self, fittest: IndividualRecord) -> list[Requirement]:
         """The same in each generation."""
-        del chosen
+        del fittest
         return [self.always()] * self.context.edits
 
 
@@ -121,9 +121,9 @@ class EditorYoked(Editor):
             ) from None
         return made
 
-    def wanted(self, chosen: IndividualRecord) -> list[Requirement]:
+    def wanted(self, fittest: IndividualRecord) -> list[Requirement]:
         """What the other run's editor wanted after the same generation."""
-        del chosen
+        del fittest
         assert self._now is not None
         known = {r.counter: r for r in reversed(self.requirements)}
         counters = self.given[self._now.snapshot.generation]

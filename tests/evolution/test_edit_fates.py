@@ -19,7 +19,7 @@ def generation(
     edits: tuple[str, ...] = (),
     trials: tuple[EditTrial, ...] = (),
 ) -> GenerationRecord:
-    """A record: by id the parents, an edited one after "*"; edits of individuals, refused at "!"."""
+    """A record: by id the parents, of an edited one after "*"; edits, refused ones with "!"."""
     line = ZERO.individuals[0]
 
     def individual(name: str, parents: str) -> IndividualRecord:
