@@ -12,7 +12,8 @@ IslandError            one clear message: expected, found, remedy; exit code 2 a
 |-- EvaluationError    an episode could not be run (names the tree and the world seed)
 |-- SupervisionError   a supervisor cannot do its work
 |-- RunError           a run's folder, checkpoint or record cannot be used
-|   `-- BusyError      another process is at work there
+|   |-- BusyError      another process is at work there
+|   `-- UntrustedError a run's folder names code or a server that the user's configuration does not
 |-- TrackingError      a tracking store cannot be used
 `-- StudyError         runs cannot be compared
 """
@@ -97,6 +98,10 @@ class RunError(IslandError):
 
 class BusyError(RunError):
     """Another process is at work in a run's folder."""
+
+
+class UntrustedError(RunError):
+    """A run's folder names code or a server that the user's own configuration does not name."""
 
 
 class TrackingError(IslandError):

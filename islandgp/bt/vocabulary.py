@@ -45,6 +45,8 @@ class Action:
     to_succeed: tuple[Condition, ...] = ()  # true on the blackboard of the tick in which it does
     changes: Mapping[str, int] = field(default_factory=dict)
     """Keys that its success changes: -1 makes the value smaller, 1 larger."""
+    after: tuple[str, ...] = ()
+    """Actions whose success often comes right before it. Random trees put some of them in front."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +132,12 @@ class Vocabulary:
             )
         for name, action in self.actions.items():
             _must_be_known(action, f"the action {name} of the domain {self.domain}", self.keys)
+            for before in action.after:
+                if before not in self.actions or before == name:
+                    raise DomainError(
+                        f"Expected other actions of the domain {self.domain} as `after` of the"
+                        f" action {name}, found {before!r}."
+                    )
         for name, key in self.keys.items():
             bounds = (key.low, key.high, key.step, *(() if key.most is None else (key.most,)))
             if not all(isinstance(bound, Real) for bound in bounds):

@@ -8,11 +8,12 @@ from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import fmean
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from islandgp.commands.files import OUTPUT, STDIN, write_text
+from islandgp.commands.trust_options import with_trust_options
 from islandgp.errors import ConfigError, RunError
 from islandgp.evaluation.base import Job
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from islandgp.evolution.validation import Candidate
     from islandgp.records.folder import RunFolder
     from islandgp.scoring.classes import Classes
+    from islandgp.scoring.constraints import Constraints
 
 TIMEOUT: Final = 600.0  # s that an episode may take
 EFFORT: Final = 20
@@ -41,6 +43,7 @@ class Row:
     difference_high: float
     evolved: bool  # it is a run's, not the library's
     tree: str
+    feasible: float | None = None  # share of the worlds in which it keeps all constraints
 
 
 @click.command()
@@ -58,6 +61,7 @@ class Row:
 )
 @click.option("-o", "--output", type=OUTPUT, help="Write the winner to this file.")
 @click.option("--json", "as_json", is_flag=True, help="Print the rows as JSON.")
+@with_trust_options
 def command(
     run: Path, tier: str, worlds: int, workers: int, output: str | None, as_json: bool
 ) -> None:
@@ -78,9 +82,14 @@ def command(
     if output is not None:
         write_text(output, rows[0].tree)
     if as_json:
-        click.echo(json.dumps([asdict(row) for row in rows], indent=2))
+        click.echo(json.dumps([_plain(row) for row in rows], indent=2))
     elif output != STDIN:
         _print(rows, worlds)
+
+
+def _plain(row: Row) -> dict[str, Any]:
+    """As JSON has it; `feasible` is of runs with constraints alone."""
+    return {name: v for name, v in asdict(row).items() if name != "feasible" or v is not None}
 
 
 def _finished(path: Path) -> list[RunFolder]:
@@ -104,7 +113,8 @@ def _must_be_alike(first: RunFolder, other: RunFolder) -> None:
     from islandgp.study.comparable import YARDSTICK
 
     a, b = first.configuration(), other.configuration()
-    if differ := [group for group in sorted(YARDSTICK) if a.get(group) != b.get(group)]:
+    groups = sorted({*YARDSTICK, "constraints"})
+    if differ := [group for group in groups if (a.get(group) or {}) != (b.get(group) or {})]:
         raise RunError(
             f"Expected runs with one {differ[0]}, found that {first.path.name} and"
             f" {other.path.name} differ in it; give a run's own folder."
@@ -116,6 +126,7 @@ def _rows(runs: Sequence[RunFolder], evaluator: Evaluator, tier: str, worlds: in
     from islandgp.evolution.evidence import interval
     from islandgp.evolution.validation import validate, worlds_of
     from islandgp.scoring.classes import Classes, tiers
+    from islandgp.scoring.constraints import feasible_share, recorded_constraints
     from islandgp.seeding import Stream
     from islandgp.study.library import yardsticks
 
@@ -123,11 +134,17 @@ def _rows(runs: Sequence[RunFolder], evaluator: Evaluator, tier: str, worlds: in
     classes, seed = Classes.model_validate(config["classes"]), int(config["seed"])
     if tier and tier not in classes.tiers:
         raise ConfigError(f"--tier: expected one of {', '.join(classes.tiers)}, found {tier!r}")
-    found = _robots(runs[0], classes, tier) if len(runs) == 1 else _best_robots(runs, tier)
+    constraints = recorded_constraints(config)
+    if len(runs) == 1:
+        found = _robots(runs[0], classes, tier, constraints)
+    else:
+        found = _best_robots(runs, tier)
     used = frozenset(world for run in runs for world in _used(run))
     stage = max(record["snapshot"]["stage"] for run in runs for record in run.records())
     race = worlds_of(seed, used, EFFORT * worlds)
-    finalists = validate(found, race, evaluator, stage, classes, episodes=EFFORT * worlds)
+    finalists = validate(
+        found, race, evaluator, stage, classes, episodes=EFFORT * worlds, constraints=constraints
+    )
     test = worlds_of(seed, used.union(race), worlds, Stream.TEST)
     trees: dict[str, tuple[str, bool]] = {}
     for candidate, _ in finalists[:3]:
@@ -149,16 +166,21 @@ def _rows(runs: Sequence[RunFolder], evaluator: Evaluator, tier: str, worlds: in
             *interval([a.fitness - b.fitness for a, b in zip(own, outcomes[:worlds], strict=True)]),
             evolved,
             tree,
+            feasible_share([o.counters for o in own], constraints) if constraints else None,
         )
 
 
-def _robots(run: RunFolder, classes: Classes, tier: str) -> list[Candidate]:
+def _robots(
+    run: RunFolder, classes: Classes, tier: str, constraints: Constraints
+) -> list[Candidate]:
     """All trees of a run's last stage."""
     from islandgp.evolution.validation import candidates
 
     records = list(run.records())
     everyone = sum(len(record["individuals"]) for record in records)
-    found = candidates(records, classes, most=everyone, top=everyone, tier=tier)
+    found = candidates(
+        records, classes, most=everyone, top=everyone, tier=tier, constraints=constraints
+    )
     if not found:
         raise RunError(f"Expected {tier} robots in the last stage of {run.path}, found none.")
     return found
@@ -206,6 +228,11 @@ def _print(rows: Sequence[Row], worlds: int) -> None:
             *(
                 Column(title(tier), tuple(f"{row.reached[tier]:.0%}" for row in rows))
                 for tier in rows[0].reached
+            ),
+            *(
+                [Column("constraints kept", tuple(f"{row.feasible:.0%}" for row in rows))]
+                if rows[0].feasible is not None
+                else []
             ),
             Column("to the first", ("", *others)),
         ],

@@ -12,6 +12,7 @@ import click
 import yaml
 
 from islandgp.commands.files import FOLDER, check_folder, unusable
+from islandgp.commands.trust_options import with_trust_options
 from islandgp.resources import resource
 
 if TYPE_CHECKING:
@@ -91,6 +92,7 @@ A bare word is a sweep's name; mlflow: takes an MLflow filter string instead.
 @click.option("--mlflow/--no-mlflow", default=True, help="Keep the report as an MLflow run.")
 @click.option("--uri", default=None, help="MLflow store.  [default: as in conf/tracking]")
 @click.option("--experiment", default=None, help="MLflow experiment.  [default: as in conf]")
+@with_trust_options
 def command(
     arms: tuple[str, ...],
     runs: Path,

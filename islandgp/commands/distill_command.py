@@ -10,10 +10,12 @@ from typing import Any
 import click
 
 from islandgp.commands.files import FOLDER, unusable
+from islandgp.commands.trust_options import with_trust_options
 from islandgp.errors import StudyError
 from islandgp.records.folder import RunFolder
 from islandgp.study.distill import Case, Shape, distil, report_lines
 from islandgp.supervision.distilled import NAME, features, rules
+from islandgp.trust import must_trust_code
 
 
 @click.command()
@@ -25,6 +27,7 @@ from islandgp.supervision.distilled import NAME, features, rules
 @click.option(
     "--cases", type=click.IntRange(1), default=4, show_default=True, help="Decisions of an answer."
 )
+@with_trust_options
 def command(runs: tuple[Path, ...], out: Path, depth: int, cases: int) -> None:
     """Fit a decision tree to the decisions in RUNS, which are run folders or folders of them.
 
@@ -70,7 +73,9 @@ def _cases(number: int, run: RunFolder) -> Iterator[Case]:
     from islandgp.config.settings import read_settings
     from islandgp.evolution.loop import view
 
-    settings = read_settings(run.configuration())
+    config = run.configuration()
+    must_trust_code(config)
+    settings = read_settings(config)
     plan = settings.plan(settings.make_domain())
     records = list(run.generations())
     history = [record.snapshot for record in records]

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from islandgp.commands.trust_options import with_trust_options
 from islandgp.errors import TrackingError, brief
 from islandgp.tracking.place import place_from
 from islandgp.tracking.store import Place
@@ -18,6 +19,7 @@ from islandgp.tracking.sync import sync
     "--uri", help="Send to this store, not to each run's own: sqlite:///FILE or http://..."
 )
 @click.option("--experiment", default="islandgp", help="MLflow experiment, with --uri.")
+@with_trust_options
 def command(folders: tuple[Path, ...], uri: str | None, experiment: str) -> None:
     """Send the records in FOLDERS (default: runs) that their store has not got yet.
 

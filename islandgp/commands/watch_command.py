@@ -11,6 +11,7 @@ from typing import Final
 
 import click
 
+from islandgp.commands.trust_options import with_trust_options
 from islandgp.errors import RunError
 
 STATUS: Final = re.compile(rb'<body data-status="([A-Z]+)">')
@@ -24,6 +25,7 @@ STATUS: Final = re.compile(rb'<body data-status="([A-Z]+)">')
     default=None,
     help="Open it in a browser.  [default: on a terminal]",
 )
+@with_trust_options
 def command(run: Path, opened: bool | None) -> None:
     """Open the page of the run in the folder RUN, and print its path.
 

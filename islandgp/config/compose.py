@@ -32,6 +32,7 @@ from islandgp.records.parameters import (
     is_secret,
     without_credentials,
 )
+from islandgp.trust import names_in, trust
 
 NOT_IN_FOLDER: Final = MACHINERY | {
     "hydra",
@@ -202,6 +203,7 @@ def plain(config: DictConfig) -> dict[str, Any]:
 def read(config: DictConfig) -> tuple[dict[str, Any], Settings]:
     """A composed configuration as plain values and as settings. Raises ConfigError."""
     ours = plain(config)
+    trust(names_in(ours))
     return ours, read_settings(ours)
 
 

@@ -31,6 +31,8 @@ from islandgp.evolution.random_trees import check_growth
 from islandgp.plugin import Part, Plugin, blaming, defined_in, imported, path_of
 from islandgp.records.files import VALUES
 from islandgp.scoring.classes import CLASS_NAME, Classes
+from islandgp.scoring.constraints import Bound
+from islandgp.scoring.constraints import faults as constraint_faults
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.scoring.rewards import RewardTable
 from islandgp.search.base import SEARCHES, USES
@@ -143,9 +145,15 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     stop: Stop = Stop()
     search: SearchSettings = SearchSettings.model_validate(PAPERS)
     archive: ArchiveSettings = ArchiveSettings()
+    constraints: dict[str, Bound] = Field(default_factory=dict)  # limits by counter of the domain
     supervisor: SupervisorSettings
     evaluator: EvaluatorSettings
     tracking: TrackingSettings
+
+    @field_validator("constraints", mode="before")
+    @classmethod
+    def _none_are_none(cls, constraints: Any) -> Any:
+        return {} if constraints is None else constraints
 
     @field_validator("world", "rewards", mode="plain")
     @classmethod
@@ -232,6 +240,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
             budget=self.budget,
             stop=self.stop,
             archive=self.archive,
+            constraints=self.constraints,
         )
 
 
@@ -283,6 +292,7 @@ def _faults(settings: Settings) -> Iterator[str]:
         with blaming(path_of(settings.search.factory)):
             yield from search.faults(schema)
     yield from settings.archive.faults(schema)
+    yield from constraint_faults(settings.constraints, schema)
 
 
 def _staged_worlds(settings: Settings, schema: Schema) -> Iterator[str]:

@@ -20,6 +20,7 @@ from omegaconf import DictConfig
 
 from islandgp.errors import ConfigError
 from islandgp.resources import resource
+from islandgp.trust import trust_folder
 
 COMPOSING: Final = Lock()  # Hydra composes one configuration at a time in a process
 
@@ -45,6 +46,7 @@ class ConfigSource:
                 )
         if own is not None and own != folder:
             _must_hide_nothing(own, folder)
+            trust_folder(own)
         return cls(folder, args.config_name or "config", own)
 
     def compose(self, overrides: Sequence[str]) -> DictConfig:

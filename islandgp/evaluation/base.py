@@ -17,6 +17,7 @@ from islandgp.plain import UNREADABLE
 from islandgp.plugin import imported, raised_in
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.time_limit import TimeLimit
+from islandgp.trust import must_trust_code
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +63,10 @@ class Problem:
 
         Raises:
             RunError: the configuration is of a version before domains, or damaged.
+            UntrustedError: it names a domain that only the run names.
         """
         check_version(config)
+        must_trust_domain(config)
         try:
             factory = imported(config["domain"]["factory"])
             world = factory.World.model_validate(config["world"])
@@ -87,6 +90,11 @@ def check_version(config: Mapping[str, Any]) -> None:
             "Expected a run whose configuration names its domain, found one of version 0.1, which"
             " had none; look at it with that version, or run its command again."
         )
+
+
+def must_trust_domain(config: Mapping[str, Any]) -> None:
+    """Raises UntrustedError where only a run names the domain that it needs."""
+    must_trust_code({key: config.get(key) for key in ("domain", "world", "rewards", "curriculum")})
 
 
 def staged(world: BaseModel, changes: Mapping[str, Any]) -> BaseModel:

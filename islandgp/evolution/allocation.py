@@ -40,8 +40,9 @@ def remember(
     for e in population:
         for behaviour in e.verdict.behaviours:
             best = kept.get(behaviour)
-            if best is None or (stage, e.fitness) > (best.stage, best.fitness):
-                kept[behaviour] = Ancestor(e.individual.id, e.individual.tree, stage, e.fitness)
+            if best is None or (stage, e.merit) > (best.stage, best.merit):
+                i = e.individual
+                kept[behaviour] = Ancestor(i.id, i.tree, stage, e.fitness, e.violation)
     return {name: kept[name] for name in behaviours if name in kept}
 
 

@@ -34,6 +34,7 @@ from islandgp.evolution.record import (
 from islandgp.plain import made_of, plain
 from islandgp.plugin import blaming, path_of
 from islandgp.scoring.classes import judge
+from islandgp.scoring.constraints import violation
 from islandgp.scoring.snapshot import Snapshot, measure
 from islandgp.scoring.state import PopulationState, population_state
 from islandgp.search.base import Advice, Search, SearchState
@@ -71,7 +72,9 @@ def evaluate(
     for k, individual in enumerate(population):
         own = outcomes[k * n : (k + 1) * n]
         o, points = combine(own), tuple(episode.fitness for episode in own)
-        found.append(Evaluated(individual, o, judge(o, plan.classes), o.fitness, points))
+        broken = violation(o.counters, plan.constraints)
+        verdict = judge(o, plan.classes)
+        found.append(Evaluated(individual, o, verdict, o.fitness, points, broken))
     return tuple(found)
 
 
@@ -220,13 +223,14 @@ def _generation(
         plan.curriculum,
         generation=g,
         rate=state.rate,
+        constraints=plan.constraints,
     )
     history = (*state.history, now)
     seen = view(plan, history)
     lines = tuple(line(e, text) for e, text in zip(population, texts, strict=True))
-    champion = fittest(state.champion, g, lines)
+    champion = fittest(state.champion, g, lines, plan.constraints)
     spent = state.spent + len(population) * plan.gp.episodes + archive.episodes + extra
-    stopped = plan.stop.reason(now)
+    stopped = plan.stop.reason(population)
     guidance = following = None
     if not stopped and not plan.last(g, spent):
         waiting = perf_counter()
@@ -297,6 +301,7 @@ def archived(
         stage=stage,
         episodes=n,
         again=lambda trees: evaluated(parts.evaluator, trees, stage, meets),
+        constraints=plan.constraints,
     )
 
 

@@ -13,6 +13,7 @@ from islandgp.bt.language import parse, to_text
 from islandgp.bt.node import Node
 from islandgp.domain import Outcome
 from islandgp.scoring.classes import Verdict
+from islandgp.scoring.constraints import Merit, merit
 
 Tree = Annotated[Node, PlainValidator(parse), PlainSerializer(to_text)]
 """A tree, which stands in files as its canonical text."""
@@ -70,6 +71,12 @@ class Evaluated:
     verdict: Verdict
     fitness: float  # points, Eq. (1): the outcome's
     episodes: tuple[float, ...] = ()  # points in each episode
+    violation: float = 0.0  # of the constraints, >= 0; 0: it keeps all of them
+
+    @property
+    def merit(self) -> Merit:
+        """What individuals are ordered by: feasible before fit."""
+        return merit(self.fitness, self.violation)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +87,12 @@ class Ancestor:
     tree: Tree
     stage: int  # of the curriculum, in which it was evaluated
     fitness: float  # points
+    violation: float = 0.0  # of the constraints, >= 0
+
+    @property
+    def merit(self) -> Merit:
+        """What individuals are ordered by: feasible before fit."""
+        return merit(self.fitness, self.violation)
 
 
 Archive = Mapping[str, Ancestor]
@@ -88,4 +101,4 @@ Archive = Mapping[str, Ancestor]
 
 def ranked(population: tuple[Evaluated, ...]) -> list[Evaluated]:
     """Best first; equals in slot order."""
-    return sorted(population, key=lambda e: -e.fitness)
+    return sorted(population, key=lambda e: e.merit, reverse=True)

@@ -17,6 +17,13 @@ from islandgp.evolution.archive import ArchiveRecord, Elite
 from islandgp.evolution.edits import EditRecord, EditTrial
 from islandgp.evolution.population import Evaluated
 from islandgp.plain import plain
+from islandgp.scoring.constraints import (
+    NO_CONSTRAINTS,
+    Constraints,
+    Merit,
+    merit,
+    violation,
+)
 from islandgp.scoring.snapshot import Snapshot
 
 
@@ -108,18 +115,25 @@ def record_values(record: GenerationRecord) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class Champion:
-    """The individual with the highest fitness so far."""
+    """The best individual so far: with constraints feasible before fit, else the fittest."""
 
     generation: int  # in which it was evaluated, from 0
     record: IndividualRecord
 
 
 def fittest(
-    before: Champion | None, generation: int, lines: Sequence[IndividualRecord]
+    before: Champion | None,
+    generation: int,
+    lines: Sequence[IndividualRecord],
+    constraints: Constraints = NO_CONSTRAINTS,
 ) -> Champion:
-    """The champion after `generation`; the earlier of equals."""
-    best = max(lines, key=lambda line: line.fitness)
-    if before is not None and before.record.fitness >= best.fitness:
+    """The champion after `generation`, feasible before fit; the earlier of equals."""
+
+    def worth(line: IndividualRecord) -> Merit:
+        return merit(line.fitness, violation(line.counters, constraints))
+
+    best = max(lines, key=worth)
+    if before is not None and worth(before.record) >= worth(best):
         return before
     return Champion(generation, best)
 

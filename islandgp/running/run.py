@@ -43,6 +43,7 @@ from islandgp.search.base import Search, SearchContext
 from islandgp.supervision.base import RunContext, Service, Supervisor, Witness
 from islandgp.supervision.library import Library, library_folder, read_library, read_tree
 from islandgp.tracking.base import Tracker
+from islandgp.trust import names_in, trust
 from islandgp.viewer.run_page import NAME_OF_PAGE
 
 
@@ -81,6 +82,7 @@ def run_context(settings: Settings, folder: Path | None = None) -> RunContext:
         adapt_mutation=settings.supervisor.adapt_mutation,
         inject=settings.supervisor.inject,
         edits=settings.supervisor.edits,
+        constraints=settings.constraints,
     )
 
 
@@ -190,6 +192,7 @@ def run(
         RunError: the folder belongs to another configuration or another process.
         EvaluationError, SupervisionError: the run cannot go on; what it has is kept.
     """
+    trust(names_in(config))  # the user's own, of whatever launcher's process
     config = redacted(config)
     target = choose(RunFolder(folder), settings, config)
     tracker: Tracker = settings.tracking.factory.make(settings.tracking.settings(), home)
@@ -301,23 +304,30 @@ def _evolve(
     axes, floor = plan.archive.axes(plan.classes), plan.archive.floor
     counts = archive_record(elites, axes, floor=floor)
     archive = ArchiveFile.of(plan.vocabulary.domain, axes, floor, elites, counts)
-    end = summary(target, fittest, best, settings.classes.milestones, most)
+    end = summary(
+        target,
+        fittest,
+        best,
+        settings.classes.milestones,
+        most,
+        constraints=settings.constraints,
+    )
     target.finish({**end, "stopped": stopped} if stopped else end, archive)
 
 
 def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> Best:
     """The run's best robot: its most promising trees race in worlds that trained no tree.
 
-    With gp.validation=0 it is the fittest individual of the last stage.
+    With gp.validation=0 it is the best individual of the last stage.
     """
     if settings.search.ranking == "evidence":
-        found = candidates_by_evidence(target.records())
+        found = candidates_by_evidence(target.records(), constraints=settings.constraints)
     else:
-        found = candidates(target.records(), settings.classes)
+        found = candidates(target.records(), settings.classes, constraints=settings.constraints)
     episodes = validation_episodes(settings, target)
     verdict: Validation | None = None
     if episodes < len(found):
-        winner = max(found, key=lambda c: c.trained)
+        winner = max(found, key=lambda c: c.merit)
     else:
         used: set[int] = set()
         stage = 0
@@ -332,6 +342,7 @@ def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> B
             settings.classes,
             episodes=episodes,
             yardstick=_yardstick(settings),
+            constraints=settings.constraints,
         )[0]
     born = next(target.records(winner.generation))
     own = next(i for i in born["individuals"] if i["id"] == winner.id)

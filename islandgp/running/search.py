@@ -36,6 +36,7 @@ from islandgp.running.run import Pruned
 from islandgp.running.sweep import Launch, end_ray, finish_sweep, jobs_in, launched
 from islandgp.running.sweep_job import attempt, fitted, sweep_entry
 from islandgp.running.sweep_progress import Start
+from islandgp.trust import names_in, trust
 
 RESULTS: Final = "optimization_results.yaml"
 """What Hydra's sweepers that search call the file of their results."""
@@ -253,6 +254,7 @@ def search_job(search: Search) -> Callable[[DictConfig], float | tuple[float, ..
         )
         with shown():
             try:
+                trust(names_in(ours))
                 settings = read_settings(ours)
                 found = choose(RunFolder(named), settings, redacted(ours))
             except (ConfigError, RunError) as error:

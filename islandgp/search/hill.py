@@ -81,7 +81,7 @@ class Hill:
         self, state: SearchState, evaluated: Sequence[Evaluated], advice: Advice
     ) -> SearchState:
         """See `Search`. Of equals the first stays: the parent, which has slot 0."""
-        best = max(evaluated, key=lambda e: e.fitness).individual
+        best = max(evaluated, key=lambda e: e.merit).individual
         return SearchState(
             state.generation + 1, Summit(Parent(best.id, best.tree), advice.tree, advice.edited)
         )

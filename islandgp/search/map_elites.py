@@ -10,8 +10,8 @@ Risi and Mouret 2019, "MAP-Elites for noisy domains by adaptive sampling" (GECCO
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
@@ -20,6 +20,14 @@ from pydantic import BaseModel, Field
 from islandgp.domain import Schema
 from islandgp.evolution.plan import Plan
 from islandgp.evolution.population import EditedTree, Evaluated, Individual, Tree
+from islandgp.scoring.constraints import (
+    NO_COUNTERS,
+    Merit,
+    limited,
+    merit,
+    running_mean,
+    violation,
+)
 from islandgp.search.base import Advice, SearchContext, SearchState
 from islandgp.search.breeding import Breeding, Parent, digest, first_generation, next_generation
 from islandgp.search.descriptor import Descriptor, cell, dimensions, faults, point
@@ -49,6 +57,7 @@ class Occupant:
     n: int  # generations in whose worlds it was evaluated
     fitness: float  # mean over these, points
     place: tuple[float, ...]  # mean over these, in the space of behaviours
+    counters: dict[str, float] = field(default_factory=dict)  # with limits, mean over these
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +97,7 @@ class MapElites:
             return first_generation(self.plan, streams, self.settings.breeding)
         best = [found[0] for found in self.cells(memory.occupants).values()]
         parents = [o.parent for o in best]
-        doubtful = sorted(best, key=lambda o: (o.n, -o.fitness))
+        doubtful = sorted(best, key=lambda o: (-o.n, self._merit(o)), reverse=True)
         most = round(self.settings.again * self.plan.gp.population)
 
         def pick(rng: np.random.Generator) -> tuple[Parent, Sequence[Parent]]:
@@ -114,7 +123,9 @@ class MapElites:
         known = {digest(o.parent.tree): o for o in before}
         for e in evaluated:
             key = digest(e.individual.tree)
-            known[key] = updated(known.get(key), e, point(self.dimensions, e.outcome))
+            place = point(self.dimensions, e.outcome)
+            counters = limited(e.outcome.counters, self.plan.constraints)
+            known[key] = updated(known.get(key), e, place, counters)
         cells = self.cells(tuple(known.values())).values()
         kept = tuple(o for found in cells for o in found[: self.settings.depth])
         return SearchState(state.generation + 1, Grid(kept, advice.tree, advice.edited))
@@ -122,16 +133,25 @@ class MapElites:
     def cells(self, occupants: Sequence[Occupant]) -> dict[tuple[int, ...], list[Occupant]]:
         """The occupants of each cell, the best first."""
         found: dict[tuple[int, ...], list[Occupant]] = {}
-        for o in sorted(occupants, key=lambda o: -o.fitness):
+        for o in sorted(occupants, key=self._merit, reverse=True):
             found.setdefault(cell(o.place, self.settings.bins), []).append(o)
         return found
 
+    def _merit(self, o: Occupant) -> Merit:
+        return merit(o.fitness, violation(o.counters, self.plan.constraints))
 
-def updated(before: Occupant | None, e: Evaluated, place: Sequence[float]) -> Occupant:
-    """The occupant with one more evaluation."""
+
+def updated(
+    before: Occupant | None,
+    e: Evaluated,
+    place: Sequence[float],
+    counters: Mapping[str, float] = NO_COUNTERS,
+) -> Occupant:
+    """The occupant with one more evaluation; `counters` are those with limits."""
     parent = Parent(e.individual.id, e.individual.tree)
     if before is None:
-        return Occupant(parent, 1, e.fitness, tuple(place))
+        return Occupant(parent, 1, e.fitness, tuple(place), dict(counters))
     n = before.n + 1
     means = (old + (new - old) / n for old, new in zip(before.place, place, strict=True))
-    return Occupant(parent, n, before.fitness + (e.fitness - before.fitness) / n, tuple(means))
+    fitness = before.fitness + (e.fitness - before.fitness) / n
+    return Occupant(parent, n, fitness, tuple(means), running_mean(before.counters, counters, n))

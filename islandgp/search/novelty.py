@@ -45,11 +45,11 @@ class NoveltySettings(BaseModel, frozen=True, extra="forbid"):
 
 @dataclass(frozen=True, slots=True)
 class Explored:
-    """The last generation, the most novel first, and places that were new before."""
+    """The last generation, the most novel first of those that break constraints as little."""
 
     parents: tuple[Parent, ...]
     fittest: tuple[Parent, ...]  # of these, the best first
-    archive: Places  # the oldest first
+    archive: Places  # that were new before, the oldest first
     given: Tree | None  # of the supervisor, to inject
     edited: tuple[EditedTree, ...] = ()  # of the supervisor
 
@@ -105,11 +105,12 @@ class Novelty:
         places = tuple(point(self.dimensions, e.outcome) for e in evaluated)
         new = novelty(places, archive, self.settings.neighbours)
         order = sorted(range(len(places)), key=lambda k: -new[k])
-        fittest = sorted(range(len(places)), key=lambda k: -evaluated[k].fitness)
+        able = sorted(order, key=lambda k: evaluated[k].violation)
+        fittest = sorted(range(len(places)), key=lambda k: evaluated[k].merit, reverse=True)
         parents = [Parent(e.individual.id, e.individual.tree) for e in evaluated]
         grown = (*archive, *(places[k] for k in order[: self.settings.added]))
         explored = Explored(
-            parents=tuple(parents[k] for k in order),
+            parents=tuple(parents[k] for k in able),
             fittest=tuple(parents[k] for k in fittest[: self.settings.fittest]),
             archive=grown[max(0, len(grown) - self.settings.archive) :],
             given=advice.tree,

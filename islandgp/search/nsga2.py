@@ -99,8 +99,9 @@ class Nsga2:
     ) -> SearchState:
         """See `Search`."""
         points = np.array([[_value(e, name) for name in self.objectives] for e in evaluated])
+        broken = [e.violation for e in evaluated]
         most = max(2, round(self.settings.survivors * len(evaluated)))
-        individuals = [evaluated[k].individual for k in crowded_order(points)[:most]]
+        individuals = [evaluated[k].individual for k in crowded_order(points, broken)[:most]]
         parents = tuple(Parent(i.id, i.tree) for i in individuals)
         return SearchState(state.generation + 1, Survivors(parents, advice.tree, advice.edited))
 

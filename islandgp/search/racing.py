@@ -10,8 +10,8 @@ Moore 1994) and bandits.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from math import sqrt
 from typing import Any, ClassVar
 
@@ -28,6 +28,14 @@ from islandgp.evolution.population import (
     Origin,
     Tree,
     edited_individuals,
+)
+from islandgp.scoring.constraints import (
+    NO_COUNTERS,
+    Merit,
+    limited,
+    merit,
+    running_mean,
+    violation,
 )
 from islandgp.search.base import Advice, SearchContext, SearchState
 from islandgp.search.breeding import Breeding, Parent, children, digest, random_individuals
@@ -58,6 +66,7 @@ class Entry:
     fitness: tuple[tuple[int, float], ...]  # (generation, points), oldest first
     bonus: float  # for milestones and behaviours, in standard deviations; mean over these
     trace: str  # of its last outcome: two trees with equal traces did the same
+    counters: dict[str, float] = field(default_factory=dict)  # with limits, mean over these
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +153,8 @@ class Racing:
         known = {digest(e.tree): e for e in memory.entries}
         keys = [digest(e.individual.tree) for e in evaluated]
         for key, e in zip(keys, evaluated, strict=True):
-            known[key] = updated(known.get(key), e, self._bonus(e), state.generation)
+            counters = limited(e.outcome.counters, self.plan.constraints)
+            known[key] = updated(known.get(key), e, self._bonus(e), state.generation, counters)
         ranked = distinct(self._ranked(list(known.values()), -1.0), state.generation)
         tried = tuple(dict.fromkeys((*memory.tried, *keys)))[-TRIED:]
         most = max(2, round(self.settings.survivors * self.plan.gp.population))
@@ -161,28 +171,45 @@ class Racing:
         return how.milestone * reached + how.behaviour * len(classes.shown(e.outcome.counters))
 
     def _ranked(self, entries: Sequence[Entry], side: float) -> list[Entry]:
-        """Best first, by a bound of an entry's worth: the lower for side=-1, the upper for 1."""
+        """Best first, by a bound of an entry's worth: the lower for side=-1, the upper for 1.
+
+        Constraints come first, by the means over all episodes.
+        """
         how = self.settings
         levels, sd = estimate([dict(e.fitness) for e in entries])
 
-        def bound(k: int) -> float:
+        def bound(k: int) -> Merit:
             e = entries[k]
             worth = e.bonus - how.parsimony * size(e.tree)
-            return levels[k] + sd * (worth + side * how.caution / sqrt(len(e.fitness)))
+            points = levels[k] + sd * (worth + side * how.caution / sqrt(len(e.fitness)))
+            return merit(points, violation(e.counters, self.plan.constraints))
 
         return [entries[k] for k in sorted(range(len(entries)), key=bound, reverse=True)]
 
 
-def updated(before: Entry | None, e: Evaluated, bonus: float, generation: int) -> Entry:
-    """The entry of a tree with one more evaluation."""
+def updated(
+    before: Entry | None,
+    e: Evaluated,
+    bonus: float,
+    generation: int,
+    counters: Mapping[str, float] = NO_COUNTERS,
+) -> Entry:
+    """The entry of a tree with one more evaluation; `counters` are those with limits."""
     i = e.individual
     trace = repr((e.fitness, sorted(e.outcome.components.items())))
     now = (generation, e.fitness)
     if before is None:
-        return Entry(i.id, i.tree, (now,), bonus, trace)
+        return Entry(i.id, i.tree, (now,), bonus, trace, dict(counters))
     n = len(before.fitness) + 1
     mean = before.bonus + (bonus - before.bonus) / n
-    return replace(before, id=i.id, fitness=(*before.fitness, now), bonus=mean, trace=trace)
+    return replace(
+        before,
+        id=i.id,
+        fitness=(*before.fitness, now),
+        bonus=mean,
+        trace=trace,
+        counters=running_mean(before.counters, counters, n),
+    )
 
 
 def distinct(entries: Sequence[Entry], generation: int) -> list[Entry]:

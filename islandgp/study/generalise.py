@@ -19,7 +19,7 @@ from typing import Final
 from pydantic import ValidationError
 
 from islandgp.domain import Outcome
-from islandgp.errors import RunError, StudyError
+from islandgp.errors import RunError, StudyError, UntrustedError
 from islandgp.evaluation.base import Evaluator, Job, Problem
 from islandgp.evolution.validation import worlds_of
 from islandgp.scoring.classes import tiers
@@ -143,9 +143,16 @@ def _outcomes(evaluator: Evaluator, jobs: Iterable[Job]) -> dict[Job, Outcome]:
 
 
 def problem_of(run: Run) -> Problem:
-    """What the trees of a run were evaluated in. Raises StudyError where it cannot be imported."""
+    """What the trees of a run were evaluated in.
+
+    Raises:
+        StudyError: its domain cannot be imported.
+        UntrustedError: only the run names its domain.
+    """
     try:
         return Problem.recorded(run.config)
+    except UntrustedError:
+        raise
     except RunError as error:
         cause = error.__cause__
         found = cause.errors()[0]["msg"] if isinstance(cause, ValidationError) else error

@@ -26,6 +26,7 @@ from islandgp.evolution.branches import branches_of, fine
 from islandgp.evolution.edits import Edit, Path, nodes_with_paths, written
 from islandgp.evolution.record import IndividualRecord
 from islandgp.scoring.classes import Classes
+from islandgp.scoring.constraints import Constraints, merit, violation
 from islandgp.scoring.state import PopulationState
 from islandgp.search.compose import library_branches
 from islandgp.supervision.base import Guidance, RunContext, Seen
@@ -146,6 +147,14 @@ def widened(asked: Asked, vocabulary: Vocabulary) -> float | None:
     return None if number == asked.number else number
 
 
+def best_of(individuals: Sequence[IndividualRecord], constraints: Constraints) -> IndividualRecord:
+    """The fittest of those that keep all constraints; if there is none, the one that breaks least.
+
+    Of equals the first.
+    """
+    return max(individuals, key=lambda i: merit(i.fitness, violation(i.counters, constraints)))
+
+
 class Editor:
     """See the module. Deterministic, but for the controls that draw."""
 
@@ -223,7 +232,7 @@ class Editor:
 
     def edits(self, seen: Seen, rng: np.random.Generator) -> list[tuple[str, Edit]]:
         """At most as many as the run takes, each with the counter that it is for."""
-        fittest = max(seen.individuals, key=lambda i: i.fitness)
+        fittest = best_of(seen.individuals, self.context.constraints)
         each: dict[str, Iterator[Edit]] = {}
         found: list[tuple[str, Edit]] = []
         for r in self.wanted(fittest):

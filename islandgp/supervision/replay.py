@@ -24,6 +24,7 @@ from islandgp.supervision.llm.capabilities import Dialect, Dialects
 from islandgp.supervision.llm.message import Failure, Reply, Request
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.transcript import Call, Transcript, find_transcript
+from islandgp.trust import must_trust_code
 
 
 class ReplaySettings(BaseModel, frozen=True, extra="forbid"):
@@ -54,11 +55,16 @@ class Replay:
 
     @classmethod
     def make(cls, settings: ReplaySettings, context: RunContext) -> Replay:
-        """See `Supervisor`."""
+        """See `Supervisor`.
+
+        Raises:
+            UntrustedError: only the transcript names the class of its fallback.
+        """
         path = settings.path()
         transcript = Transcript(path, fixed=True)
         try:
             start = transcript.start or {}
+            must_trust_code(start.get("settings") or {})
             recorded = LLMSettings.model_validate(start["settings"])
             if start["dialect"] is not None:
                 made_of(Dialect, start["dialect"])

@@ -9,16 +9,21 @@ from islandgp.domain import total
 from islandgp.evolution.edit_fates import EditFate, edit_fates
 from islandgp.evolution.record import GenerationRecord, GuidanceRecord
 from islandgp.plain import typed
+from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, merit, violation
 from islandgp.supervision.decisions import Decisions, decisions
 
 COSTS = {"evaluation": "evaluation_s", "supervision": "supervision_s", "operators": "operators_s"}
 """Costs whose metric says the unit; the others keep their names."""
 
 
-def metrics(record: Mapping[str, Any], cost: Mapping[str, Any]) -> dict[str, float]:
+def metrics(
+    record: Mapping[str, Any],
+    cost: Mapping[str, Any],
+    constraints: Constraints = NO_CONSTRAINTS,
+) -> dict[str, float]:
     """One generation's metrics, from its lines in generations.jsonl and costs.jsonl."""
     return {
-        **_fitness(record),
+        **_fitness(record, constraints),
         **_population(record),
         **_archive(record),
         **_supervision(record),
@@ -27,15 +32,23 @@ def metrics(record: Mapping[str, Any], cost: Mapping[str, Any]) -> dict[str, flo
     }
 
 
-def _fitness(record: Mapping[str, Any]) -> dict[str, float]:
-    s = record["snapshot"]
-    best = max(record["individuals"], key=lambda i: i["fitness"])
+def _fitness(record: Mapping[str, Any], constraints: Constraints) -> dict[str, float]:
+    s, individuals = record["snapshot"], record["individuals"]
+    broken = [violation(i["counters"], constraints) for i in individuals]
+    least, best = max(
+        zip(broken, individuals, strict=True), key=lambda pair: merit(pair[1]["fitness"], pair[0])
+    )
+    limits = {
+        "constraints/feasible": broken.count(0.0) / len(broken),
+        "constraints/violation_of_best": least,
+    }
     return {
         "fitness/max": s["best"],
         "fitness/mean": s["mean"],
         "fitness/sd": s["sd"],
         "size/best": best["nodes"],
         **{f"components/{name}": points for name, points in best["components"].items()},
+        **(limits if constraints else {}),
     }
 
 

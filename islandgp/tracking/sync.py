@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from islandgp.errors import IslandError
-from islandgp.evaluation.base import check_version
+from islandgp.evaluation.base import check_version, must_trust_domain
 from islandgp.records.folder import RunFolder, Status, run_folders
 from islandgp.records.sweep_folder import SweepFolder
 from islandgp.tracking.mirror import Mirror, kept, up_to_date
@@ -58,6 +58,8 @@ def sync(
                 done.known.append(folder.path)
                 continue
             check_version(folder.configuration())
+            if folder.finished():  # its replay is made of an episode
+                must_trust_domain(folder.configuration())
             Mirror(folder, _store(stores, where, preparing), alive).send(folder.status())
             done.sent.append(folder.path)
             alive()

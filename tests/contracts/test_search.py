@@ -27,6 +27,7 @@ from islandgp.evolution.record import RunState, Step
 from islandgp.plain import plain
 from islandgp.records.checkpoint import read_checkpoint, save_state
 from islandgp.running.run import make_search, plan_of
+from islandgp.scoring.constraints import violation
 from islandgp.search.base import USES, Search, SearchContext
 from islandgp.supervision.base import Seen, Supervisor
 from tests.composed import composed
@@ -320,6 +321,52 @@ def test_a_tree_is_injected_once(case: Case) -> None:
         assert guidance is not None
         given = [i for i in after.record.individuals if i.origin == "injected"]
         assert len(given) == int(guidance.injected)
+
+
+LIMITED = ("constraints={pickups: {at_most: 0}, distance: {at_most: 1500}}",)
+"""About a sixth of the fake's outcomes keep these."""
+
+
+@cache
+def limited(case: Case) -> list[Step]:
+    """A run with constraints, under which fit individuals mostly break one."""
+    return case.run(*LIMITED)
+
+
+def broken(case: Case, counters: Mapping[str, float]) -> float:
+    """The violation of counters."""
+    return violation(counters, case.settings(*LIMITED).constraints)
+
+
+def test_feasible_comes_before_fit(case: Case) -> None:
+    """The champion is the best by Deb's rules, and few individuals of the end break a limit.
+
+    Random search draws its trees from the same distribution all along.
+    """
+    steps = limited(case)
+    everyone = [i for step in steps for i in step.record.individuals]
+    worth = {i.id: (-broken(case, i.counters), i.fitness) for i in everyone}
+    best = max(everyone, key=lambda i: worth[i.id])
+    assert worth[steps[-1].champion.record.id] == worth[best.id]
+    if case.name in FEWER or case.name == "random":
+        return
+    free, bound = (
+        sum(not broken(case, i.counters) for step in steps[4:] for i in step.record.individuals)
+        for steps in (case.run(), limited(case))
+    )
+    assert bound > free
+
+
+def test_resuming_with_constraints_changes_nothing(case: Case, tmp_path: Path) -> None:
+    """What a search remembers of the limited counters is in its checkpoint."""
+    steps = limited(case)
+    for step in steps[1:5:2]:
+        assert step.state is not None
+        save_state(tmp_path / "checkpoint.json", step.state)
+        found, _ = read_checkpoint(tmp_path / "checkpoint.json")
+        start = replace(found, history=step.state.history)
+        rest = case.run(*LIMITED, start=start)
+        assert list(lines(rest)) == list(lines(steps))[start.generation :]
 
 
 def test_a_run_of_one_generation(case: Case) -> None:

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from islandgp.bt.language import parse
@@ -25,11 +25,12 @@ from tests.evolution.runs import Says, lines, plan, records, run
 from tests.flatten import version_1
 from tests.goldens import FOLDER, check_golden
 from tests.made import outcome
+from tests.profiles import examples
 
 CHARGER = parse("sequence { SeekCharger ExecuteCharge }")
 
 
-@settings(max_examples=15)
+@examples(max_examples=15)
 @given(seed=st.integers(0, 2**63 - 1), rate=st.floats(0, 1))
 def test_populations_stay_whole(seed: int, rate: float) -> None:
     """Every generation has N individuals, named by slot, and every tree keeps the limits."""

@@ -18,6 +18,8 @@ import pytest
 from islandgp.domains.island.vocabulary import SCHEMA
 from tests.running.commands import ROOT
 
+pytestmark = pytest.mark.process
+
 TEXT = (ROOT / "docs/extending.md").read_text(encoding="utf-8")
 COPIED = ("islandgp", "conf", "grammar", "prompts", "tests", "pyproject.toml")
 SMALL = ("gp.generations=3", "gp.population=12", "world.episode.length=20", "progress=off")

@@ -35,6 +35,7 @@ VOCABULARY: Final = Vocabulary(
             statuses=frozenset({FAILURE, SUCCESS}),
             to_start=(_GARBAGE, _ROOM),
             changes=_LESS_ROOM,
+            after=("MoveToGarbage",),
         ),
         "SeekCharger": Action(
             "drives to the nearest charger; succeeds on arrival", statuses=_ARRIVES
@@ -44,6 +45,7 @@ VOCABULARY: Final = Vocabulary(
             " fails away from a charger or at 50 % and above",
             to_start=(_NOT_FULL,),
             to_succeed=(_FULL,),
+            after=("SeekCharger",),
         ),
         "MoveToHumanoid": Action(
             "drives to the nearest humanoid in sight that asks for clearing and takes over its"
@@ -57,6 +59,7 @@ VOCABULARY: Final = Vocabulary(
             " unloaded, fails with a penalty when the robot is empty",
             to_succeed=(_LOAD,),
             changes={"robotCurrentExtraCapacity": 1},
+            after=("MoveToHumanoid", "PickupGarbage"),
         ),
         "PatrolWaypoint": Action(
             "drives to the next patrol waypoint; succeeds on arrival", statuses=_ARRIVES

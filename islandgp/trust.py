@@ -1,0 +1,107 @@
+"""What a run's folder may make this process import or contact.
+
+A folder may come from a stranger. The classes and servers that its configuration names are used
+only if the user's own configuration or command names them as well.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, Final
+
+from islandgp.errors import UntrustedError
+from islandgp.resources import resource
+
+EVERYTHING: Final = "*"
+"""A name that trusts all others: `--trust`."""
+
+PLAIN: Final = frozenset({"tags", "name", "runs", "start", "resume", "progress", "objectives"})
+"""Top-level keys of a configuration whose values name neither code nor servers."""
+
+CODE: Final = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.-]*")
+"""A class, a function or an environment as "module:name"."""
+
+SERVER: Final = re.compile(r"https?://\S+")
+
+_trusted: Final[set[str]] = set()
+
+
+def trust(names: Iterable[str]) -> None:
+    """Lets runs' folders use these classes, functions and servers in this process."""
+    _trusted.update(names)
+
+
+@contextmanager
+def trusting() -> Iterator[None]:
+    """What is trusted inside is not trusted afterwards."""
+    before = trusted()
+    try:
+        yield
+    finally:
+        _trusted.intersection_update(before)
+
+
+def trusted() -> frozenset[str]:
+    """What has been trusted so far, to be handed to another process."""
+    return frozenset(_trusted)
+
+
+def is_trusted(name: str) -> bool:
+    """True for code of this package, and for what `trust` was called with."""
+    return name.startswith("islandgp.") or bool({name, EVERYTHING} & _trusted)
+
+
+def code_in(config: Any, key: str = "") -> Iterator[str]:
+    """The code that a configuration names: each `factory`, and all "module:name"."""
+    if isinstance(config, Mapping):
+        for inner, value in config.items():
+            yield from code_in(value, str(inner))
+    elif isinstance(config, list | tuple):
+        for value in config:
+            yield from code_in(value, key)
+    elif isinstance(config, str) and (key == "factory" or CODE.fullmatch(config)):
+        yield config
+
+
+def must_trust_code(config: Any) -> None:
+    """Raises UntrustedError where a run's configuration names code that is not trusted."""
+    if isinstance(config, Mapping):
+        config = {key: value for key, value in config.items() if key not in PLAIN}
+    for name in code_in(config):
+        if not is_trusted(name):
+            raise UntrustedError(
+                f"Expected code that your own configuration names, found {name!r}, which only the"
+                " run names; give --config-dir FOLDER with a file that names it, or --trust."
+            )
+
+
+def names_in(config: Mapping[str, Any]) -> set[str]:
+    """The code that a configuration of the user's names, and the server of its tracking."""
+    found = set(code_in(config))
+    tracking = config.get("tracking", config)
+    policy = tracking.get("policy") if isinstance(tracking, Mapping) else None
+    uri = policy.get("uri") if isinstance(policy, Mapping) else None
+    return found | {server_name(uri)} if isinstance(uri, str) else found
+
+
+def server_name(uri: str) -> str:
+    """An address without a user's name and password, and without a slash at its end."""
+    return re.sub(r"(?<=://)[^/\s]*@", "", uri).rstrip("/")
+
+
+def trust_folder(folder: Path) -> None:
+    """Trusts what the groups of a user's folder of configuration name.
+
+    Files that are not YAML are passed over: who composes a configuration of them reports it.
+    """
+    import yaml
+
+    for group in sorted(path.name for path in resource("conf").iterdir() if path.is_dir()):
+        for file in sorted((folder / group).rglob("*.yaml")):
+            with suppress(OSError, ValueError, yaml.YAMLError):
+                found = yaml.safe_load(file.read_text(encoding="utf-8"))
+                if isinstance(found, Mapping):
+                    trust(names_in(found))
