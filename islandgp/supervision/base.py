@@ -17,7 +17,7 @@ from islandgp.evolution.archive import Elite
 from islandgp.evolution.edits import Edit, EditTrial
 from islandgp.evolution.record import GuidanceRecord, IndividualRecord
 from islandgp.scoring.classes import Classes
-from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints
+from islandgp.scoring.constraints import Constraints
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import Crisis, PopulationState
 from islandgp.supervision.library import Library
@@ -90,7 +90,9 @@ class RunContext:
     adapt_mutation: bool  # False: rates are not used, and need not be worked out
     inject: bool  # False: trees are not used, and need not be worked out
     edits: int = 0  # edits that are used at most; the others are refused
-    constraints: Constraints = NO_CONSTRAINTS  # who breaks one is worse than who keeps all
+    constraints: Constraints = field(
+        default_factory=dict
+    )  # who breaks one is worse than who keeps all
     coming: frozenset[Path] = frozenset()  # folders of runs that the same command makes before
 
 

@@ -29,7 +29,7 @@ PAIR = "sequence { MoveToGarbage PickupGarbage }"
 BRANCH = parse("when isHumanoidWantToClear { MoveToHumanoid }")
 WIDE = Limits(8, 50)
 
-CHANGES: list[tuple[str, dict[str, Any], str, str]] = [
+CHANGES: list[tuple[str, dict[str, Any], str, str | None]] = [
     # kind, fields, tree, what it becomes; B is BRANCH
     ("front", {}, LIST, "selector { B when batteryLevel < 20 { SeekCharger } P }"),
     ("front", {"at": "1"}, LIST, "selector { when batteryLevel < 20 { SeekCharger } B P }"),
