@@ -82,6 +82,8 @@ def run_context(settings: Settings, folder: Path | None = None) -> RunContext:
         crisis=settings.gp.crisis,
         adapt_mutation=settings.supervisor.adapt_mutation,
         inject=settings.supervisor.inject,
+        edits=settings.supervisor.edits,
+        constraints=settings.constraints,
     )
 
 
@@ -269,7 +271,8 @@ def _evolve(
     stopped = ""
     elites: tuple[Elite, ...] = ()
     plan = plan_of(settings, settings.make_domain())
-    past = target.generations() if done and isinstance(supervisor, Witness) else ()
+    needed = isinstance(supervisor, Witness) or plan.switches.edits
+    past = target.generations() if done and needed else ()
     search = make_search(settings, plan)
     steps = evolve(
         plan, settings.seed, supervisor, evaluator, search=search, start=start, past=past

@@ -21,7 +21,14 @@ from pydantic import BaseModel, Field
 from islandgp.bt.node import Node, size
 from islandgp.evolution.evidence import estimate
 from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import Evaluated, Individual, Origin, Tree
+from islandgp.evolution.population import (
+    EditedTree,
+    Evaluated,
+    Individual,
+    Origin,
+    Tree,
+    edited_individuals,
+)
 from islandgp.scoring.constraints import (
     NO_COUNTERS,
     Merit,
@@ -76,7 +83,8 @@ class Evidence:
     entries: tuple[Entry, ...]
     tree: Tree | None  # of the supervisor, to inject
     tried: tuple[str, ...]  # digests of trees
-    contenders: tuple[Contender, ...]  # the last generation; () without specialists
+    contenders: tuple[Contender, ...] = ()  # the last generation; () without specialists
+    edited: tuple[EditedTree, ...] = ()  # of the supervisor
 
 
 TRIED = 3000  # trees that are remembered as tried
@@ -87,7 +95,7 @@ class Racing:
 
     Settings = RacingSettings
     Memory: ClassVar[Any] = Evidence
-    uses: ClassVar[frozenset[str]] = frozenset({"tree"})
+    uses: ClassVar[frozenset[str]] = frozenset({"tree", "edits"})
 
     @classmethod
     def make(cls, settings: RacingSettings, context: SearchContext) -> Racing:
@@ -102,7 +110,7 @@ class Racing:
 
     def start(self) -> SearchState:
         """See `Search`."""
-        return SearchState(0, Evidence((), None, (), ()))
+        return SearchState(0, Evidence((), None, ()))
 
     def ask(self, state: SearchState, streams: Streams) -> tuple[Individual, ...]:
         """See `Search`."""
@@ -111,6 +119,7 @@ class Racing:
         asked = self._again(memory, g) if g else self._first(streams)
         if memory.tree is not None:
             asked.append(Individual(f"{g}.{len(asked)}", memory.tree, Origin.INJECTED))
+        asked += edited_individuals(memory.edited, g, len(asked))
         slots = range(len(asked), self.plan.gp.population)
         tried = {*memory.tried, *(digest(i.tree) for i in asked)}
         common = self.plan.space, how.breeding, tried
@@ -144,7 +153,7 @@ class Racing:
         """Survivors that meet the generation's worlds: those with the highest upper bounds."""
         likely = self._ranked(memory.entries, 1.0)
         n = self.plan.gp.population
-        most = min(max(1, round(self.settings.again * n)), n - 2)
+        most = min(max(1, round(self.settings.again * n)), n - 2 - len(memory.edited))
         return [
             Individual(f"{generation}.{slot}", e.tree, Origin.ELITE, (e.id,))
             for slot, e in enumerate(likely[:most])
@@ -166,7 +175,7 @@ class Racing:
         kept = tuple(ranked[:most])
         several = self.settings.specialists and self.plan.gp.episodes > 1
         contenders = tuple(contender(e, e.episodes) for e in evaluated) if several else ()
-        evidence = Evidence(kept, advice.tree, tried, contenders)
+        evidence = Evidence(kept, advice.tree, tried, contenders, advice.edited)
         return SearchState(state.generation + 1, evidence)
 
     def _bonus(self, e: Evaluated) -> float:
