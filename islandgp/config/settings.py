@@ -178,6 +178,11 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
                 f"supervisor.lag: expected less than gp.generations={self.gp.generations},"
                 f" found {self.supervisor.lag}"
             )
+        if self.supervisor.edits > self.gp.population - 3:
+            raise ValueError(
+                f"supervisor.edits: expected at most gp.population - 3 = {self.gp.population - 3}"
+                f" slots, found {self.supervisor.edits}"
+            )
         if taken := [tag for tag in self.tags if tag in OWN_TAGS or tag.startswith(MACHINES_TAGS)]:
             raise ValueError(
                 f"tags.{taken[0]}: expected a name of your own, found one that every run has;"
