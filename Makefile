@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 
 help:            ## list the targets
-	@sed -nE 's/^([a-z-]+):.*## *(.*)/\1|\2/p' $(MAKEFILE_LIST) | awk -F'|' '{printf "  make %-12s %s\n", $$1, $$2}'
+	@sed -nE 's/^([a-z-]+):.*## *(.*)/\1|\2/p' $(MAKEFILE_LIST) | awk -F'|' '{printf "  make %-14s %s\n", $$1, $$2}'
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -23,11 +23,30 @@ lint: $(STAMP)   ## ruff and mypy
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-test: lint       ## lint, types and the fast tests
-	$(BIN)/python -m pytest -n auto -m 'not slow'
+UNIT := 'not slow and not process and not packaging'
+# worksteal keeps the tests of a module in one process, which makes their fixtures once.
+PYTEST := $(BIN)/python -m pytest -n auto --dist worksteal
 
-test-slow: $(STAMP) ## the long, exhaustive tests
-	$(BIN)/python -m pytest -n auto --timeout 3600 -m slow
+test: lint test-unit test-process test-packaging ## lint, types and the tests of a change: three minutes
+
+test-unit: $(STAMP) ## the tests that start no process
+	$(PYTEST) -m $(UNIT)
+
+test-process: $(STAMP) ## the tests with processes, a browser, MLflow
+	$(PYTEST) -m 'process and not slow and not packaging'
+
+test-packaging: $(STAMP) ## the tests of the wheel
+	$(PYTEST) -m 'packaging and not slow'
+
+test-slow: $(STAMP) ## nightly: long and exhaustive tests, and more examples for all others
+	$(PYTEST) --timeout 3600 -m slow
+	$(PYTEST) --timeout 3600 --hypothesis-profile nightly -m $(UNIT)
+
+coverage: $(STAMP) ## lines and branches that the unit tests reach
+	$(PYTEST) -m $(UNIT) --cov
+
+mutants: $(STAMP) ## which changes of the core the unit tests notice
+	$(BIN)/python -m tests.mutants $(ARGS)
 
 INPUTS := 50000
 fuzz: $(STAMP)   ## hostile input for all readers: INPUTS=50000 SEED=0
@@ -100,4 +119,4 @@ ui: $(STAMP)     ## start the MLflow UI on this folder's runs
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
 
-.PHONY: help setup run lint test test-slow btcpp fuzz torture gateways axe vscode bench demo-llm study ablations study-worlds comparators docs ui clean
+.PHONY: help setup run lint test test-unit test-process test-packaging test-slow coverage mutants btcpp fuzz torture gateways axe vscode bench demo-llm study ablations study-worlds comparators docs ui clean

@@ -1,6 +1,7 @@
 """All searches at equal episodes in five worlds: `make comparators`; the plan is in docs/log.md.
 
     python docs/comparators.py [--seeds N] [--worlds A,B] [--arms "A;B"] [--report]
+    python docs/comparators.py --random-trees [--worlds A,B]
 
 Runs what is missing in `runs/`, evaluates each run's best robot in worlds that chose nothing, and
 writes docs/comparators/: raw scores, a table, profiles. It can be stopped and started again at
@@ -12,7 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
@@ -20,6 +21,9 @@ from time import process_time
 from typing import Any, Final
 
 import islandgp
+from islandgp.bt.language import to_text
+from islandgp.search.breeding import random_individuals
+from islandgp.seeding import Streams
 from islandgp.study.figures.profiles import profile_picture
 from islandgp.study.profiles import Scores, summarise
 from islandgp.study.tables.scores import score_table, scores_csv
@@ -29,6 +33,8 @@ FOLDER: Final = ROOT / "docs" / "comparators"
 RAW: Final = FOLDER / "scores.json"
 SEEDS: Final = range(9000, 9020)  # of runs; nothing was tuned on them
 UNSEEN: Final = range(200_000, 200_100)  # of worlds
+RANDOM: Final = 400  # random trees of each kind
+UNSEEN_OF_RANDOM: Final = range(300_000, 300_000 + RANDOM)  # a world for each of them
 REFERENCE: Final = "random"
 QUIET: Final = ("tracking=off", "progress=off")
 
@@ -154,6 +160,34 @@ def report(raw: dict[str, Any]) -> None:
     profile_picture(table, label="Mean in unseen worlds").save(FOLDER)
 
 
+def random_trees(names: Sequence[str]) -> None:
+    """The table of how many random trees do anything: RANDOM of each kind, a world each."""
+    lines = [
+        "| world | random trees | earn points | show a behaviour | highest fitness |",
+        "|---|---|---:|---:|---:|",
+    ]
+    for name in names:
+        world = WORLDS[name]
+        for kind in ("branches", "paper"):
+            words = ("search=racing", f"search/breeding={kind}", *world.words, *QUIET)
+            experiment = islandgp.compose(*words, config_dir=world.config_dir)
+            settings = experiment.settings
+            plan = settings.plan(settings.make_domain())
+            how = settings.search.settings().breeding
+            trees = random_individuals(Streams(9000), 0, range(RANDOM), plan.space, how, set())
+            outcomes = [
+                experiment.evaluate(to_text(i.tree), [world_seed])[0]
+                for i, world_seed in zip(trees, UNSEEN_OF_RANDOM, strict=True)
+            ]
+            earn = fmean(any(v > 0 for v in o.components.values()) for o in outcomes)
+            show = fmean(bool(plan.classes.shown(o.counters)) for o in outcomes)
+            best = max(o.fitness for o in outcomes)
+            lines.append(f"| {name} | {kind} | {earn:.0%} | {show:.0%} | {best:,.0f} |")
+            print(lines[-1], flush=True)
+    FOLDER.mkdir(exist_ok=True)
+    (FOLDER / "random_trees.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
 def main() -> None:
     """Runs, measures and writes."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -161,6 +195,7 @@ def main() -> None:
     parser.add_argument("--worlds", default=",".join(WORLDS), help="names, with commas")
     parser.add_argument("--arms", default=";".join(ARMS), help="names, with semicolons")
     parser.add_argument("--report", action="store_true", help="only write the report")
+    parser.add_argument("--random-trees", action="store_true", help="only the table of these")
     options = parser.parse_args()
     sys.path.insert(0, str(PICK_PLACE))
     names = options.worlds.split(",")
@@ -169,20 +204,28 @@ def main() -> None:
     arms = options.arms.split(";")
     if unknown := [arm for arm in arms if arm not in ARMS]:
         parser.error(f"expected arms among {'; '.join(ARMS)}, found {unknown[0]}")
+    if options.random_trees:
+        random_trees(names)
+    else:
+        compare_searches(names, arms, range(0) if options.report else SEEDS[: options.seeds])
+
+
+def compare_searches(names: Sequence[str], arms: Sequence[str], seeds: Iterable[int]) -> None:
+    """Measure what is missing of these worlds, arms and seeds, and write the report."""
     raw: dict[str, Any] = {"by_hand": {}, "scores": {}}
     if RAW.exists():
         raw = json.loads(RAW.read_text(encoding="utf-8"))
-    for seed in () if options.report else SEEDS[: options.seeds]:
+    for seed in seeds:
         for name in names:  # seed by seed: what is stopped has as many of each arm
             raw["by_hand"].setdefault(name, None)
             if raw["by_hand"][name] is None:
                 raw["by_hand"][name] = by_hand(name)
             for arm in (arm for arm in arms_of(WORLDS[name]) if arm in arms):
-                seeds = raw["scores"].setdefault(name, {}).setdefault(arm, {})
-                if str(seed) not in seeds:
-                    seeds[str(seed)] = measured(name, arm, seed)
+                known = raw["scores"].setdefault(name, {}).setdefault(arm, {})
+                if str(seed) not in known:
+                    known[str(seed)] = measured(name, arm, seed)
                     write_raw(raw)
-                    print(f"{name} {arm} {seed}: {seeds[str(seed)]['score']:,.1f}", flush=True)
+                    print(f"{name} {arm} {seed}: {known[str(seed)]['score']:,.1f}", flush=True)
     report(raw)
 
 

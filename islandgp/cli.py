@@ -17,6 +17,7 @@ from islandgp.running.printing import printed, shown
 COMMANDS: Final[dict[str, str]] = {
     "run": "evolve trees: the same as python -m islandgp",
     "check": "look for errors and doubtful places in tree files",
+    "verify-tree": "prove or refute rules such as never ACTION while CONDITION",
     "fmt": "bring tree files into the canonical form",
     "show": "draw a tree",
     "simplify": "shorten a tree without changing what it does",

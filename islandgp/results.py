@@ -4,13 +4,15 @@
     results.generations.groupby(["arm", "generation"])["best"].mean()
 
 Column names with a dot belong to the domain or the experiment: `tiers.complete`,
-`components.delivery`, `counters.deliveries`, `cell.deliveries`. COLUMNS says what the others mean.
+`components.delivery`, `counters.deliveries`, `cell.deliveries`. With constraints,
+`constraints.violation` is 0 where all are kept, `constraints.feasible` a share of individuals or
+worlds that keep them. COLUMNS says what the others mean.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -19,12 +21,19 @@ import yaml
 
 from islandgp.errors import RunError
 from islandgp.evaluation.base import check_version
+from islandgp.evolution.edit_fates import edit_fates
 from islandgp.records.archive_file import NAME as ARCHIVE
 from islandgp.records.archive_file import read_archive
 from islandgp.records.checkpoint import damaged, reading
 from islandgp.records.files import values
 from islandgp.records.folder import RunFolder, run_folders
 from islandgp.records.sweep_folder import arm_of
+from islandgp.scoring.constraints import (
+    Constraints,
+    feasible_share,
+    recorded_constraints,
+    violation,
+)
 
 if TYPE_CHECKING:
     from pandas import DataFrame  # type: ignore[import-untyped] # its stubs are a package apart
@@ -56,6 +65,28 @@ class Results:
     def individuals(self) -> DataFrame:
         """One row an individual."""
         return _frame("individuals", self._rows(_individuals))
+
+    @cached_property
+    def edits(self) -> DataFrame:
+        """One row an edit that a supervisor advised, with what became of it."""
+        return _frame("edits", self._edits())
+
+    def _edits(self) -> Iterator[dict[str, Any]]:
+        for folder in self.folders:
+            labels = self._labels(folder)
+            for fate in edit_fates(folder.generations()):
+                trial, edit = fate.trial, asdict(fate.edit)
+                yield {
+                    **{name: labels[name] for name in ("run", "arm", "seed")},
+                    **{name: value for name, value in edit.items() if name in COLUMNS["edits"]},
+                    "generation": fate.generation,
+                    "source": fate.source,
+                    "id": None if trial is None else trial.id,
+                    "fitness": None if trial is None else trial.fitness,
+                    "parent_fitness": None if trial is None else trial.parent_fitness,
+                    "children": fate.children,
+                    "lived": fate.lived,
+                }
 
     @cached_property
     def archive(self) -> DataFrame:
@@ -90,8 +121,9 @@ class Results:
         for folder in self.folders:
             labels = self._labels(folder)
             shared = {name: labels[name] for name in ("run", "arm", "seed")}
+            constraints = recorded_constraints(folder.configuration())
             for record in folder.checked_records():
-                for row in of(record):
+                for row in of(record, constraints):
                     yield {**shared, **row}
 
     def _labels(self, folder: RunFolder) -> dict[str, Any]:
@@ -125,7 +157,7 @@ def load(path: str | Path) -> Results:
     return Results(top, folders)
 
 
-def _generation(record: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+def _generation(record: Mapping[str, Any], constraints: Constraints) -> Iterator[dict[str, Any]]:
     s, guidance = record["snapshot"], record["guidance"] or {}
     plain = {name: value for name, value in s.items() if not isinstance(value, dict)}
     nested = {
@@ -140,10 +172,16 @@ def _generation(record: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         **{name: guidance.get(name) for name in kept},
         **{name: archive.get(name) for name in ("coverage", "qd_score")},
         **nested,
+        **(_share(record, constraints) if constraints else {}),
     }
 
 
-def _individuals(record: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+def _share(record: Mapping[str, Any], constraints: Constraints) -> dict[str, float]:
+    counters = [i["counters"] for i in record["individuals"]]
+    return {"constraints.feasible": feasible_share(counters, constraints)}
+
+
+def _individuals(record: Mapping[str, Any], constraints: Constraints) -> Iterator[dict[str, Any]]:
     for i in record["individuals"]:
         kept = ("id", "origin", "mutation", "fitness", "specialist", "nodes", "depth", "tree")
         yield {
@@ -154,6 +192,11 @@ def _individuals(record: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
             "ending": " ".join(i["endings"]),
             **{f"components.{name}": points for name, points in i["components"].items()},
             **{f"counters.{name}": value for name, value in i["counters"].items()},
+            **(
+                {"constraints.violation": violation(i["counters"], constraints)}
+                if constraints
+                else {}
+            ),
         }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from functools import cache
 from typing import Any
 
@@ -15,6 +16,11 @@ from islandgp.resources import resource
 
 def plain(*overrides: str) -> dict[str, Any]:
     """The resolved configuration as plain values, a new one at each call."""
+    return deepcopy(_plain(*overrides))
+
+
+@cache
+def _plain(*overrides: str) -> dict[str, Any]:
     with initialize_config_dir(str(resource("conf")), version_base="1.3"):
         config = compose("config", ["tracking=off", *overrides])
     found = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)

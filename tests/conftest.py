@@ -2,28 +2,67 @@
 
 from __future__ import annotations
 
+import gc
+import os
 import signal
 from collections.abc import Iterator
 from threading import Thread
+from typing import Final
 
 import hypothesis
 import pytest
 
-from islandgp.tracking import mlflow
+from islandgp.running import page_writer
+from islandgp.tracking import artifacts, mlflow
 from islandgp.tracking.sender import Order, Tell, Worker
+from tests import once, profiles  # noqa: F401 (it registers the profiles)
 
-# Every run tries the same examples, so that a red test stays red until it is mended.
-# `pytest --hypothesis-profile=search` looks for new ones.
-hypothesis.settings.register_profile("fixed", deadline=None, derandomize=True, database=None)
-hypothesis.settings.register_profile("search", deadline=None, max_examples=1000)
-hypothesis.settings.load_profile("fixed")
+hypothesis.settings.load_profile("quick")
+
+# Processes that tests start keep what they have compiled, as an installed package does.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+once.install()
+
+
+MARKERS: Final = {
+    "process": "starts a process or a browser, or opens a store of MLflow",
+    "packaging": "builds and installs the wheel",
+    "slow": "long or exhaustive: `make test-slow`, nightly",
+    "replay": "the page of a run holds its champion's replay",
+}
+STORES: Final = {"browser", "home", "prepared", "server", "store", "template"}
+"""Fixtures whose tests are marked `process`."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Tests marked `slow` run only when `-m` asks for them: `pytest -m slow`."""
-    config.addinivalue_line("markers", "slow: exhaustive, takes longer than a second")
+    for name, what in MARKERS.items():
+        config.addinivalue_line("markers", f"{name}: {what}")
     if not config.option.markexpr:
         config.option.markexpr = "not slow"
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Marks what uses a browser or a store; `-m` looks at the marks afterwards."""
+    for item in items:
+        if isinstance(item, pytest.Function) and not STORES.isdisjoint(item.fixturenames):
+            item.add_marker("process")
+
+
+def pytest_collection_finish() -> None:
+    """Modules stay until the end: looking for garbage among them takes a tenth of the time."""
+    gc.collect()
+    gc.freeze()
+
+
+@pytest.fixture(autouse=True)
+def _no_replay(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs end without playing their champion's episode, which takes longer than a small run."""
+    if request.node.get_closest_marker("replay") is None:
+        monkeypatch.setattr(page_writer, "champion_replay", lambda _: "")
+        monkeypatch.setattr(artifacts, "champion_replay", lambda _: "a replay")
 
 
 class InThread:

@@ -19,10 +19,18 @@ SCHEMA = Schema(
         actions={
             "Localise": Action("finds out where the robot is, in two ticks; may fail"),
             "Tuck": Action("tucks the arm"),
-            "MoveToPick": Action("drives to the blocks; fails unless localised and tucked"),
-            "MoveToPlace": Action("drives to the goal table; fails unless localised and tucked"),
-            "Pick": Action("picks up a block and untucks the arm; may fail"),
-            "Place": Action("places the block and untucks the arm; may fail"),
+            "MoveToPick": Action(
+                "drives to the blocks; fails unless localised and tucked",
+                after=("Localise", "Tuck"),
+            ),
+            "MoveToPlace": Action(
+                "drives to the goal table; fails unless localised and tucked",
+                after=("Localise", "Tuck"),
+            ),
+            "Pick": Action("picks up a block and untucks the arm; may fail", after=("MoveToPick",)),
+            "Place": Action(
+                "places the block and untucks the arm; may fail", after=("MoveToPlace",)
+            ),
         },
         keys={
             "localised": flag("the robot knows where it is"),

@@ -111,6 +111,7 @@ class _Action(BaseModel, extra="forbid"):
     to_start: list[_Condition] = []
     to_succeed: list[_Condition] = []
     changes: dict[str, Literal[-1, 1]] = {}
+    after: list[str] = []
 
     def action(self) -> Action:
         return Action(
@@ -119,6 +120,7 @@ class _Action(BaseModel, extra="forbid"):
             tuple(Condition(*each) for each in self.to_start),
             tuple(Condition(*each) for each in self.to_succeed),
             self.changes,
+            tuple(self.after),
         )
 
 
@@ -131,6 +133,7 @@ class _Key(BaseModel, extra="forbid"):
     high: FiniteFloat = 1.0
     step: FiniteFloat = 1.0
     most: FiniteFloat | None = None
+    noise: FiniteFloat = 0.0
 
     def key(self) -> Key:
         given = self.model_fields_set

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from statistics import fmean
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
@@ -18,10 +18,12 @@ from islandgp.errors import ConfigError, RunError
 from islandgp.evaluation.base import Job
 
 if TYPE_CHECKING:
+    from islandgp.commands.play_command import Column
     from islandgp.evaluation.base import Evaluator
     from islandgp.evolution.validation import Candidate
     from islandgp.records.folder import RunFolder
     from islandgp.scoring.classes import Classes
+    from islandgp.scoring.constraints import Constraints
 
 TIMEOUT: Final = 600.0  # s that an episode may take
 EFFORT: Final = 20
@@ -42,6 +44,17 @@ class Row:
     difference_high: float
     evolved: bool  # it is a run's, not the library's
     tree: str
+    feasible: float | None = None  # share of the worlds in which it keeps all constraints
+    perturbed: float | None = None  # points, mean over the worlds after their perturbation
+    perturbed_worst: float | None = None  # points, the least of these
+
+
+@dataclass(frozen=True, slots=True)
+class UnseenWorlds:
+    """The worlds that tell what trees are worth."""
+
+    stage: int  # of the curriculum, from 0
+    worlds: tuple[int, ...]  # world seeds
 
 
 @click.command()
@@ -71,18 +84,28 @@ def command(
     any of them.
     """
     from islandgp.evaluation.base import Problem
+    from islandgp.evaluation.perturbation import recorded_perturbation
     from islandgp.evaluation.processes import Processes, cores
 
     runs = _finished(run)
     problem = Problem.recorded(runs[0].configuration())
     with closing(Processes(problem, workers or cores(), episode_timeout=TIMEOUT)) as evaluator:
-        rows = list(_rows(runs, evaluator, tier, worlds))
+        rows, test = _rows(runs, evaluator, tier, worlds)
+    if recorded_perturbation(runs[0].configuration()) is not None:
+        problem = Problem.recorded(runs[0].configuration(), perturbed=True)
+        with closing(Processes(problem, workers or cores(), episode_timeout=TIMEOUT)) as evaluator:
+            rows = _robust(rows, evaluator, test)
     if output is not None:
         write_text(output, rows[0].tree)
     if as_json:
-        click.echo(json.dumps([asdict(row) for row in rows], indent=2))
+        click.echo(json.dumps([_plain(row) for row in rows], indent=2))
     elif output != STDIN:
         _print(rows, worlds)
+
+
+def _plain(row: Row) -> dict[str, Any]:
+    """As JSON has it, without what only runs with constraints or perturbed worlds have."""
+    return {name: value for name, value in asdict(row).items() if value is not None}
 
 
 def _finished(path: Path) -> list[RunFolder]:
@@ -106,18 +129,22 @@ def _must_be_alike(first: RunFolder, other: RunFolder) -> None:
     from islandgp.study.comparable import YARDSTICK
 
     a, b = first.configuration(), other.configuration()
-    if differ := [group for group in sorted(YARDSTICK) if a.get(group) != b.get(group)]:
+    groups = sorted({*YARDSTICK, "constraints", "perturb"})
+    if differ := [group for group in groups if (a.get(group) or {}) != (b.get(group) or {})]:
         raise RunError(
             f"Expected runs with one {differ[0]}, found that {first.path.name} and"
             f" {other.path.name} differ in it; give a run's own folder."
         )
 
 
-def _rows(runs: Sequence[RunFolder], evaluator: Evaluator, tier: str, worlds: int) -> Iterator[Row]:
-    """The race's winner first, the others by falling mean in validation worlds."""
+def _rows(
+    runs: Sequence[RunFolder], evaluator: Evaluator, tier: str, worlds: int
+) -> tuple[list[Row], UnseenWorlds]:
+    """The race's winner first, the others by falling mean in validation worlds; and the test."""
     from islandgp.evolution.evidence import interval
     from islandgp.evolution.validation import validate, worlds_of
     from islandgp.scoring.classes import Classes, tiers
+    from islandgp.scoring.constraints import feasible_share, recorded_constraints
     from islandgp.seeding import Stream
     from islandgp.study.library import yardsticks
 
@@ -125,11 +152,17 @@ def _rows(runs: Sequence[RunFolder], evaluator: Evaluator, tier: str, worlds: in
     classes, seed = Classes.model_validate(config["classes"]), int(config["seed"])
     if tier and tier not in classes.tiers:
         raise ConfigError(f"--tier: expected one of {', '.join(classes.tiers)}, found {tier!r}")
-    found = _robots(runs[0], classes, tier) if len(runs) == 1 else _best_robots(runs, tier)
+    constraints = recorded_constraints(config)
+    if len(runs) == 1:
+        found = _robots(runs[0], classes, tier, constraints)
+    else:
+        found = _best_robots(runs, tier)
     used = frozenset(world for run in runs for world in _used(run))
     stage = max(record["snapshot"]["stage"] for run in runs for record in run.records())
     race = worlds_of(seed, used, EFFORT * worlds)
-    finalists = validate(found, race, evaluator, stage, classes, episodes=EFFORT * worlds)
+    finalists = validate(
+        found, race, evaluator, stage, classes, episodes=EFFORT * worlds, constraints=constraints
+    )
     test = worlds_of(seed, used.union(race), worlds, Stream.TEST)
     trees: dict[str, tuple[str, bool]] = {}
     for candidate, _ in finalists[:3]:
@@ -141,26 +174,46 @@ def _rows(runs: Sequence[RunFolder], evaluator: Evaluator, tier: str, worlds: in
     for name, text in yardsticks(config).items():
         trees.setdefault(text, (f"library: {name}", False))
     outcomes = evaluator.evaluate([Job(tree, stage, world) for tree in trees for world in test])
+    rows = []
     for k, (tree, (name, evolved)) in enumerate(trees.items()):
         own = outcomes[k * worlds : (k + 1) * worlds]
         reached = [tiers(outcome, classes) for outcome in own]
-        yield Row(
+        row = Row(
             name,
             *interval([outcome.fitness for outcome in own]),
             {m: fmean(m in r for r in reached) for m in classes.milestones},
             *interval([a.fitness - b.fitness for a, b in zip(own, outcomes[:worlds], strict=True)]),
             evolved,
             tree,
+            feasible_share([o.counters for o in own], constraints) if constraints else None,
         )
+        rows.append(row)
+    return rows, UnseenWorlds(stage, test)
 
 
-def _robots(run: RunFolder, classes: Classes, tier: str) -> list[Candidate]:
+def _robust(rows: Sequence[Row], evaluator: Evaluator, test: UnseenWorlds) -> list[Row]:
+    """The rows with what the trees earn in the test worlds after their perturbation."""
+    from islandgp.evaluation.base import evaluated
+
+    found = evaluated(evaluator, [row.tree for row in rows], test.stage, test.worlds)
+    points = [[outcome.fitness for outcome in own] for own in found]
+    return [
+        replace(row, perturbed=fmean(own), perturbed_worst=min(own))
+        for row, own in zip(rows, points, strict=True)
+    ]
+
+
+def _robots(
+    run: RunFolder, classes: Classes, tier: str, constraints: Constraints
+) -> list[Candidate]:
     """All trees of a run's last stage."""
     from islandgp.evolution.validation import candidates
 
     records = list(run.records())
     everyone = sum(len(record["individuals"]) for record in records)
-    found = candidates(records, classes, most=everyone, top=everyone, tier=tier)
+    found = candidates(
+        records, classes, most=everyone, top=everyone, tier=tier, constraints=constraints
+    )
     if not found:
         raise RunError(f"Expected {tier} robots in the last stage of {run.path}, found none.")
     return found
@@ -209,10 +262,28 @@ def _print(rows: Sequence[Row], worlds: int) -> None:
                 Column(title(tier), tuple(f"{row.reached[tier]:.0%}" for row in rows))
                 for tier in rows[0].reached
             ),
+            *(
+                [Column("constraints kept", tuple(f"{row.feasible:.0%}" for row in rows))]
+                if rows[0].feasible is not None
+                else []
+            ),
+            *_robust_columns(rows),
             Column("to the first", ("", *others)),
         ],
     )
+    if rows[0].perturbed is not None:
+        console.print("\nPerturbed: mean and worst in the same worlds after their perturbation.")
     console.print(
         f"\nMeans over {worlds} test worlds of the last stage,"
         " which neither trained nor chose anybody."
     )
+
+
+def _robust_columns(rows: Sequence[Row]) -> Iterator[Column]:
+    """Mean and worst of the perturbed worlds, if the runs have such."""
+    from islandgp.commands.play_command import Column
+
+    for heading, name in (("perturbed", "perturbed"), ("worst", "perturbed_worst")):
+        points = [getattr(row, name) for row in rows]
+        if None not in points:
+            yield Column(heading, tuple(f"{value:,.0f}" for value in points))

@@ -21,6 +21,7 @@ from pydantic import BaseModel, Field, FiniteFloat, field_validator
 from islandgp.domain import Outcome, Schema, total
 from islandgp.evolution.population import Evaluated
 from islandgp.scoring.classes import Classes
+from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, mean_violation
 from islandgp.scoring.rewards import unknown
 
 EDGES: Final = (0.0, 1.0, 2.0, 4.0, 8.0, 16.0)  # of a counter where none are configured
@@ -136,12 +137,15 @@ def update_archive(
     stage: int,
     episodes: int,
     again: Again,
+    constraints: Constraints = NO_CONSTRAINTS,
 ) -> ArchiveUpdate:
     """The archive after a generation.
 
     A tree that is an elite already keeps its cell, and its mean takes the new episodes in. Of the
     others the fittest in each cell challenges the elite there. Stages of the curriculum have
     scales of their own: points of an earlier stage count for nothing against those of this one.
+    Only trees that keep all constraints are elites: one that breaks them in a later evaluation
+    leaves its cell.
 
     Args:
         before: the elites after the generation before.
@@ -153,6 +157,7 @@ def update_archive(
         stage: index of this generation's stage.
         episodes: that each individual had.
         again: called once at most, and never where `settings.again` is 0.
+        constraints: that elites keep.
     """
     axes = settings.axes(classes)
     elites = {e.cell: e for e in before}
@@ -164,8 +169,12 @@ def update_archive(
             continue
         seen.add(text)
         if (cell := known.get(text)) is not None:
-            if (elites[cell].world, elites[cell].stage) != (world, stage):
+            if e.violation:
+                elites.pop(cell)
+            elif (elites[cell].world, elites[cell].stage) != (world, stage):
                 elites[cell] = replace(_with(elites[cell], episodes, e.fitness, stage), world=world)
+            continue
+        if e.violation:
             continue
         cell = cell_of(e.outcome.counters, axes)
         if cell not in challengers or e.fitness > challengers[cell].mean:
@@ -179,18 +188,55 @@ def update_archive(
         if cell in elites and _beats(challenger, elites[cell])
     ]
     elites |= {cell: challengers[cell] for cell in filled}
-    if settings.again and rivals:
-        found = again([elite.tree for pair in rivals for elite in pair])
-        tried = [
-            _with(elite, len(more), total(o.fitness for o in more) / len(more), stage)
-            for elite, more in zip((e for pair in rivals for e in pair), found, strict=True)
-        ]
-        rivals = list(zip(tried[::2], tried[1::2], strict=True))
-    elites |= {old.cell: new if _beats(new, old) else old for old, new in rivals}
-    improved = sum(elites[new.cell] is new for _, new in rivals)
+    improved = 0
+    for trial in _trials(rivals, settings.again, again, constraints, stage):
+        winner = trial.winner()
+        improved += winner is trial.challenger
+        if winner is None:
+            elites.pop(trial.elite.cell)
+        else:
+            elites[winner.cell] = winner
     kept = tuple(elites[cell] for cell in sorted(elites))
     record = archive_record(kept, axes, floor=settings.floor, new=len(filled), improved=improved)
     return ArchiveUpdate(kept, record, 2 * settings.again * len(rivals))
+
+
+@dataclass(frozen=True, slots=True)
+class _Trial:
+    """An elite and its challenger, after both were evaluated again."""
+
+    elite: Elite
+    challenger: Elite
+    elite_breaks: bool  # a constraint, in these evaluations
+    challenger_breaks: bool
+
+    def winner(self) -> Elite | None:
+        """Who has the cell; None: both break a constraint."""
+        if self.challenger_breaks:
+            return None if self.elite_breaks else self.elite
+        if self.elite_breaks or _beats(self.challenger, self.elite):
+            return self.challenger
+        return self.elite
+
+
+def _trials(
+    rivals: Sequence[tuple[Elite, Elite]],
+    n: int,
+    again: Again,
+    constraints: Constraints,
+    stage: int,
+) -> list[_Trial]:
+    """Elites and their challengers, evaluated in `n` more worlds."""
+    if not n or not rivals:
+        return [_Trial(*pair, False, False) for pair in rivals]
+    everyone = [elite for pair in rivals for elite in pair]
+    found = again([elite.tree for elite in everyone])
+    tried = [
+        _with(elite, len(more), total(o.fitness for o in more) / len(more), stage)
+        for elite, more in zip(everyone, found, strict=True)
+    ]
+    broken = [bool(mean_violation(more, constraints)) for more in found]
+    return list(map(_Trial, tried[::2], tried[1::2], broken[::2], broken[1::2]))
 
 
 def _beats(challenger: Elite, elite: Elite) -> bool:

@@ -8,6 +8,7 @@ branches as units. `variation` has them in its tables.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import floor, log10
 from typing import TYPE_CHECKING, Final
 
@@ -31,6 +32,10 @@ BODY: Final = {1: 0.5, 2: 0.4, 3: 0.1}
 """Chance of each number of actions in a random branch."""
 DECLARED: Final = 0.5
 """Chance that a random branch is guarded by what its first action declares that it needs."""
+PREPARED: Final = 0.7
+"""Chance that an action of a random branch comes behind one that it declares as `after`."""
+LONG: Final = 3
+"""Actions of a random branch to which no more are added."""
 FINE: Final = 200  # thresholds of tuned numbers are multiples of about range / FINE
 EVERY: Final = 0.3  # chance that `tune` changes every number of a tree and not only one
 
@@ -41,12 +46,10 @@ def random_branch(rng: np.random.Generator, space: TreeSpace) -> Node:
     Half of the guards are what the first action declares as `to_start`, where it declares
     something; the others are random conditions. Without keys there is no guard.
     """
-    n = 1 + int(rng.choice(len(BODY), p=list(BODY.values())))
-    actions = tuple(random_action(rng, space) for _ in range(n))
-    body = actions[0] if n == 1 else Node("sequence", (), actions)
+    body = _random_body(rng, space, 1 + int(rng.choice(len(BODY), p=list(BODY.values()))))
     if not space.keys:
         return body
-    declared = space.vocabulary.action(str(actions[0].args[0])).to_start
+    declared = space.vocabulary.action(str(next(_actions(body)).args[0])).to_start
     if declared and rng.random() < DECLARED:
         condition: Asked = joined("and", declared)
     else:
@@ -54,10 +57,37 @@ def random_branch(rng: np.random.Generator, space: TreeSpace) -> Node:
     return Node("when", (condition, random_abort(rng, space)), (body,))
 
 
+def _actions(tree: Node) -> Iterator[Node]:
+    return (node for node in walk(tree) if node.kind == "action")
+
+
+def _random_body(rng: np.random.Generator, space: TreeSpace, n: int) -> Node:
+    """A sequence of up to `n` random actions, each behind its preparations; or one alone.
+
+    None is added to a sequence of three actions or more.
+    """
+    names: list[str] = []
+    for _ in range(n):
+        if len(names) < LONG:
+            names += _prepared(rng, str(random_action(rng, space).args[0]), space)
+    actions = tuple(Node("action", (name,)) for name in names)
+    return actions[0] if len(actions) == 1 else Node("sequence", (), actions)
+
+
+def _prepared(rng: np.random.Generator, name: str, space: TreeSpace) -> list[str]:
+    """The action behind some of those that it declares as `after`, and these behind theirs."""
+    names = [name]
+    options = list(space.vocabulary.action(name).after)
+    while options and rng.random() < PREPARED:
+        first = options.pop(int(rng.integers(len(options))))
+        names = [*_prepared(rng, first, space), *names]
+    return names
+
+
 def random_list(rng: np.random.Generator, space: TreeSpace) -> Node:
-    """A random priority list: two to five guarded branches, and an action without a guard."""
+    """A random priority list: two to five guarded branches, and a last one without a guard."""
     branches = [random_branch(rng, space) for _ in range(int(rng.integers(2, 6)))]
-    return Node("selector", (), (*branches, random_action(rng, space)))
+    return Node("selector", (), (*branches, _random_body(rng, space, 1)))
 
 
 def _random_condition(rng: np.random.Generator, space: TreeSpace) -> Asked:
@@ -109,10 +139,13 @@ def wrap(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSett
 
 
 def extend(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
-    """Another action in an action's place, or before or behind it in a sequence."""
+    """Another action in an action's place, or before or behind it in a sequence.
+
+    It may come with its preparations, as in a random branch.
+    """
     leaves = [(i, node) for i, node in enumerate(walk(tree)) if node.kind == "action"]
     i, old = leaves[rng.integers(len(leaves))]
-    new = random_action(rng, space)
+    new = _random_body(rng, space, 1)
     where = rng.random()
     if where < 0.5:
         return replace_at(tree, i, new)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
@@ -10,13 +11,14 @@ from pydantic import BaseModel, Field, FiniteFloat, model_validator
 from islandgp.bt.node import Limits, Node
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.evolution.archive import ArchiveSettings
+from islandgp.evolution.population import Evaluated
 from islandgp.evolution.random_trees import TreeSettings, TreeSpace
 from islandgp.evolution.selection import SELECTIONS
 from islandgp.evolution.variation import CROSSOVERS, MutationSettings
 from islandgp.plugin import function
 from islandgp.scoring.classes import Classes
+from islandgp.scoring.constraints import Constraints
 from islandgp.scoring.curriculum import Curriculum
-from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import Crisis, StateSettings
 
 
@@ -136,13 +138,14 @@ class Stop(BaseModel, frozen=True, extra="forbid"):
     """Targets that end a run before its last generation; validation follows as always."""
 
     tier: str | None = None  # a tier that some individual of a generation reaches
-    fitness: FiniteFloat | None = None  # points that the best of a generation reaches
+    fitness: FiniteFloat | None = None  # points that some individual of a generation reaches
 
-    def reason(self, now: Snapshot) -> str:
-        """Why a run ends after this generation, or ""."""
-        if self.tier is not None and now.tiers[self.tier]:
+    def reason(self, population: Sequence[Evaluated]) -> str:
+        """Why a run ends after this generation, or "". Who breaks a constraint reaches nothing."""
+        able = [e for e in population if not e.violation]
+        if self.tier is not None and any(self.tier in e.verdict.tiers for e in able):
             return f"stop.tier={self.tier}"
-        if self.fitness is not None and now.best >= self.fitness:
+        if self.fitness is not None and any(e.fitness >= self.fitness for e in able):
             return f"stop.fitness={self.fitness:g}"
         return ""
 
@@ -153,6 +156,8 @@ class Switches(BaseModel, frozen=True, extra="forbid"):
     adapt_mutation: bool  # its mutation rate takes effect
     inject: bool  # its tree takes its slot; else a random tree does
     lag: int = Field(ge=0, le=100)  # generations until an answer takes effect
+    edits: int = Field(0, ge=0, le=1000)  # slots of the next population for its edited trees
+    mutate_advice: bool = False  # its edited trees are mutated before their first evaluation
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,6 +173,7 @@ class Plan:
     budget: Budget = field(default_factory=Budget)
     stop: Stop = field(default_factory=Stop)
     archive: ArchiveSettings = field(default_factory=ArchiveSettings)
+    constraints: Constraints = field(default_factory=dict)
     founders: tuple[Node, ...] = ()  # trees that open the initial population
 
     def last(self, generation: int, spent: int) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Annotated
@@ -13,6 +13,7 @@ from islandgp.bt.language import parse, to_text
 from islandgp.bt.node import Node
 from islandgp.domain import Outcome
 from islandgp.scoring.classes import Verdict
+from islandgp.scoring.constraints import Merit, merit
 
 Tree = Annotated[Node, PlainValidator(parse), PlainSerializer(to_text)]
 """A tree, which stands in files as its canonical text."""
@@ -28,6 +29,7 @@ class Origin(StrEnum):
     BEHAVIOURAL_ELITE = "behavioural_elite"
     RESURRECTED = "resurrected"
     INJECTED = "injected"  # the supervisor's tree, or one of the library in generation 0
+    EDITED = "edited"  # a tree of an earlier individual, changed as the supervisor advised
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +44,25 @@ class Individual:
 
 
 @dataclass(frozen=True, slots=True)
+class EditedTree:
+    """A tree that a supervisor's edit has made, before it is evaluated."""
+
+    tree: Tree
+    parents: tuple[str, ...]  # ids: the individual that was edited, and the donor of a branch
+    operator: str  # "edit:<kind>"
+
+
+def edited_individuals(
+    edited: Sequence[EditedTree], generation: int, first: int
+) -> list[Individual]:
+    """Individuals of a generation for edited trees, in slots from `first` on."""
+    return [
+        Individual(f"{generation}.{slot}", e.tree, Origin.EDITED, e.parents, e.operator)
+        for slot, e in enumerate(edited, first)
+    ]
+
+
+@dataclass(frozen=True, slots=True)
 class Evaluated:
     """An individual with what it achieved."""
 
@@ -50,6 +71,12 @@ class Evaluated:
     verdict: Verdict
     fitness: float  # points, Eq. (1): the outcome's
     episodes: tuple[float, ...] = ()  # points in each episode
+    violation: float = 0.0  # of the constraints, >= 0; 0: it keeps all of them
+
+    @property
+    def merit(self) -> Merit:
+        """What individuals are ordered by: feasible before fit."""
+        return merit(self.fitness, self.violation)
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +87,12 @@ class Ancestor:
     tree: Tree
     stage: int  # of the curriculum, in which it was evaluated
     fitness: float  # points
+    violation: float = 0.0  # of the constraints, >= 0
+
+    @property
+    def merit(self) -> Merit:
+        """What individuals are ordered by: feasible before fit."""
+        return merit(self.fitness, self.violation)
 
 
 Archive = Mapping[str, Ancestor]
@@ -68,4 +101,4 @@ Archive = Mapping[str, Ancestor]
 
 def ranked(population: tuple[Evaluated, ...]) -> list[Evaluated]:
     """Best first; equals in slot order."""
-    return sorted(population, key=lambda e: -e.fitness)
+    return sorted(population, key=lambda e: e.merit, reverse=True)

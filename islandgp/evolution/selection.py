@@ -15,9 +15,9 @@ from islandgp.plugin import function
 def tournament(
     rng: np.random.Generator, population: Sequence[Evaluated], entrants: int
 ) -> Evaluated:
-    """The fittest of `entrants` >= 1 individuals drawn with replacement; the first of equals."""
+    """The best of `entrants` >= 1 individuals drawn with replacement; the first of equals."""
     drawn = [population[int(i)] for i in rng.integers(len(population), size=entrants)]
-    return max(drawn, key=lambda e: e.fitness)
+    return max(drawn, key=lambda e: e.merit)
 
 
 Selection = Callable[[np.random.Generator, Sequence[Evaluated], int], Evaluated]

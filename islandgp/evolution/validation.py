@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import sqrt
 from statistics import fmean
 from typing import Any, Final
@@ -19,6 +19,17 @@ from islandgp.domain import Outcome
 from islandgp.evaluation.base import Evaluator, Job
 from islandgp.evolution.evidence import estimate, interval
 from islandgp.scoring.classes import Classes, tiers
+from islandgp.scoring.constraints import (
+    NO_CONSTRAINTS,
+    Constraints,
+    Merit,
+    feasible_share,
+    limited,
+    mean_violation,
+    merit,
+    running_mean,
+    violation,
+)
 from islandgp.seeding import Stream, stream
 
 MOST: Final = 24  # candidates
@@ -34,6 +45,12 @@ class Candidate:
     id: str  # of the individual
     tree: str  # canonical text
     trained: float  # points, its fitness in its own generation
+    violation: float = 0.0  # of the constraints in training, >= 0
+
+    @property
+    def merit(self) -> Merit:
+        """What candidates are ordered by before they race: feasible before fit."""
+        return merit(self.trained, self.violation)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +66,8 @@ class Validation:
     difference: float = 0.0  # points, mean of the paired differences to the yardstick
     difference_low: float = 0.0  # its 95 % interval
     difference_high: float = 0.0
+    violation: float | None = None  # of the constraints, by the counters' means; None: none
+    feasible: float | None = None  # share of the worlds in which all are kept; None: as above
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,10 +86,12 @@ def candidates(
     most: int = MOST,
     top: int = TOP,
     tier: str = "",
+    constraints: Constraints = NO_CONSTRAINTS,
 ) -> list[Candidate]:
     """The most promising trees of the last stage, each once.
 
-    They are the fittest of each generation, and those of each tier, class and behaviour.
+    They are the best of each generation, and those of each tier, class and behaviour: with
+    constraints feasible before fit, else the fittest.
 
     Args:
         records: generation records as plain values, oldest first; they are read once.
@@ -78,6 +99,7 @@ def candidates(
         most: candidates.
         top: individuals of each generation that are candidates.
         tier: of the candidates in training; default: any.
+        constraints: of the run.
     """
     stage: int | None = None
     last: list[tuple[int, Mapping[str, Any]]] = []
@@ -85,58 +107,87 @@ def candidates(
         if record["snapshot"]["stage"] != stage:  # the stages before it are of no interest
             stage, last = record["snapshot"]["stage"], []
         last += [
-            (record["snapshot"]["generation"], _slim(i, classes))
+            (record["snapshot"]["generation"], _slim(i, classes, constraints))
             for i in record["individuals"]
             if not tier or tier in i["tiers"]
         ]
     found: dict[str, Candidate] = {}
     for generation, i in _ordered(last, classes, top):
         if i["tree"] not in found and len(found) < most:
-            found[i["tree"]] = Candidate(generation, i["id"], i["tree"], i["fitness"])
+            broken, points = i["violation"], i["fitness"]
+            found[i["tree"]] = Candidate(generation, i["id"], i["tree"], points, broken)
     return list(found.values())
 
 
 def candidates_by_evidence(
-    records: Iterable[Mapping[str, Any]], *, most: int = MOST, caution: float = 1.0
+    records: Iterable[Mapping[str, Any]],
+    *,
+    most: int = MOST,
+    caution: float = 1.0,
+    constraints: Constraints = NO_CONSTRAINTS,
 ) -> list[Candidate]:
     """The trees of the last stage with the highest lower bounds of their mean fitness.
+
+    Constraints come first, by the means of the counters over all evaluations of a tree.
 
     Args:
         records: generation records as plain values, oldest first; they are read once.
         most: candidates.
         caution: standard errors between a tree's level (`evidence.estimate`) and its bound.
+        constraints: of the run.
 
     Returns:
         Candidates, best first; `trained` is the bound.
     """
     stage: int | None = None
-    found: dict[str, tuple[int, str, dict[int, float]]] = {}
+    found: dict[str, _Seen] = {}
     for record in records:
         generation = record["snapshot"]["generation"]
         if record["snapshot"]["stage"] != stage:
             stage, found = record["snapshot"]["stage"], {}
         for i in record["individuals"]:
             tree = sys.intern(i["tree"])
-            values = found[tree][2] if tree in found else {}
-            values[generation] = i["fitness"]
-            found[tree] = (generation, i["id"], values)
-    trees = list(found)
-    levels, sd = estimate([found[tree][2] for tree in trees])
-    bounds = {
-        tree: level - caution * sd / sqrt(len(found[tree][2]))
-        for tree, level in zip(trees, levels, strict=True)
-    }
-    best = sorted(trees, key=lambda tree: -bounds[tree])[:most]
-    return [Candidate(found[t][0], found[t][1], t, bounds[t]) for t in best]
+            seen = found.setdefault(tree, _Seen())
+            seen.generation, seen.id = generation, i["id"]
+            seen.fitness[generation] = i["fitness"]
+            now = limited(i["counters"], constraints)
+            seen.counters = running_mean(seen.counters or now, now, seen.evaluations + 1)
+            seen.evaluations += 1
+    levels, sd = estimate([seen.fitness for seen in found.values()])
+    everyone = [
+        Candidate(
+            seen.generation,
+            seen.id,
+            tree,
+            level - caution * sd / sqrt(len(seen.fitness)),
+            violation(seen.counters, constraints),
+        )
+        for (tree, seen), level in zip(found.items(), levels, strict=True)
+    ]
+    return sorted(everyone, key=lambda c: c.merit, reverse=True)[:most]
 
 
-def _slim(individual: Mapping[str, Any], classes: Classes) -> dict[str, Any]:
+@dataclass(slots=True)
+class _Seen:
+    """What the records say of a tree."""
+
+    generation: int = 0  # its last
+    id: str = ""  # of its last individual
+    fitness: dict[int, float] = field(default_factory=dict)  # points by generation
+    counters: dict[str, float] = field(default_factory=dict)  # with limits, means
+    evaluations: int = 0
+
+
+def _slim(
+    individual: Mapping[str, Any], classes: Classes, constraints: Constraints
+) -> dict[str, Any]:
     """What is needed of an individual here: a long run has tens of thousands of them."""
     return {
         "id": individual["id"],
         "tree": sys.intern(individual["tree"]),  # elites are copies
         "fitness": individual["fitness"],
         "shown": frozenset(_shown(individual, classes)),
+        "violation": violation(individual["counters"], constraints),
     }
 
 
@@ -144,7 +195,11 @@ def _ordered(
     last: Sequence[tuple[int, Mapping[str, Any]]], classes: Classes, top: int
 ) -> Iterator[tuple[int, Mapping[str, Any]]]:
     """Individuals in the order in which they become candidates."""
-    by_fitness = sorted(last, key=lambda pair: -pair[1]["fitness"])
+
+    def worth(pair: tuple[int, Mapping[str, Any]]) -> Merit:
+        return merit(pair[1]["fitness"], pair[1]["violation"])
+
+    by_fitness = sorted(last, key=worth, reverse=True)
     own: dict[int, list[tuple[int, Mapping[str, Any]]]] = {}
     for pair in by_fitness:
         own.setdefault(pair[0], []).append(pair)
@@ -190,6 +245,7 @@ def validate(
     *,
     episodes: int,
     yardstick: tuple[str, str] | None = None,
+    constraints: Constraints = NO_CONSTRAINTS,
 ) -> list[tuple[Candidate, Validation]]:
     """The candidates that came to the last round, the best first.
 
@@ -201,14 +257,22 @@ def validate(
         classes: whose tiers are counted.
         episodes: about how many episodes there may be.
         yardstick: name and canonical text of a tree to compare the winner with.
+        constraints: that come before fitness, by the counters' means over the worlds.
 
     Raises:
         EvaluationError: an episode cannot be run.
     """
     left = {candidate: list[Outcome]() for candidate in found}
     met = 0
+
+    def worth(c: Candidate) -> Merit:
+        """By the worlds met; before the first one, by training."""
+        if not left[c]:
+            return c.merit
+        return merit(fmean(o.fitness for o in left[c]), mean_violation(left[c], constraints))
+
     for size, new in rounds(len(found), episodes):
-        ranked = sorted(left, key=lambda c: -_mean(left[c], c))[:size]
+        ranked = sorted(left, key=worth, reverse=True)[:size]
         batch = worlds[met : met + new]
         outcomes = evaluator.evaluate([Job(c.tree, stage, w) for c in ranked for w in batch])
         left = {
@@ -216,8 +280,8 @@ def validate(
             for k, c in enumerate(ranked)
         }
         met += len(batch)
-    order = sorted(left, key=lambda c: -_mean(left[c], c))
-    judged = [(c, _judged(worlds[:met], left[c], classes)) for c in order]
+    order = sorted(left, key=worth, reverse=True)
+    judged = [(c, _judged(worlds[:met], left[c], classes, constraints)) for c in order]
     if yardstick is not None:
         name, text = yardstick
         theirs = evaluator.evaluate([Job(text, stage, world) for world in worlds[:met]])
@@ -226,16 +290,20 @@ def validate(
     return judged
 
 
-def _mean(outcomes: Sequence[Outcome], candidate: Candidate) -> float:
-    """The mean over the worlds met; before the first one, the fitness in training."""
-    return fmean(o.fitness for o in outcomes) if outcomes else candidate.trained
-
-
-def _judged(worlds: Sequence[int], outcomes: Sequence[Outcome], classes: Classes) -> Validation:
+def _judged(
+    worlds: Sequence[int],
+    outcomes: Sequence[Outcome],
+    classes: Classes,
+    constraints: Constraints,
+) -> Validation:
     mean, low, high = interval([o.fitness for o in outcomes])
     reached = [tiers(o, classes) for o in outcomes]
     shares = {name: fmean(name in own for own in reached) for name in classes.tiers}
-    return Validation(tuple(worlds), mean, low, high, shares)
+    verdict = Validation(tuple(worlds), mean, low, high, shares)
+    if not constraints:
+        return verdict
+    share = feasible_share([o.counters for o in outcomes], constraints)
+    return replace(verdict, violation=mean_violation(outcomes, constraints), feasible=share)
 
 
 def compared(

@@ -26,6 +26,8 @@ class _Validated:
     difference: float = 0.0
     difference_low: float | None = 0.0
     difference_high: float | None = 0.0
+    violation: float | None = None
+    feasible: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,7 @@ class Summary:
     mean_diversity: float
     generations: Annotated[int, Field(ge=1)]
     seconds: float
+    constraints: str | None = None  # in words; None: there are none
     records: str | None = None  # the digest of the last record; older versions lack it
 
 
@@ -109,7 +112,19 @@ def values(summary: Mapping[str, Any]) -> dict[str, Any]:
         "trained": summary["champion"]["record"]["fitness"],
         **{name: summary[name] for name in SUMMED},
         **{f"first.{tier}": generation for tier, generation in summary["first"].items()},
+        **{f"constraints.{name}": value for name, value in kept_constraints(summary).items()},
     }
+
+
+def kept_constraints(summary: Mapping[str, Any]) -> dict[str, float]:
+    """How the best robot keeps the constraints in validation worlds; {} where there are none.
+
+    `violation` is that of the counters' means, `feasible` the share of the worlds in which all
+    constraints are kept.
+    """
+    validation = summary["champion"]["validation"] or {}
+    names = [name for name in ("violation", "feasible") if validation.get(name) is not None]
+    return {name: float(validation[name]) for name in names}
 
 
 def objectives(summary: Mapping[str, Any], names: Sequence[str]) -> tuple[float, ...]:

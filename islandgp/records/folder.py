@@ -18,7 +18,7 @@ import yaml
 from filelock import FileLock
 
 from islandgp.errors import BusyError, IslandError, RunError, brief
-from islandgp.evolution.record import Cost, GenerationRecord, RunState, Step
+from islandgp.evolution.record import Cost, GenerationRecord, RunState, Step, record_values
 from islandgp.plain import must_fit, typed
 from islandgp.records.archive_file import NAME as ARCHIVE
 from islandgp.records.archive_file import ArchiveFile
@@ -303,7 +303,7 @@ class RunFolder:
         with usable(self.path):
             if stamp(self._generations.path) != self._left:
                 self.must_be_as_left()
-            line = self._generations.append(asdict(step.record))
+            line = self._generations.append(record_values(step.record))
             self._left = stamp(self._generations.path)
             self._digest = chained(self._digest, line)
             append_digest(self._sums, step.record.snapshot.generation, self._digest)

@@ -8,10 +8,11 @@ from typing import Any, Final
 
 from islandgp.domain import total
 from islandgp.evolution.record import Champion
-from islandgp.evolution.validation import Best
+from islandgp.evolution.validation import Best, Validation
 from islandgp.plain import nan_to_none
 from islandgp.records.files import answers, fallback_share
 from islandgp.records.folder import RunFolder
+from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, in_words
 from islandgp.supervision.state_json import title
 
 MOSTLY_FALLBACK: Final = (
@@ -27,12 +28,15 @@ def summary(
     best: Best,
     milestones: Sequence[str],
     most_fallback: float | None = None,
+    *,
+    constraints: Constraints = NO_CONSTRAINTS,
 ) -> dict[str, Any]:
     """The result of a run, from its records; `seconds` are those spent in its generations.
 
     `most_fallback` is the largest share of the fallback's answers that is in order, None: any.
     """
     given = answers(target.records())
+    limits = {} if not constraints else {"constraints": in_words(constraints)}
     snapshots = [record["snapshot"] for record in target.records()]
     seconds = (c["evaluation"] + c["supervision"] + c["operators"] for c in target.costs())
     first = {
@@ -43,9 +47,9 @@ def summary(
         "champion": {
             "generation": best.generation,
             "record": dict(best.record),
-            # An interval of one world is nan, which JSON does not have.
-            "validation": None if best.validation is None else nan_to_none(asdict(best.validation)),
+            "validation": None if best.validation is None else _plain(best.validation),
         },
+        **limits,
         "fittest": asdict(fittest),
         "first": first,
         "final_best": snapshots[-1]["best"],
@@ -56,6 +60,13 @@ def summary(
         "mostly_fallback": most_fallback is not None and fallback_share(given) > most_fallback,
         "seconds": round(sum(seconds), 3),
     }
+
+
+def _plain(validation: Validation) -> dict[str, Any]:
+    """As JSON has it, without what only runs with constraints have."""
+    found = nan_to_none(asdict(validation))
+    without = () if validation.feasible is not None else ("violation", "feasible")
+    return {name: value for name, value in found.items() if name not in without}
 
 
 def report(target: RunFolder) -> str:
@@ -71,6 +82,7 @@ def report(target: RunFolder) -> str:
     return "\n".join(
         (
             *validated(s["champion"]),
+            *constrained(s),
             f"Its fitness in training: {best['fitness']:,.0f} ({came_from})",
             f"Highest fitness in training: {s['fittest']['record']['fitness']:,.0f} in generation"
             f" {s['fittest']['generation']}",
@@ -138,6 +150,19 @@ def validated(champion: Mapping[str, Any]) -> Iterator[str]:
             f"Against the tree {v['yardstick']} in the same worlds: {v['difference']:+,.0f} points"
             f"{_interval(v, 'difference_', '+,.0f')}"
         )
+
+
+def constrained(summary: Mapping[str, Any]) -> Iterator[str]:
+    """Whether the best robot keeps the constraints, in a line for people; none without any."""
+    v = summary["champion"]["validation"]
+    if "constraints" not in summary:
+        return
+    limits = summary["constraints"]
+    if v is None or v.get("feasible") is None:
+        yield f"Constraints ({limits}): not tried in other worlds"
+        return
+    kept = "kept" if not v["violation"] else f"broken (violation {v['violation']:.3g})"
+    yield f"Constraints ({limits}): {kept} on average, and in {v['feasible']:.0%} of these worlds"
 
 
 def _interval(v: Mapping[str, Any], what: str, form: str) -> str:

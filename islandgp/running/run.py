@@ -82,6 +82,8 @@ def run_context(settings: Settings, folder: Path | None = None) -> RunContext:
         crisis=settings.gp.crisis,
         adapt_mutation=settings.supervisor.adapt_mutation,
         inject=settings.supervisor.inject,
+        edits=settings.supervisor.edits,
+        constraints=settings.constraints,
     )
 
 
@@ -162,10 +164,10 @@ def make_search(settings: Settings, plan: Plan) -> Search:
     return search
 
 
-def make_evaluator(settings: Settings) -> Evaluator:
-    """The evaluator that the settings choose."""
-    part = settings.evaluator
-    evaluator: Evaluator = part.factory.make(part.settings(), settings.problem())
+def make_evaluator(settings: Settings, *, perturbed: bool | None = None) -> Evaluator:
+    """The evaluator that the settings choose; `perturbed` as in `Settings.problem`."""
+    part, problem = settings.evaluator, settings.problem(perturbed=perturbed)
+    evaluator: Evaluator = part.factory.make(part.settings(), problem)
     return Cached(evaluator) if part.cache else evaluator
 
 
@@ -269,7 +271,8 @@ def _evolve(
     stopped = ""
     elites: tuple[Elite, ...] = ()
     plan = plan_of(settings, settings.make_domain())
-    past = target.generations() if done and isinstance(supervisor, Witness) else ()
+    needed = isinstance(supervisor, Witness) or plan.switches.edits
+    past = target.generations() if done and needed else ()
     search = make_search(settings, plan)
     steps = evolve(
         plan, settings.seed, supervisor, evaluator, search=search, start=start, past=past
@@ -308,23 +311,30 @@ def _evolve(
     axes, floor = plan.archive.axes(plan.classes), plan.archive.floor
     counts = archive_record(elites, axes, floor=floor)
     archive = ArchiveFile.of(plan.vocabulary.domain, axes, floor, elites, counts)
-    end = summary(target, fittest, best, settings.classes.milestones, most)
+    end = summary(
+        target,
+        fittest,
+        best,
+        settings.classes.milestones,
+        most,
+        constraints=settings.constraints,
+    )
     target.finish({**end, "stopped": stopped} if stopped else end, archive)
 
 
 def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> Best:
     """The run's best robot: its most promising trees race in worlds that trained no tree.
 
-    With gp.validation=0 it is the fittest individual of the last stage.
+    With gp.validation=0 it is the best individual of the last stage.
     """
     if settings.search.ranking == "evidence":
-        found = candidates_by_evidence(target.records())
+        found = candidates_by_evidence(target.records(), constraints=settings.constraints)
     else:
-        found = candidates(target.records(), settings.classes)
+        found = candidates(target.records(), settings.classes, constraints=settings.constraints)
     episodes = validation_episodes(settings, target)
     verdict: Validation | None = None
     if episodes < len(found):
-        winner = max(found, key=lambda c: c.trained)
+        winner = max(found, key=lambda c: c.merit)
     else:
         used: set[int] = set()
         stage = 0
@@ -339,6 +349,7 @@ def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> B
             settings.classes,
             episodes=episodes,
             yardstick=_yardstick(settings),
+            constraints=settings.constraints,
         )[0]
     born = next(target.records(winner.generation))
     own = next(i for i in born["individuals"] if i["id"] == winner.id)

@@ -9,6 +9,7 @@ from statistics import fmean, pstdev
 
 from islandgp.domain import Outcome
 from islandgp.scoring.classes import Classes, Verdict
+from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, merit, violation
 from islandgp.scoring.curriculum import Curriculum
 
 
@@ -19,7 +20,7 @@ class Snapshot:
     generation: int  # from 0
     epoch: int  # from 1
     stage: int  # index into Table 2, from 0
-    best: float  # highest fitness, points
+    best: float  # fitness of the best individual, points: the highest, without constraints
     mean: float  # mean fitness, points
     sd: float  # its standard deviation over the population, points
     diversity: float  # Eq. (3), over the exclusive classes
@@ -56,18 +57,20 @@ def measure(
     *,
     generation: int,
     rate: float,
+    constraints: Constraints = NO_CONSTRAINTS,
 ) -> Snapshot:
     """Line 5 of Algorithm 1: the snapshot of an evaluated population, which `rate` made."""
     labels = [verdict.specialist for verdict in verdicts]
     reached = Counter(tier for verdict in verdicts for tier in verdict.tiers)
     fitness = [o.fitness for o in outcomes]
+    merits = (merit(o.fitness, violation(o.counters, constraints)) for o in outcomes)
     counts = Counter(labels)
     done = Counter(name for o in outcomes for name in classes.shown(o.counters))
     return Snapshot(
         generation=generation,
         epoch=curriculum.epoch(generation),
         stage=curriculum.stage(generation),
-        best=max(fitness),
+        best=max(merits)[1],
         mean=fmean(fitness),
         sd=pstdev(fitness),
         diversity=diversity(labels),

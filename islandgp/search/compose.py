@@ -19,6 +19,7 @@ from islandgp.bt.node import Limits, Node, within
 from islandgp.errors import ConfigError
 from islandgp.evolution.plan import Plan
 from islandgp.evolution.population import Evaluated, Individual, Origin, Tree
+from islandgp.scoring.constraints import limited, merit, running_mean, violation
 from islandgp.search.base import Advice, SearchContext, SearchState
 from islandgp.seeding import Stream, Streams
 
@@ -78,6 +79,7 @@ class Racers:
     trees: tuple[Tree, ...]
     ids: tuple[str, ...]  # of their last individuals
     sums: tuple[float, ...]  # of fitness over the generations so far
+    counters: tuple[dict[str, float], ...] = ()  # with limits, of each, means over these
 
 
 class Compose:
@@ -139,11 +141,20 @@ class Compose:
         """See `Search`; the advice changes nothing."""
         before = (0.0,) * len(evaluated) if state.memory is None else state.memory.sums
         sums = [old + e.fitness for old, e in zip(before, evaluated, strict=True)]
-        order = sorted(range(len(sums)), key=lambda k: -sums[k])
+        now = [limited(e.outcome.counters, self.plan.constraints) for e in evaluated]
+        means = now if state.memory is None else (state.memory.counters or now)
+        n = state.generation + 1
+        counters = [running_mean(*pair, n) for pair in zip(means, now, strict=True)]
+        merits = [
+            merit(points, violation(own, self.plan.constraints))
+            for points, own in zip(sums, counters, strict=True)
+        ]
+        order = sorted(range(len(sums)), key=lambda k: merits[k], reverse=True)
         left = order[: max(self.settings.finalists, (len(order) + 1) // 2)]
         racers = Racers(
             tuple(evaluated[k].individual.tree for k in left),
             tuple(evaluated[k].individual.id for k in left),
             tuple(sums[k] for k in left),
+            tuple(counters[k] for k in left),
         )
         return SearchState(state.generation + 1, racers)

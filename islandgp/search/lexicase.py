@@ -17,7 +17,8 @@ from pydantic import BaseModel, Field
 
 from islandgp.errors import ConfigError
 from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import Evaluated, Individual, Tree
+from islandgp.evolution.population import EditedTree, Evaluated, Individual, Tree
+from islandgp.scoring.constraints import merit
 from islandgp.search.base import Advice, SearchContext, SearchState
 from islandgp.search.breeding import Breeding, Parent, first_generation, next_generation
 from islandgp.seeding import Streams
@@ -38,6 +39,7 @@ class Contender:
     parent: Parent
     fitness: float  # points
     cases: tuple[float, ...]  # points in each case
+    violation: float = 0.0  # of the constraints, >= 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,7 @@ class Contenders:
 
     all: tuple[Contender, ...]
     given: Tree | None  # of the supervisor, to inject
+    edited: tuple[EditedTree, ...] = ()  # of the supervisor
 
 
 class Lexicase:
@@ -53,7 +56,7 @@ class Lexicase:
 
     Settings = LexicaseSettings
     Memory: ClassVar[Any] = Contenders
-    uses: ClassVar[frozenset[str]] = frozenset({"tree"})
+    uses: ClassVar[frozenset[str]] = frozenset({"tree", "edits"})
 
     @classmethod
     def make(cls, settings: LexicaseSettings, context: SearchContext) -> Lexicase:
@@ -80,10 +83,12 @@ class Lexicase:
             return first_generation(self.plan, streams, self.settings.breeding)
         parents = [c.parent for c in memory.all]
         points = np.array([c.cases for c in memory.all])
-        fittest = sorted(range(len(parents)), key=lambda k: -memory.all[k].fitness)
+        merits = [merit(c.fitness, c.violation) for c in memory.all]
+        fittest = sorted(range(len(parents)), key=lambda k: merits[k], reverse=True)
+        entrants = eligible(np.array([c.violation for c in memory.all]))
 
         def pick(rng: np.random.Generator) -> tuple[Parent, Sequence[Parent]]:
-            mother, father = (parents[selected(rng, points)] for _ in range(2))
+            mother, father = (parents[selected(rng, points, entrants)] for _ in range(2))
             return mother, [father]
 
         return next_generation(
@@ -92,6 +97,7 @@ class Lexicase:
             state.generation,
             again=[parents[k] for k in fittest[: self.settings.elites]],
             tree=memory.given,
+            edited=memory.edited,
             pick=pick,
             how=self.settings.breeding,
         )
@@ -100,11 +106,8 @@ class Lexicase:
         self, state: SearchState, evaluated: Sequence[Evaluated], advice: Advice
     ) -> SearchState:
         """See `Search`."""
-        found = tuple(
-            Contender(Parent(e.individual.id, e.individual.tree), e.fitness, self._cases(e))
-            for e in evaluated
-        )
-        return SearchState(state.generation + 1, Contenders(found, advice.tree))
+        found = tuple(contender(e, self._cases(e)) for e in evaluated)
+        return SearchState(state.generation + 1, Contenders(found, advice.tree, advice.edited))
 
     def _cases(self, e: Evaluated) -> tuple[float, ...]:
         if self.settings.cases == "episodes":
@@ -112,9 +115,34 @@ class Lexicase:
         return tuple(e.outcome.components.values())
 
 
-def selected(rng: np.random.Generator, points: np.ndarray[Any, Any]) -> int:
-    """The row that is selected, among all that pass every case in a random order."""
-    left = passing(points, rng.permutation(points.shape[1]).tolist())
+def contender(e: Evaluated, cases: tuple[float, ...]) -> Contender:
+    """An evaluated individual with its points in each case."""
+    return Contender(Parent(e.individual.id, e.individual.tree), e.fitness, cases, e.violation)
+
+
+def eligible(violations: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Indices of those who may be selected: who keeps all constraints.
+
+    Where nobody does, the violation is the first case: those within epsilon of the smallest.
+    """
+    if not violations.min():
+        return np.flatnonzero(violations == 0)
+    epsilon = np.median(np.abs(violations - np.median(violations)))
+    return np.flatnonzero(violations <= violations.min() + epsilon)
+
+
+def selected(
+    rng: np.random.Generator,
+    points: np.ndarray[Any, Any],
+    entrants: np.ndarray[Any, Any] | None = None,
+) -> int:
+    """The row that is selected, among all `entrants` that pass every case in a random order.
+
+    `entrants` are indices of rows; None: all.
+    """
+    entrants = np.arange(len(points)) if entrants is None else entrants
+    order = rng.permutation(points.shape[1]).tolist()
+    left = entrants[passing(points[entrants], order)]
     return int(left[rng.integers(len(left))])
 
 

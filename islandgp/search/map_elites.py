@@ -10,8 +10,8 @@ Risi and Mouret 2019, "MAP-Elites for noisy domains by adaptive sampling" (GECCO
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
@@ -19,7 +19,15 @@ from pydantic import BaseModel, Field
 
 from islandgp.domain import Schema
 from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import Evaluated, Individual, Tree
+from islandgp.evolution.population import EditedTree, Evaluated, Individual, Tree
+from islandgp.scoring.constraints import (
+    NO_COUNTERS,
+    Merit,
+    limited,
+    merit,
+    running_mean,
+    violation,
+)
 from islandgp.search.base import Advice, SearchContext, SearchState
 from islandgp.search.breeding import Breeding, Parent, digest, first_generation, next_generation
 from islandgp.search.descriptor import Descriptor, cell, dimensions, faults, point
@@ -49,6 +57,7 @@ class Occupant:
     n: int  # generations in whose worlds it was evaluated
     fitness: float  # mean over these, points
     place: tuple[float, ...]  # mean over these, in the space of behaviours
+    counters: dict[str, float] = field(default_factory=dict)  # with limits, mean over these
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +66,7 @@ class Grid:
 
     occupants: tuple[Occupant, ...]
     given: Tree | None  # of the supervisor, to inject
+    edited: tuple[EditedTree, ...] = ()  # of the supervisor
 
 
 class MapElites:
@@ -64,7 +74,7 @@ class MapElites:
 
     Settings = MapElitesSettings
     Memory: ClassVar[Any] = Grid
-    uses: ClassVar[frozenset[str]] = frozenset({"tree"})
+    uses: ClassVar[frozenset[str]] = frozenset({"tree", "edits"})
 
     @classmethod
     def make(cls, settings: MapElitesSettings, context: SearchContext) -> MapElites:
@@ -87,11 +97,12 @@ class MapElites:
             return first_generation(self.plan, streams, self.settings.breeding)
         best = [found[0] for found in self.cells(memory.occupants).values()]
         parents = [o.parent for o in best]
-        doubtful = sorted(best, key=lambda o: (o.n, -o.fitness))
+        mothers = [o.parent for o in best if not self._violation(o)] or parents
+        doubtful = sorted(best, key=lambda o: (-o.n, self._merit(o)), reverse=True)
         most = round(self.settings.again * self.plan.gp.population)
 
         def pick(rng: np.random.Generator) -> tuple[Parent, Sequence[Parent]]:
-            return parents[rng.integers(len(parents))], parents
+            return mothers[rng.integers(len(mothers))], parents
 
         return next_generation(
             self.plan,
@@ -99,6 +110,7 @@ class MapElites:
             state.generation,
             again=[o.parent for o in doubtful[:most]],
             tree=memory.given,
+            edited=memory.edited,
             pick=pick,
             how=self.settings.breeding,
             known=[o.parent.tree for o in memory.occupants],
@@ -112,24 +124,38 @@ class MapElites:
         known = {digest(o.parent.tree): o for o in before}
         for e in evaluated:
             key = digest(e.individual.tree)
-            known[key] = updated(known.get(key), e, point(self.dimensions, e.outcome))
+            place = point(self.dimensions, e.outcome)
+            counters = limited(e.outcome.counters, self.plan.constraints)
+            known[key] = updated(known.get(key), e, place, counters)
         cells = self.cells(tuple(known.values())).values()
         kept = tuple(o for found in cells for o in found[: self.settings.depth])
-        return SearchState(state.generation + 1, Grid(kept, advice.tree))
+        return SearchState(state.generation + 1, Grid(kept, advice.tree, advice.edited))
 
     def cells(self, occupants: Sequence[Occupant]) -> dict[tuple[int, ...], list[Occupant]]:
         """The occupants of each cell, the best first."""
         found: dict[tuple[int, ...], list[Occupant]] = {}
-        for o in sorted(occupants, key=lambda o: -o.fitness):
+        for o in sorted(occupants, key=self._merit, reverse=True):
             found.setdefault(cell(o.place, self.settings.bins), []).append(o)
         return found
 
+    def _merit(self, o: Occupant) -> Merit:
+        return merit(o.fitness, self._violation(o))
 
-def updated(before: Occupant | None, e: Evaluated, place: Sequence[float]) -> Occupant:
-    """The occupant with one more evaluation."""
+    def _violation(self, o: Occupant) -> float:
+        return violation(o.counters, self.plan.constraints)
+
+
+def updated(
+    before: Occupant | None,
+    e: Evaluated,
+    place: Sequence[float],
+    counters: Mapping[str, float] = NO_COUNTERS,
+) -> Occupant:
+    """The occupant with one more evaluation; `counters` are those with limits."""
     parent = Parent(e.individual.id, e.individual.tree)
     if before is None:
-        return Occupant(parent, 1, e.fitness, tuple(place))
+        return Occupant(parent, 1, e.fitness, tuple(place), dict(counters))
     n = before.n + 1
     means = (old + (new - old) / n for old, new in zip(before.place, place, strict=True))
-    return Occupant(parent, n, before.fitness + (e.fitness - before.fitness) / n, tuple(means))
+    fitness = before.fitness + (e.fitness - before.fitness) / n
+    return Occupant(parent, n, fitness, tuple(means), running_mean(before.counters, counters, n))

@@ -17,7 +17,7 @@ from pydantic import BaseModel, Field
 
 from islandgp.domain import Schema
 from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import Evaluated, Individual, Tree
+from islandgp.evolution.population import EditedTree, Evaluated, Individual, Tree
 from islandgp.search.base import Advice, SearchContext, SearchState
 from islandgp.search.breeding import Breeding, Parent, first_generation, next_generation
 from islandgp.search.descriptor import Descriptor, dimensions, faults, point
@@ -45,12 +45,13 @@ class NoveltySettings(BaseModel, frozen=True, extra="forbid"):
 
 @dataclass(frozen=True, slots=True)
 class Explored:
-    """The last generation, the most novel first, and places that were new before."""
+    """The last generation, the most novel first of those that break constraints as little."""
 
     parents: tuple[Parent, ...]
     fittest: tuple[Parent, ...]  # of these, the best first
-    archive: Places  # the oldest first
+    archive: Places  # that were new before, the oldest first
     given: Tree | None  # of the supervisor, to inject
+    edited: tuple[EditedTree, ...] = ()  # of the supervisor
 
 
 class Novelty:
@@ -58,7 +59,7 @@ class Novelty:
 
     Settings = NoveltySettings
     Memory: ClassVar[Any] = Explored
-    uses: ClassVar[frozenset[str]] = frozenset({"tree"})
+    uses: ClassVar[frozenset[str]] = frozenset({"tree", "edits"})
 
     @classmethod
     def make(cls, settings: NoveltySettings, context: SearchContext) -> Novelty:
@@ -91,6 +92,7 @@ class Novelty:
             state.generation,
             again=memory.fittest,
             tree=memory.given,
+            edited=memory.edited,
             pick=pick,
             how=self.settings.breeding,
         )
@@ -103,14 +105,16 @@ class Novelty:
         places = tuple(point(self.dimensions, e.outcome) for e in evaluated)
         new = novelty(places, archive, self.settings.neighbours)
         order = sorted(range(len(places)), key=lambda k: -new[k])
-        fittest = sorted(range(len(places)), key=lambda k: -evaluated[k].fitness)
+        able = sorted(order, key=lambda k: evaluated[k].violation)
+        fittest = sorted(range(len(places)), key=lambda k: evaluated[k].merit, reverse=True)
         parents = [Parent(e.individual.id, e.individual.tree) for e in evaluated]
         grown = (*archive, *(places[k] for k in order[: self.settings.added]))
         explored = Explored(
-            parents=tuple(parents[k] for k in order),
+            parents=tuple(parents[k] for k in able),
             fittest=tuple(parents[k] for k in fittest[: self.settings.fittest]),
             archive=grown[max(0, len(grown) - self.settings.archive) :],
             given=advice.tree,
+            edited=advice.edited,
         )
         return SearchState(state.generation + 1, explored)
 

@@ -1,7 +1,8 @@
-"""Pareto fronts and crowding distances: Deb et al. 2002, sections III.A and III.B."""
+"""Pareto fronts, crowding distances, constraints: Deb et al. 2002, sections III.A, III.B, VI."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import inf
 from typing import Any
 
@@ -11,9 +12,14 @@ Points = np.ndarray[Any, np.dtype[np.float64]]
 """A row for each individual, a column for each objective; more is better."""
 
 
-def crowded_order(points: Points) -> list[int]:
-    """Rows by rank, and those of one rank by crowding distance, the least crowded first."""
-    rank = ranks(points)
+def crowded_order(points: Points, violations: Sequence[float] | None = None) -> list[int]:
+    """Rows by rank, and those of one rank by crowding distance, the least crowded first.
+
+    Args:
+        points: of at least one individual.
+        violations: of constraints by each row, >= 0; None: there are none.
+    """
+    rank = ranks(points, violations)
     distance = np.zeros(len(points))
     for r in range(int(rank.max()) + 1):
         front = np.flatnonzero(rank == r)
@@ -21,11 +27,18 @@ def crowded_order(points: Points) -> list[int]:
     return sorted(range(len(points)), key=lambda k: (rank[k], -distance[k]))
 
 
-def ranks(points: Points) -> np.ndarray[Any, np.dtype[np.int64]]:
-    """The front of each row: 0 for those that no row dominates, 1 without these, and so on."""
+def ranks(
+    points: Points, violations: Sequence[float] | None = None
+) -> np.ndarray[Any, np.dtype[np.int64]]:
+    """The front of each row: 0 for those that no row dominates, 1 without these, and so on.
+
+    A smaller violation dominates a larger one, whatever the points (section VI).
+    """
+    broken = np.zeros(len(points)) if violations is None else np.array(violations)
 
     def dominated(k: int) -> Any:
-        return (points[k] >= points).all(axis=1) & (points[k] > points).any(axis=1)
+        better = (points[k] >= points).all(axis=1) & (points[k] > points).any(axis=1)
+        return (broken[k] < broken) | ((broken[k] == broken) & better)
 
     by = np.zeros(len(points), dtype=np.int64)  # rows without a rank that dominate each row
     for k in range(len(points)):

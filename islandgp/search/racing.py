@@ -10,8 +10,8 @@ Moore 1994) and bandits.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from math import sqrt
 from typing import Any, ClassVar
 
@@ -21,10 +21,26 @@ from pydantic import BaseModel, Field
 from islandgp.bt.node import Node, size
 from islandgp.evolution.evidence import estimate
 from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import Evaluated, Individual, Origin, Tree
+from islandgp.evolution.population import (
+    EditedTree,
+    Evaluated,
+    Individual,
+    Origin,
+    Tree,
+    edited_individuals,
+)
+from islandgp.scoring.constraints import (
+    NO_COUNTERS,
+    Merit,
+    limited,
+    merit,
+    running_mean,
+    violation,
+)
 from islandgp.search.base import Advice, SearchContext, SearchState
 from islandgp.search.breeding import Breeding, Parent, children, digest, random_individuals
 from islandgp.search.compose import priority_lists
+from islandgp.search.lexicase import Contender, contender, eligible, selected
 from islandgp.seeding import Stream, Streams
 
 
@@ -39,6 +55,12 @@ class RacingSettings(BaseModel, frozen=True, extra="forbid"):
     milestone: float = Field(ge=0)  # standard deviations that a milestone is worth
     behaviour: float = Field(ge=0)  # standard deviations that a behaviour is worth
     parsimony: float = Field(ge=0)  # standard deviations that a node costs
+    specialists: float = Field(ge=0, le=1)
+    """Share of mothers chosen by lexicase selection over the last generation's episodes.
+
+    A tree that is far better than all others in one world has children then, whatever it earns
+    in the others. Without effect where an individual has one episode.
+    """
     breeding: Breeding
 
 
@@ -51,6 +73,7 @@ class Entry:
     fitness: tuple[tuple[int, float], ...]  # (generation, points), oldest first
     bonus: float  # for milestones and behaviours, in standard deviations; mean over these
     trace: str  # of its last outcome: two trees with equal traces did the same
+    counters: dict[str, float] = field(default_factory=dict)  # with limits, mean over these
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +83,8 @@ class Evidence:
     entries: tuple[Entry, ...]
     tree: Tree | None  # of the supervisor, to inject
     tried: tuple[str, ...]  # digests of trees
+    contenders: tuple[Contender, ...] = ()  # the last generation; () without specialists
+    edited: tuple[EditedTree, ...] = ()  # of the supervisor
 
 
 TRIED = 3000  # trees that are remembered as tried
@@ -70,7 +95,7 @@ class Racing:
 
     Settings = RacingSettings
     Memory: ClassVar[Any] = Evidence
-    uses: ClassVar[frozenset[str]] = frozenset({"tree"})
+    uses: ClassVar[frozenset[str]] = frozenset({"tree", "edits"})
 
     @classmethod
     def make(cls, settings: RacingSettings, context: SearchContext) -> Racing:
@@ -94,6 +119,7 @@ class Racing:
         asked = self._again(memory, g) if g else self._first(streams)
         if memory.tree is not None:
             asked.append(Individual(f"{g}.{len(asked)}", memory.tree, Origin.INJECTED))
+        asked += edited_individuals(memory.edited, g, len(asked))
         slots = range(len(asked), self.plan.gp.population)
         tried = {*memory.tried, *(digest(i.tree) for i in asked)}
         common = self.plan.space, how.breeding, tried
@@ -102,7 +128,13 @@ class Racing:
         parents = [Parent(e.id, e.tree) for e in memory.entries]
         fathers = [*parents, *self.library]
 
+        contenders = memory.contenders
+        points = np.array([c.cases for c in contenders])
+        entrants = eligible(np.array([c.violation for c in contenders])) if contenders else None
+
         def pick(rng: np.random.Generator) -> tuple[Parent, Sequence[Parent]]:
+            if contenders and rng.random() < how.specialists:
+                return contenders[selected(rng, points, entrants)].parent, fathers
             return parents[min(rng.integers(len(parents), size=2))], fathers
 
         return (*asked, *children(streams, g, slots, pick, *common))
@@ -121,7 +153,7 @@ class Racing:
         """Survivors that meet the generation's worlds: those with the highest upper bounds."""
         likely = self._ranked(memory.entries, 1.0)
         n = self.plan.gp.population
-        most = min(max(1, round(self.settings.again * n)), n - 2)
+        most = min(max(1, round(self.settings.again * n)), n - 2 - len(memory.edited))
         return [
             Individual(f"{generation}.{slot}", e.tree, Origin.ELITE, (e.id,))
             for slot, e in enumerate(likely[:most])
@@ -135,12 +167,16 @@ class Racing:
         known = {digest(e.tree): e for e in memory.entries}
         keys = [digest(e.individual.tree) for e in evaluated]
         for key, e in zip(keys, evaluated, strict=True):
-            known[key] = updated(known.get(key), e, self._bonus(e), state.generation)
+            counters = limited(e.outcome.counters, self.plan.constraints)
+            known[key] = updated(known.get(key), e, self._bonus(e), state.generation, counters)
         ranked = distinct(self._ranked(list(known.values()), -1.0), state.generation)
         tried = tuple(dict.fromkeys((*memory.tried, *keys)))[-TRIED:]
         most = max(2, round(self.settings.survivors * self.plan.gp.population))
         kept = tuple(ranked[:most])
-        return SearchState(state.generation + 1, Evidence(kept, advice.tree, tried))
+        several = self.settings.specialists and self.plan.gp.episodes > 1
+        contenders = tuple(contender(e, e.episodes) for e in evaluated) if several else ()
+        evidence = Evidence(kept, advice.tree, tried, contenders, advice.edited)
+        return SearchState(state.generation + 1, evidence)
 
     def _bonus(self, e: Evaluated) -> float:
         """What milestones and behaviours are worth, in standard deviations.
@@ -152,28 +188,45 @@ class Racing:
         return how.milestone * reached + how.behaviour * len(classes.shown(e.outcome.counters))
 
     def _ranked(self, entries: Sequence[Entry], side: float) -> list[Entry]:
-        """Best first, by a bound of an entry's worth: the lower for side=-1, the upper for 1."""
+        """Best first, by a bound of an entry's worth: the lower for side=-1, the upper for 1.
+
+        Constraints come first, by the means over all episodes.
+        """
         how = self.settings
         levels, sd = estimate([dict(e.fitness) for e in entries])
 
-        def bound(k: int) -> float:
+        def bound(k: int) -> Merit:
             e = entries[k]
             worth = e.bonus - how.parsimony * size(e.tree)
-            return levels[k] + sd * (worth + side * how.caution / sqrt(len(e.fitness)))
+            points = levels[k] + sd * (worth + side * how.caution / sqrt(len(e.fitness)))
+            return merit(points, violation(e.counters, self.plan.constraints))
 
         return [entries[k] for k in sorted(range(len(entries)), key=bound, reverse=True)]
 
 
-def updated(before: Entry | None, e: Evaluated, bonus: float, generation: int) -> Entry:
-    """The entry of a tree with one more evaluation."""
+def updated(
+    before: Entry | None,
+    e: Evaluated,
+    bonus: float,
+    generation: int,
+    counters: Mapping[str, float] = NO_COUNTERS,
+) -> Entry:
+    """The entry of a tree with one more evaluation; `counters` are those with limits."""
     i = e.individual
     trace = repr((e.fitness, sorted(e.outcome.components.items())))
     now = (generation, e.fitness)
     if before is None:
-        return Entry(i.id, i.tree, (now,), bonus, trace)
+        return Entry(i.id, i.tree, (now,), bonus, trace, dict(counters))
     n = len(before.fitness) + 1
     mean = before.bonus + (bonus - before.bonus) / n
-    return replace(before, id=i.id, fitness=(*before.fitness, now), bonus=mean, trace=trace)
+    return replace(
+        before,
+        id=i.id,
+        fitness=(*before.fitness, now),
+        bonus=mean,
+        trace=trace,
+        counters=running_mean(before.counters, counters, n),
+    )
 
 
 def distinct(entries: Sequence[Entry], generation: int) -> list[Entry]:

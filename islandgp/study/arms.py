@@ -16,6 +16,7 @@ from islandgp.evolution.record import (
     fittest,
 )
 from islandgp.scoring.classes import Classes
+from islandgp.scoring.constraints import Constraints, recorded_constraints
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.study.paper import Paper
 
@@ -35,6 +36,7 @@ class Run:
     champion: Champion  # the run's best robot
     validation: tuple[int, ...] = ()  # seeds of the worlds in which it was chosen; (): in none
     validated: float | None = None  # points, its mean in these worlds; None: it was not validated
+    feasible: float | None = None  # share of these worlds in which it keeps the constraints
 
     @property
     def seed(self) -> int:
@@ -68,8 +70,14 @@ class Run:
 
     @property
     def best(self) -> tuple[IndividualRecord, ...]:
-        """The fittest individual of each generation."""
-        return tuple(max(r.individuals, key=lambda i: i.fitness) for r in self.records)
+        """The best individual of each generation: with constraints feasible before fit."""
+        limits = self.constraints
+        return tuple(fittest(None, 0, r.individuals, limits).record for r in self.records)
+
+    @property
+    def constraints(self) -> Constraints:
+        """Limits by counter that came before fitness; {} for none."""
+        return recorded_constraints(self.config)
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +142,7 @@ def cut(run: Run, generations: int) -> Run:
     champion = None
     for generation, record in enumerate(records):
         if record.snapshot.stage == last.snapshot.stage:
-            champion = fittest(champion, generation, record.individuals)
+            champion = fittest(champion, generation, record.individuals, run.constraints)
     assert champion is not None
     return replace(
         run,
@@ -143,4 +151,5 @@ def cut(run: Run, generations: int) -> Run:
         champion=champion,
         validation=(),
         validated=None,
+        feasible=None,
     )

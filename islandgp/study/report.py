@@ -24,6 +24,7 @@ from islandgp.study.table import Table
 from islandgp.study.tables.archives import archive_table, one_grid
 from islandgp.study.tables.champions import (
     components_table,
+    constraints_table,
     controls_table,
     generalisation_table,
     specialists_table,
@@ -37,7 +38,12 @@ from islandgp.study.tables.comparisons import (
     power_table,
     runs_table,
 )
-from islandgp.study.tables.origins import champion_sources_table, lineage_table, sources_table
+from islandgp.study.tables.origins import (
+    champion_sources_table,
+    edits_table,
+    lineage_table,
+    sources_table,
+)
 from islandgp.study.tables.scores import (
     VALIDATED,
     champion_rows,
@@ -101,7 +107,7 @@ def build(
         "Controls without evolution": [controls_table(study, controls)] if with_library else [],
         "The paper's claims": _claims(study, plan, findings),
         "Further questions": _questions(study, plan, findings),
-        "Scores of the best robots": _scores(scores, rows),
+        "Scores of the best robots": _scores(study, scores, rows),
         **_paper_s_tables(study, findings, f"{robots} Robots (section 3.4)"),
         "Cost in episodes": [episodes_table(study), by_episodes(study)],
         "Supervision (sections 3.6 and 3.7)": _supervision(study),
@@ -189,7 +195,9 @@ def _questions(study: Comparison, plan: AnalysisPlan, findings: Findings) -> Ite
         yield questions_table(f"questions-{k}", family.name, mine, plan.margins)
 
 
-def _scores(scores: Scores, rows: Sequence[ScoreRow]) -> Iterator[Item]:
+def _scores(study: Comparison, scores: Scores, rows: Sequence[ScoreRow]) -> Iterator[Item]:
+    if any(run.constraints for arm in study.arms for run in arm.runs):
+        yield constraints_table(study)
     if not scores:
         yield note("not-validated")
         return
@@ -239,6 +247,9 @@ def _beyond(study: Comparison, unseen: Sequence[Generalisation], worlds: int) ->
     if survival is not None:
         yield survival
         yield lineage_table(study)
+        edits = edits_table(study)
+        if edits is not None:
+            yield edits
         yield sources_table(study)
     if unseen:
         yield generalisation_table(unseen, worlds)

@@ -80,6 +80,7 @@ def read(found: Found) -> Run:
             champion=typed(Champion, champion),
             validation=tuple(validation["worlds"]),
             validated=validation["mean"],
+            feasible=validation.get("feasible"),
         )
     except RunError as error:
         raise StudyError(str(error)) from error

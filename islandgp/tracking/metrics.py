@@ -2,37 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from islandgp.domain import total
-from islandgp.evolution.record import GuidanceRecord
+from islandgp.evolution.edit_fates import EditFate, edit_fates
+from islandgp.evolution.record import GenerationRecord, GuidanceRecord
+from islandgp.plain import typed
+from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, merit, violation
 from islandgp.supervision.decisions import Decisions, decisions
 
 COSTS = {"evaluation": "evaluation_s", "supervision": "supervision_s", "operators": "operators_s"}
 """Costs whose metric says the unit; the others keep their names."""
 
 
-def metrics(record: Mapping[str, Any], cost: Mapping[str, Any]) -> dict[str, float]:
+def metrics(
+    record: Mapping[str, Any],
+    cost: Mapping[str, Any],
+    constraints: Constraints = NO_CONSTRAINTS,
+) -> dict[str, float]:
     """One generation's metrics, from its lines in generations.jsonl and costs.jsonl."""
     return {
-        **_fitness(record),
+        **_fitness(record, constraints),
         **_population(record),
         **_archive(record),
         **_supervision(record),
+        **_edits(record),
         **dict(_cost(cost)),
     }
 
 
-def _fitness(record: Mapping[str, Any]) -> dict[str, float]:
-    s = record["snapshot"]
-    best = max(record["individuals"], key=lambda i: i["fitness"])
+def _fitness(record: Mapping[str, Any], constraints: Constraints) -> dict[str, float]:
+    s, individuals = record["snapshot"], record["individuals"]
+    broken = [violation(i["counters"], constraints) for i in individuals]
+    least, best = max(
+        zip(broken, individuals, strict=True), key=lambda pair: merit(pair[1]["fitness"], pair[0])
+    )
+    limits = {
+        "constraints/feasible": broken.count(0.0) / len(broken),
+        "constraints/violation_of_best": least,
+    }
     return {
         "fitness/max": s["best"],
         "fitness/mean": s["mean"],
         "fitness/sd": s["sd"],
         "size/best": best["nodes"],
         **{f"components/{name}": points for name, points in best["components"].items()},
+        **(limits if constraints else {}),
     }
 
 
@@ -68,6 +84,21 @@ def _supervision(record: Mapping[str, Any]) -> dict[str, float]:
     }
 
 
+def _edits(record: Mapping[str, Any]) -> dict[str, float]:
+    """Edits that were advised after this generation, and how those before it did; {} for none."""
+    advised = (record["guidance"] or {}).get("edits", ())
+    trials = record.get("trials", ())
+    if not advised and not trials:
+        return {}
+    better = sum(trial["fitness"] > trial["parent_fitness"] for trial in trials)
+    return {
+        "edits/advised": len(advised),
+        "edits/refused": sum(bool(edit["refused"]) for edit in advised),
+        "edits/evaluated": len(trials),
+        "edits/better": better,
+    }
+
+
 def _cost(cost: Mapping[str, Any], section: str = "cost") -> Iterator[tuple[str, float]]:
     for key, value in cost.items():
         if isinstance(value, Mapping):
@@ -84,7 +115,10 @@ def final_metrics(records: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, f
     given: list[GuidanceRecord] = []
     best = 0.0
     diversities: list[float] = []
+    edited: list[GenerationRecord] = []
     for record in records:
+        if edited or (record["guidance"] or {}).get("edits"):
+            edited.append(typed(GenerationRecord, record))
         s = record["snapshot"]
         best = max(best, s["best"]) if diversities else s["best"]
         diversities.append(s["diversity"])
@@ -96,7 +130,17 @@ def final_metrics(records: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, f
     yield "run/best", best
     yield "run/mean_diversity", total(diversities) / len(diversities)
     yield from ((f"run/first_{tier}", generation) for tier, generation in first.items())
+    yield from _fates(edit_fates(edited))
     yield from _decisions(decisions([given]))
+
+
+def _fates(fates: Sequence[EditFate]) -> Iterator[tuple[str, float]]:
+    """The run's edits: shares of those that were evaluated, in [0, 1], and generations."""
+    tried = [fate for fate in fates if fate.trial is not None]
+    if tried:
+        yield "run/edits_better", sum((fate.gain or 0) > 0 for fate in tried) / len(tried)
+        yield "run/edits_with_children", sum(fate.children > 0 for fate in tried) / len(tried)
+        yield "run/edits_lived", sum(fate.lived for fate in tried) / len(tried)
 
 
 def _decisions(found: Decisions) -> Iterator[tuple[str, float]]:

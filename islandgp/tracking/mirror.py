@@ -21,10 +21,11 @@ from filelock import FileLock
 
 from islandgp.errors import TrackingError
 from islandgp.records.checkpoint import remove_leftovers
-from islandgp.records.files import RunMetadata, score
+from islandgp.records.files import RunMetadata, kept_constraints, score
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import flat
 from islandgp.records.sweep_folder import arm_of, job_of
+from islandgp.scoring.constraints import recorded_constraints
 from islandgp.tracking.artifacts import TABLE, Artifact, artifacts, note
 from islandgp.tracking.metrics import final_metrics, metrics
 from islandgp.tracking.parent import parent_run
@@ -142,9 +143,9 @@ class Mirror:
         """A call's fill of points from the generation `first` on, and the generation after it."""
         batch: list[Metric] = []
         pairs = zip(self.folder.records(first), self.folder.costs(first), strict=False)
-        step = first
+        step, constraints = first, recorded_constraints(self.folder.configuration())
         for record, cost in islice(pairs, end - first):
-            values = metrics(record, cost)
+            values = metrics(record, cost, constraints)
             if len(batch) + len(values) > POINTS:
                 break
             batch += [metric(key, value, cost["at"], step) for key, value in values.items()]
@@ -181,7 +182,11 @@ class Mirror:
             last = sent.generations - 1
             values = dict(final_metrics(self.folder.records()))
             if self.folder.finished():
-                values["run/score"] = score(self.folder.summary())
+                summary = self.folder.summary()
+                values["run/score"] = score(summary)
+                values |= {
+                    f"run/{name}": value for name, value in kept_constraints(summary).items()
+                }
             points = [metric(key, value, ended, last) for key, value in values.items()]
             client.log_batch(sent.run, metrics=points)
         sent = replace(sent, done=done)

@@ -8,6 +8,13 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from islandgp.records.folder import RunFolder
+from islandgp.scoring.constraints import (
+    Constraints,
+    Merit,
+    merit,
+    recorded_constraints,
+    violation,
+)
 
 POINTS: Final = 300  # of a curve in a picture
 TIERS: Final = 8  # curves of tiers, the best ones
@@ -19,7 +26,7 @@ def _floats() -> array[float]:
 
 @dataclass(slots=True)
 class RunHistory:
-    """Curves over generations, and the fittest individual of the last stage so far."""
+    """Curves over generations, and the best individual of the last stage so far."""
 
     generations: int = 0
     individuals: int = 0  # of the last generation
@@ -31,9 +38,10 @@ class RunHistory:
     qd_score: array[float] = field(default_factory=_floats)
     tiers: dict[str, array[float]] = field(default_factory=dict)  # share of individuals, best first
     stages: list[tuple[int, int]] = field(default_factory=list)  # first generation, and stage
-    fittest: Mapping[str, Any] | None = None  # its record
+    fittest: Mapping[str, Any] | None = None  # its record; with constraints feasible before fit
     archived: bool = False  # the run keeps an archive
     seconds: float = 0.0  # spent in its generations
+    constraints: Constraints = field(default_factory=dict)
 
     def add(self, record: Mapping[str, Any], cost: Mapping[str, Any]) -> None:
         """Takes one more generation in."""
@@ -41,8 +49,8 @@ class RunHistory:
         if not self.stages or self.stages[-1][1] != snapshot["stage"]:
             self.stages.append((self.generations, snapshot["stage"]))
             self.fittest = None
-        best = max(everyone, key=lambda i: i["fitness"])
-        if self.fittest is None or best["fitness"] > self.fittest["fitness"]:
+        best = max(everyone, key=self._merit)
+        if self.fittest is None or self._merit(best) > self._merit(self.fittest):
             self.fittest = best
         archive = record.get("archive") or {"coverage": 0.0, "qd_score": 0.0}
         self.archived = self.archived or bool(record.get("archive"))
@@ -62,10 +70,13 @@ class RunHistory:
         self.individuals = len(everyone)
         self.seconds += sum(cost[key] for key in ("evaluation", "supervision", "operators"))
 
+    def _merit(self, i: Mapping[str, Any]) -> Merit:
+        return merit(i["fitness"], violation(i["counters"], self.constraints))
+
 
 def read_history(folder: RunFolder) -> RunHistory:
     """The history of a run as far as its folder has come. Raises RunError."""
-    found = RunHistory()
+    found = RunHistory(constraints=recorded_constraints(folder.configuration()))
     for record, cost in zip(folder.records(), folder.costs(), strict=False):
         found.add(record, cost)
     return found

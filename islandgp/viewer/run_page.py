@@ -23,6 +23,7 @@ from islandgp.records.folder import RunFolder, Status
 from islandgp.redaction import HIDDEN
 from islandgp.resources import program
 from islandgp.scoring.classes import Classes
+from islandgp.scoring.constraints import in_words
 from islandgp.supervision.state_json import title
 from islandgp.viewer.ancestry import Lineage, LineageStep, lineage
 from islandgp.viewer.champion import first_episode
@@ -117,7 +118,7 @@ def _result(look: _Look) -> str:
         return "The run has begun; its first generation is not evaluated yet."
     spent = f"{done:,} generation{'s' * (done != 1)} and {history.episodes[-1]:,.0f} episodes"
     if look.status is Status.FINISHED:
-        return f"{_best_robot(look)} after {spent}.{_milestones(look)}"
+        return f"{_best_robot(look)} after {spent}.{_milestones(look)}{_constrained(look)}"
     points = look.points(look.champion["fitness"])
     best = f"the fittest individual of this stage, {look.champion['id']}, has {points} points"
     total = int(look.config["gp"]["generations"])
@@ -158,12 +159,22 @@ def _milestones(look: _Look) -> str:
     return f" In these worlds it is {', '.join(shares)}."
 
 
+def _constrained(look: _Look) -> str:
+    """Whether the best robot keeps the constraints in these worlds; "" without any."""
+    if look.validation is None or look.validation.get("feasible") is None:
+        return ""
+    kept = "breaks" if look.validation["violation"] else "keeps"
+    share = f"{look.validation['feasible']:.0%}"
+    return f" On average it {kept} the constraints, and it keeps them in {share} of these worlds."
+
+
 def _facts(look: _Look) -> Iterator[str]:
     about, config = look.folder.about(), look.config
     facts = {
         "domain": "" if about is None else about.tags.get("domain", ""),
         "search": str(config.get("search", {}).get("name", "paper")),
         "supervisor": str(config["supervisor"]["name"]),
+        "constraints": in_words(look.history.constraints),
         "seed": str(config["seed"]),
         "version": "" if about is None else about.tags.get("code", ""),
         "in generations": _duration(look.history.seconds),
@@ -391,7 +402,11 @@ def _origin(step: LineageStep) -> str:
         if step.guidance is not None:
             target = step.guidance.get("target")
             text = f"injected by {step.guidance['source']}" + (f" for {target}" if target else "")
-    return f"{text}, then mutation {step.mutation}" if step.mutation else text
+    mutation = step.mutation
+    if step.origin == "edited":
+        kind, _, mutation = mutation.removeprefix("edit:").partition("+")
+        text = f"{first}, edited by the supervisor ({kind})"
+    return f"{text}, then mutation {mutation}" if mutation else text
 
 
 def _guidance(step: LineageStep) -> str:

@@ -17,7 +17,7 @@ LAYERS: list[tuple[str, ...]] = [
     # A module imports from its own layer and those above it in this list, never from below.
     ("errors", "plain", "seeding", "resources", "plugin", "redaction", "time_limit", "trust"),
     ("bt",),
-    ("domain",),
+    ("domain", "sensors"),
     ("scoring",),
     ("ticking", "domains"),
     (
@@ -30,12 +30,14 @@ LAYERS: list[tuple[str, ...]] = [
         "evolution.variation",
         "evolution.plan",
         "evolution.allocation",
+        "evolution.edits",
         "evolution.record",
+        "evolution.edit_fates",
     ),
     ("search",),
     ("supervision",),
     ("evaluation",),
-    ("evolution.loop", "evolution.single_behaviours", "evolution.validation"),
+    ("evolution.guidance", "evolution.loop", "evolution.single_behaviours", "evolution.validation"),
     ("records",),
     ("viewer",),
     ("tracking",),
@@ -165,15 +167,21 @@ def loaded_after(code: str) -> set[str]:
     return set(found.stdout.split())
 
 
-@pytest.mark.parametrize(
-    "module",
-    ["cli", "running.app", "running.run", "config.settings", "config.compose", "running.sweep"],
-)
-def test_starting_is_quick(module: str) -> None:
+@pytest.mark.process
+def test_starting_is_quick() -> None:
     """Importing the rim loads no slow library."""
-    assert loaded_after(f"import islandgp.{module}") == set()
+    rim = (
+        "config.settings",
+        "config.compose",
+        "running.run",
+        "running.sweep",
+        "running.app",
+        "cli",
+    )
+    assert loaded_after("\n".join(f"import islandgp.{module}" for module in (*rim, "cli"))) == set()
 
 
+@pytest.mark.process
 def test_validating_is_quick() -> None:
     """Choosing the language model, MLflow or Ray loads none of them before a run begins."""
     code = (
@@ -183,6 +191,7 @@ def test_validating_is_quick() -> None:
     assert loaded_after(code) == set()
 
 
+@pytest.mark.process
 def test_help_is_quick() -> None:
     """`islandgp --help` lists the commands without importing one."""
     code = (

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from islandgp.bt.engine import compile_tree
 from islandgp.bt.language import parse
 from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node
+from islandgp.bt.rules import Rule, read_rule
 from islandgp.domains.island.vocabulary import VOCABULARY
 
 _ACTIONS = dict(zip("ABCDEFG", VOCABULARY.actions, strict=True))
@@ -22,6 +23,12 @@ def short_tree(text: str) -> Node:
     """A tree from its short text."""
     words = _ACTIONS | _KEYS
     return parse(re.sub(r"\b[A-Gpqx]\b", lambda word: words[word[0]], text), VOCABULARY)
+
+
+def short_rule(text: str) -> Rule:
+    """A rule from its short text."""
+    words = _ACTIONS | _KEYS
+    return read_rule(re.sub(r"\b[A-Gpqx]\b", lambda word: words[word[0]], text), VOCABULARY)
 
 
 class Stage:

@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from islandgp.bt.condition import (
     Asked,
@@ -32,6 +32,7 @@ from islandgp.evolution.random_trees import ConditionSettings, TreeSpace, random
 from islandgp.evolution.variation import mutate
 from tests.bt.reference import holds
 from tests.composed import composed
+from tests.profiles import examples
 from tests.strategies import conditions, few_boards, few_numbers
 
 PLACES = VOCABULARY.places
@@ -53,7 +54,7 @@ def boards(*asked: Asked) -> list[list[float]]:
     return [list(values) for values in product(*each_key)]
 
 
-@settings(max_examples=300)
+@examples(max_examples=300)
 @given(asked=ASKED, board=few_boards())
 def test_one_closure_says_what_the_interpreter_says(asked: Asked, board: list[float]) -> None:
     """Also after the board has changed, and for what is opposite, denied and spread."""
@@ -76,7 +77,7 @@ def test_a_single_condition_stays_what_it_was() -> None:
     assert joined_up.__code__.co_freevars == ("board",)
 
 
-@settings(max_examples=150, deadline=None)
+@examples(max_examples=150, deadline=None)
 @given(first=ASKED, second=ASKED)
 def test_what_follows(first: Asked, second: Asked) -> None:
     """What one condition implies or excludes, it does on every blackboard, and it is all found."""
@@ -96,7 +97,7 @@ def test_a_not_in_an_or_denies() -> None:
     assert implies((known,), asked)
 
 
-@settings(max_examples=150, deadline=None)
+@examples(max_examples=150, deadline=None)
 @given(asked=ASKED, known=ASKED)
 def test_shorter(asked: Asked, known: Asked) -> None:
     """A shorter condition is the same where what is known holds, and shortening it ends there."""
@@ -129,7 +130,7 @@ def test_shorter_examples(text: str, short: str) -> None:
     assert condition_text(shorter(asked, ())) == short
 
 
-@settings(max_examples=200)
+@examples(max_examples=200)
 @given(asked=conditions())
 def test_ways_out_and_back(asked: Asked) -> None:
     """Text, JSON and scripts of BehaviorTree.CPP bring a condition back."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from islandgp.bt.format import format_text
@@ -14,6 +14,7 @@ from islandgp.bt.node import Node
 from islandgp.commands.setting import Chosen, vocabulary_of
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import DomainError, TreeError
+from tests.profiles import examples
 from tests.strategies import nodes
 
 TREE = "selector { PatrolWaypoint PickupGarbage }"
@@ -110,7 +111,7 @@ def test_fmt_keeps_it(text: str, formatted: str) -> None:
 GAPS = st.sampled_from(["", "# x\n", "\n\n", "\n# x\n\n# y\n"])
 
 
-@settings(max_examples=60, deadline=None)
+@examples(max_examples=60, deadline=None)
 @given(nodes(), GAPS, GAPS, st.sampled_from(["", "#z"]))
 def test_fmt_of_any_tree(node: Node, above: str, below: str, behind: str) -> None:
     """The domain, the tree and each comment are there afterwards, and stay as they are."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from islandgp.bt.condition import condition
@@ -12,6 +12,7 @@ from islandgp.bt.engine import compile_tree
 from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, condition_of, walk
 from islandgp.domains.island.vocabulary import VOCABULARY
 from tests.bt.reference import Reference
+from tests.profiles import examples
 from tests.strategies import few_boards, few_numbers, nodes
 
 Call = tuple[str, bool, int]  # (leaf, fresh, status)
@@ -56,7 +57,7 @@ def with_own_names(node: Node, numbers: Iterator[int]) -> Node:
     return node._replace(children=tuple(with_own_names(child, numbers) for child in node.children))
 
 
-@settings(max_examples=600, deadline=None)
+@examples(max_examples=600, deadline=None)
 @given(tree=TREES, boards=BOARDS, results=RESULTS)
 def test_engine_is_the_reference(tree: Node, boards: list[list[float]], results: list[int]) -> None:
     """The compiled tree calls the same actions and tells a watch the same as the reference."""
@@ -83,7 +84,7 @@ def test_engine_is_the_reference(tree: Node, boards: list[list[float]], results:
         expected_seen.clear()
 
 
-@settings(max_examples=600, deadline=None)
+@examples(max_examples=600, deadline=None)
 @given(tree=TREES, boards=BOARDS, quiet=BOARDS, results=RESULTS)
 def test_quiet_ticks_change_nothing(
     tree: Node, boards: list[list[float]], quiet: list[list[float]], results: list[int]

@@ -7,7 +7,7 @@ import sys
 import time
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from islandgp.bt.condition import Condition
@@ -17,6 +17,7 @@ from islandgp.bt.printer import WIDTH, number_text
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import LimitError, TreeError
+from tests.profiles import examples
 from tests.strategies import nodes
 
 PATROL = Node("action", ("PatrolWaypoint",))
@@ -26,7 +27,7 @@ PICKUP = Node("action", ("PickupGarbage",))
 # Printing
 
 
-@settings(max_examples=300, deadline=None)
+@examples(max_examples=300, deadline=None)
 @given(nodes())
 def test_parse_of_print_is_the_tree(node: Node) -> None:
     """Parsing the canonical text of any tree gives that tree again."""
@@ -34,7 +35,7 @@ def test_parse_of_print_is_the_tree(node: Node) -> None:
     assert parse(text, VOCABULARY) == parse(text) == node
 
 
-@settings(max_examples=300, deadline=None)
+@examples(max_examples=300, deadline=None)
 @given(nodes())
 def test_print_of_parse_is_the_text(node: Node) -> None:
     """Canonical text stays as it is: formatting twice is formatting once."""
@@ -250,7 +251,7 @@ def test_hostile_text_of_any_domain(text: str) -> None:
         assert actions(found) == [text.split()[-1]]
 
 
-@settings(max_examples=300, deadline=None)
+@examples(max_examples=300, deadline=None)
 @given(st.text(max_size=60))
 def test_any_text(text: str) -> None:
     """No text makes the parser raise anything but a TreeError."""
@@ -289,7 +290,7 @@ def actions(node: Node) -> list[str]:
     return [*own, *(name for child in node.children for name in actions(child))]
 
 
-@settings(max_examples=300, deadline=None)
+@examples(max_examples=300, deadline=None)
 @given(st.lists(any_word) | nearly_trees())
 def test_any_words(words: list[str]) -> None:
     """The language's own words are a tree of their actions, in order, or an error at a place."""
@@ -304,7 +305,7 @@ def test_any_words(words: list[str]) -> None:
         assert actions(found) == [word for word in words if word in VOCABULARY.actions]
 
 
-@settings(max_examples=100, deadline=None)
+@examples(max_examples=100, deadline=None)
 @given(nodes())
 def test_the_words_of_a_tree_are_the_tree(node: Node) -> None:
     """One to a line or all in one."""
@@ -312,6 +313,7 @@ def test_the_words_of_a_tree_are_the_tree(node: Node) -> None:
     assert parse("\n".join(words)) == parse(" ".join(words)) == node
 
 
+@pytest.mark.process
 def test_lark_is_imported_when_a_text_is_parsed() -> None:
     """Importing the language costs no start-up time: lark comes with the first text."""
     code = "import sys, islandgp.bt.language; sys.exit('lark' in sys.modules)"

@@ -25,6 +25,7 @@ from islandgp.bt.node import Node, condition_of
 from islandgp.domains.island.vocabulary import VOCABULARY
 from tests.bt.every_tick import all_boards, every_tick
 from tests.bt.stage import short_tree
+from tests.profiles import examples
 from tests.strategies import few_numbers, nodes
 
 MOST_TICKS = 4_000
@@ -78,7 +79,7 @@ def compare(tree: Node) -> tuple[int, int]:
     return len(found), len(possible)
 
 
-@settings(max_examples=80, deadline=None)
+@examples(max_examples=80, deadline=None)
 @given(nodes(few_numbers(), max_leaves=5, max_repeats=2))
 def test_all_ticks_are_those_of_the_engine(tree: Node) -> None:
     """In all sequences of ticks actions meet the same blackboards; no proof excludes one."""
@@ -112,7 +113,7 @@ def running(machine: Machine, place: int, memory: Memory | int | None) -> set[in
     return {each for child, its in parts for each in running(machine, child, its)}
 
 
-@settings(max_examples=40, deadline=None)
+@examples(max_examples=40, deadline=None)
 @given(nodes(few_numbers(), max_leaves=5, max_repeats=2))
 def test_ticks_that_reach_an_action(tree: Node) -> None:
     """`reach` gives the blackboards of such ticks, and `moves` finds these ticks."""

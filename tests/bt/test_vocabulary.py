@@ -65,6 +65,13 @@ def test_a_range_without_numbers_is_refused(low: float, high: float, step: float
         Vocabulary("maze", {}, {"steps": Key("", flag=False, low=low, high=high, step=step)})
 
 
+@pytest.mark.parametrize("before", ["Fly", "Step", "wall"])
+def test_an_action_comes_after_other_actions(before: str) -> None:
+    """A name in `after` that is no other action is refused."""
+    with pytest.raises(DomainError, match=f"`after` of the action Step, found '{before}'"):
+        Vocabulary("maze", {"Step": Action("", after=(before,))}, {"wall": flag("")})
+
+
 def test_places_are_in_the_order_of_the_keys() -> None:
     """The index of a key on a blackboard is its place in the vocabulary."""
     assert MAZE.places == {"wall": 0, "steps": 1}

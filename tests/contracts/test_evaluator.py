@@ -28,6 +28,8 @@ from islandgp.evaluation.serial import Serial
 from islandgp.scoring.curriculum import Curriculum
 from tests.composed import composed
 
+pytestmark = pytest.mark.process
+
 TREES = (
     "PatrolWaypoint",
     "sequence { MoveToGarbage PickupGarbage }",

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from islandgp.bt.language import parse, to_text
@@ -30,6 +30,7 @@ from islandgp.supervision.replay import Replay
 from islandgp.supervision.yoked import Yoked
 from tests.composed import composed
 from tests.llm import made
+from tests.profiles import examples
 from tests.strategies import population_states
 
 LIMITS = composed().gp.limits
@@ -83,6 +84,10 @@ def distilled() -> Distilled:
 MAKERS: dict[str, Callable[[], Supervisor]] = {
     "baseline": by_configuration("baseline"),
     "expert": by_configuration("expert"),
+    "editor": by_configuration("editor"),
+    "editor_random_branch": by_configuration("editor_random_branch"),
+    "editor_random_tree": by_configuration("editor_random_tree"),
+    "editor_constant": by_configuration("editor_constant"),
     "fixed": by_configuration("fixed"),
     "untargeted": by_configuration("untargeted"),
     "llm": llm,
@@ -93,7 +98,7 @@ MAKERS: dict[str, Callable[[], Supervisor]] = {
 }
 
 every_supervisor = pytest.mark.parametrize("name", MAKERS)
-some_states = settings(
+some_states = examples(
     max_examples=15, suppress_health_check=[HealthCheck.too_slow], database=None, deadline=None
 )
 

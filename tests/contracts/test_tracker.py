@@ -16,6 +16,8 @@ from islandgp.tracking.off import Off
 from islandgp.tracking.store import MLflowSettings, Store
 from tests.tracking.folders import begun, place, steps, written
 
+pytestmark = pytest.mark.process
+
 
 @pytest.fixture(scope="session")
 def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:

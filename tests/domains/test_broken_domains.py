@@ -427,6 +427,7 @@ def test_an_import_that_fails_names_its_line(here: Path, islandgp: Cli) -> None:
     assert f"pick_place:PickPlace failed (ModuleNotFoundError: {place}" in said.err
 
 
+@pytest.mark.process
 @pytest.mark.skipif(sys.platform == "win32", reason="has no SIGALRM")
 def test_a_serial_run_that_hangs_ends(here: Path) -> None:
     """Exit code 2, and the action's name; also where it catches everything, for ever."""

@@ -27,7 +27,7 @@ from islandgp.evaluation.processes import Processes
 from islandgp.evaluation.serial import Serial
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.record import Step
-from islandgp.experiment import run
+from islandgp.experiment import compose, run
 from islandgp.running.run import make_search, make_supervisor
 from islandgp.testing.domain_suite import DomainSuite
 from tests.composed import composed, plain
@@ -171,6 +171,7 @@ def begun(home: Path) -> bool:
     return any(lines(file) >= 3 for file in home.rglob("generations.jsonl"))
 
 
+@pytest.mark.process
 @every_world
 @pytest.mark.slow
 def test_one_worker_and_four_give_the_same_records(tmp_path: Path, world: str) -> None:
@@ -192,6 +193,7 @@ def test_one_worker_and_four_give_the_same_records(tmp_path: Path, world: str) -
     assert records[0] == records[1]
 
 
+@pytest.mark.process
 @pytest.mark.slow
 def test_arms_are_compared(islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`compare` writes its page for a domain of an extra, unseen worlds included."""
@@ -206,6 +208,7 @@ def test_arms_are_compared(islandgp: Cli, tmp_path: Path, monkeypatch: pytest.Mo
     assert (tmp_path / "out" / "index.html").is_file()
 
 
+@pytest.mark.process
 def test_processes_run_an_environment() -> None:
     """A worker makes the environment by itself."""
     problem = composed("domain=cartpole", *SHORT).problem()
@@ -423,3 +426,13 @@ def test_stages_play_their_own_levels() -> None:
     assert "LockedRoom" in played[2]
     assert played[2] == problem.domain.world.levels  # type: ignore[attr-defined]
     assert replace(problem, stages=()).at(0) is problem.domain
+
+
+def test_a_lander_lands_or_crashes_once() -> None:
+    """A hard touch of the ground pays more than 100 points here, and is no landing."""
+    landers = compose("domain=lunarlander", "tracking=off", "evaluator=serial")
+    falling = landers.evaluate("Rest", range(300_000, 300_040))
+    by_hand = landers.evaluate(BY_HAND["lunarlander"].read_text(), range(300_000, 300_004))
+    for outcome in (*falling, *by_hand):
+        assert outcome.counters["landed"] + outcome.counters["crashed"] <= 1
+    assert sum(outcome.counters["landed"] for outcome in by_hand) >= 1

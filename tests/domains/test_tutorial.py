@@ -16,6 +16,8 @@ import pytest
 
 from islandgp.testing.server import MessagesServer
 
+pytestmark = pytest.mark.process
+
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "pick_place"
 PAGE = (ROOT / "docs" / "domains.md").read_text(encoding="utf-8")

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
@@ -24,6 +24,7 @@ from islandgp.scoring.snapshot import diversity
 from islandgp.seeding import Streams
 from tests.composed import composed, composed_plan
 from tests.made import CLASSES, evaluated, outcome
+from tests.profiles import examples
 from tests.strategies import nodes
 
 BEHAVIOURS = CLASSES.kept
@@ -114,7 +115,7 @@ def archives() -> st.SearchStrategy[dict[str, Ancestor]]:
     return st.dictionaries(st.sampled_from(BEHAVIOURS), ancestor)
 
 
-@settings(max_examples=150)
+@examples(max_examples=150)
 @given(
     population=populations(30), archive=archives(), seed=SEEDS, tree=st.none() | nodes(max_leaves=4)
 )
@@ -140,7 +141,7 @@ def test_table_1(
     assert 18 <= found["tournament"] <= 25
 
 
-@settings(max_examples=100)
+@examples(max_examples=100)
 @given(data=st.data(), size=st.integers(4, 70), archive=archives(), seed=SEEDS)
 def test_other_sizes(
     data: st.DataObject, size: int, archive: dict[str, Ancestor], seed: int
@@ -187,7 +188,7 @@ def test_diversity_slots(taken: int, diversity: float, slots: int) -> None:
     assert diversity_slots(composed().allocation, 30, taken, diversity) == slots
 
 
-@settings(max_examples=60)
+@examples(max_examples=60)
 @given(population=populations(30), seed=SEEDS)
 def test_elites_are_the_best(population: tuple[Evaluated, ...], seed: int) -> None:
     """The two fittest come first, unchanged, with their parent's id."""
@@ -200,7 +201,7 @@ def test_elites_are_the_best(population: tuple[Evaluated, ...], seed: int) -> No
     assert fitness == sorted(fitness, reverse=True)
 
 
-@settings(max_examples=60)
+@examples(max_examples=60)
 @given(population=populations(30), seed=SEEDS)
 def test_behavioural_elites(population: tuple[Evaluated, ...], seed: int) -> None:
     """The best of each behaviour is in, once, whether as elite or as behavioural elite."""
@@ -258,7 +259,7 @@ def test_remember_by_stage() -> None:
     assert remember(again, people([outcome(fitness=3.0, pickups=1)]), BEHAVIOURS, 1) == again
 
 
-@settings(max_examples=60)
+@examples(max_examples=60)
 @given(population=populations(30), seed=SEEDS)
 def test_supervisors_slot(population: tuple[Evaluated, ...], seed: int) -> None:
     """The supervisor's tree takes the first diversity slot, and nothing else changes."""
@@ -317,7 +318,7 @@ def test_pick_parent() -> None:
     assert pick(best, other, idle, given=6) is best  # patrol-only is no niche to protect
 
 
-@settings(max_examples=30)
+@examples(max_examples=30)
 @given(population=populations(30), seed=SEEDS)
 def test_names_and_parents(population: tuple[Evaluated, ...], seed: int) -> None:
     """Ids are `<generation>.<slot>`; parents are ids of the population before."""

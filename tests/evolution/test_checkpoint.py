@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from islandgp.errors import RunError
@@ -15,6 +15,7 @@ from islandgp.evolution.record import RunState
 from islandgp.records.checkpoint import read_checkpoint, save_state, write_atomic
 from islandgp.search.paper import Paper
 from tests.evolution.runs import Says, lines, plan, run
+from tests.profiles import examples
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +75,7 @@ def test_resume_through_the_file(states: list[RunState], tmp_path: Path) -> None
         assert list(lines(again)) == expected[state.generation :]
 
 
-@settings(max_examples=150)
+@examples(max_examples=150)
 @given(data=st.data())
 def test_one_wrong_byte(saved: Path, data: st.DataObject) -> None:
     """A file with any one byte changed or any end missing is refused, and its path is told."""

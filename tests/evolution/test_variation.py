@@ -6,7 +6,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
@@ -38,6 +38,7 @@ from islandgp.evolution.selection import tournament
 from islandgp.evolution.variation import CROSSOVERS, MUTATIONS, MutationSettings, mutate
 from tests.composed import composed
 from tests.made import evaluated, outcome
+from tests.profiles import examples
 from tests.strategies import nodes
 
 LIMITS = Limits(max_depth=8, max_nodes=50)
@@ -86,7 +87,7 @@ def check_valid(tree: Node) -> None:
 
 
 @pytest.mark.parametrize("operator", MUTATIONS)
-@settings(max_examples=60)
+@examples(max_examples=60)
 @given(tree=TREES, seed=SEEDS)
 def test_mutation_keeps_limits_and_validity(operator: str, tree: Node, seed: int) -> None:
     """Whatever an operator does to a tree that keeps the limits keeps them, and is a tree."""
@@ -95,7 +96,7 @@ def test_mutation_keeps_limits_and_validity(operator: str, tree: Node, seed: int
     check_valid(new)
 
 
-@settings(max_examples=60)
+@examples(max_examples=60)
 @given(tree=TREES, seed=SEEDS)
 def test_mutation_at_the_limits(tree: Node, seed: int) -> None:
     """Limits that the tree just meets still hold."""
@@ -104,7 +105,7 @@ def test_mutation_at_the_limits(tree: Node, seed: int) -> None:
         assert within(mutated(seed, tree, operator, tight), tight)
 
 
-@settings(max_examples=150)
+@examples(max_examples=150)
 @given(mother=TREES, father=TREES, seed=SEEDS)
 def test_crossover_keeps_limits_and_validity(mother: Node, father: Node, seed: int) -> None:
     """A child of trees within the limits is a tree within the limits, made of their subtrees."""
@@ -118,7 +119,7 @@ def test_crossover_keeps_limits_and_validity(mother: Node, father: Node, seed: i
     assert child == mother or any(cuts)
 
 
-@settings(max_examples=60)
+@examples(max_examples=60)
 @given(mother=TREES, father=TREES, seed=SEEDS)
 def test_crossover_at_the_limits(mother: Node, father: Node, seed: int) -> None:
     """A donor that does not fit is not taken."""
@@ -126,7 +127,7 @@ def test_crossover_at_the_limits(mother: Node, father: Node, seed: int) -> None:
     assert within(CROSSOVERS["subtree"](np.random.default_rng(seed), mother, father, tight), tight)
 
 
-@settings(max_examples=60)
+@examples(max_examples=60)
 @given(tree=TREES, seed=SEEDS)
 def test_rate_0_changes_nothing(tree: Node, seed: int) -> None:
     """At rate 0 the same tree comes back, and no operator is named."""
@@ -135,7 +136,7 @@ def test_rate_0_changes_nothing(tree: Node, seed: int) -> None:
     assert mutate(rng, tree, rate=0.0, space=space(), how=how) == (tree, "")
 
 
-@settings(max_examples=60)
+@examples(max_examples=60)
 @given(tree=TREES, seed=SEEDS)
 def test_named_mutation_changes_the_tree(tree: Node, seed: int) -> None:
     """When an operator is named the tree is another one; when none is, it is the same."""
@@ -222,7 +223,7 @@ def test_a_kind_without_weight_never_appears() -> None:
     assert set(found) == {"action", "selector", "sequence", "inverter", "repeater"}
 
 
-@settings(max_examples=100)
+@examples(max_examples=100)
 @given(seed=SEEDS)
 def test_random_trees(seed: int) -> None:
     """Random trees are valid, within the limits, and as deep as configuration says."""

@@ -8,9 +8,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 
 from tests.fuzz.targets import targets
+from tests.profiles import examples
 
 CORPUS = Path(__file__).parent / "corpus"
 EXAMPLES = {"records": 15, "overrides": 10}  # they take longest
@@ -29,7 +30,7 @@ def test_hostile_input(name: str) -> None:
     """A few hundred inputs in all; `check` raises where a promise is broken."""
     target = TARGETS[name]
 
-    @settings(max_examples=EXAMPLES.get(name, 40), suppress_health_check=list(HealthCheck))
+    @examples(max_examples=EXAMPLES.get(name, 40), suppress_health_check=list(HealthCheck))
     @given(target.inputs)
     def search(data: bytes) -> None:
         target.check(data)

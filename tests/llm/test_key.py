@@ -20,6 +20,8 @@ from islandgp.testing.server import MessagesServer
 from tests.composed import composed, plain
 from tests.llm.made import settings
 
+pytestmark = pytest.mark.process
+
 KEY = "sk-ant-test-0123456789abcdefXYZ"
 PIECE = KEY[7:23].encode()  # part of it is too much, too
 SMALL = (

@@ -15,6 +15,8 @@ from islandgp.resources import resource
 from islandgp.testing.faults import Fault
 from islandgp.testing.server import MessagesServer
 
+pytestmark = pytest.mark.process
+
 WORDS = (
     "supervisor=llm",
     "gp.population=6",

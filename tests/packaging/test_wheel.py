@@ -20,7 +20,7 @@ from tests.domains.test_tutorial import EXAMPLE, follow
 ROOT = Path(__file__).parents[2]
 FOLDERS = ("conf", "grammar", "prompts")
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.packaging
 
 
 def call(*words: str | Path, cwd: Path, env: Mapping[str, str] | None = None) -> str:
@@ -95,6 +95,7 @@ def test_the_command(python: Path, tmp_path: Path) -> None:
     assert "0.2.0" in call(python.with_name("islandgp"), "--version", cwd=tmp_path)
 
 
+@pytest.mark.slow
 def test_same_records_as_the_checkout(python: Path, tmp_path: Path) -> None:
     """The installed program writes the same records as the checkout."""
     words = ("experiment=smoke", "tracking=off", "progress=off", "gp.generations=3")
@@ -107,12 +108,14 @@ def test_same_records_as_the_checkout(python: Path, tmp_path: Path) -> None:
     assert first.read_bytes() == second.read_bytes()
 
 
+@pytest.mark.slow
 def test_a_domain_of_your_own(python: Path, tmp_path: Path) -> None:
     """docs/domains.md, each command of it, with the wheel alone."""
     env = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     assert "First Placed One Robot" in follow(tmp_path, python, env)
 
 
+@pytest.mark.slow
 def test_other_rewards(python: Path, tmp_path: Path) -> None:
     """Another reward table is a file in a folder of one's own."""
     folder = tmp_path / "mine" / "rewards"
@@ -124,6 +127,7 @@ def test_other_rewards(python: Path, tmp_path: Path) -> None:
     assert "Best robot" in found
 
 
+@pytest.mark.slow
 def test_everything_on_a_domain_from_outside(python: Path, tmp_path: Path) -> None:
     """Each supervisor and each command, in an empty folder, with --config-dir and PYTHONPATH."""
     empty, robot = tmp_path / "an empty folder", tmp_path / "robot"

@@ -22,6 +22,7 @@ from islandgp.records.parameters import shape
 from islandgp.resources import resource
 from islandgp.running.app import main
 from islandgp.running.resume import differences
+from islandgp.viewer.run_page import NAME_OF_PAGE
 from tests.composed import composed, named
 from tests.running.commands import TINY, fake
 from tests.running.histories import store, tracked
@@ -51,6 +52,16 @@ def test_a_run_leaves_its_records_and_says_where(
     assert f"Results: {here}/runs/default/{folder}" in said
     assert "Best robot" in said
     assert {path.name for path in here.iterdir()} == {"runs"}
+
+
+@pytest.mark.replay
+def test_the_page_of_a_finished_run_holds_its_champions_episode(here: Path) -> None:
+    """The replay is the champion's: it opens with the run's folder and the generation."""
+    assert main([*INSTANT, "gp.generations=2"]) == 0
+    (name,) = leaf(here)
+    text = (here / "runs/default" / name / NAME_OF_PAGE).read_text(encoding="utf-8")
+    (replay,) = re.findall(r'<script[^>]* id="replay"[^>]*>(.*?)</script>', text, re.DOTALL)
+    assert f"{name}: the best individual, generation " in json.loads(replay)
 
 
 def test_what_a_runs_folder_is_called() -> None:
@@ -197,8 +208,9 @@ def in_a_line(capsys: pytest.CaptureFixture[str], *words: str) -> str:
     return said
 
 
-@pytest.mark.parametrize("reason", [errno.ENOSPC, errno.EROFS, errno.EACCES])
-@pytest.mark.parametrize("generation", [0, 3, 5])  # of 6
+@pytest.mark.parametrize(
+    ("generation", "reason"), [(0, errno.ENOSPC), (3, errno.EROFS), (5, errno.EACCES)]
+)  # the first generation, one between, and the last of 6
 def test_a_generation_that_cannot_be_written_down_ends_the_run(
     generation: int,
     reason: int,
@@ -252,16 +264,15 @@ def test_runs_that_cannot_be_kept_anywhere_are_told_in_a_line(
     assert "choose another place with runs=" in said
 
 
-@pytest.mark.parametrize("sweep", [(), ("-m",)], ids=["run", "sweep"])
 @pytest.mark.parametrize(
-    ("file", "data"),
+    ("file", "data", "sweep"),
     [
-        ("summary.json", b'{"champion": '),
-        ("summary.json", b"{}"),
-        ("summary.json", b"3"),
-        ("config.yaml", b"seed: [0"),
-        ("config.yaml", b""),
-        ("config.yaml", b"\xff\xfe"),
+        ("summary.json", b'{"champion": ', ()),
+        ("summary.json", b"{}", ("-m",)),
+        ("summary.json", b"3", ()),
+        ("config.yaml", b"seed: [0", ("-m",)),
+        ("config.yaml", b"", ()),
+        ("config.yaml", b"\xff\xfe", ()),
     ],
 )
 def test_a_damaged_folder_is_told_in_a_line(

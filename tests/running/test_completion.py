@@ -15,6 +15,8 @@ from click.testing import CliRunner
 from islandgp.cli import islandgp
 from islandgp.commands.completion_command import LINES, overrides
 
+pytestmark = pytest.mark.process
+
 BASH = """
 eval "$(_ISLANDGP_COMPLETE=bash_source islandgp)"
 complete() {

@@ -15,6 +15,8 @@ from islandgp.cli import islandgp
 from islandgp.errors import ConfigError
 from tests.running.commands import ROOT
 
+pytestmark = pytest.mark.process
+
 EXAMPLES = ROOT / "grammar/examples"
 
 SUPERVISOR = """

@@ -13,7 +13,10 @@ import pytest
 
 from tests.running.commands import ROOT, TINY, fake
 
+pytestmark = pytest.mark.process
+
 WORDS = (*TINY, "tracking=off", *fake("Instant"))
+SWEEP = ("seed=0,1", "-m")
 
 
 @contextmanager
@@ -33,8 +36,15 @@ def full() -> Iterator[int]:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-@pytest.mark.parametrize("sweep", [(), ("seed=0,1", "-m")], ids=["run", "sweep"])
-@pytest.mark.parametrize("where", [without_reader, full], ids=["no reader", "full"])
+@pytest.mark.parametrize(
+    ("where", "sweep"),
+    [
+        pytest.param(without_reader, (), id="no reader-run"),
+        pytest.param(full, SWEEP, id="full-sweep"),
+        pytest.param(without_reader, SWEEP, id="no reader-sweep", marks=pytest.mark.slow),
+        pytest.param(full, (), id="full-run", marks=pytest.mark.slow),
+    ],
+)
 def test_a_run_goes_on_when_its_display_takes_no_more(
     where: type, sweep: tuple[str, ...], tmp_path: Path
 ) -> None:
@@ -54,7 +64,15 @@ def test_a_run_goes_on_when_its_display_takes_no_more(
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a shell")
-@pytest.mark.parametrize("streams", ["2>&-", ">&- 2>&-", "<&- >&- 2>&-", "2>&1 | head -2"])
+@pytest.mark.parametrize(
+    "streams",
+    [
+        "<&- >&- 2>&-",
+        "2>&1 | head -2",
+        pytest.param("2>&-", marks=pytest.mark.slow),
+        pytest.param(">&- 2>&-", marks=pytest.mark.slow),
+    ],
+)
 def test_a_run_goes_on_without_streams(streams: str, tmp_path: Path) -> None:
     """Closed ones, and both into a pipe that ends; no other file takes their number."""
     script = f'"$0" -m islandgp "$@" {streams}; exit "${{PIPESTATUS[0]}}"'

@@ -26,7 +26,10 @@ from tests.running.commands import (
 )
 from tests.running.histories import store, tracked
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
+pytestmark = [
+    pytest.mark.process,
+    pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc"),
+]
 
 SLOW = (*TINY, "gp.generations=12", *fake("Slow", seconds=0.2))
 
@@ -171,7 +174,13 @@ def test_sigterm_stops_a_run_as_ctrl_c_does(tmp_path: Path) -> None:
     assert "the same command goes on from here" in said
 
 
-@pytest.mark.parametrize("killed", [False, True], ids=["one stopped", "another one killed as well"])
+@pytest.mark.parametrize(
+    "killed",
+    [
+        pytest.param(False, id="one stopped"),
+        pytest.param(True, id="another one killed as well", marks=pytest.mark.slow),
+    ],
+)
 def test_a_run_stops_in_seconds_although_a_worker_does_not_answer(
     killed: bool, tmp_path: Path
 ) -> None:

@@ -14,6 +14,8 @@ from islandgp.running.app import main
 from islandgp.running.sweep_job import workers_of
 from tests.running.commands import ROOT, finish, group_members, start
 
+pytestmark = pytest.mark.process
+
 WORDS = (
     "supervisor=baseline",
     "experiment=smoke",

@@ -10,7 +10,7 @@ from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra._internal.utils import get_args_parser
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.utils import JobReturn, JobStatus
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from omegaconf import DictConfig
 
@@ -21,6 +21,7 @@ from islandgp.running.app import main
 from islandgp.running.sweep import run_sweep
 from islandgp.running.sweep_job import Forget
 from tests.composed import composed, named
+from tests.profiles import examples
 from tests.running.commands import TINY, fake
 from tests.running.histories import store, tracked
 
@@ -109,7 +110,7 @@ def check_all_there(jobs: list[Planned], said: str, file: SweepFile) -> None:
     assert all(" ".join(arm.split()) in said for arm in arms)
 
 
-@settings(
+@examples(
     max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(numbers() | lists() | texts())

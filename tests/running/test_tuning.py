@@ -8,7 +8,7 @@ from math import isclose
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from islandgp.bt.language import parse, to_text
@@ -16,6 +16,7 @@ from islandgp.bt.numbers import EQUAL, REPEATS, numbers_of, with_numbers
 from islandgp.bt.vocabulary import Action, Vocabulary, flag, number
 from islandgp.errors import ConfigError
 from islandgp.search.numbers import NumberSettings, Tuned, thresholds_of, tuned
+from tests.profiles import examples
 
 WORDS = Vocabulary(
     "maze",
@@ -310,7 +311,7 @@ def test_any_range(low: float, high: float, step: float, written: float) -> None
 
 
 @given(st.integers(2, 40), st.integers(1, 20_000), st.integers(1, 100), st.integers(2, 30))
-@settings(max_examples=200)
+@examples(max_examples=200)
 def test_a_plan_keeps_to_its_episodes(
     worlds: int, episodes: int, dimensions: int, population: int
 ) -> None:

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from islandgp.errors import ConfigError
 from islandgp.search.lexicase import passing, selected
 from islandgp.seeding import Streams
+from tests.profiles import examples
 from tests.search.searches import NO_ADVICE, done, made
 
 TABLES = st.tuples(st.integers(1, 9), st.integers(1, 5)).flatmap(
@@ -54,7 +55,7 @@ def of_deap(points: list[list[float]], order: list[int], monkeypatch: pytest.Mon
     return found
 
 
-@settings(max_examples=200)
+@examples(max_examples=200)
 @given(points=TABLES, data=st.data())
 def test_the_same_as_deap(points: list[list[int]], data: st.DataObject) -> None:
     """The individuals that are left after all cases are those of DEAP's selection."""

@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from islandgp.search.pareto import crowded_order, crowding, ranks
 from islandgp.seeding import Streams
+from tests.profiles import examples
 from tests.search.searches import NO_ADVICE, done, made
 
 ANY_POINTS = st.tuples(st.integers(1, 14), st.integers(1, 4)).flatmap(
@@ -39,7 +40,7 @@ def rows_of_deap(points: np.ndarray[Any, Any]) -> list[Any]:
     return [Row(k) for k in range(len(points))]
 
 
-@settings(max_examples=150)
+@examples(max_examples=150)
 @given(found=ANY_POINTS)
 def test_fronts_as_deap_has_them(found: list[list[int]]) -> None:
     """Also with equal points and equal values."""
@@ -52,7 +53,7 @@ def test_fronts_as_deap_has_them(found: list[list[int]]) -> None:
     assert ranks(points).tolist() == [expected[k] for k in range(len(points))]
 
 
-@settings(max_examples=60)
+@examples(max_examples=60)
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 20), objectives=st.integers(2, 5))
 def test_crowding_and_selection_as_deap_has_them(seed: int, n: int, objectives: int) -> None:
     """Without ties the same individuals survive, for each number of survivors."""

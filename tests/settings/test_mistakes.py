@@ -341,6 +341,7 @@ def test_the_version_is_that_of_this_package(capsys: pytest.CaptureFixture[str])
     assert said == f"islandgp, version {version('islandgp')}; Hydra {version('hydra-core')}\n"
 
 
+@pytest.mark.process
 def test_a_file_in_the_place_of_python_s_own_is_named() -> None:
     """Whatever breaks because of it, the program says which file it is."""
     assert in_the_way(Path.cwd()) == ""

@@ -13,6 +13,8 @@ import yaml
 
 from tests.running.commands import ROOT
 
+pytestmark = pytest.mark.process
+
 
 @pytest.mark.slow
 def test_the_site_is_built_without_warnings() -> None:

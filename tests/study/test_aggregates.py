@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats  # type: ignore[import-untyped] # scipy ships no types
 
@@ -32,6 +32,7 @@ from islandgp.study.aggregates import (
     thresholds,
 )
 from islandgp.study.statistics import EXACT, UNTESTED, Interval, rank_test
+from tests.profiles import examples
 
 # Two arms with two peaks, 10 runs (rows) in 3 worlds (columns).
 FIRST = (
@@ -165,7 +166,7 @@ def test_bootstrap_of_a_chance_by_another_way() -> None:
 
 scores = st.lists(st.integers(-5, 5).map(float), min_size=10, max_size=16)
 worlds = st.lists(scores, min_size=1, max_size=3)
-few = settings(max_examples=15, deadline=None)
+few = examples(max_examples=15, deadline=None)
 
 
 @few
@@ -262,7 +263,7 @@ def _two_sided(found: float, every: Sequence[float]) -> float:
     return min(1.0, 2 * tail / len(every))
 
 
-@settings(max_examples=40, deadline=None)
+@examples(max_examples=40, deadline=None)
 @given(st.lists(st.tuples(*[st.integers(0, 3).map(float)] * 5), min_size=2, max_size=2))
 def test_the_stratified_test_counts_all_splits(pooled: list[tuple[float, ...]]) -> None:
     """The p of listing each split of five runs into 2 and 3 in both of two worlds."""
@@ -280,7 +281,7 @@ def test_the_stratified_test_counts_all_splits(pooled: list[tuple[float, ...]]) 
     assert found.p == pytest.approx(_two_sided(_chance(first, second), every))
 
 
-@settings(max_examples=40, deadline=None)
+@examples(max_examples=40, deadline=None)
 @given(st.lists(st.tuples(*[st.integers(0, 3).map(float)] * 6), min_size=1, max_size=2))
 def test_the_test_of_pairs_counts_all_exchanges(pooled: list[tuple[float, ...]]) -> None:
     """The p of listing each way to exchange the runs of three seeds, in one world and in two."""

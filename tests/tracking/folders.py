@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -37,9 +38,14 @@ def about(name: str, home: Path, **changes: str) -> RunMetadata:
 
 def steps(seed: int = 1) -> list[Step]:
     """A whole evolution on made-up outcomes."""
+    return list(_steps(seed))
+
+
+@cache
+def _steps(seed: int) -> tuple[Step, ...]:
     settings = composed(*SMALL)
     supervisor = Baseline(BaselineSettings(**settings.supervisor.policy))
-    return list(evolve(composed_plan(*SMALL), seed, supervisor, Fake()))
+    return tuple(evolve(composed_plan(*SMALL), seed, supervisor, Fake()))
 
 
 def begun(path: Path, home: Path, **changes: str) -> RunFolder:

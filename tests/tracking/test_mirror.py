@@ -86,6 +86,7 @@ def test_an_error_half_way_loses_and_doubles_nothing(
     assert history(store, run) == maxima(5)
 
 
+@pytest.mark.replay
 def test_a_finished_run_has_everything_that_people_look_for(home: Path, store: Store) -> None:
     """Name, parameters, tags, description, previews, and the end's time from the records."""
     folder = written(home / "runs/a/baseline-seed1", home)

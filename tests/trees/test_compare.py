@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hypothesis import given, settings
+from hypothesis import given
 
 from islandgp.bt.compare import Mark, compare
 from islandgp.bt.node import Node, walk
 from tests.bt.stage import short_tree
+from tests.profiles import examples
 from tests.strategies import few_numbers, nodes
 from tests.trees.shell import Cli
 
@@ -19,7 +20,7 @@ def marked(old: str, new: str) -> str:
     return "".join(line.mark for line in compare(short_tree(old), short_tree(new)))
 
 
-@settings(max_examples=150)
+@examples(max_examples=150)
 @given(old=TREES, new=TREES)
 def test_both_trees_are_told_in_order(old: Node, new: Node) -> None:
     """The lines without + are the old tree's nodes in order, those without - the new one's."""
@@ -35,7 +36,7 @@ def test_both_trees_are_told_in_order(old: Node, new: Node) -> None:
         assert found == (line.mark is Mark.INSERTED, line.mark is Mark.DELETED)
 
 
-@settings(max_examples=150)
+@examples(max_examples=150)
 @given(old=TREES, new=TREES)
 def test_equal_trees_have_no_marks(old: Node, new: Node) -> None:
     """And only those."""

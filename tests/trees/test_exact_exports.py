@@ -8,7 +8,7 @@ from pathlib import Path
 from random import Random
 
 import pytest
-from hypothesis import HealthCheck, Phase, assume, given, settings
+from hypothesis import HealthCheck, Phase, assume, given
 from hypothesis import strategies as st
 
 from islandgp.bt.export import behaviortree_cpp, py_trees
@@ -25,6 +25,7 @@ from islandgp.bt.vocabulary import Action, Vocabulary, flag
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import DomainError
 from tests.bt.stage import short_tree
+from tests.profiles import examples
 from tests.strategies import few_boards, few_numbers, nodes
 from tests.trees.exactness import (
     EXAMPLES,
@@ -44,7 +45,7 @@ from tests.viewer.episodes import island
 BOARDS = st.lists(few_boards(), min_size=2, max_size=14)
 RESULTS = st.lists(st.sampled_from([FAILURE, SUCCESS, RUNNING, RUNNING]), min_size=1, max_size=40)
 TREES = nodes(few_numbers(), max_leaves=10, max_repeats=3)
-MANY = settings(
+MANY = examples(
     max_examples=300, suppress_health_check=[*HealthCheck], phases=[Phase.explicit, Phase.generate]
 )
 
@@ -164,7 +165,7 @@ def test_private_keys() -> None:
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
-@settings(max_examples=30, suppress_health_check=[*HealthCheck])
+@examples(max_examples=30, suppress_health_check=[*HealthCheck])
 @given(boards=st.lists(few_boards(), min_size=20, max_size=40), results=RESULTS)
 def test_examples_in_py_trees(path: Path, boards: list[list[float]], results: list[int]) -> None:
     """So do the example trees in py_trees."""
@@ -173,7 +174,7 @@ def test_examples_in_py_trees(path: Path, boards: list[list[float]], results: li
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
-@settings(max_examples=30, suppress_health_check=[*HealthCheck])
+@examples(max_examples=30, suppress_health_check=[*HealthCheck])
 @given(boards=st.lists(few_boards(), min_size=20, max_size=40), results=RESULTS)
 def test_examples_in_behaviortree_cpp(
     cpp: BehaviorTreeCpp, path: Path, boards: list[list[float]], results: list[int]

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import HealthCheck, assume, given
 from hypothesis import strategies as st
 
 from islandgp.bt.engine import compile_tree
@@ -22,6 +22,7 @@ from islandgp.resources import resource
 from islandgp.viewer.recording import FAILED, SUCCEEDED
 from tests.bt.stage import short_tree
 from tests.composed import composed
+from tests.profiles import examples
 from tests.strategies import few_boards, few_numbers, nodes
 from tests.trees.shell import Cli
 from tests.trees.targets import leaves, main_tree, with_own_names
@@ -31,7 +32,7 @@ from tests.viewer.episodes import recorded
 BOARDS = st.lists(few_boards(), min_size=2, max_size=14)
 RESULTS = st.lists(st.sampled_from([FAILURE, SUCCESS, RUNNING, RUNNING]), min_size=1, max_size=40)
 TREES = nodes(few_numbers(), max_leaves=10, max_repeats=3)
-FEW = settings(
+FEW = examples(
     max_examples=300, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow]
 )
 
@@ -234,7 +235,7 @@ def test_import_of_an_export_does_the_same(
     assert ours(back, boards, results) == ours(tree, boards, results)
 
 
-@settings(max_examples=200)
+@examples(max_examples=200)
 @given(tree=nodes())
 def test_json_is_lossless(tree: Node) -> None:
     """Every tree of the language comes back from JSON as it was."""

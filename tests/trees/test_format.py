@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from islandgp.bt.format import format_text
 from islandgp.bt.language import parse, parse_placed, to_text, words
 from islandgp.bt.node import Node, walk
 from tests.composed import composed
+from tests.profiles import examples
 from tests.strategies import nodes
 from tests.trees.shell import Cli
 from tests.trees.worlds import random_trees
@@ -36,7 +37,7 @@ def comments(text: str) -> list[str]:
     return [found.rstrip() for found in re.findall(r"#[^\n]*", text)]
 
 
-@settings(max_examples=120)
+@examples(max_examples=120)
 @given(text=files())
 def test_formatting(text: str) -> None:
     """The tree is the same, all comments are there in their order, and fmt of fmt is fmt."""
@@ -57,7 +58,7 @@ def test_500_random_trees() -> None:
         assert format_text(text.replace("\n", "\r\n")) == text
 
 
-@settings(max_examples=100)
+@examples(max_examples=100)
 @given(tree=nodes())
 def test_places_are_those_of_the_nodes(tree: Node) -> None:
     """Each node of the expanded tree knows the word at which it stands in the text."""

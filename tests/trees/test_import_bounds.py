@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from islandgp.bt.export.behaviortree_cpp import to_xml
 from islandgp.bt.export.import_cpp import read_tree
@@ -22,6 +22,7 @@ from islandgp.cli import main
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import LimitError, TreeError
 from tests.bt.stage import short_tree
+from tests.profiles import examples
 from tests.strategies import nodes
 from tests.trees.shell import Cli
 from tests.trees.targets import main_tree
@@ -44,7 +45,7 @@ def short_xml(text: str) -> str:
     return text
 
 
-@settings(max_examples=300)
+@examples(max_examples=300)
 @given(tree=nodes())
 def test_every_export_comes_back(tree: Node) -> None:
     """Reading what was written gives the tree again, and nothing is lost on the way."""

@@ -22,6 +22,8 @@ from tests.running.commands import ROOT
 from tests.trees.editor import CODE, Editor
 from tests.trees.shell import Cli
 
+pytestmark = pytest.mark.process
+
 LANGUAGE = ROOT / "docs" / "language.md"
 NODES = {*KINDS, "use"} - {"action"}
 ACTIONS = {*VOCABULARY.actions}

@@ -12,6 +12,8 @@ import pytest
 
 from tests.running.commands import ROOT
 
+pytestmark = pytest.mark.process
+
 TREE = ROOT / "grammar/examples/all_rounder.bt"
 RUN = ("run", "experiment=smoke", "tracking=off", "--cfg", "job")
 
@@ -29,7 +31,13 @@ def command(*words: object, stdout: Any, **environment: str) -> subprocess.Compl
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 @pytest.mark.parametrize(
-    "words", [("show", TREE), ("simplify", TREE), ("check", TREE), RUN], ids=lambda w: w[0]
+    "words",
+    [
+        pytest.param(("show", TREE), id="show"),
+        pytest.param(RUN, id="run"),
+        pytest.param(("simplify", TREE), id="simplify", marks=pytest.mark.slow),
+        pytest.param(("check", TREE), id="check", marks=pytest.mark.slow),
+    ],
 )
 def test_a_full_output_is_one_message(words: tuple[object, ...]) -> None:
     """Exit code 2, no traceback, also where the text fits into the interpreter's buffer."""
@@ -42,7 +50,13 @@ def test_a_full_output_is_one_message(words: tuple[object, ...]) -> None:
     )
 
 
-@pytest.mark.parametrize("words", [("show", TREE), ("simplify", TREE)], ids=lambda w: w[0])
+@pytest.mark.parametrize(
+    "words",
+    [
+        pytest.param(("show", TREE), id="show"),
+        pytest.param(("simplify", TREE), id="simplify", marks=pytest.mark.slow),
+    ],
+)
 def test_an_output_that_nobody_reads_ends_the_command(words: tuple[object, ...]) -> None:
     """As behind `| head`: silently."""
     reader, writer = os.pipe()

@@ -7,19 +7,20 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node, size, walk
 from islandgp.bt.render import BOX, label, lay_out, to_dot, to_lines, to_mermaid, to_svg
 from islandgp.resources import resource
+from tests.profiles import examples
 from tests.strategies import nodes
 from tests.trees.shell import Cli
 
 POOR = resource("grammar") / "examples" / "poor.bt"
 
 
-@settings(max_examples=60)
+@examples(max_examples=60)
 @given(tree=nodes())
 def test_every_node_is_in_every_picture(tree: Node) -> None:
     """Text, SVG, Mermaid and dot have a place for each node, in document order."""
@@ -35,7 +36,7 @@ def test_every_node_is_in_every_picture(tree: Node) -> None:
     assert to_dot(tree).count(" -> ") == size(tree) - 1
 
 
-@settings(max_examples=60)
+@examples(max_examples=60)
 @given(tree=nodes())
 def test_boxes_do_not_touch(tree: Node) -> None:
     """In the layout no two boxes overlap, and all of them are inside the picture."""

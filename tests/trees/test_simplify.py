@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from islandgp.bt.engine import ABORTED, compile_tree
@@ -17,6 +17,7 @@ from islandgp.bt.simplify import simplify
 from islandgp.domains.island.vocabulary import VOCABULARY
 from tests.bt.stage import short_tree
 from tests.composed import composed
+from tests.profiles import examples
 from tests.strategies import few_boards, few_numbers, nodes
 from tests.trees.worlds import Trace, island_trace, random_trees
 
@@ -67,7 +68,7 @@ def trace(tree: Node, boards: list[list[float]], results: list[int]) -> Trace:
     return ticks
 
 
-@settings(max_examples=500, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@examples(max_examples=500, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(tree=TREES, boards=BOARDS, results=RESULTS)
 def test_same_trace_on_scripts(tree: Node, boards: list[list[float]], results: list[int]) -> None:
     """Any tree and its simplified form call the same actions, abort the same, end the same."""
@@ -75,7 +76,7 @@ def test_same_trace_on_scripts(tree: Node, boards: list[list[float]], results: l
     assert trace(short, boards, results) == trace(tree, boards, results)
 
 
-@settings(max_examples=200, deadline=None)
+@examples(max_examples=200, deadline=None)
 @given(tree=TREES)
 def test_simplifying_twice_changes_nothing(tree: Node) -> None:
     """The simplified tree is never larger, is in the language, and is its own simplified form."""

@@ -337,6 +337,7 @@ def test_a_cell_opens_its_tree(opened: Browser, finished: RunFolder) -> None:
     assert opened.run(tree) == elites[2].tree
 
 
+@pytest.mark.process
 def test_the_command_of_a_cell_plays_its_tree(opened: Browser, tmp_path: Path) -> None:
     """As a shell takes it: the tree comes by the standard input, whole."""
     command = opened.run("document.querySelectorAll('#cell pre')[1].textContent")

@@ -35,6 +35,7 @@ VOCABULARY: Final = Vocabulary(
             statuses=frozenset({FAILURE, SUCCESS}),
             to_start=(_GARBAGE, _ROOM),
             changes=_LESS_ROOM,
+            after=("MoveToGarbage",),
         ),
         "SeekCharger": Action(
             "drives to the nearest charger; succeeds on arrival", statuses=_ARRIVES
@@ -44,6 +45,7 @@ VOCABULARY: Final = Vocabulary(
             " fails away from a charger or at 50 % and above",
             to_start=(_NOT_FULL,),
             to_succeed=(_FULL,),
+            after=("SeekCharger",),
         ),
         "MoveToHumanoid": Action(
             "drives to the nearest humanoid in sight that asks for clearing and takes over its"
@@ -57,6 +59,7 @@ VOCABULARY: Final = Vocabulary(
             " unloaded, fails with a penalty when the robot is empty",
             to_succeed=(_LOAD,),
             changes={"robotCurrentExtraCapacity": 1},
+            after=("MoveToHumanoid", "PickupGarbage"),
         ),
         "PatrolWaypoint": Action(
             "drives to the next patrol waypoint; succeeds on arrival", statuses=_ARRIVES
@@ -64,10 +67,12 @@ VOCABULARY: Final = Vocabulary(
     },
     keys={
         "batteryLevel": number(
-            "charge of the battery in percent, 0 to 100", 0, 100, step=5, most=100
+            "charge of the battery in percent, 0 to 100", 0, 100, step=5, most=100, noise=2
         ),
-        "robotCurrentExtraCapacity": number("room left for garbage in items, 0 to 30", 0, 30),
-        "lap": number("patrol rounds finished, from 0", 0, 5),
+        "robotCurrentExtraCapacity": number(
+            "room left for garbage in items, 0 to 30", 0, 30, noise=1
+        ),
+        "lap": number("patrol rounds finished, from 0", 0, 5, noise=0.1),
         "foundGarbage": flag("garbage is in sight"),
         "isHumanoidWantToClear": flag("a humanoid in sight asks for clearing"),
     },
@@ -138,4 +143,5 @@ SCHEMA: Final = Schema(
         "waypoint": Form("patrol waypoint", "+", "cross", "#2e8b57"),
         "rock": Form("rock or tree", "o", "circle", "#9a9a9a"),
     },
+    delay=20,
 )

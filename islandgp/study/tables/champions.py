@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from itertools import combinations
 from statistics import fmean
 
+from islandgp.scoring.constraints import in_words
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.generalise import Control, Generalisation, best_of
 from islandgp.study.measures import SPANS, shown
@@ -98,6 +99,11 @@ def _in_unseen_worlds(arm: str, mine: Sequence[Generalisation]) -> Row:
     yield "trained (points)", spread(*mean_sd(trained)) if trained else NONE
     yield "unseen (points)", spread(*mean_sd(unseen)) if len(mine) > 1 else number(unseen[0])
     yield "worst world (points)", number(min(g.worst for g in mine))
+    if all(g.perturbed for g in mine):
+        robust = [fmean(g.perturbed) for g in mine]
+        several = len(mine) > 1
+        yield "perturbed (points)", spread(*mean_sd(robust)) if several else number(robust[0])
+        yield "worst perturbed (points)", number(min(min(g.perturbed) for g in mine))
     for tier in mine[0].reached:
         share = fmean(g.reached[tier] for g in mine)
         yield f"{title(tier)} in", f"{share:.0%} of the worlds"
@@ -152,3 +158,21 @@ def _to_the_best(arm: Arm, best: Mapping[int, Sequence[float]]) -> str:
     return signed_interval(
         mean_interval([fmean(own) - fmean(best[run.seed]) for run, own in pairs])
     )
+
+
+def constraints_table(study: Comparison) -> Table:
+    """Whether the best robots keep their runs' constraints in validation worlds."""
+    rows: list[Row] = []
+    for arm in study.arms:
+        shares = [run.feasible for run in arm.runs if run.feasible is not None]
+        limits = {in_words(run.constraints) or "none" for run in arm.runs}
+        rows.append(
+            [
+                ("Arm", arm.name),
+                ("constraints", "; ".join(sorted(limits))),
+                ("validated runs", str(len(shares))),
+                ("worlds in which all are kept", f"{fmean(shares):.0%}" if shares else NONE),
+                ("fewest of a run", f"{min(shares):.0%}" if shares else NONE),
+            ]
+        )
+    return Table.of("constraints", "Constraints that the best robots keep", rows, ())

@@ -27,6 +27,7 @@ from tests.composed import composed_plan
 from tests.domains.island.days import points, world
 from tests.domains.island.odd import odd_worlds
 from tests.goldens import check_golden
+from tests.profiles import examples
 from tests.strategies import nodes
 
 LIMITS = Limits(max_depth=8, max_nodes=50)
@@ -89,7 +90,7 @@ def test_stepwise_is_the_same_for_random_trees(seed: int) -> None:
     assert quick == slow
 
 
-@settings(max_examples=20)
+@examples(max_examples=20)
 @given(tree=nodes(max_leaves=10, max_repeats=3), seed=st.integers(0, 5))
 def test_stepwise_is_the_same_for_any_tree(tree: Node, seed: int) -> None:
     """The same for trees that no genetic programming would think of."""
@@ -220,7 +221,7 @@ def test_stepwise_is_the_same_where_it_once_was_not(name: str) -> None:
         assert quick == slow, seed
 
 
-@settings(
+@examples(
     max_examples=25, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow]
 )
 @given(tree=nodes(max_leaves=8, max_repeats=3), island=odd_worlds(), seed=st.integers(0, 9))
@@ -249,7 +250,7 @@ def test_stepwise_is_the_same_often(seed: int) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=300)
+@examples(max_examples=300)
 @given(tree=nodes(max_leaves=16, max_repeats=5), seed=st.integers(0, 20))
 def test_stepwise_is_the_same_for_any_tree_often(tree: Node, seed: int) -> None:
     """The same for three hundred odd trees."""
@@ -290,6 +291,7 @@ def test_seeds_differ() -> None:
     assert len(fitness) == 4
 
 
+@pytest.mark.process
 def test_another_process() -> None:
     """Another process, with another hash seed, comes to the same episode."""
     code = (

@@ -1,0 +1,104 @@
+"""`islandgp verify-tree`: rules such as `never Drive while charge < 10`, proven or refuted."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from typing import Any, Final
+
+import click
+
+from islandgp.bt.engine import ABORTED
+from islandgp.bt.node import STATUS_NAMES, Node, walk
+from islandgp.bt.printer import head
+from islandgp.bt.rules import STEPS, CounterTick, RuleResult, check_rule, read_rule
+from islandgp.bt.vocabulary import Vocabulary
+from islandgp.commands.files import FILE, called
+from islandgp.commands.setting import Chosen, read_in_domain, with_vocabulary_options
+
+STATUSES: Final = {**dict(enumerate(STATUS_NAMES)), ABORTED: "aborted"}
+SHOWN: Final = 12  # ticks of a counterexample, the last ones
+
+
+@click.command()
+@click.argument("file", type=FILE)
+@click.argument("rules", nargs=-1, required=True)
+@click.option(
+    "--steps",
+    type=click.IntRange(1, 2_000_000),
+    default=STEPS,
+    show_default=True,
+    help="Most work for each rule; 100,000 take some seconds.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the results as JSON.")
+@with_vocabulary_options
+def command(file: str, rules: tuple[str, ...], steps: int, as_json: bool, chosen: Chosen) -> None:
+    """Prove or refute that the tree in FILE keeps each of RULES.
+
+    A rule is "never ACTION while CONDITION": in no tick the action is called on a blackboard on
+    which the condition holds, whatever the blackboards before it and whatever the actions return.
+    A refutation comes with blackboards that break the rule. Exit code 0 when all rules are
+    proven, 1 when one is refuted or not known.
+    """
+    _, vocabulary, tree = read_in_domain(file, chosen)
+    wanted = [read_rule(rule, vocabulary) for rule in rules]
+    results = [check_rule(tree, rule, vocabulary, steps) for rule in wanted]
+    if as_json:
+        nodes = [head(node) for node in walk(tree)]
+        click.echo(json.dumps([_plain(result, nodes) for result in results], indent=1))
+    else:
+        for result in results:
+            click.echo(f"{called(file)}: {result.rule.text}: {result.result}, {result.why}")
+            for line in _lines(tree, result, vocabulary):
+                click.echo(line)
+    sys.exit(0 if all(result.result == "proven" for result in results) else 1)
+
+
+def _plain(result: RuleResult, nodes: list[str]) -> dict[str, Any]:
+    ticks = [
+        {
+            "board": tick.board,
+            "nodes": [
+                {"place": place, "node": nodes[place], "status": STATUSES[status]}
+                for place, status in tick.statuses
+            ],
+        }
+        for tick in result.ticks
+    ]
+    return {
+        "rule": result.rule.text,
+        "result": result.result,
+        "why": result.why,
+        "place": result.place,
+        "ticks": ticks,
+    }
+
+
+def _lines(tree: Node, result: RuleResult, vocabulary: Vocabulary) -> Iterator[str]:
+    """The counterexample: for each tick its blackboard, and the nodes with their statuses."""
+    nodes = list(_levels(tree, 0))
+    first = max(0, len(result.ticks) - SHOWN)
+    if first:
+        yield f"  ticks 1 to {first} are not shown; --json has all"
+    for number, tick in enumerate(result.ticks[first:], first + 1):
+        yield f"  tick {number}: {_board(tick, vocabulary)}"
+        for place, status in tick.statuses:
+            node, level = nodes[place]
+            broken = number == len(result.ticks) and place == result.place
+            mark = "  <- the rule is broken here" if broken else ""
+            yield f"    {'  ' * level}{head(node)}: {STATUSES[status]}{mark}"
+
+
+def _levels(node: Node, level: int) -> Iterator[tuple[Node, int]]:
+    yield node, level
+    for child in node.children:
+        yield from _levels(child, level + 1)
+
+
+def _board(tick: CounterTick, vocabulary: Vocabulary) -> str:
+    """The values of a blackboard: flags by name, numbers by value."""
+    return ", ".join(
+        (key if value else f"not {key}") if vocabulary.keys[key].flag else f"{key} {value:g}"
+        for key, value in tick.board.items()
+    )

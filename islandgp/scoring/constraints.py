@@ -1,0 +1,117 @@
+"""Limits on counters that a robot has to keep, and the order in which they rank individuals.
+
+Feasible before fit, by the rules of Deb 2000, "An efficient constraint handling method for
+genetic algorithms", doi 10.1016/S0045-7825(99)00389-8: who keeps all limits comes before who breaks
+one, of two that break some the smaller total violation is better, and of two that keep all the
+higher fitness.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from difflib import get_close_matches
+from types import MappingProxyType
+from typing import Any, Final, Self, TypeAlias
+
+from pydantic import BaseModel, Field, FiniteFloat, ValidationError, model_validator
+
+from islandgp.domain import Outcome, Schema, total
+from islandgp.errors import RunError, brief
+
+
+class Bound(BaseModel, frozen=True, extra="forbid"):
+    """What a counter may be, as the mean over an individual's episodes."""
+
+    at_least: FiniteFloat | None = Field(None)  # in the counter's unit; None: any
+    at_most: FiniteFloat | None = Field(None)  # in the counter's unit; None: any
+
+    @model_validator(mode="after")
+    def _not_empty(self) -> Self:
+        low, high = self.at_least, self.at_most
+        if low is None and high is None:
+            raise ValueError("expected at_least or at_most, found neither; give one")
+        if low is not None and high is not None and low > high:
+            raise ValueError(f"expected at_least up to at_most={high:g}, found {low:g}")
+        return self
+
+    def violation(self, value: float) -> float:
+        """By how much a value is outside, as a share of the limit (of 1 for smaller limits)."""
+        if self.at_least is not None and value < self.at_least:
+            return (self.at_least - value) / max(1.0, abs(self.at_least))
+        if self.at_most is not None and value > self.at_most:
+            return (value - self.at_most) / max(1.0, abs(self.at_most))
+        return 0.0
+
+
+Constraints: TypeAlias = Mapping[str, Bound]
+"""Limits by counter of the domain; {} for none."""
+
+NO_CONSTRAINTS: Final[Constraints] = MappingProxyType({})
+NO_COUNTERS: Final[Mapping[str, float]] = MappingProxyType({})
+
+Merit: TypeAlias = tuple[float, float]
+"""Orders individuals, the greater the better: minus the violation, then the fitness."""
+
+
+def violation(counters: Mapping[str, float], constraints: Constraints) -> float:
+    """The sum of the violations of all limits, >= 0; 0: all are kept."""
+    return float(total(bound.violation(counters[name]) for name, bound in constraints.items()))
+
+
+def merit(fitness: float, violation: float) -> Merit:
+    """What individuals are ordered by."""
+    return -violation, fitness
+
+
+def limited(counters: Mapping[str, float], constraints: Constraints) -> dict[str, float]:
+    """The counters that have limits."""
+    return {name: counters[name] for name in constraints}
+
+
+def running_mean(before: Mapping[str, float], now: Mapping[str, float], n: int) -> dict[str, float]:
+    """The means of counters over `n` evaluations, from those over the first n - 1 and the last."""
+    return {name: before[name] + (value - before[name]) / n for name, value in now.items()}
+
+
+def mean_violation(outcomes: Sequence[Outcome], constraints: Constraints) -> float:
+    """The violation of the counters' means over at least one outcome."""
+    n = len(outcomes)
+    means = {name: total(o.counters[name] for o in outcomes) / n for name in constraints}
+    return violation(means, constraints)
+
+
+def feasible_share(outcomes: Sequence[Mapping[str, float]], constraints: Constraints) -> float:
+    """The share of at least one set of counters that keep all limits, in [0, 1]."""
+    return sum(not violation(counters, constraints) for counters in outcomes) / len(outcomes)
+
+
+def in_words(constraints: Constraints) -> str:
+    """The limits for people, e.g. "collisions at most 3"."""
+    return ", ".join(
+        f"{name} {word} {limit:g}"
+        for name, bound in constraints.items()
+        for word, limit in (("at least", bound.at_least), ("at most", bound.at_most))
+        if limit is not None
+    )
+
+
+def faults(constraints: Constraints, schema: Schema) -> Iterator[str]:
+    """A line for each counter that the domain does not declare."""
+    for name in constraints:
+        if name not in schema.counters:
+            near = get_close_matches(name, schema.counters, 1, 0.5)
+            hint = f"did you mean constraints.{near[0]}? " if near else ""
+            known = ", ".join(schema.counters)
+            yield f"constraints.{name}: unknown counter; {hint}there are {known}"
+
+
+def recorded_constraints(config: Mapping[str, Any]) -> Constraints:
+    """The constraints of a run, from its configuration. Raises RunError where it is damaged."""
+    try:
+        found = dict(config.get("constraints") or {})
+        return {str(name): Bound.model_validate(bound) for name, bound in found.items()}
+    except (ValidationError, ValueError, TypeError) as error:
+        raise RunError(
+            "Expected constraints by counter in the configuration of a run, found a damaged one"
+            f" ({brief(error)}); run its command again under another name."
+        ) from error

@@ -1,0 +1,192 @@
+"""Rules of guards: proofs and refutations are exact, bounded, and said in a line."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from islandgp.bt.condition import Asked, condition
+from islandgp.bt.node import Node, walk
+from islandgp.bt.rules import Rule, RuleResult, check_rule, read_rule
+from islandgp.cli import islandgp
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.errors import TreeError
+from islandgp.resources import resource
+from tests.bt.every_tick import all_boards, every_tick
+from tests.bt.stage import short_rule, short_tree
+from tests.profiles import examples
+from tests.running.commands import ROOT
+from tests.strategies import conditions, few_numbers, nodes
+
+MOST_TICKS = 4_000
+ALL_ROUNDER = str(resource("grammar") / "examples" / "all_rounder.bt")
+
+
+def check(tree: Node, action: str, asked: Asked, steps: int = 10**6) -> RuleResult:
+    """What is found of a rule."""
+    return check_rule(tree, Rule("a rule", action, asked), VOCABULARY, steps)
+
+
+def holds(asked: Asked, board: list[float]) -> bool:
+    """Whether a condition holds on a blackboard."""
+    return condition(asked, board, VOCABULARY.places)()
+
+
+def compare(tree: Node, action: str, asked: Asked) -> None:
+    """Fails where a result is not that of all sequences of ticks on the real engine."""
+    boards = all_boards(tree, VOCABULARY, asked)
+    ticked = every_tick(tree, boards, VOCABULARY, MOST_TICKS)
+    assume(ticked is not None)
+    assert ticked is not None
+    mine = {p for p, node in enumerate(walk(tree)) if node == Node("action", (action,))}
+    broken = {place for place, at in ticked if place in mine and holds(asked, boards[at])}
+    found = check(tree, action, asked)
+    assert found.result == ("refuted" if broken else "proven")
+    if found.result == "refuted":
+        assert found.place in broken
+        last = found.ticks[-1]
+        assert found.place in dict(last.statuses)  # as the engine did it
+        board = [last.board.get(key, 0.0) for key in VOCABULARY.keys]
+        assert holds(asked, board)
+
+
+SMALL = nodes(few_numbers(), max_leaves=5, max_repeats=2)
+ACTIONS = st.sampled_from(list(VOCABULARY.actions))
+
+
+@examples(max_examples=80, deadline=None)
+@given(SMALL, st.data(), conditions(few_numbers()))
+def test_results_are_those_of_all_ticks(tree: Node, data: st.DataObject, asked: Asked) -> None:
+    """A rule is refuted if, and only if, some sequence of ticks of the engine breaks it."""
+    names = sorted({str(node.args[0]) for node in walk(tree) if node.kind == "action"})
+    compare(tree, data.draw(st.sampled_from(names)), asked)
+
+
+@pytest.mark.slow
+@settings(max_examples=3_000, deadline=None)
+@given(nodes(few_numbers(), max_leaves=7, max_repeats=3), ACTIONS, conditions(few_numbers()))
+def test_results_of_many_trees(tree: Node, action: str, asked: Asked) -> None:
+    """The same for more and larger trees, and for actions that may be missing."""
+    compare(tree, action, asked)
+
+
+PROVEN = [
+    ("when p { A }", "never A while not p"),
+    ("selector { when x < 20 abort lower { C } A }", "never A while x < 10"),
+    ("A", "never B while p"),
+    ("A", "never A while x < -1"),
+    ("A", "never A while p and not p"),
+    # Behind the walk: E starts in the tick after A failed, and there only.
+    ("when p abort none { sequence { C B } }", "never B while not p and x < 0"),
+]
+REFUTED = [
+    ("when p abort none { A }", "never A while not p", 2),
+    ("A", "never A while p", 1),
+    ("when p abort none { sequence { A A D } }", "never D while not p", 2),
+    ("repeater 3 { when p abort none { A } }", "never A while not p", 2),
+]
+
+
+@pytest.mark.parametrize(("text", "rule"), PROVEN)
+def test_proofs(text: str, rule: str) -> None:
+    """What follows from guards, ranges of keys, and actions that are not there."""
+    found = check_rule(short_tree(text), short_rule(rule), VOCABULARY)
+    assert (found.result, found.ticks) == ("proven", ())
+
+
+@pytest.mark.parametrize(("text", "rule", "ticks"), REFUTED)
+def test_refutations(text: str, rule: str, ticks: int) -> None:
+    """With as few ticks as break the rule."""
+    found = check_rule(short_tree(text), short_rule(rule), VOCABULARY)
+    assert (found.result, len(found.ticks)) == ("refuted", ticks)
+
+
+def test_steps_bound_the_work() -> None:
+    """A rule that takes more is not known, and that is said."""
+    hard = short_tree("when p abort none { selector { inverter { A } sequence { D A } } }")
+    found = check_rule(hard, short_rule("never A while not p"), VOCABULARY, steps=1)
+    assert (found.result, "--steps" in found.why) == ("unknown", True)
+
+
+WRONG = [
+    ("", "expected never ACTION while CONDITION, found another form"),
+    ("never", "expected never ACTION while CONDITION, found another form"),
+    ("always PatrolWaypoint while foundGarbage", "expected never ACTION while CONDITION, found"),
+    ("never PatrolWaypoin while foundGarbage", "unknown action 'PatrolWaypoin'. Expected"),
+    ("never PatrolWaypoint while batteryLevl < 1", "unknown blackboard key 'batteryLevl'. Exp"),
+    ("never PatrolWaypoint while foundGarbage { SeekCharger } #", "expected a condition after"),
+    ("never PatrolWaypoint while foundGarbage abort self", "expected a condition after while"),
+    ("never PatrolWaypoint while batteryLevel < 1e999", ""),
+    ("never selector while foundGarbage", ""),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), WRONG)
+def test_wrong_rules(text: str, message: str) -> None:
+    """One line that names the rule."""
+    with pytest.raises(TreeError) as error:
+        read_rule(text, VOCABULARY)
+    assert str(error.value).startswith(f"rule {text!r}: {message}")
+    assert "\n" not in str(error.value)
+
+
+def verify_tree(*words: str) -> tuple[int, str]:
+    """Exit code and output of the command."""
+    result = CliRunner().invoke(islandgp, ["verify-tree", *words])
+    assert result.exception is None or isinstance(result.exception, SystemExit | TreeError)
+    return result.exit_code, result.output
+
+
+def test_the_command_shows_a_counterexample() -> None:
+    """Blackboards and statuses of nodes, tick by tick; the last one is marked."""
+    code, text = verify_tree(
+        ALL_ROUNDER,
+        "never MoveToGarbage while not foundGarbage",
+        "never ExecuteCharge while batteryLevel > 90",
+    )
+    first, *lines = text.splitlines()
+    assert code == 1
+    assert first.endswith(
+        "never MoveToGarbage while not foundGarbage: proven, it follows from the guards"
+    )
+    assert lines[0].endswith("never ExecuteCharge while batteryLevel > 90: refuted, in 2 ticks")
+    assert lines[1].startswith("  tick 1: batteryLevel ")
+    assert lines[-1].endswith("ExecuteCharge: RUNNING  <- the rule is broken here")
+
+
+def test_the_command_as_json(tmp_path: Path) -> None:
+    """Exit code 0 where all rules are proven; a file's name may hold a space."""
+    file = tmp_path / "a tree.bt"
+    file.write_text("domain island\n\nwhen foundGarbage { MoveToGarbage }\n", encoding="utf-8")
+    rule = "never MoveToGarbage while not foundGarbage"
+    code, text = verify_tree(str(file), rule, "--json")
+    (result,) = json.loads(text)
+    assert code == 0
+    assert (result["rule"], result["result"], result["ticks"]) == (rule, "proven", [])
+    code, text = verify_tree(str(file), "never MoveToGarbage while foundGarbage", "--json")
+    (result,) = json.loads(text)
+    assert code == 1
+    assert [node["status"] for node in result["ticks"][0]["nodes"]] == ["RUNNING", "RUNNING"]
+
+
+def test_the_page_shows_what_the_commands_print(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The example of docs/language.md, run as it stands."""
+    page = (ROOT / "docs/language.md").read_text(encoding="utf-8")
+    ((kind, shell), (_, expected)) = re.findall(
+        r"^```(sh|text) rules\n(.*?)^```", page, re.MULTILINE | re.DOTALL
+    )
+    assert kind == "sh"
+    monkeypatch.chdir(tmp_path)
+    first, *others = map(shlex.split, shell.splitlines())
+    Path(first[-1]).write_text(CliRunner().invoke(islandgp, first[1:-2]).output, encoding="utf-8")
+    found = [CliRunner().invoke(islandgp, words[1:]).output for words in others]
+    assert "".join(found) == expected

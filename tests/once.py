@@ -1,0 +1,83 @@
+"""Work on configuration that tests repeat, done once a process.
+
+A text of YAML is parsed once. The files of `conf` are merged once for each choice of options;
+values given by the command are applied each time. All of it gives new objects at each call and
+raises what it raises without this module.
+"""
+
+from __future__ import annotations
+
+import pickle
+from functools import lru_cache
+from typing import Any, Final
+
+import yaml
+from hydra._internal import config_loader_impl
+from hydra._internal.config_loader_impl import ConfigLoaderImpl
+
+from islandgp.resources import resource
+
+SCHEMES: Final = ("pkg", "structured")  # sources that do not change under a running process
+
+_parse = yaml.load
+_choose = config_loader_impl.create_defaults_list
+_merge = ConfigLoaderImpl._compose_config_from_defaults_list
+
+_loaders: dict[str, Any] = {}  # OmegaConf makes a class for each text, always the same one
+_chosen: dict[str, bytes] = {}
+_merged: dict[str, bytes] = {}
+
+
+@lru_cache(maxsize=2048)
+def _parsed(text: str | bytes, loader: str) -> bytes:
+    return pickle.dumps(_parse(text, _loaders[loader]))
+
+
+def _load(stream: Any, Loader: Any) -> Any:  # the name of the argument is PyYAML's
+    """As `yaml.load`."""
+    text = stream.read() if hasattr(stream, "read") else stream
+    name = f"{Loader.__module__}.{Loader.__qualname__}"
+    _loaders[name] = Loader
+    return pickle.loads(_parsed(text, name))
+
+
+def _sources(repo: Any) -> str:
+    """The places that files are read from; "" where one is not the package's."""
+    sources = repo.get_sources()
+    own = [s.path.removeprefix("file://") for s in sources if s.scheme() not in SCHEMES]
+    return repr([(s.scheme(), s.path) for s in sources]) if own == [str(resource("conf"))] else ""
+
+
+def _create_defaults_list(repo: Any, overrides_list: Any, **given: Any) -> Any:
+    """As Hydra's: which files are chosen, and the overrides that are values."""
+    if not (sources := _sources(repo)):
+        return _choose(repo=repo, overrides_list=overrides_list, **given)
+    values, groups = [], []
+    for override in overrides_list:
+        if not override.is_sweep_override():
+            is_group = repo.group_exists(override.key_or_group)
+            is_choice = is_group and not isinstance(override.value(), dict)
+            (groups if is_choice else values).append(override)
+    key = repr((sources, [o.input_line for o in groups], sorted(given.items())))
+    if key not in _chosen:
+        _chosen[key] = pickle.dumps(_choose(repo=repo, overrides_list=groups, **given))
+    found = pickle.loads(_chosen[key])
+    found.config_overrides = values
+    return found
+
+
+def _compose_config(self: ConfigLoaderImpl, defaults: Any, repo: Any) -> Any:
+    """As Hydra's: the chosen files, merged."""
+    if not (sources := _sources(repo)):
+        return _merge(self, defaults=defaults, repo=repo)
+    key = repr((sources, defaults))
+    if key not in _merged:
+        _merged[key] = pickle.dumps(_merge(self, defaults=defaults, repo=repo))
+    return pickle.loads(_merged[key])
+
+
+def install() -> None:
+    """Replaces PyYAML's and Hydra's functions for the rest of this process."""
+    yaml.load = _load
+    config_loader_impl.create_defaults_list = _create_defaults_list
+    ConfigLoaderImpl._compose_config_from_defaults_list = _compose_config

@@ -1,0 +1,30 @@
+"""How many examples Hypothesis tries, by profile; `tests/conftest.py` chooses one.
+
+`quick` tries the same examples in every run, so that a red test stays red until it is mended.
+`nightly` tries others, and many more: `pytest --hypothesis-profile=nightly`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from hypothesis import settings
+
+BASE: Final = 100  # examples a test, if neither it nor the profile says another number
+LEAST: Final = 10
+
+settings.register_profile(
+    "quick", deadline=None, derandomize=True, database=None, max_examples=2 * BASE // 5
+)
+settings.register_profile("nightly", deadline=None, max_examples=5 * BASE)
+
+
+def examples(max_examples: int, **more: Any) -> settings:
+    """Settings of a test that needs more or fewer examples than others do.
+
+    Args:
+        max_examples: Number of examples where the profile's is 100; else in proportion.
+        more: Other arguments of `hypothesis.settings`.
+    """
+    share = settings().max_examples / BASE
+    return settings(max_examples=max(LEAST, round(share * max_examples)), **more)
