@@ -20,7 +20,7 @@ from islandgp.evolution.archive import ArchiveSettings, Elite
 from islandgp.records.archive_file import NAME, read_archive
 from islandgp.records.checkpoint import read_checkpoint
 from islandgp.records.folder import RunFolder, Status
-from islandgp.records.parameters import HIDDEN
+from islandgp.redaction import HIDDEN
 from islandgp.resources import program
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import in_words

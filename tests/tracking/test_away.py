@@ -17,6 +17,7 @@ import pytest
 import yaml
 
 from islandgp.records.folder import Status
+from islandgp.records.manifest import add_to_manifest
 from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.mlflow import MLflow
 from islandgp.tracking.sent import read_sent
@@ -153,6 +154,7 @@ def test_a_run_of_version_0_1_is_told_in_a_line(home: Path, store: Store) -> Non
     text = plain(*SMALL)
     del text["domain"]
     (folder.path / "config.yaml").write_text(yaml.safe_dump(text))
+    add_to_manifest(folder.path, "config.yaml")
     (error,) = sync(home / "runs", store.place).failed.values()
     assert "found one of version 0.1" in str(error)
 
