@@ -402,7 +402,11 @@ def _origin(step: LineageStep) -> str:
         if step.guidance is not None:
             target = step.guidance.get("target")
             text = f"injected by {step.guidance['source']}" + (f" for {target}" if target else "")
-    return f"{text}, then mutation {step.mutation}" if step.mutation else text
+    mutation = step.mutation
+    if step.origin == "edited":
+        kind, _, mutation = mutation.removeprefix("edit:").partition("+")
+        text = f"{first}, edited by the supervisor ({kind})"
+    return f"{text}, then mutation {mutation}" if mutation else text
 
 
 def _guidance(step: LineageStep) -> str:
