@@ -24,7 +24,7 @@ from islandgp.evaluation.base import check_version
 from islandgp.evolution.edit_fates import edit_fates
 from islandgp.records.archive_file import NAME as ARCHIVE
 from islandgp.records.archive_file import read_archive
-from islandgp.records.checkpoint import reading
+from islandgp.records.checkpoint import damaged, reading
 from islandgp.records.files import values
 from islandgp.records.folder import RunFolder, run_folders
 from islandgp.records.sweep_folder import arm_of
@@ -152,6 +152,8 @@ def load(path: str | Path) -> Results:
         raise RunError(f"Expected runs in {top}, found none; give the folder that `runs` named.")
     for folder in folders:
         check_version(folder.configuration())
+        if folder.about() is None:
+            raise damaged("a run", folder.path / "about.json", "missing")
     return Results(top, folders)
 
 

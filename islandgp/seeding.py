@@ -32,6 +32,7 @@ class Stream(IntEnum):
     TEST = 13  # worlds that tell what a run's best trees are worth, by slot; they choose nothing
     TUNING = 14  # worlds in which thresholds are tuned, by slot; generation 1: the draws of CMA-ES
     SEARCH = 15  # a search's own draws, by generation and slot
+    PERTURBATION = 17  # of a world, by its seed; slot 0: its settings, 1: its sensors
     ARCHIVE = 16  # worlds in which elites are challenged, by generation and slot
     EDIT = 17  # mutation of edited trees (supervisor.mutate_advice), by generation and slot
 

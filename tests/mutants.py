@@ -19,6 +19,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from importlib.abc import Loader, MetaPathFinder
 from pathlib import Path
 from types import ModuleType
@@ -42,10 +43,10 @@ class Mutant:
     file: Path  # of the package, relative to the checkout
     place: int  # which of the places that `places` finds
 
-    @property
-    def module(self) -> str:
-        """The module's name in full."""
-        return ".".join(self.file.with_suffix("").parts)
+
+def module_of(file: Path) -> str:
+    """The name of a module in full."""
+    return ".".join(file.with_suffix("").parts)
 
 
 def places(tree: ast.AST) -> Iterator[tuple[ast.expr | ast.If, str]]:
@@ -100,7 +101,7 @@ class Mutating(MetaPathFinder, Loader):
 
     def find_spec(self, fullname: str, path: Any, target: Any = None) -> Any:  # noqa: ARG002
         """See `MetaPathFinder`."""
-        if fullname != self.mutant.module:
+        if fullname != module_of(self.mutant.file):
             return None
         return importlib.util.spec_from_file_location(
             fullname, self.mutant.file.absolute(), loader=self
@@ -112,28 +113,28 @@ class Mutating(MetaPathFinder, Loader):
         exec(compile(tree, str(self.mutant.file), "exec"), module.__dict__)
 
 
+TESTS: Final = {f: f.read_text(encoding="utf-8") for f in sorted(Path("tests").rglob("test_*.py"))}
+
+
+@cache
+def tests_of(file: Path) -> tuple[str, ...]:
+    """The test files that import a module; those of its own folder first, then short ones."""
+    name = re.compile(rf"\b{re.escape(module_of(file))}\b")
+    files = [test for test, text in TESTS.items() if name.search(text)]
+    files.sort(key=lambda test: (test.parts[1] != file.parts[1], len(TESTS[test]), test))
+    return tuple(map(str, files[:MOST_FILES]))
+
+
 def chosen(number: int, seed: int) -> list[Mutant]:
     """So many mutants, the same ones for the same seed and sources."""
-    files = [f for part in CORE for f in sorted(Path("islandgp", part).rglob("*.py"))]
     everything = [
         Mutant(file, place)
-        for file in files
+        for part in CORE
+        for file in sorted(Path("islandgp", part).rglob("*.py"))
+        if tests_of(file)
         for place in range(len(list(places(ast.parse(file.read_text(encoding="utf-8"))))))
-        if tests_of(Mutant(file, place))
     ]
     return random.Random(seed).sample(everything, number)
-
-
-def tests_of(mutant: Mutant) -> list[str]:
-    """The test files that import the module; those of its own folder first, then short ones."""
-    name = re.compile(rf"\b{re.escape(mutant.module)}\b")
-    own = mutant.file.parts[1]
-    files = [f for f in TESTS if name.search(TESTS[f])]
-    files.sort(key=lambda f: (f.parts[1] != own, len(TESTS[f]), f))
-    return [str(file) for file in files[:MOST_FILES]]
-
-
-TESTS: Final = {f: f.read_text(encoding="utf-8") for f in sorted(Path("tests").rglob("test_*.py"))}
 
 
 def survives(mutant: Mutant) -> bool:
@@ -149,7 +150,7 @@ def survives(mutant: Mutant) -> bool:
 
         options = ["-x", "-q", "-p", "no:cacheprovider", "-n", "0"]
         # pytest's 5: no test was chosen
-        os._exit(int(pytest.main([*options, "-m", UNIT, *tests_of(mutant)]) not in (0, 5)))
+        os._exit(int(pytest.main([*options, "-m", UNIT, *tests_of(mutant.file)]) not in (0, 5)))
     end = time.monotonic() + SECONDS
     while time.monotonic() < end:
         ended, status = os.waitpid(child, os.WNOHANG)

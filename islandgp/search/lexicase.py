@@ -106,18 +106,18 @@ class Lexicase:
         self, state: SearchState, evaluated: Sequence[Evaluated], advice: Advice
     ) -> SearchState:
         """See `Search`."""
-        found = tuple(
-            Contender(
-                Parent(e.individual.id, e.individual.tree), e.fitness, self._cases(e), e.violation
-            )
-            for e in evaluated
-        )
+        found = tuple(contender(e, self._cases(e)) for e in evaluated)
         return SearchState(state.generation + 1, Contenders(found, advice.tree, advice.edited))
 
     def _cases(self, e: Evaluated) -> tuple[float, ...]:
         if self.settings.cases == "episodes":
             return e.episodes
         return tuple(e.outcome.components.values())
+
+
+def contender(e: Evaluated, cases: tuple[float, ...]) -> Contender:
+    """An evaluated individual with its points in each case."""
+    return Contender(Parent(e.individual.id, e.individual.tree), e.fitness, cases, e.violation)
 
 
 def eligible(violations: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:

@@ -97,11 +97,12 @@ class MapElites:
             return first_generation(self.plan, streams, self.settings.breeding)
         best = [found[0] for found in self.cells(memory.occupants).values()]
         parents = [o.parent for o in best]
+        mothers = [o.parent for o in best if not self._violation(o)] or parents
         doubtful = sorted(best, key=lambda o: (-o.n, self._merit(o)), reverse=True)
         most = round(self.settings.again * self.plan.gp.population)
 
         def pick(rng: np.random.Generator) -> tuple[Parent, Sequence[Parent]]:
-            return parents[rng.integers(len(parents))], parents
+            return mothers[rng.integers(len(mothers))], parents
 
         return next_generation(
             self.plan,
@@ -138,7 +139,10 @@ class MapElites:
         return found
 
     def _merit(self, o: Occupant) -> Merit:
-        return merit(o.fitness, violation(o.counters, self.plan.constraints))
+        return merit(o.fitness, self._violation(o))
+
+    def _violation(self, o: Occupant) -> float:
+        return violation(o.counters, self.plan.constraints)
 
 
 def updated(

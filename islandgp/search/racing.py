@@ -40,6 +40,7 @@ from islandgp.scoring.constraints import (
 from islandgp.search.base import Advice, SearchContext, SearchState
 from islandgp.search.breeding import Breeding, Parent, children, digest, random_individuals
 from islandgp.search.compose import priority_lists
+from islandgp.search.lexicase import Contender, contender, eligible, selected
 from islandgp.seeding import Stream, Streams
 
 
@@ -54,6 +55,12 @@ class RacingSettings(BaseModel, frozen=True, extra="forbid"):
     milestone: float = Field(ge=0)  # standard deviations that a milestone is worth
     behaviour: float = Field(ge=0)  # standard deviations that a behaviour is worth
     parsimony: float = Field(ge=0)  # standard deviations that a node costs
+    specialists: float = Field(ge=0, le=1)
+    """Share of mothers chosen by lexicase selection over the last generation's episodes.
+
+    A tree that is far better than all others in one world has children then, whatever it earns
+    in the others. Without effect where an individual has one episode.
+    """
     breeding: Breeding
 
 
@@ -76,6 +83,7 @@ class Evidence:
     entries: tuple[Entry, ...]
     tree: Tree | None  # of the supervisor, to inject
     tried: tuple[str, ...]  # digests of trees
+    contenders: tuple[Contender, ...] = ()  # the last generation; () without specialists
     edited: tuple[EditedTree, ...] = ()  # of the supervisor
 
 
@@ -120,7 +128,13 @@ class Racing:
         parents = [Parent(e.id, e.tree) for e in memory.entries]
         fathers = [*parents, *self.library]
 
+        contenders = memory.contenders
+        points = np.array([c.cases for c in contenders])
+        entrants = eligible(np.array([c.violation for c in contenders])) if contenders else None
+
         def pick(rng: np.random.Generator) -> tuple[Parent, Sequence[Parent]]:
+            if contenders and rng.random() < how.specialists:
+                return contenders[selected(rng, points, entrants)].parent, fathers
             return parents[min(rng.integers(len(parents), size=2))], fathers
 
         return (*asked, *children(streams, g, slots, pick, *common))
@@ -159,7 +173,10 @@ class Racing:
         tried = tuple(dict.fromkeys((*memory.tried, *keys)))[-TRIED:]
         most = max(2, round(self.settings.survivors * self.plan.gp.population))
         kept = tuple(ranked[:most])
-        return SearchState(state.generation + 1, Evidence(kept, advice.tree, tried, advice.edited))
+        several = self.settings.specialists and self.plan.gp.episodes > 1
+        contenders = tuple(contender(e, e.episodes) for e in evaluated) if several else ()
+        evidence = Evidence(kept, advice.tree, tried, contenders, advice.edited)
+        return SearchState(state.generation + 1, evidence)
 
     def _bonus(self, e: Evaluated) -> float:
         """What milestones and behaviours are worth, in standard deviations.
