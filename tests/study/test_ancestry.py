@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+from islandgp.evolution.edits import Edit, EditTrial, as_record
 from islandgp.study.arms import Run
 from islandgp.study.comparable import compare_arms
 from islandgp.study.library import library_names
 from islandgp.study.lineage import (
     BRED,
+    EDITED,
     HEIR,
     RANDOM,
+    Descent,
+    descent_of_first,
     final_elite,
     injected_shares,
     most_injected,
@@ -97,9 +103,10 @@ def test_edited_trees_in_the_tables() -> None:
         [individual("0.0", "random")],
         [individual("1.0", "edited", ["0.0"], mutation="edit:combine", tiers=("complete",))],
         [individual("2.0", "elite", ["1.0"], fitness=5.0)],
+        [individual("3.0", "elite", ["2.0"], fitness=4.0)],
     ]
     guided = guidance(edits=(edit, refused))
-    run = made_run("editor", best=[1.0] * 3, populations=populations, guided=guided)
+    run = made_run("editor", best=[1.0] * 4, populations=populations, guided=guided)
     trial = EditTrial("1.0", "0.0", 1000.0, 400.0)
     records = list(run.records)
     records[1] = replace(records[1], trials=(trial,))
@@ -112,12 +119,12 @@ def test_edited_trees_in_the_tables() -> None:
     (row,) = table.rows
     assert dict(zip(table.columns, row, strict=True)) == {
         "Arm": "editor",
-        "advised": "4",
+        "advised": "6",
         "refused": "50%",
         "better than the tree before": "100%",
         "worse": "0%",
         "median gain": "600",
         "became a parent": "100%",
-        "mean generations lived": "1.0",
+        "mean generations lived": "2.0",
     }
     assert edits_table(compare_arms([made_arm("a", [_run()]), made_arm("b", [_run()])])) is None
