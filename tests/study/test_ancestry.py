@@ -113,7 +113,7 @@ def test_edited_trees_in_the_tables() -> None:
     edited = replace(run, records=tuple(records))
     assert descent_of_first(edited, "complete") is Descent.EDITED
     assert provenance(edited, edited.records[2].individuals) == [EDITED]
-    study = compare_arms([made_arm("editor", [edited]), made_arm("baseline", [_run()])])
+    study = compare_arms([made_arm("editor", [edited]), made_arm("expert", [_run()])])
     table = edits_table(study)
     assert table is not None
     (row,) = table.rows
@@ -127,4 +127,6 @@ def test_edited_trees_in_the_tables() -> None:
         "became a parent": "100%",
         "mean generations lived": "2.0",
     }
-    assert edits_table(compare_arms([made_arm("a", [_run()]), made_arm("b", [_run()])])) is None
+    rival = made_run("baseline", best=[1.0] * 4, populations=POPULATIONS)
+    without = compare_arms([study.arms[1], made_arm("baseline", [rival])])
+    assert edits_table(without) is None
