@@ -82,7 +82,7 @@ WORLDS: Final[dict[str, World]] = {
         ("domain=pick_place", "budget.episodes=3000"), PICK_PLACE / "carry.bt", PICK_PLACE / "conf"
     ),
     "lunarlander": World(
-        ("domain=lunarlander", "budget.episodes=10000", "gp.population=60", "gp.episodes=2"),
+        ("domain=lunarlander", "budget.episodes=12000", "gp.population=60", "gp.episodes=4"),
         DOMAINS / "gymnasium" / "trees" / "lunarlander.bt",
     ),
     "minigrid": World(
