@@ -59,7 +59,7 @@ class Requirement:
     counter: str
     value: float  # the least, or what it must exceed
     exceeds: bool  # whether the value itself is too little
-    milestone: int  # index of the easiest milestone that asks for it
+    milestone: int  # index of the easiest milestone that asks for it; of none: their number
 
     def __str__(self) -> str:
         """For people: `at least 2`."""
@@ -72,12 +72,17 @@ class Requirement:
 
 
 def requirements(classes: Classes) -> tuple[Requirement, ...]:
-    """What the milestones' tiers ask of counters, those of the easiest first, each once."""
+    """What the milestones' tiers ask of counters, those of the easiest first, each once.
+
+    Then that each behaviour is shown: tiers may ask for nothing but points.
+    """
     found: list[Requirement] = []
     for k, milestone in enumerate(classes.milestones):
         for tier in (classes.tiers[name] for name in reversed(classes.needed(milestone))):
             for exceeds, asked in ((False, tier.at_least), (True, tier.above)):
                 found += [Requirement(c, value, exceeds, k) for c, value in asked.items()]
+    last = len(classes.milestones)
+    found += [Requirement(c, 0.0, True, last) for c in classes.behaviours.values()]
     once = {(r.counter, r.value, r.exceeds): r for r in reversed(found) if r.counter != "fitness"}
     return tuple(r for r in found if r in once.values())
 

@@ -70,7 +70,7 @@ def advice(supervisor: Editor, generation: Seen) -> tuple[Edit, ...]:
 
 
 def test_what_the_milestones_ask_for() -> None:
-    """Counters with their values, the easiest milestone first, and no fitness."""
+    """Counters with their values, the easiest milestone first, no fitness; then the behaviours."""
     found = [(r.counter, r.value, r.milestone) for r in requirements(composed().classes)]
     assert found == [
         ("pickups", 2, 0),
@@ -81,6 +81,10 @@ def test_what_the_milestones_ask_for() -> None:
         ("interactions", 2, 1),
         ("deliveries", 2, 1),
         ("gathered", 6, 1),
+        ("pickups", 0, 2),
+        ("interactions", 0, 2),
+        ("charges", 0, 2),
+        ("deliveries", 0, 2),
     ]
 
 

@@ -68,12 +68,12 @@ def test_a_store_deleted_under_way_is_made_again(
 ) -> None:
     """With all records from the first one on, and without a traceback."""
     folder = begun(home / "runs/a/one", home)
-    follows = tracker(home, "sqlite:///mlflow.db", 30)
+    follows = tracker(home, "sqlite:///mlflow.db", 120)
     follows.start(folder)
     done = steps()
     folder.append(done[0])
     follows.generation()
-    end = monotonic() + 30
+    end = monotonic() + 120
     while not (sent := read_sent(folder.path)) or not sent.generations:
         assert monotonic() < end
         sleep(0.05)
