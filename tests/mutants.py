@@ -155,13 +155,17 @@ def survives(mutant: Mutant) -> bool:
         # pytest's 5: no test was chosen
         os._exit(int(pytest.main([*options, "-m", UNIT, *tests_of(mutant.file)]) not in (0, 5)))
     end = time.monotonic() + SECONDS
-    while time.monotonic() < end:
-        ended, status = os.waitpid(child, os.WNOHANG)
-        if ended:
-            return status == 0
-        time.sleep(0.05)
-    os.killpg(child, signal.SIGKILL)
-    os.waitpid(child, 0)
+    ended = 0
+    try:
+        while time.monotonic() < end:
+            ended, status = os.waitpid(child, os.WNOHANG)
+            if ended:
+                return status == 0
+            time.sleep(0.05)
+    finally:  # it hangs, or the user has pressed Ctrl-C
+        if not ended:
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
     return False
 
 
