@@ -45,7 +45,8 @@ def share_view(store: Store) -> None:
 
 def _milestones(store: Store) -> list[str]:
     runs = store.client.search_runs([store.experiment], max_results=RECENT)
-    named = [json.loads(run.data.params.get("classes.milestones", "[]")) for run in runs]
+    jobs = [run for run in runs if run.data.tags.get("kind") != "sweep"]
+    named = [json.loads(run.data.params.get("classes.milestones", "[]")) for run in jobs]
     return list(dict.fromkeys(tier for milestones in named for tier in milestones))[:MOST]
 
 
@@ -84,8 +85,13 @@ def served(place: Place, port: int) -> Iterator[Pages]:
     """A server of the store while the context lasts; a tracking server is there already.
 
     Raises:
-        TrackingError: the port is taken, or the server does not start.
+        TrackingError: there is no such file, the port is taken, or the server does not start.
     """
+    if place.file is not None and not place.file.is_file():
+        raise TrackingError(
+            f"Expected an MLflow store in {place.file}, found no such file; give --uri of one that"
+            " is there, or leave it out for that of the last run."
+        )
     store = _opened(place)
     share_view(store)
     if place.file is None:

@@ -30,6 +30,7 @@ from islandgp.tracking.sync import sync
 from islandgp.tracking.ui import Pages, runs_page, served, share_view
 from tests.running.commands import ROOT
 from tests.tracking.folders import history, place, written
+from tests.trees.shell import shell
 from tests.viewer.browser import Browser, chromium
 
 
@@ -72,6 +73,18 @@ def test_a_taken_port_is_named(store: Store) -> None:
         port = other.getsockname()[1]
         with pytest.raises(TrackingError, match=rf"port {port} to be free.*--port"):
             served(store.place, port).__enter__()
+
+
+def test_a_store_that_is_not_there_is_not_made(
+    home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A typo in --uri: exit code 2, one line, and no file."""
+    monkeypatch.chdir(home)
+    said = shell(monkeypatch, capsys)("ui", "--uri", "sqlite:///mlflwo.db")
+    line = f"islandgp: Expected an MLflow store in {home / 'mlflwo.db'}, found no such file;"
+    assert (said.code, said.out) == (2, "")
+    assert said.err.splitlines()[-1].startswith(line)
+    assert not (home / "mlflwo.db").exists()
 
 
 def test_a_server_that_is_away_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
