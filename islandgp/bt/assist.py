@@ -14,8 +14,9 @@ from typing import Final, Literal, NamedTuple, TypeAlias
 
 from islandgp.bt.condition import OPERATORS
 from islandgp.bt.includes import mentioned
+from islandgp.bt.kinds import INNER, KINDS
 from islandgp.bt.language import following
-from islandgp.bt.node import KINDS, STATUS_NAMES
+from islandgp.bt.node import STATUS_NAMES
 from islandgp.bt.printer import condition_text
 from islandgp.bt.vocabulary import NAME, RESERVED, STATUSES, Action, Key, Vocabulary
 from islandgp.errors import TreeError
@@ -25,21 +26,19 @@ Sort: TypeAlias = Literal["action", "key", "word", "subtree", "number"]
 _WORD: Final = re.compile(r'#[^\n]*|"[^"\n]*"?|[A-Za-z_]\w*|-?\.?[0-9][0-9A-Za-z_.]*|[<>=!]=?|\S')
 
 MEANINGS: Final = {
-    **{name: kind.meaning for name, kind in KINDS.items() if name != "action"},
+    **{name: KINDS[name].meaning for name in INNER},
     "use": "stands for the whole subtree of that name",
     "domain": "whose actions and keys the tree uses",
     "include": "a file beside this one whose subtrees and constants can be used below",
     "constant": "a name for a number",
     "subtree": "a name for a tree, for use further down",
-    "abort": "whom a change of the condition stops; without it: both",
-    "none": "a change of the condition stops nobody",
-    "self": "the child is stopped when the condition turns false",
-    "lower": "later branches are stopped when the condition turns true",
-    "both": "self and lower",
-    "success": "how many children must succeed; without it: all",
-    "failure": "how many children must fail; without it: one",
-    "one": "one child",
-    "all": "all children",
+    **{
+        argument.name: f"{argument.meaning}; without it: {argument.default}"
+        for kind in KINDS.values()
+        for argument in kind.arguments
+        if argument.default is not None
+    },
+    **{w: m for kind in KINDS.values() for a in kind.arguments for w, m in a.words.items()},
     "and": "both conditions hold",
     "or": "one of the conditions holds",
     "not": "the condition does not hold",

@@ -11,7 +11,8 @@ from typing import Any, Final, TypeAlias
 from islandgp.bt.condition import OPERATORS, Asked, Condition, denied, joined
 from islandgp.bt.diagnosis import unknown_key, unknown_node
 from islandgp.bt.includes import ParsedFile
-from islandgp.bt.node import ABORTS, REPEATS, Argument, Node, Used
+from islandgp.bt.kinds import KINDS, Argument, Sort
+from islandgp.bt.node import Node, UseArgs, Used, leaf, sequence
 from islandgp.bt.printer import Named, use_text
 from islandgp.bt.source import Source, closest, shown
 from islandgp.bt.vocabulary import Vocabulary
@@ -28,7 +29,7 @@ MAX_NESTED: Final = 16  # levels of a condition: each `and`, `or`, `not` and `(`
 _Tree: TypeAlias = Any
 _Token: TypeAlias = Any
 
-NO_TREE: Final = Node("sequence")
+NO_TREE: Final = sequence()
 """What is built of a file that only holds subtrees: no tree of the language."""
 
 _NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?")
@@ -220,20 +221,25 @@ class Builder:
     def _head(self, tree: _Tree) -> tuple[Node, Sequence[_Tree]]:
         """A node without its children, and the trees of these."""
         kind, parts = str(tree.data), tree.children
-        args: tuple[Argument, ...] = ()
-        first = 1  # of the parts that are children
         if kind == "action":
             words = self._vocabulary
             if words is not None and parts[0] not in words.actions:
                 raise unknown_node(self._source, parts[0], self._templates, words)
-            args = (str(parts[0]),)
-        elif kind == "when":
-            args, first = self._condition(parts)
-        elif kind == "parallel":
-            args, first = _policies(parts)
-        elif kind == "repeater":
-            args, first = (self._repeats(parts[1]),), 2
-        return Node(kind, args), parts[first:]
+            return leaf(str(parts[0])), ()
+        values: list[Any] = []
+        rest = list(parts[1:])
+        for argument in KINDS[kind].arguments:
+            given = argument.default is None or _is(rest[0], argument.name)
+            values.append(self._argument(argument, rest.pop(0)) if given else argument.default)
+        return Node(kind, KINDS[kind].made(values)), rest
+
+    def _argument(self, argument: Argument, tree: _Tree) -> Asked | float | str:
+        """The value of an argument, from what stands for it."""
+        if argument.sort is Sort.CONDITION:
+            return self.condition(tree)
+        if argument.sort is Sort.COUNT:
+            return self._count_of(argument, tree)
+        return str(tree.children[0])
 
     def written(self, tree: _Tree, parameters: Sequence[str]) -> Node:
         """A tree of what has been built, as it is written, in a subtree with these parameters.
@@ -247,7 +253,7 @@ class Builder:
             return node._replace(children=tuple([self.written(each, parameters) for each in below]))
         name, *given = tree.children
         numbers = [self._number(each) for part in given for each in part.children]
-        return Node("use", (str(name), *numbers))
+        return Node("use", UseArgs(str(name), tuple(numbers)))
 
     def _use(self, tree: _Tree, name: _Token, given: Sequence[_Token], level: int) -> Node:
         if name not in self._templates:
@@ -270,12 +276,6 @@ class Builder:
                 expected=f"at most {MAX_LEVELS} levels and {MAX_NODES} nodes, each use expanded",
                 kind=LimitError,
             )
-
-    def _condition(self, parts: Sequence[_Tree]) -> tuple[tuple[Argument, ...], int]:
-        asked = self.condition(parts[1])
-        if parts[2].data == "abort":
-            return (asked, str(parts[2].children[0])), 3
-        return (asked, ABORTS[-1]), 2
 
     def _asked(self, tree: _Tree, level: int) -> Asked:
         form, parts = str(tree.data), tree.children
@@ -343,8 +343,8 @@ class Builder:
             )
         return value
 
-    def _repeats(self, token: _Token) -> float:
-        fewest, most = REPEATS
+    def _count_of(self, argument: Argument, token: _Token) -> float:
+        fewest, most = argument.range
         count = 0.0
         if token.type == "NAME":
             count = self._number(token)
@@ -398,13 +398,3 @@ def _first_word(tree: _Tree) -> _Token:
     while hasattr(tree, "children"):
         tree = tree.children[0]
     return tree
-
-
-def _policies(parts: Sequence[_Tree]) -> tuple[tuple[str, str], int]:
-    """The (success, failure) of a parallel, and where its children begin."""
-    success, failure, first = "all", "one", 1
-    if parts[first].data == "success":
-        success, first = str(parts[first].children[0]), first + 1
-    if parts[first].data == "failure":
-        failure, first = str(parts[first].children[0]), first + 1
-    return (success, failure), first

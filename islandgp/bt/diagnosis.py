@@ -8,7 +8,7 @@ from itertools import pairwise, takewhile
 from typing import TYPE_CHECKING
 
 from islandgp.bt.condition import OPERATORS
-from islandgp.bt.node import KINDS
+from islandgp.bt.kinds import COUNTED, GUARDS, INNER
 from islandgp.bt.source import Source, closest, shown
 from islandgp.bt.vocabulary import NOTHING, Vocabulary
 from islandgp.errors import TreeError, UnknownNameError
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from lark.exceptions import UnexpectedInput
 
 _NAMING = ("subtree", "use", "domain", "constant")  # a name of its own stands behind
-_NODE_WORDS = (*(kind for kind in KINDS if kind != "action"), "use")
+_NODE_WORDS = (*INNER, "use")
 
 # What the parser's terminals look like in a text.
 _SPELLING = {
@@ -90,7 +90,7 @@ def syntax_error(
         # in `slector { ... }` the parser takes offence at the brace.
         if word.type != "NAME" or previous in _NAMING or vocabulary is None or at in numbers:
             continue
-        asked = previous in ("when", "not", "and", "or", "(")
+        asked = previous in (*GUARDS, "not", "and", "or", "(")
         if asked and word not in vocabulary.keys:
             return unknown_key(source, word, vocabulary)
         if not asked and word not in vocabulary.actions:
@@ -115,7 +115,12 @@ def _names_of_numbers(words: Sequence[Token]) -> set[int]:
             inside = True
         inside = inside and word != ")"
         compared = at > 0 and words[at - 1].type == "OPERATOR"
-        if inside or compared or before[-1:] == ["repeater"] or before[:1] == ["constant"]:
+        if (
+            inside
+            or compared
+            or (at > 0 and words[at - 1] in COUNTED)
+            or before[:1] == ["constant"]
+        ):
             found.add(at)
     return found
 

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from islandgp.bt.builder import Builder
+from islandgp.bt.kinds import COUNTED
 from islandgp.bt.language import built, files_of, plain
 from islandgp.bt.printer import number_text
 from islandgp.bt.vocabulary import Vocabulary
 
-REPEATS: Final = "repeater"
+COUNT: Final = "count"
 """The purpose of a count; other purposes are the keys that are compared with the number."""
 
 EQUAL: Final = "=="
@@ -29,7 +30,7 @@ class Number:
 
     label: str  # the words before it: `charge <`, `repeater`, `constant low =`, `use go: times`
     value: float
-    purposes: Purposes  # REPEATS, EQUAL and keys; several where a constant or a parameter has them
+    purposes: Purposes  # COUNT, EQUAL and keys; several where a constant or a parameter has them
     line: int  # from 1
     start: int  # its place in `plain(text)`
     end: int
@@ -105,8 +106,8 @@ def _slots(tree: Any, taken: dict[str, dict[str, Purposes]]) -> Iterator[_Slot]:
                 taken[name].items(), given.children, strict=True
             ):
                 yield _Slot(f"use {name}: {parameter} =", purposes, word)
-        case "repeater", [_, word, child]:
-            yield _Slot("repeater", frozenset({REPEATS}), word)
+        case kind, [_, word, child] if kind in COUNTED:
+            yield _Slot(kind, frozenset({COUNT}), word)
             yield from _slots(child, taken)
         case _, parts:
             for part in parts:

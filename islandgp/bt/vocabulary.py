@@ -16,15 +16,16 @@ from numbers import Real
 from typing import Final
 
 from islandgp.bt.condition import Condition as Condition  # for those who declare actions
+from islandgp.bt.kinds import INNER, KINDS
 from islandgp.bt.node import FAILURE, RUNNING, SUCCESS
 from islandgp.errors import DomainError
 
 NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 RESERVED: Final = frozenset((
-    "domain", "include", "constant", "subtree", "selector", "sequence", "parallel", "success",
-    "failure", "inverter", "repeater", "when", "and", "or", "not", "abort", "use", "one", "all",
-    "none", "self", "lower", "both",
+    "domain", "include", "constant", "subtree", "and", "or", "not", "use", *INNER,
+    *(a.name for kind in KINDS.values() for a in kind.arguments if a.default is not None),
+    *(word for kind in KINDS.values() for a in kind.arguments for word in a.words),
 ))  # fmt: skip
 """Words of the grammar: no action or key can have such a name."""
 

@@ -12,7 +12,8 @@ import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
 from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS, Asked, Condition, joined
-from islandgp.bt.node import ABORTS, KINDS, POLICIES, Argument, Limits, Node, within
+from islandgp.bt.kinds import ABORTS, INNER, KINDS, Argument, Sort
+from islandgp.bt.node import Args, GuardArgs, Limits, Node, leaf, within
 from islandgp.bt.vocabulary import Key, Vocabulary
 from islandgp.domain import total
 
@@ -40,7 +41,7 @@ class TreeSettings(BaseModel, frozen=True, extra="forbid"):
 
     @model_validator(mode="after")
     def _sound(self) -> TreeSettings:
-        check_weights("kinds", self.kinds, [kind for kind in KINDS if kind != "action"])
+        check_weights("kinds", self.kinds, INNER)
         check_weights("operators", self.operators, OPERATORS)
         check_weights("aborts", self.aborts, ABORTS)
         if not 1 <= self.children[0] <= self.children[1]:
@@ -70,9 +71,11 @@ class TreeSpace:
 
     @cached_property
     def kinds(self) -> dict[str, float]:
-        """The weight of each inner node kind; without keys there is no `when`."""
+        """The weight of each inner node kind; without keys there is no guard."""
         weights = self.settings.kinds
-        return weights if self.keys else {k: w for k, w in weights.items() if k != "when"}
+        if self.keys:
+            return weights
+        return {k: w for k, w in weights.items() if KINDS[k].args is not GuardArgs}
 
 
 def check_weights(key: str, weights: Mapping[str, float], names: Iterable[str]) -> None:
@@ -99,28 +102,30 @@ def weighted(rng: np.random.Generator, weights: Mapping[str, float]) -> str:
 
 def random_action(rng: np.random.Generator, space: TreeSpace) -> Node:
     """A leaf."""
-    return Node("action", (space.actions[rng.integers(len(space.actions))],))
+    return leaf(space.actions[rng.integers(len(space.actions))])
 
 
-def random_args(rng: np.random.Generator, kind: str, space: TreeSpace) -> tuple[Argument, ...]:
+def random_args(rng: np.random.Generator, kind: str, space: TreeSpace) -> Args:
     """The arguments of an inner node."""
-    if kind == "when":
-        return _random_condition(rng, space)
-    if kind == "repeater":
-        return (float(rng.integers(1, space.settings.repeats + 1)),)
-    if kind == "parallel":
-        return POLICIES[rng.integers(2)], POLICIES[rng.integers(2)]
-    return ()
+    if KINDS[kind].args is GuardArgs:
+        return _random_guard(rng, space)
+    return KINDS[kind].made([_drawn(rng, each, space) for each in KINDS[kind].arguments])
 
 
-def _random_condition(rng: np.random.Generator, space: TreeSpace) -> tuple[Asked, str]:
+def _drawn(rng: np.random.Generator, argument: Argument, space: TreeSpace) -> float | str:
+    if argument.sort is Sort.COUNT:
+        return float(rng.integers(1, space.settings.repeats + 1))
+    return list(argument.words)[rng.integers(len(argument.words))]
+
+
+def _random_guard(rng: np.random.Generator, space: TreeSpace) -> GuardArgs:
     how = space.settings.conditions
     if how.joined and rng.random() < how.joined:
         asked = _random_joined(rng, space, int(rng.integers(2, how.terms + 1)))
-        return asked, random_abort(rng, space)
+        return GuardArgs(asked, random_abort(rng, space))
     name = space.keys[rng.integers(len(space.keys))]
     abort = random_abort(rng, space)
-    return _about(rng, name, space), abort
+    return GuardArgs(_about(rng, name, space), abort)
 
 
 def random_abort(rng: np.random.Generator, space: TreeSpace) -> str:

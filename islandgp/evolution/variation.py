@@ -14,13 +14,12 @@ import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
 from islandgp.bt.condition import Asked, Condition, joined, terms, with_term
+from islandgp.bt.kinds import KINDS, REPEATS
 from islandgp.bt.node import (
-    KINDS,
-    REPEATS,
+    CountArgs,
+    GuardArgs,
     Limits,
     Node,
-    condition_of,
-    count_of,
     levels,
     measured,
     replace_at,
@@ -113,7 +112,7 @@ def _node(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSet
     nodes = list(walk(tree))
     i = int(rng.integers(len(nodes)))
     old = nodes[i]
-    if old.kind == "action":
+    if old.action:
         return replace_at(tree, i, random_action(rng, space))
     n = len(old.children)
     kinds = [
@@ -131,27 +130,25 @@ def _parameter(
     rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings
 ) -> Node:
     """A nudged number, or a new argument, of one node that has arguments."""
-    nodes = [
-        (i, node) for i, node in enumerate(walk(tree)) if KINDS[node.kind].args and node.children
-    ]
+    nodes = [(i, node) for i, node in enumerate(walk(tree)) if node.args and node.children]
     if not nodes:
         return tree
     i, old = nodes[rng.integers(len(nodes))]
     args = random_args(rng, old.kind, space)
     nudge = rng.normal(0, how.number_sd)
-    if old.kind == "repeater":
+    if isinstance(old.args, CountArgs):
         least, most = REPEATS
-        args = (
-            float(min(most, max(least, round(count_of(old) + nudge * space.settings.repeats)))),
-        )
-    elif old.kind == "when":
-        asked = condition_of(old)
+        moved = round(old.args.count + nudge * space.settings.repeats)
+        args = CountArgs(float(min(most, max(least, moved))))
+    elif isinstance(old.args, GuardArgs):
+        asked = old.args.condition
         if not isinstance(asked, Condition) or (
             space.settings.conditions.joined and rng.random() < space.settings.conditions.joined
         ):
-            args = (_rejoined(rng, asked, nudge, space), old.args[1])
+            args = old.args._replace(condition=_rejoined(rng, asked, nudge, space))
         elif not space.vocabulary.keys[asked.key].flag and rng.random() < 0.5:
-            args = (_nudged(asked, space.vocabulary.keys[asked.key], nudge), old.args[1])
+            key = space.vocabulary.keys[asked.key]
+            args = old.args._replace(condition=_nudged(asked, key, nudge))
     return replace_at(tree, i, old._replace(args=args))
 
 
@@ -242,9 +239,13 @@ MUTATIONS: Final[dict[str, Mutation]] = {
 
 def _must_be_mutant(made: object, _: object, __: object, space: TreeSpace, ___: object) -> None:
     for node in walk(_tree(made)):
-        if node.kind == "action" and node.args[0] not in space.vocabulary.actions:
+        if node.action and node.action not in space.vocabulary.actions:
             known = ", ".join(space.vocabulary.actions)
-            raise ValueError(f"expected actions of the domain ({known}), found {node.args[0]}")
+            raise ValueError(f"expected actions of the domain ({known}), found {node.action}")
+        if node.kind not in KINDS or not isinstance(node.args, KINDS[node.kind].args):
+            raise TypeError(
+                f"expected nodes as the functions of islandgp.bt.node make them, found {node!r:.80}"
+            )
 
 
 def mutate(

@@ -22,7 +22,7 @@ import numpy as np
 
 from islandgp.bt.builder import MAX_NUMBER
 from islandgp.bt.language import parse, to_text
-from islandgp.bt.numbers import EQUAL, REPEATS, Number, numbers_of, with_numbers
+from islandgp.bt.numbers import COUNT, EQUAL, Number, numbers_of, with_numbers
 from islandgp.bt.vocabulary import Key, Vocabulary, number
 from islandgp.errors import ConfigError
 from islandgp.evolution.branches import fine
@@ -165,7 +165,7 @@ def thresholds_of(
     """
     found = []
     for each in numbers_of(text, vocabulary, name=name, folder=folder):
-        if not each.purposes or each.purposes & {REPEATS, EQUAL}:
+        if not each.purposes or each.purposes & {COUNT, EQUAL}:
             continue
         keys = [vocabulary.keys[purpose] for purpose in each.purposes]
         low = max(-MAX_NUMBER, *(key.low for key in keys))

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from islandgp.bt.condition import OPERATORS
+from islandgp.bt.kinds import ABORTS, KINDS
 from islandgp.bt.language import parse
-from islandgp.bt.node import ABORTS, KINDS
 from islandgp.bt.vocabulary import Action, Vocabulary
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.errors import SupervisionError

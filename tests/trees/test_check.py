@@ -201,7 +201,7 @@ class Facts:
     """An observer that holds what the vocabulary says of actions against what they do."""
 
     def __init__(self, tree: Node, seen: Counter[tuple[str, int]]) -> None:
-        self.names = [str(n.args[0]) if n.kind == "action" else "" for n in walk(tree)]
+        self.names = [n.action for n in walk(tree)]
         self.told: list[tuple[str, int]] = []
         self.seen = seen
 

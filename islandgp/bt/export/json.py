@@ -11,9 +11,18 @@ import json
 from typing import Any, Final, NoReturn
 
 from islandgp.bt.builder import MAX_NESTED
-from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS, Asked, Condition, denied, joined
+from islandgp.bt.condition import (
+    FLAG_OPERATORS,
+    OPERATORS,
+    Asked,
+    Compound,
+    Condition,
+    denied,
+    joined,
+)
+from islandgp.bt.kinds import KINDS, Argument, Sort
 from islandgp.bt.language import MAX_LEVELS, MAX_NODES, MAX_NUMBER, parse, to_text
-from islandgp.bt.node import ABORTS, KINDS, POLICIES, Argument, Node, condition_of
+from islandgp.bt.node import Node
 from islandgp.bt.source import closest
 from islandgp.bt.vocabulary import NAME, RESERVED, Vocabulary
 from islandgp.errors import LimitError, TreeError
@@ -23,9 +32,7 @@ VERSION: Final = 1
 
 WORDS: Final[dict[str, tuple[str, ...]]] = {
     "op": (*OPERATORS, *FLAG_OPERATORS),
-    "abort": ABORTS,
-    "success": POLICIES,
-    "failure": POLICIES,
+    **{a.name: (*a.words,) for kind in KINDS.values() for a in kind.arguments if a.words},
 }
 """Arguments that are one of a few words."""
 
@@ -70,13 +77,13 @@ def from_json(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<
 
 def _plain(node: Node) -> dict[str, Any]:
     found: dict[str, Any] = {"kind": node.kind}
-    for argument, value in zip(KINDS[node.kind].args, node.args, strict=True):
-        if argument != "condition":
-            found[argument] = _number(value) if isinstance(value, float) else value
-        elif isinstance(asked := condition_of(node), Condition):
-            found |= _plain_condition(asked)
+    for argument, value in zip(KINDS[node.kind].arguments, node.args, strict=True):
+        if isinstance(value, Condition):
+            found |= _plain_condition(value)
+        elif isinstance(value, Compound):
+            found[argument.name] = _plain_condition(value)
         else:
-            found[argument] = _plain_condition(asked)
+            found[argument.name] = _number(value) if isinstance(value, float) else value
     if node.children:
         found["children"] = [_plain(child) for child in node.children]
     return found
@@ -115,9 +122,10 @@ class _Reader:
             guess = closest(str(kind), KINDS)
             hint = f"; did you mean {guess!r}?" if guess else ""
             self._fail(at, f"expected a kind ({', '.join(KINDS)}), found {kind!r:.40}{hint}")
-        names = KINDS[kind].args
-        if kind == "when" and "condition" not in value:
-            names = ("key", "op", "number", "abort")
+        arguments = KINDS[kind].arguments
+        names = {argument.name for argument in arguments}
+        if "condition" in names and "condition" not in value:
+            names = {"key", "op", "number", *names} - {"condition"}
         extra = value.keys() - {"kind", "children", *names}
         if extra:
             self._fail(at, f"unknown entry {min(extra)!r:.40} of {kind}")
@@ -126,24 +134,22 @@ class _Reader:
         if not isinstance(children, list) or not least <= len(children) <= most:
             wanted = least if least == most else f"at least {least}"
             self._fail(at, f"expected {wanted} children of {kind}")
-        args: tuple[Argument, ...]
-        if kind == "when":
-            asked = (
-                self._condition(value["condition"], f"{at}.condition", 1)
-                if "condition" in value
-                else self._single(value, at)
-            )
-            args = (asked, str(self._argument(value, "abort", at)))
-        else:
-            args = tuple(self._argument(value, argument, at) for argument in names)
+        values = [self._value(value, argument, at) for argument in arguments]
         return Node(
             kind,
-            args,
+            KINDS[kind].made(values),
             tuple(
                 self.node(child, f"{at}.children[{i}]", level + 1)
                 for i, child in enumerate(children)
             ),
         )
+
+    def _value(self, value: dict[str, Any], argument: Argument, at: str) -> Asked | float | str:
+        if argument.sort is not Sort.CONDITION:
+            return self._argument(value, argument.name, at)
+        if "condition" in value:
+            return self._condition(value["condition"], f"{at}.condition", 1)
+        return self._single(value, at)
 
     def _condition(self, value: Any, at: str, level: int) -> Asked:
         if not isinstance(value, dict):

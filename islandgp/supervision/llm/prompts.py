@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Final
 
 from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS
-from islandgp.bt.node import KINDS, REPEATS
+from islandgp.bt.kinds import KINDS, REPEATS
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.domain import Schema
 from islandgp.errors import SupervisionError
