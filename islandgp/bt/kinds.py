@@ -43,7 +43,7 @@ class Argument:
     without stands right behind the word of the kind, as in `repeater 3`.
     """
 
-    name: str  # the field of the kind's args
+    name: str  # as it is called in JSON, and in a text if it has a default
     sort: Sort
     meaning: str = ""  # one line, for editors
     words: Mapping[str, str] = field(default_factory=dict)  # each with its meaning
@@ -202,4 +202,4 @@ def kind_of(node: Node) -> NodeKind:
 def count_of(node: Node) -> int:
     """The count of a node whose kind counts."""
     assert isinstance(node.args, CountArgs)
-    return int(node.args.count)
+    return int(node.args.times)

@@ -48,7 +48,7 @@ class GuardArgs(NamedTuple):
 class CountArgs(NamedTuple):
     """Arguments of a repeater."""
 
-    count: float  # a whole number within REPEATS
+    times: float  # a whole number within REPEATS
 
 
 class ParallelArgs(NamedTuple):

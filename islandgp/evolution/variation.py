@@ -138,7 +138,7 @@ def _parameter(
     nudge = rng.normal(0, how.number_sd)
     if isinstance(old.args, CountArgs):
         least, most = REPEATS
-        moved = round(old.args.count + nudge * space.settings.repeats)
+        moved = round(old.args.times + nudge * space.settings.repeats)
         args = CountArgs(float(min(most, max(least, moved))))
     elif isinstance(old.args, GuardArgs):
         asked = old.args.condition

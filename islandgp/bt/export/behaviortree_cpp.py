@@ -119,7 +119,7 @@ def losses(tree: Node) -> list[Loss]:
 def differs(node: Node) -> bool:
     """Whether the library's own node for a parallel, a repeater or a `when` does something else."""
     if isinstance(node.args, CountArgs):
-        return node.args.count != 1
+        return node.args.times != 1
     if isinstance(node.args, ParallelArgs):
         # With one child only the words differ; they come back when the file is read.
         return len(node.children) > 1 or node.args != ("all", "one")
@@ -200,14 +200,14 @@ def _attributes(part: TargetNode) -> str:
         return f' success_count="{1 if success == "one" else -1}" failure_count="{fails}"'
     if part.rest:
         return f' name="{REST}"'
-    values = zip(NODES[part.kind].attributes, map(_word, part.args), strict=False)
-    return "".join(f" {name}={quoteattr(value)}" for name, value in values)
+    values = zip(NODES[part.kind].attributes, part.args, strict=False)
+    return "".join(f" {name}={quoteattr(_word(value))}" for name, value in values)
 
 
-def _word(value: Asked | float | str) -> str:
+def _word(value: object) -> str:
     if isinstance(value, Condition | Compound):
         return condition_text(value)
-    return value if isinstance(value, str) else number_text(value)
+    return number_text(value) if isinstance(value, int | float) else str(value)
 
 
 def _model(kind: str) -> Iterator[str]:

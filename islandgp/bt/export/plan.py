@@ -241,7 +241,7 @@ def hands_over(branch: Node, composite: str) -> bool:
         failure_does ^= branch.kind == "inverter"
         # Through a repeater a failure passes at once, a success in the last repetition.
         counted |= (
-            isinstance(branch.args, CountArgs) and branch.args.count != 1 and not failure_does
+            isinstance(branch.args, CountArgs) and branch.args.times != 1 and not failure_does
         )
         branch = branch.children[0]
     return False

@@ -150,7 +150,7 @@ def _around(part: TargetNode) -> tuple[str, str]:
         name = head(Node("parallel", args))
         return f"Parallel({name!r}, ParallelPolicy.{policy}, children=[", "])"
     if isinstance(args, CountArgs):
-        return f"Repeat('repeater', num_success={args.count:.0f}, child=", ")"
+        return f"Repeat('repeater', num_success={args.times:.0f}, child=", ")"
     before = _AROUND[kind]
     return before, "])" if before.endswith("[") else ")"
 
