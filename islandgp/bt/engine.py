@@ -17,7 +17,7 @@ from islandgp.bt import closures
 from islandgp.bt.closures import Observed, Stop, Tick
 from islandgp.bt.condition import Board, condition
 from islandgp.bt.kinds import KINDS, count_of
-from islandgp.bt.node import AGAIN, RUNNING, Node, ParallelArgs, asked_in
+from islandgp.bt.node import AGAIN, RUNNING, ActionArgs, Node, ParallelArgs, asked_in
 
 __all__ = ["ABORTED", "Board", "Tick", "Watch", "compile_tree", "condition", "thresholds"]
 
@@ -26,9 +26,12 @@ ABORTED: Final = 4  # told to a watch only: the node was running and has been st
 Watch: TypeAlias = Callable[[int, int], None]  # (node's place in document order, status)
 
 
+Actions: TypeAlias = Mapping[str, Tick] | Callable[[ActionArgs], Tick]
+
+
 def compile_tree(
     tree: Node,
-    actions: Mapping[str, Tick],
+    actions: Actions,
     board: Board,
     places: Mapping[str, int],
     *,
@@ -38,9 +41,9 @@ def compile_tree(
 
     Args:
         tree: what to run. A node that stands twice in it runs as two nodes.
-        actions: one per action name in the tree, looked up once for each leaf and called with
-            `fresh`: True when
-            the leaf starts now, False when it was RUNNING on the tick before.
+        actions: one per action name in the tree, looked up once for each leaf; or a function
+            that makes one from the arguments of a leaf. It is called with `fresh`: True when the
+            leaf starts now, False when it was RUNNING on the tick before.
         board: a value per key; the caller changes them between ticks, never within one.
         places: the index of each key on the board, as `Vocabulary.places`.
         watch: called for each node that is ticked, children before parents, and
@@ -78,7 +81,7 @@ class _Compiler:
 
     def __init__(
         self,
-        actions: Mapping[str, Tick],
+        actions: Actions,
         board: Board,
         places: Mapping[str, int],
         watch: Watch | None,
@@ -95,7 +98,11 @@ class _Compiler:
         """The closure of a node; `observed` belongs to the composite that holds its branch."""
         place = len(self._running)
         self._running.append(False)
-        tick = self._actions[node.action] if node.action else _MADE[node.kind](self, node, observed)
+        args = node.args
+        if isinstance(args, ActionArgs):
+            tick = self._actions(args) if callable(self._actions) else self._actions[args.name]
+        else:
+            tick = _MADE[node.kind](self, node, observed)
         return tick if self._watch is None else self._watched(tick, place, self._watch)
 
     def _composite(self, node: Node, _: Observed | None) -> Tick:

@@ -33,6 +33,7 @@ class Sort(Enum):
     CONDITION = auto()  # as `condition` has it
     COUNT = auto()  # a whole number within `range`
     WORD = auto()  # one of `words`
+    VALUES = auto()  # of the arguments of an action
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +178,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         meaning="acts on the world",
         children=(0, 0),
         args=ActionArgs,
-        arguments=(Argument("name", Sort.NAME),),
+        arguments=(Argument("name", Sort.NAME), Argument("values", Sort.VALUES)),
         look=Look("", "green", "#d6f1e6", "#00775a", "ellipse", ("([", "])"), "round"),
     ),
 }

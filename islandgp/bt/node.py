@@ -22,10 +22,15 @@ AGAIN: Final = 3  # running, and the very next tick will do something (a repetit
 STATUS_NAMES: Final = ("FAILURE", "SUCCESS", "RUNNING", "RUNNING")
 
 
+Value: TypeAlias = float | str
+"""What an argument of an action is: a number, or a word; a flag is `yes` or `no`."""
+
+
 class ActionArgs(NamedTuple):
     """Arguments of a leaf."""
 
     name: str  # of the action
+    values: tuple[tuple[str, Value], ...] = ()  # what the tree gives to the action's arguments
 
 
 class GuardArgs(NamedTuple):
@@ -100,7 +105,7 @@ def guard_of(node: Node) -> GuardArgs:
 
 
 def leaf(name: str) -> Node:
-    """A leaf."""
+    """A leaf; its action's arguments have their defaults."""
     return Node("action", ActionArgs(name))
 
 

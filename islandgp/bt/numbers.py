@@ -48,7 +48,7 @@ def numbers_of(
     taken: dict[str, dict[str, Purposes]] = {}  # by subtree and parameter
     slots: list[_Slot] = []
     for part in parts:  # the text itself is the last
-        slots = [slot for tree in part.tree.children for slot in _slots(tree, taken)]
+        slots = [slot for tree in part.tree.children for slot in _slots(tree, taken, vocabulary)]
     of_constants: dict[str, Purposes] = {}
     found: list[Number] = []
     for label, purposes, word, constant in reversed(slots):  # defined before it is used
@@ -73,6 +73,11 @@ def with_numbers(text: str, numbers: Sequence[Number], values: Sequence[float]) 
     return "".join([*parts, text[end:]])
 
 
+def argument_purpose(action: str, argument: str) -> str:
+    """The purpose of a number that is an argument of an action."""
+    return f"{action}.{argument}"
+
+
 class _Slot(NamedTuple):
     """A place where a number is wanted."""
 
@@ -82,7 +87,7 @@ class _Slot(NamedTuple):
     constant: str = ""  # the constant whose value it is
 
 
-def _slots(tree: Any, taken: dict[str, dict[str, Purposes]]) -> Iterator[_Slot]:
+def _slots(tree: Any, taken: dict[str, dict[str, Purposes]], words: Vocabulary) -> Iterator[_Slot]:
     """The slots in a lark.Tree, in order, but those of a subtree's own parameters.
 
     The purposes of the latter are put into `taken`.
@@ -90,7 +95,7 @@ def _slots(tree: Any, taken: dict[str, dict[str, Purposes]]) -> Iterator[_Slot]:
     match str(tree.data), tree.children:
         case "subtree", [name, *parameters, body]:
             own = {str(word): _NONE for each in parameters for word in each.children}
-            for slot in list(_slots(body, taken)):
+            for slot in list(_slots(body, taken, words)):
                 if slot.word in own:
                     own[str(slot.word)] |= slot.purposes
                 else:
@@ -106,10 +111,16 @@ def _slots(tree: Any, taken: dict[str, dict[str, Purposes]]) -> Iterator[_Slot]:
                 taken[name].items(), given.children, strict=True
             ):
                 yield _Slot(f"use {name}: {parameter} =", purposes, word)
+        case "action", [name, values]:
+            arguments = words.action(str(name)).arguments
+            for key, word in (each.children for each in values.children):
+                if arguments[str(key)].numeric:
+                    purpose = argument_purpose(str(name), str(key))
+                    yield _Slot(f"{name}: {key}", frozenset({purpose}), word)
         case kind, [_, word, child] if kind in COUNTED:
             yield _Slot(kind, frozenset({COUNT}), word)
-            yield from _slots(child, taken)
+            yield from _slots(child, taken, words)
         case _, parts:
             for part in parts:
                 if hasattr(part, "children"):  # no word
-                    yield from _slots(part, taken)
+                    yield from _slots(part, taken, words)

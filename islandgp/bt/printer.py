@@ -12,7 +12,7 @@ from typing import Any, Self
 
 from islandgp.bt.condition import Asked, Compound
 from islandgp.bt.kinds import KINDS, Argument, Sort
-from islandgp.bt.node import Node, UseArgs, names_of
+from islandgp.bt.node import ActionArgs, Node, UseArgs, Value, names_of
 
 WIDTH = 80  # columns of a line
 INDENT = "  "
@@ -78,12 +78,18 @@ def use_text(name: str, numbers: Sequence[float]) -> str:
 
 def head(node: Node) -> str:
     """What stands before a node's brace; the whole of a leaf: `when charge < 25`."""
-    if node.action:
-        return node.action
+    if isinstance(node.args, ActionArgs):
+        return call_text(*node.args)
     if isinstance(node.args, UseArgs):
         return f"use {use_text(*node.args)}"
     pairs = zip(KINDS[node.kind].arguments, node.args, strict=True)
     return " ".join([node.kind, *(t for arg, value in pairs if (t := _argument(arg, value)))])
+
+
+def call_text(action: str, values: Sequence[tuple[str, Value]]) -> str:
+    """An action with the values of its arguments: `MoveTo(goal: dock, speed: 0.5)`."""
+    given = (f"{name}: {v if isinstance(v, str) else number_text(v)}" for name, v in values)
+    return f"{action}({', '.join(given)})" if values else action
 
 
 def _argument(argument: Argument, value: Any) -> str:

@@ -18,24 +18,27 @@ from islandgp.bt.condition import Asked, joined, terms, with_term
 from islandgp.bt.kinds import ABORTS, kind_of
 from islandgp.bt.node import (
     FAILURE,
+    ActionArgs,
     GuardArgs,
     Limits,
     Node,
     depth,
+    guard_of,
     guarded,
-    leaf,
     replace_at,
     selector,
     sequence,
     size,
     walk,
 )
+from islandgp.bt.parameters import leaf_of, written
 from islandgp.bt.simplify import simplify
 from islandgp.bt.vocabulary import Key
 from islandgp.evolution.random_trees import (
     TreeSpace,
+    moved_number,
     random_abort,
-    random_action,
+    random_leaf,
     random_term,
 )
 
@@ -83,8 +86,8 @@ def _random_body(rng: np.random.Generator, space: TreeSpace, n: int) -> Node:
     names: list[str] = []
     for _ in range(n):
         if len(names) < LONG:
-            names += _prepared(rng, random_action(rng, space).action, space)
-    actions = [leaf(name) for name in names]
+            names += _prepared(rng, space.actions[rng.integers(len(space.actions))], space)
+    actions = [random_leaf(rng, name, space) for name in names]
     return actions[0] if len(actions) == 1 else sequence(*actions)
 
 
@@ -243,19 +246,29 @@ def tune(rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSe
 
 
 def numbers_of(tree: Node, space: TreeSpace) -> list[tuple[int, int]]:
-    """Where a tree's conditions hold numbers: (index of the node, index of the term)."""
+    """Where a tree holds numbers: (index of the node, index of the term or of the argument)."""
     keys = space.vocabulary.keys
-    return [
-        (i, k)
-        for i, _, args in _guards(tree)
-        for k, term in enumerate(terms(args.condition))
-        if not keys[term.key].flag
-    ]
+    found: list[tuple[int, int]] = []
+    for i, node in enumerate(walk(tree)):
+        if node.guard:
+            compared = [not keys[term.key].flag for term in terms(node.guard.condition)]
+        else:
+            arguments = space.vocabulary.action(node.action).arguments.values()
+            compared = [each.numeric for each in arguments]
+        found += [(i, k) for k, number in enumerate(compared) if number]
+    return found
 
 
 def _moved(tree: Node, i: int, k: int, by: float, space: TreeSpace) -> Node:
-    """The tree with term `k` of node `i` moved by a share of its key's range."""
-    node, args = next((node, args) for at, node, args in _guards(tree) if at == i)
+    """The tree with the number `k` of node `i` moved by a share of its range."""
+    node = next(node for at, node in enumerate(walk(tree)) if at == i)
+    if isinstance(node.args, ActionArgs):
+        arguments = space.vocabulary.action(node.action).arguments
+        values = written(node.args, arguments)
+        name = list(arguments)[k]
+        values[name] = moved_number(arguments[name], float(values[name]), by)
+        return replace_at(tree, i, leaf_of(node.action, values, arguments))
+    args = guard_of(node)
     term = list(terms(args.condition))[k]
     key = space.vocabulary.keys[term.key]
     new = term._replace(number=fine(term.number + by * (key.high - key.low), key))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from math import inf
+from math import floor, inf, log10
 from typing import Final
 
 import numpy as np
@@ -13,7 +13,8 @@ from pydantic import BaseModel, Field, model_validator
 
 from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS, Asked, Condition, joined
 from islandgp.bt.kinds import ABORTS, INNER, KINDS, Argument, Sort
-from islandgp.bt.node import Args, GuardArgs, Limits, Node, leaf, within
+from islandgp.bt.node import Args, GuardArgs, Limits, Node, Value, within
+from islandgp.bt.parameters import Parameter, leaf_of
 from islandgp.bt.vocabulary import Key, Vocabulary
 from islandgp.domain import total
 
@@ -102,7 +103,56 @@ def weighted(rng: np.random.Generator, weights: Mapping[str, float]) -> str:
 
 def random_action(rng: np.random.Generator, space: TreeSpace) -> Node:
     """A leaf."""
-    return leaf(space.actions[rng.integers(len(space.actions))])
+    return random_leaf(rng, space.actions[rng.integers(len(space.actions))], space)
+
+
+def random_leaf(rng: np.random.Generator, name: str, space: TreeSpace) -> Node:
+    """A leaf of that action, with random arguments where the action takes some."""
+    arguments = space.vocabulary.action(name).arguments
+    return leaf_of(
+        name, {key: random_value(rng, each) for key, each in arguments.items()}, arguments
+    )
+
+
+def random_value(rng: np.random.Generator, parameter: Parameter) -> Value:
+    """A value of an action's argument, evenly from its range or its logarithm, or of its words."""
+    if parameter.words:
+        return parameter.words[rng.integers(len(parameter.words))]
+    low, high = parameter.low, parameter.high
+    if parameter.logarithmic:
+        return rounded(float(np.exp(rng.uniform(np.log(low), np.log(high)))), parameter)
+    if parameter.step is None:
+        return rounded(float(rng.uniform(low, high)), parameter)
+    steps = floor((high - low) / parameter.step + 1e-9)
+    return rounded(low + float(rng.integers(steps + 1)) * parameter.step, parameter)
+
+
+def moved_value(rng: np.random.Generator, parameter: Parameter, value: Value, by: float) -> Value:
+    """A number moved by a share of its range, or of its logarithm's; another one of the words."""
+    if not isinstance(value, str):
+        return moved_number(parameter, value, by)
+    others = [word for word in parameter.words if word != value]
+    return others[rng.integers(len(others))] if others else value
+
+
+def moved_number(parameter: Parameter, value: float, by: float) -> float:
+    """A number moved by a share of its range, or of its logarithm's."""
+    low, high = parameter.low, parameter.high
+    moved = value * (high / low) ** by if parameter.logarithmic else value + by * (high - low)
+    if parameter.sort == "integer" and round(moved) == value:
+        moved = value + (1 if by > 0 else -1)
+    return rounded(moved, parameter)
+
+
+def rounded(value: float, parameter: Parameter) -> float:
+    """The nearest value within a parameter's range, in about three digits."""
+    if parameter.sort == "integer":
+        value = float(round(value))
+    else:
+        size = abs(value) if parameter.logarithmic else parameter.high - parameter.low
+        digits = 2 - floor(log10(size)) if size > 0 else 0
+        value = round(value, min(9, digits if parameter.logarithmic else digits + 1))
+    return min(parameter.high, max(parameter.low, value)) + 0.0  # no -0
 
 
 def random_args(rng: np.random.Generator, kind: str, space: TreeSpace) -> Args:

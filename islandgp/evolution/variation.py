@@ -16,6 +16,7 @@ from pydantic import BaseModel, Field, model_validator
 from islandgp.bt.condition import Asked, Condition, joined, terms, with_term
 from islandgp.bt.kinds import KINDS, REPEATS
 from islandgp.bt.node import (
+    ActionArgs,
     CountArgs,
     GuardArgs,
     Limits,
@@ -27,6 +28,7 @@ from islandgp.bt.node import (
     walk,
     within,
 )
+from islandgp.bt.parameters import leaf_of, written
 from islandgp.bt.vocabulary import Key
 from islandgp.evolution import branches
 from islandgp.evolution.random_trees import (
@@ -34,10 +36,12 @@ from islandgp.evolution.random_trees import (
     check_weights,
     grow,
     inner_node,
+    moved_value,
     on_grid,
     random_action,
     random_args,
     random_term,
+    random_value,
     weighted,
 )
 from islandgp.plugin import function
@@ -130,10 +134,16 @@ def _parameter(
     rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings
 ) -> Node:
     """A nudged number, or a new argument, of one node that has arguments."""
-    nodes = [(i, node) for i, node in enumerate(walk(tree)) if node.args and node.children]
+    nodes = [
+        (i, node)
+        for i, node in enumerate(walk(tree))
+        if (node.args and node.children) or space.vocabulary.action(node.action).arguments
+    ]
     if not nodes:
         return tree
     i, old = nodes[rng.integers(len(nodes))]
+    if isinstance(old.args, ActionArgs):
+        return replace_at(tree, i, _other_argument(rng, old.args, space, how))
     args = random_args(rng, old.kind, space)
     nudge = rng.normal(0, how.number_sd)
     if isinstance(old.args, CountArgs):
@@ -150,6 +160,21 @@ def _parameter(
             key = space.vocabulary.keys[asked.key]
             args = old.args._replace(condition=_nudged(asked, key, nudge))
     return replace_at(tree, i, old._replace(args=args))
+
+
+def _other_argument(
+    rng: np.random.Generator, args: ActionArgs, space: TreeSpace, how: MutationSettings
+) -> Node:
+    """A leaf with one of its arguments moved, or drawn anew."""
+    arguments = space.vocabulary.action(args.name).arguments
+    values = written(args, arguments)
+    key = list(arguments)[rng.integers(len(arguments))]
+    if rng.random() < 0.5:
+        values[key] = random_value(rng, arguments[key])
+    else:
+        by = rng.normal(0, how.number_sd)
+        values[key] = moved_value(rng, arguments[key], values[key], by)
+    return leaf_of(args.name, values, arguments)
 
 
 def _nudged(asked: Condition, key: Key, nudge: float) -> Condition:

@@ -36,6 +36,7 @@ from islandgp.bt.node import (
     asked_in,
     walk,
 )
+from islandgp.bt.parameters import Parameter
 from islandgp.bt.printer import condition_text, number_text
 from islandgp.bt.vocabulary import NOTHING, Vocabulary
 from islandgp.errors import DomainError
@@ -160,7 +161,10 @@ def to_xml(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = False)
     for name in used:
         words = vocabulary.action(name).meaning.replace("--", "-")
         meaning = f"<!-- {escape(words)} -->" if words else ""
-        lines.append(f"    <Action ID={quoteattr(name)}/> {meaning}".rstrip())
+        ports = vocabulary.action(name).arguments
+        lines.append(f"    <Action ID={quoteattr(name)}{'' if ports else '/'}> {meaning}".rstrip())
+        lines += (f"      {_port(port, each)}" for port, each in ports.items())
+        lines += ["    </Action>"] if ports else []
     lines += (line for kind in sorted(own) for line in _model(kind))
     return "\n".join([*lines, "  </TreeNodesModel>", "</root>", ""])
 
@@ -177,7 +181,8 @@ def header() -> str:
 
 def _lines(part: TargetNode, indent: str) -> Iterator[str]:
     if isinstance(part.args, ActionArgs):
-        yield f"{indent}<{part.args.name}/>"
+        ports = (f" {name}={quoteattr(_word(value))}" for name, value in part.args.values)
+        yield f"{indent}<{part.args.name}{''.join(ports)}/>"
         return
     if part.kind == "subtree":
         yield f'{indent}<SubTree ID="{subtree_of(part)}" _autoremap="true"/>'
@@ -208,6 +213,12 @@ def _word(value: object) -> str:
     if isinstance(value, Condition | Compound):
         return condition_text(value)
     return number_text(value) if isinstance(value, int | float) else str(value)
+
+
+def _port(name: str, parameter: Parameter) -> str:
+    sort = {"number": "double", "integer": "int", "flag": "bool"}.get(parameter.sort, "std::string")
+    given = quoteattr(_word(parameter.default))
+    return f'<input_port name="{name}" type="{sort}" default={given}/>'
 
 
 def _model(kind: str) -> Iterator[str]:

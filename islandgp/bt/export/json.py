@@ -8,6 +8,7 @@ subtrees are not part of a tree, so they are not in here.
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from typing import Any, Final, NoReturn
 
 from islandgp.bt.builder import MAX_NESTED
@@ -22,7 +23,7 @@ from islandgp.bt.condition import (
 )
 from islandgp.bt.kinds import KINDS, Argument, Sort
 from islandgp.bt.language import MAX_LEVELS, MAX_NODES, MAX_NUMBER, parse, to_text
-from islandgp.bt.node import Node
+from islandgp.bt.node import Node, Value
 from islandgp.bt.source import closest
 from islandgp.bt.vocabulary import NAME, RESERVED, Vocabulary
 from islandgp.errors import LimitError, TreeError
@@ -77,13 +78,16 @@ def from_json(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<
 
 def _plain(node: Node) -> dict[str, Any]:
     found: dict[str, Any] = {"kind": node.kind}
-    for argument, value in zip(KINDS[node.kind].arguments, node.args, strict=True):
+    values: Iterable[Any] = node.args
+    for argument, value in zip(KINDS[node.kind].arguments, values, strict=True):
         if isinstance(value, Condition):
             found |= _plain_condition(value)
         elif isinstance(value, Compound):
             found[argument.name] = _plain_condition(value)
-        else:
-            found[argument.name] = _number(value) if isinstance(value, float) else value
+        elif argument.sort is not Sort.VALUES:
+            found[argument.name] = _plain_value(value)
+        elif value:
+            found[argument.name] = {name: _plain_value(each) for name, each in value}
     if node.children:
         found["children"] = [_plain(child) for child in node.children]
     return found
@@ -94,6 +98,10 @@ def _plain_condition(asked: Asked) -> dict[str, Any]:
         return {"key": asked.key, "op": asked.operator, "number": _number(asked.number)}
     parts = [_plain_condition(part) for part in asked.parts]
     return {asked.word: parts[0] if asked.word == "not" else parts}
+
+
+def _plain_value(value: Any) -> Any:
+    return _number(value) if isinstance(value, float) else value
 
 
 def _number(value: float) -> float:
@@ -144,7 +152,20 @@ class _Reader:
             ),
         )
 
-    def _value(self, value: dict[str, Any], argument: Argument, at: str) -> Asked | float | str:
+    def _values(self, found: Any, at: str) -> tuple[tuple[str, Value], ...]:
+        """The values of an action's arguments."""
+        if not isinstance(found, dict):
+            self._fail(at, f"expected values by argument, found {found!r:.40}")
+        for name in found:
+            self._argument({"name": name}, "name", at)
+        kinds = {
+            name: "number" if isinstance(v, int | float) else "word" for name, v in found.items()
+        }
+        return tuple((n, self._argument({k: found[n]}, k, f"{at}.{n}")) for n, k in kinds.items())
+
+    def _value(self, value: dict[str, Any], argument: Argument, at: str) -> Any:
+        if argument.sort is Sort.VALUES:
+            return self._values(value.get(argument.name, {}), f"{at}.{argument.name}")
         if argument.sort is not Sort.CONDITION:
             return self._argument(value, argument.name, at)
         if "condition" in value:

@@ -135,7 +135,8 @@ def _around(part: TargetNode) -> tuple[str, str]:
     if kind == "subtree":
         return f"{subtree_of(part)}(action", ")"
     if isinstance(args, ActionArgs):
-        return f"action({args.name!r}", ")"
+        given = "".join(f", {name}={value!r}" for name, value in args.values)
+        return f"action({args.name!r}{given}", ")"
     if _is_guard(part):
         return f"EternalGuard({_condition(part)}, child=", ")"
     if kind == "when":
