@@ -30,8 +30,9 @@ from pydantic import BaseModel
 
 from islandgp.bt.closures import Tick
 from islandgp.bt.engine import compile_tree
-from islandgp.bt.node import RUNNING, Node
-from islandgp.bt.vocabulary import Key
+from islandgp.bt.node import RUNNING, ActionArgs, Node
+from islandgp.bt.parameters import bound
+from islandgp.bt.vocabulary import Key, Vocabulary
 from islandgp.domain import Observer, Outcome, Schema
 from islandgp.errors import DomainError
 from islandgp.plugin import defined_in, shown
@@ -44,7 +45,7 @@ __all__ = ["RUNNING", "EventLog", "Leaf", "Simulation", "Stepped", "once_a_threa
 P = ParamSpec("P")
 T = TypeVar("T")
 
-Leaf: TypeAlias = Callable[[], int] | Callable[[], Generator[None, None, bool]]
+Leaf: TypeAlias = Callable[..., int] | Callable[..., Generator[None, None, bool]]
 
 
 def once_a_thread(make: Callable[P, T]) -> Callable[P, T]:
@@ -194,11 +195,16 @@ class Stepped:
         log = EventLog(self.rewards, self.schema, weights, observer)
         episode, leaves = self.begin(seed, log, watched=observer is not None)
         try:
-            return self._run(episode, _Leaves(leaves, log), tree, log, observer, self._see(seed))
+            ticked = _Leaves(leaves, self.schema.vocabulary, log)
+            return self._run(episode, ticked, tree, log, observer, self._see(seed))
         except TypeError as error:
             for name in ("sense", "step", "measures", "scene", *leaves):
                 if (method := leaves.get(name, getattr(episode, name, None))) is not None:
-                    _must_take(method, 0, error, f"a method {name} that is called as {name}()")
+                    given = [*self.schema.vocabulary.action(name).arguments]
+                    called = f"{name}({', '.join(f'{each}=...' for each in given)})"
+                    _must_take(
+                        method, 0, error, f"a method {name} that is called as {called}", given
+                    )
             raise
 
     def _see(self, seed: int) -> Callable[[list[float]], Iterable[float]]:
@@ -221,7 +227,7 @@ class Stepped:
         places = self.schema.vocabulary.places
         board = [0.0] * len(places)
         watch = None if observer is None else observer.node
-        tick = compile_tree(tree, leaves, board, places, watch=watch)
+        tick = compile_tree(tree, leaves.tick_of, board, places, watch=watch)
         done, ending = 0, ""
         while not ending and done < self.world.ticks:
             values = episode.sense()
@@ -276,10 +282,12 @@ def _leaf(episode: Any, name: str) -> Leaf:
     return leaf
 
 
-def _must_take(function: Any, arguments: int, error: TypeError, expected: str) -> None:
+def _must_take(
+    function: Any, arguments: int, error: TypeError, expected: str, names: Iterable[str] = ()
+) -> None:
     """Raises DomainError where a TypeError is that of a call with other arguments."""
     try:
-        signature(function).bind(*(None,) * arguments)
+        signature(function).bind(*(None,) * arguments, **dict.fromkeys(names))
     except TypeError as why:
         raise DomainError(f"Expected {expected}, found: {why}{defined_in(function)}.") from error
     except ValueError:  # it has no signature
@@ -366,15 +374,18 @@ def _wrong_measure(schema: Schema, found: Any) -> str:
     return ""
 
 
-class _Leaves(dict[str, Tick]):
-    """The actions of a tree. Each look-up makes a leaf of its own, with its own generator."""
+class _Leaves:
+    """The leaves of a tree, each with its own generator."""
 
-    def __init__(self, leaves: Mapping[str, Leaf], log: EventLog) -> None:
-        super().__init__()
-        self._leaves, self._log = leaves, log
+    def __init__(self, leaves: Mapping[str, Leaf], vocabulary: Vocabulary, log: EventLog) -> None:
+        self._leaves, self._vocabulary, self._log = leaves, vocabulary, log
 
-    def __missing__(self, name: str) -> Tick:
-        leaf, log = self._leaves[name], self._log
+    def tick_of(self, args: ActionArgs) -> Tick:
+        """The tick of a leaf; its function gets the values of its arguments by name."""
+        name, log = args.name, self._log
+        leaf: Leaf = self._leaves[name]
+        if arguments := self._vocabulary.action(name).arguments:
+            leaf = partial(leaf, **bound(args, arguments))
         call = _generated(leaf) if isgeneratorfunction(leaf) else lambda _fresh: leaf()
 
         def tick(fresh: bool) -> int:
@@ -390,7 +401,7 @@ class _Leaves(dict[str, Tick]):
                     return int(bool(status))
                 raise DomainError(
                     f"Expected True, False or RUNNING from the action {name}, found"
-                    f" {shown(status)}{_hint(status)}{defined_in(leaf)}."
+                    f" {shown(status)}{_hint(status)}{defined_in(self._leaves[name])}."
                 )
             return int(status)
 
@@ -406,7 +417,7 @@ def _hint(status: object) -> str:
     return "; return one in each branch" if status is None else ""
 
 
-def _generated(leaf: Callable[[], Generator[None, None, bool]]) -> Callable[[bool], Any]:
+def _generated(leaf: Callable[..., Generator[None, None, bool]]) -> Callable[[bool], Any]:
     """A leaf that is a generator function: it begins anew when its node starts."""
     going: Generator[None, None, bool] | None = None
 
