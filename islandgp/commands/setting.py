@@ -174,11 +174,17 @@ def read_in_domain(
 
 
 def vocabulary_of(
-    text: str, chosen: Chosen, *, name: str, folder: Path | None = None
+    text: str,
+    chosen: Chosen,
+    *,
+    name: str,
+    folder: Path | None = None,
+    in_world: bool = False,
 ) -> Vocabulary:
     """The words of the domain that the options choose, or the text of a tree.
 
-    `folder`: of the tree's file.
+    `folder`: of the tree's file. `in_world`: with the conditions of actions that hold in the
+    configured worlds, beside those that hold in every world.
 
     Raises:
         ConfigError, DomainError: the domain is not configured so, or the file declares none.
@@ -188,7 +194,7 @@ def vocabulary_of(
         from islandgp.bt.declared import declared
 
         return declared(read_text(file), text, name=file, tree_name=name, folder=folder)
-    return _vocabulary(_for_tree(text, chosen, name), chosen.config_dir)
+    return _vocabulary(_for_tree(text, chosen, name), chosen.config_dir, in_world)
 
 
 def _for_tree(text: str, chosen: Chosen, name: str) -> tuple[str, ...]:
@@ -261,25 +267,31 @@ def _domain_files(config_dir: str | None) -> dict[str, Path]:
 
 
 @cache
-def _vocabulary(overrides: tuple[str, ...], config_dir: str | None) -> Vocabulary:
+def _vocabulary(overrides: tuple[str, ...], config_dir: str | None, in_world: bool) -> Vocabulary:
     if _given(overrides) <= {"domain"}:
         name = overrides[-1].partition("=")[2] if overrides else default_domain()
         # Whatever is wrong with the class or its file, the whole configuration tells it better.
         with suppress(Exception):
-            return _declared(name, config_dir)
-    return configured(overrides, config_dir).make_domain().schema.vocabulary
+            kind = _domain_class(name, config_dir)
+            if not (in_world and hasattr(kind, "vocabulary_in")):
+                declared: Vocabulary = kind.schema.vocabulary
+                return declared
+    from islandgp.evaluation.worlds import staged
+
+    settings = configured(overrides, config_dir)
+    domain = settings.make_domain()
+    if in_world and (words_in := getattr(domain, "vocabulary_in", None)) is not None:
+        stages = settings.curriculum.stages
+        here: Vocabulary = words_in([staged(settings.world, stage.world) for stage in stages])
+        return here
+    return domain.schema.vocabulary
 
 
-def _declared(domain: str, config_dir: str | None) -> Vocabulary:
-    """The vocabulary that the class of a domain declares, without composing a configuration.
-
-    Raises:
-        AttributeError: its schema depends on settings.
-    """
+def _domain_class(domain: str, config_dir: str | None) -> Any:
+    """The class that the file of a domain names, without composing a configuration."""
     import yaml
 
     file = _domain_files(config_dir)[domain]
     found = yaml.safe_load(file.read_text(encoding="utf-8"))
     module, _, attribute = found.get("domain", found)["factory"].partition(":")
-    vocabulary: Vocabulary = getattr(import_module(module), attribute).schema.vocabulary
-    return vocabulary
+    return getattr(import_module(module), attribute)
