@@ -4,6 +4,8 @@ compose     an experiment from configuration: iterate over its generations, eval
 run         composes an experiment, runs it with its records, and gives its results
 load        runs from their folders, as pandas frames
 parse       a tree from its text
+load_tree   a tree from its file, to be bound to functions of yours and ticked
+Tree, RobotTree, Status  what it is, what `Tree.bind` makes of it, how a tick ends
 Streams     a run's random streams, which a search draws from
 Advice      what a supervisor's guidance comes to, which a search is told
 to_text     the canonical text of a tree
@@ -19,6 +21,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from islandgp.binding import RobotTree, Status, Tree, load_tree
     from islandgp.bt.language import parse, to_text
     from islandgp.errors import IslandError, TreeError
     from islandgp.experiment import Experiment, compose, run
@@ -31,11 +34,15 @@ __all__ = [
     "Experiment",
     "IslandError",
     "Results",
+    "RobotTree",
+    "Status",
     "Streams",
+    "Tree",
     "TreeError",
     "__version__",
     "compose",
     "load",
+    "load_tree",
     "parse",
     "run",
     "to_text",
@@ -51,10 +58,14 @@ _HOMES = {
     "Experiment": "islandgp.experiment",
     "IslandError": "islandgp.errors",
     "Results": "islandgp.results",
+    "RobotTree": "islandgp.binding",
+    "Status": "islandgp.binding",
     "Streams": "islandgp.seeding",
+    "Tree": "islandgp.binding",
     "TreeError": "islandgp.errors",
     "compose": "islandgp.experiment",
     "load": "islandgp.results",
+    "load_tree": "islandgp.binding",
     "parse": "islandgp.bt.language",
     "run": "islandgp.experiment",
     "to_text": "islandgp.bt.language",

@@ -7,7 +7,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache, wraps
-from importlib import import_module
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -16,6 +15,7 @@ import click
 
 from islandgp.bt.language import domain_of, domain_place, parse, plain
 from islandgp.commands.files import called, folder_of, read_text
+from islandgp.domain_files import class_vocabulary, domain_files
 from islandgp.errors import ConfigError, OtherDomainError
 from islandgp.resources import resource
 
@@ -201,7 +201,7 @@ def _for_tree(text: str, chosen: Chosen, name: str) -> tuple[str, ...]:
     domain = domain_of(text)
     if not domain or _given(chosen.overrides) & _CHOOSES:
         return chosen.overrides
-    if domain not in _domain_files(chosen.config_dir):
+    if domain not in domain_files(chosen.config_dir):
         known, (line, column) = ", ".join(configured_domains(chosen.config_dir)), domain_place(text)
         raise OtherDomainError(
             f"{name}:{line}:{column}: expected a tree for a domain that is configured"
@@ -216,7 +216,7 @@ def _for_tree(text: str, chosen: Chosen, name: str) -> tuple[str, ...]:
 
 def configured_domains(config_dir: str | None) -> list[str]:
     """The domains that a tree can be for."""
-    return sorted(_domain_files(config_dir))
+    return sorted(domain_files(config_dir))
 
 
 def domain_file(name: str, chosen: Chosen) -> Path:
@@ -227,7 +227,7 @@ def domain_file(name: str, chosen: Chosen) -> Path:
     given = [word.lstrip("+").partition("=") for word in chosen.overrides]
     named = [value for key, _, value in given if key == "domain"]
     name = name or (named[-1] if named else default_domain())
-    files = _domain_files(chosen.config_dir)
+    files = domain_files(chosen.config_dir)
     if name not in files:
         near = get_close_matches(name, files, 1, 0.5)
         hint = f"did you mean {near[0]}? " if near else ""
@@ -254,32 +254,11 @@ def _given(overrides: Sequence[str]) -> set[str]:
     return {override.lstrip("+").partition("=")[0] for override in overrides}
 
 
-def _domain_files(config_dir: str | None) -> dict[str, Path]:
-    """The files of domains by name: of two, the one that Hydra finds first."""
-    folders = [*([Path(config_dir)] if config_dir else []), resource("conf")]
-    return {file.stem: file for folder in folders for file in folder.glob("domain/*.yaml")}
-
-
 @cache
 def _vocabulary(overrides: tuple[str, ...], config_dir: str | None) -> Vocabulary:
     if _given(overrides) <= {"domain"}:
         name = overrides[-1].partition("=")[2] if overrides else default_domain()
         # Whatever is wrong with the class or its file, the whole configuration tells it better.
         with suppress(Exception):
-            return _declared(name, config_dir)
+            return class_vocabulary(name, config_dir)
     return configured(overrides, config_dir).make_domain().schema.vocabulary
-
-
-def _declared(domain: str, config_dir: str | None) -> Vocabulary:
-    """The vocabulary that the class of a domain declares, without composing a configuration.
-
-    Raises:
-        AttributeError: its schema depends on settings.
-    """
-    import yaml
-
-    file = _domain_files(config_dir)[domain]
-    found = yaml.safe_load(file.read_text(encoding="utf-8"))
-    module, _, attribute = found.get("domain", found)["factory"].partition(":")
-    vocabulary: Vocabulary = getattr(import_module(module), attribute).schema.vocabulary
-    return vocabulary
