@@ -5,7 +5,7 @@ run         composes an experiment, runs it with its records, and gives its resu
 load        runs from their folders, as pandas frames
 parse       a tree from its text
 load_tree   a tree from its file, to be bound to functions of yours and ticked
-Tree, RobotTree, Status  what it is, what `Tree.bind` makes of it, how a tick ends
+Tree, RobotTree, NodeStatus  what it is, what `Tree.bind` makes of it, how a tick ends
 Streams     a run's random streams, which a search draws from
 Advice      what a supervisor's guidance comes to, which a search is told
 to_text     the canonical text of a tree
@@ -21,7 +21,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from islandgp.binding import RobotTree, Status, Tree, load_tree
+    from islandgp.binding import NodeStatus, RobotTree, Tree, load_tree
     from islandgp.bt.language import parse, to_text
     from islandgp.errors import IslandError, TreeError
     from islandgp.experiment import Experiment, compose, run
@@ -33,9 +33,9 @@ __all__ = [
     "Advice",
     "Experiment",
     "IslandError",
+    "NodeStatus",
     "Results",
     "RobotTree",
-    "Status",
     "Streams",
     "Tree",
     "TreeError",
@@ -57,9 +57,9 @@ _HOMES = {
     "Advice": "islandgp.search.base",
     "Experiment": "islandgp.experiment",
     "IslandError": "islandgp.errors",
+    "NodeStatus": "islandgp.binding",
     "Results": "islandgp.results",
     "RobotTree": "islandgp.binding",
-    "Status": "islandgp.binding",
     "Streams": "islandgp.seeding",
     "Tree": "islandgp.binding",
     "TreeError": "islandgp.errors",

@@ -2,7 +2,7 @@
 
     tree = islandgp.load_tree("patrol.bt")
     with tree.bind({"Dock": dock, "Patrol": patrol, "battery": read_battery}) as robot_tree:
-        while robot_tree.tick() == islandgp.Status.RUNNING:
+        while robot_tree.tick() == islandgp.NodeStatus.RUNNING:
             time.sleep(0.1)
 
 No configuration, run or simulator is needed.
@@ -31,7 +31,7 @@ from islandgp.plugin import defined_in, shown
 from islandgp.text_files import read_text_file
 
 
-class Status(IntEnum):
+class NodeStatus(IntEnum):
     """How a node ended a tick."""
 
     FAILURE = FAILURE
@@ -40,7 +40,7 @@ class Status(IntEnum):
     ABORTED = ABORTED  # it was running and has been stopped; no tick of a whole tree ends so
 
 
-_STATUSES: Final = {**{int(status): status for status in Status}, AGAIN: Status.RUNNING}
+_STATUSES: Final = {**{int(status): status for status in NodeStatus}, AGAIN: NodeStatus.RUNNING}
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,14 +117,14 @@ class RobotTree:
 
     def __init__(self, tree: Tree, leaves: Mapping[str, Leaf], keys: object) -> None:
         self.tree = tree
-        self.statuses: list[Status | None] = []
+        self.statuses: list[NodeStatus | None] = []
         """Of each node in document order, in the last tick; None: it was not ticked."""
         self._leaves, self._keys = leaves, keys
         self._asked = tree.keys()
         self._board = [0.0] * len(self._asked)
         self._start()
 
-    def tick(self) -> Status:
+    def tick(self) -> NodeStatus:
         """Reads the keys, and ticks the tree once: SUCCESS, FAILURE or RUNNING.
 
         After SUCCESS or FAILURE the next tick starts the tree again. Where a leaf or a key
@@ -150,7 +150,7 @@ class RobotTree:
                     if leaf.running:
                         stops.callback(leaf.stop)
         finally:
-            ended = {Status.RUNNING: Status.ABORTED}
+            ended = {NodeStatus.RUNNING: NodeStatus.ABORTED}
             self.statuses = [ended.get(s, s) if s is not None else None for s in self.statuses]
             self._start()
 

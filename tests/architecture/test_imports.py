@@ -29,6 +29,7 @@ LAYERS: list[tuple[str, ...]] = [
     ("bt", "domain_files"),
     ("leaves",),
     ("domain", "sensors", "binding"),
+    ("ros2",),
     ("scoring",),
     ("ticking", "domains"),
     (
@@ -82,6 +83,7 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "pygls": ("commands.language_server",),
     "lsprotocol": ("commands.language_server",),
     "sklearn": ("study.distill",),
+    "rclpy": ("ros2",),
 }
 
 SLOW = (
@@ -98,6 +100,7 @@ SLOW = (
     "gymnasium",
     "minigrid",
     "cmaes",
+    "rclpy",
 )
 
 DISTRIBUTIONS = {
@@ -105,6 +108,9 @@ DISTRIBUTIONS = {
     "hydra": "hydra-core",
     "yaml": "pyyaml",
     "sklearn": "scikit-learn",
+    "rclpy": "ros-rclpy",
+    "std_msgs": "ros-std-msgs",
+    "action_msgs": "ros-action-msgs",
 }
 
 
@@ -200,7 +206,7 @@ def test_a_robot_loads_little() -> None:
         "tree = islandgp.load_tree('grammar/examples/all_rounder.bt')\n"
         "leaves = dict.fromkeys(tree.actions(), lambda: False)\n"
         "robot_tree = tree.bind(leaves, dict.fromkeys(tree.keys(), 0))\n"
-        "assert robot_tree.tick() == islandgp.Status.FAILURE\n"
+        "assert robot_tree.tick() == islandgp.NodeStatus.FAILURE\n"
         "import sys\n"
         "heavy = {'pymunk', 'hydra', 'omegaconf', 'numpy', 'mlflow', 'pandas', 'matplotlib'}\n"
         "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"

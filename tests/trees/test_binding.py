@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import islandgp
-from islandgp import Status
+from islandgp import NodeStatus
 from islandgp.bt.vocabulary import Action, Vocabulary, flag, number
 from islandgp.errors import DomainError, OtherDomainError
 
@@ -60,15 +60,15 @@ def test_an_object_is_a_robot(load: Callable[..., islandgp.Tree]) -> None:
     """Methods are actions and attributes keys; a guard stops what runs before another starts."""
     porter = Porter()
     robot_tree = load(GUARDED).bind(porter)
-    assert [robot_tree.tick() for _ in range(2)] == [Status.RUNNING, Status.RUNNING]
+    assert [robot_tree.tick() for _ in range(2)] == [NodeStatus.RUNNING, NodeStatus.RUNNING]
     porter.battery = 10
-    assert robot_tree.tick() is Status.SUCCESS
+    assert robot_tree.tick() is NodeStatus.SUCCESS
     assert porter.said == ["start", "stop", "dock"]
     assert robot_tree.statuses == [
-        Status.SUCCESS,
-        Status.SUCCESS,
-        Status.SUCCESS,
-        Status.ABORTED,
+        NodeStatus.SUCCESS,
+        NodeStatus.SUCCESS,
+        NodeStatus.SUCCESS,
+        NodeStatus.ABORTED,
     ]
 
 
@@ -76,10 +76,10 @@ def test_keys_are_read_once_a_tick(load: Callable[..., islandgp.Tree]) -> None:
     """Two guards on one key see the same value, and the next tick the next one."""
     values = iter([5, 50, 50])
     tree = load("selector { when battery < 20 { Dock } when battery >= 20 { Drive } }")
-    leaves = {"Dock": lambda: True, "Drive": lambda: Status.RUNNING}
+    leaves = {"Dock": lambda: True, "Drive": lambda: NodeStatus.RUNNING}
     robot_tree = tree.bind(leaves, keys={"battery": lambda: next(values)})
     found = [robot_tree.tick() for _ in range(3)]
-    assert found == [Status.SUCCESS, Status.RUNNING, Status.RUNNING]
+    assert found == [NodeStatus.SUCCESS, NodeStatus.RUNNING, NodeStatus.RUNNING]
 
 
 class Motor:
@@ -89,7 +89,7 @@ class Motor:
         self.stopped = 0
 
     def __call__(self) -> int:
-        return Status.RUNNING
+        return NodeStatus.RUNNING
 
     def stop(self) -> None:
         self.stopped += 1
@@ -110,7 +110,12 @@ def test_stop_is_called(load: Callable[..., islandgp.Tree]) -> None:
         robot_tree.tick()
         robot_tree.stop()
         assert motor.stopped == 2
-        assert robot_tree.statuses == [Status.ABORTED, Status.FAILURE, None, Status.ABORTED]
+        assert robot_tree.statuses == [
+            NodeStatus.ABORTED,
+            NodeStatus.FAILURE,
+            None,
+            NodeStatus.ABORTED,
+        ]
         robot_tree.tick()
     assert motor.stopped == 3
 
@@ -125,14 +130,14 @@ def test_an_exception_stops_the_robot(
     def wave() -> int:
         if raising.pop(0):
             raise error
-        return Status.RUNNING
+        return NodeStatus.RUNNING
 
     robot_tree = load("parallel { Drive Wave }").bind({"Drive": motor, "Wave": wave})
     robot_tree.tick()
     with pytest.raises(error):
         robot_tree.tick()
     assert motor.stopped == 1
-    assert robot_tree.tick() is Status.RUNNING
+    assert robot_tree.tick() is NodeStatus.RUNNING
 
 
 def test_every_stop_is_called(load: Callable[..., islandgp.Tree]) -> None:
@@ -164,7 +169,7 @@ def test_each_use_has_its_own_generator(load: Callable[..., islandgp.Tree]) -> N
         return True
 
     robot_tree = load("parallel { Drive Drive }").bind({"Drive": drive})
-    assert [robot_tree.tick() for _ in range(2)] == [Status.RUNNING, Status.SUCCESS]
+    assert [robot_tree.tick() for _ in range(2)] == [NodeStatus.RUNNING, NodeStatus.SUCCESS]
     assert len(starts) == 2
 
 
