@@ -15,13 +15,15 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import partial
 from inspect import iscoroutinefunction, signature
 from pathlib import Path
 from typing import Any, Final, Self
 
-from islandgp.bt.engine import ABORTED, Tick, compile_tree
+from islandgp.bt.engine import ABORTED, compile_tree
 from islandgp.bt.language import domain_of, domain_place, parse, plain
-from islandgp.bt.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, asked_in, walk
+from islandgp.bt.node import AGAIN, FAILURE, RUNNING, SUCCESS, ActionArgs, Node, asked_in, walk
+from islandgp.bt.parameters import bound
 from islandgp.bt.source import Source, closest
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.domain_files import class_vocabulary, domain_files
@@ -53,7 +55,7 @@ class Tree:
 
     def actions(self) -> tuple[str, ...]:
         """The actions of the tree, in document order, each once."""
-        return tuple(dict.fromkeys(str(node.args[0]) for _, node in _leaves(self.node)))
+        return tuple(dict.fromkeys(args.name for _, args in _leaves(self.node)))
 
     def keys(self) -> tuple[str, ...]:
         """The blackboard keys that its conditions ask, in document order, each once."""
@@ -64,19 +66,19 @@ class Tree:
 
         Args:
             leaves: a function for each action, by name: a mapping, or an object with methods of
-                these names. Functions and generator functions are as in `islandgp.leaves`. When
-                an action is aborted, its generator is closed, and its function's method
-                `stop()`, where it has one, is called.
+                these names. It gets the action's arguments by name. Functions and generator
+                functions are as in `islandgp.leaves`. When an action is aborted, its generator is
+                closed, and its function's method `stop()`, where it has one, is called.
             keys: a value for each blackboard key, by name: a number, True or False, or a function
                 that returns one; a mapping or an object as well. They are read once a tick. None:
                 `leaves` has them, too.
 
         Raises:
             DomainError: an action or a key of the tree is missing, an entry is no function or
-                takes arguments, or a mapping has a name that the vocabulary does not.
+                takes other arguments, or a mapping has a name that the vocabulary does not.
         """
         sources = {"action": leaves, "key": leaves if keys is None else keys}
-        if faults := [*self._faults(sources), *self._unknown(sources)]:
+        if faults := dict.fromkeys([*self._faults(sources), *self._unknown(sources)]):
             lines = "".join(f"\n  {fault}" for fault in faults)
             raise DomainError(
                 f"Expected a function for each action and a value for each key of {self.name},"
@@ -87,13 +89,18 @@ class Tree:
 
     def _faults(self, sources: Mapping[str, object]) -> Iterator[str]:
         """What is missing, or cannot be called."""
-        for what, names in (("action", self.actions()), ("key", self.keys())):
-            for name in names:
-                entry = _entry(sources[what], name)
-                if entry is None:
-                    yield f"nothing for the {what} {name}"
-                elif (what == "action" or callable(entry)) and (why := _uncallable(entry)):
-                    yield f"for the {what} {name}, {why}{defined_in(entry)}"
+        for args in dict.fromkeys(args for _, args in _leaves(self.node)):
+            entry = _entry(sources["action"], args.name)
+            if entry is None:
+                yield f"nothing for the action {args.name}"
+            elif why := _uncallable(entry, _arguments(args, self.vocabulary)):
+                yield f"for the action {args.name}, {why}{defined_in(entry)}"
+        for key in self.keys():
+            entry = _entry(sources["key"], key)
+            if entry is None:
+                yield f"nothing for the key {key}"
+            elif callable(entry) and (why := _uncallable(entry, {})):
+                yield f"for the key {key}, {why}{defined_in(entry)}"
 
     def _unknown(self, sources: Mapping[str, object]) -> Iterator[str]:
         """Names that the vocabulary does not have."""
@@ -163,12 +170,16 @@ class RobotTree:
     def _start(self) -> None:
         """Compiles the tree, so that the next tick starts it."""
         made: list[_RunningLeaf] = []
+
+        def leaf_of(args: ActionArgs) -> _RunningLeaf:
+            arguments = _arguments(args, self.tree.vocabulary)
+            made.append(_RunningLeaf(args.name, self._leaves[args.name], arguments))
+            return made[-1]
+
         node = self.tree.node
         places = {name: place for place, name in enumerate(self._asked)}
-        actions = _LeafMaker(self._leaves, made)
-        self._tick = compile_tree(node, actions, self._board, places, watch=self._watch)
-        at = [place for place, _ in _leaves(node)]
-        self._by_place = dict(zip(at, made, strict=True))
+        self._tick = compile_tree(node, leaf_of, self._board, places, watch=self._watch)
+        self._by_place = dict(zip([place for place, _ in _leaves(node)], made, strict=True))
         self.statuses = self.statuses or [None] * sum(1 for _ in walk(node))
 
     def _watch(self, place: int, status: int) -> None:
@@ -180,8 +191,9 @@ class RobotTree:
 class _RunningLeaf:
     """One leaf of a tree: its action's function, with a generator of its own."""
 
-    def __init__(self, name: str, leaf: Leaf) -> None:
-        self._name, self._leaf, self._steps = name, leaf, steps(leaf)
+    def __init__(self, name: str, leaf: Leaf, arguments: Mapping[str, object]) -> None:
+        self._name, self._leaf = name, leaf
+        self._steps = steps(partial(leaf, **arguments) if arguments else leaf)
         self.running = False  # its function is called, raised an exception, or goes on
 
     def __call__(self, fresh: bool) -> int:
@@ -196,19 +208,6 @@ class _RunningLeaf:
         for stopped in (self._steps, self._leaf):
             if callable(stop := getattr(stopped, "stop", None)):
                 stop()
-
-
-class _LeafMaker(dict[str, Tick]):
-    """The actions of a tree; each look-up makes a leaf of its own, in document order."""
-
-    def __init__(self, leaves: Mapping[str, Leaf], made: list[_RunningLeaf]) -> None:
-        super().__init__()
-        self._leaves, self._made = leaves, made
-
-    def __missing__(self, name: str) -> Tick:
-        leaf = _RunningLeaf(name, self._leaves[name])
-        self._made.append(leaf)
-        return leaf
 
 
 def load_tree(
@@ -264,9 +263,18 @@ def _words(
     )
 
 
-def _leaves(tree: Node) -> Iterator[tuple[int, Node]]:
+def _leaves(tree: Node) -> Iterator[tuple[int, ActionArgs]]:
     """The leaves of a tree, with their places in document order."""
-    return ((place, node) for place, node in enumerate(walk(tree)) if node.kind == "action")
+    for place, node in enumerate(walk(tree)):
+        if isinstance(node.args, ActionArgs):
+            yield place, node.args
+
+
+def _arguments(args: ActionArgs, vocabulary: Vocabulary | None) -> Mapping[str, object]:
+    """What the function of a leaf gets; without a vocabulary, what the tree says."""
+    if vocabulary is None:
+        return dict(args.values)
+    return bound(args, vocabulary.action(args.name).arguments)
 
 
 def _entry(source: object, name: str) -> Any:
@@ -274,16 +282,17 @@ def _entry(source: object, name: str) -> Any:
     return source.get(name) if isinstance(source, Mapping) else getattr(source, name, None)
 
 
-def _uncallable(entry: object) -> str:
-    """Why something cannot be called without arguments and at once; "" where it can."""
+def _uncallable(entry: object, arguments: Mapping[str, object]) -> str:
+    """Why something cannot be called with these arguments; "" where it can."""
     if not callable(entry) or isinstance(entry, type):
         return f"{shown(entry)}, which is no function"
     if iscoroutinefunction(entry):
         return "a coroutine; write `def` in place of `async def`"
     try:
-        signature(entry).bind()
+        signature(entry).bind(**arguments)
     except TypeError as why:
-        return f"a function that cannot be called without arguments: {why}"
+        given = f"with {', '.join(arguments)}" if arguments else "without arguments"
+        return f"a function that cannot be called {given}: {why}"
     except ValueError:  # it has no signature
         pass
     return ""

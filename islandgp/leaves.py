@@ -1,9 +1,9 @@
 """Leaf functions: what an action of a tree does in a tick.
 
-A leaf is a function that is called once a tick while its node runs, and returns True (success),
-False (failure) or RUNNING. Or it is a generator function: each `yield` is a tick in which it runs,
-and what it returns, True or False, is how it ends. A generator that is stopped is closed, so its
-`finally` runs.
+A leaf is a function that gets the action's arguments by name. It is called once a tick while its
+node runs, and returns True (success), False (failure) or RUNNING. Or it is a generator function:
+each `yield` is a tick in which it runs, and what it returns, True or False, is how it ends. A
+generator that is stopped is closed, so its `finally` runs.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from islandgp.bt.node import RUNNING
 from islandgp.errors import DomainError
 from islandgp.plugin import defined_in, shown
 
-Leaf: TypeAlias = Callable[[], int] | Callable[[], Generator[None, None, bool]]
+Leaf: TypeAlias = Callable[..., int] | Callable[..., Generator[None, None, bool]]
 
 
 def steps(leaf: Leaf) -> Callable[[bool], Any]:

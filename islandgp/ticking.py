@@ -29,8 +29,9 @@ from pydantic import BaseModel
 
 from islandgp.bt.closures import Tick
 from islandgp.bt.engine import compile_tree
-from islandgp.bt.node import RUNNING, Node
-from islandgp.bt.vocabulary import Key
+from islandgp.bt.node import RUNNING, ActionArgs, Node
+from islandgp.bt.parameters import bound
+from islandgp.bt.vocabulary import Key, Vocabulary
 from islandgp.domain import Observer, Outcome, Schema
 from islandgp.errors import DomainError
 from islandgp.leaves import Leaf, is_flag, is_number, status_of, steps
@@ -192,11 +193,16 @@ class Stepped:
         log = EventLog(self.rewards, self.schema, weights, observer)
         episode, leaves = self.begin(seed, log, watched=observer is not None)
         try:
-            return self._run(episode, _Leaves(leaves, log), tree, log, observer, self._see(seed))
+            ticked = _Leaves(leaves, self.schema.vocabulary, log)
+            return self._run(episode, ticked, tree, log, observer, self._see(seed))
         except TypeError as error:
             for name in ("sense", "step", "measures", "scene", *leaves):
                 if (method := leaves.get(name, getattr(episode, name, None))) is not None:
-                    _must_take(method, 0, error, f"a method {name} that is called as {name}()")
+                    given = [*self.schema.vocabulary.action(name).arguments]
+                    called = f"{name}({', '.join(f'{each}=...' for each in given)})"
+                    _must_take(
+                        method, 0, error, f"a method {name} that is called as {called}", given
+                    )
             raise
 
     def _see(self, seed: int) -> Callable[[list[float]], Iterable[float]]:
@@ -219,7 +225,7 @@ class Stepped:
         places = self.schema.vocabulary.places
         board = [0.0] * len(places)
         watch = None if observer is None else observer.node
-        tick = compile_tree(tree, leaves, board, places, watch=watch)
+        tick = compile_tree(tree, leaves.tick_of, board, places, watch=watch)
         done, ending = 0, ""
         while not ending and done < self.world.ticks:
             values = episode.sense()
@@ -274,10 +280,12 @@ def _leaf(episode: Any, name: str) -> Leaf:
     return leaf
 
 
-def _must_take(function: Any, arguments: int, error: TypeError, expected: str) -> None:
+def _must_take(
+    function: Any, arguments: int, error: TypeError, expected: str, names: Iterable[str] = ()
+) -> None:
     """Raises DomainError where a TypeError is that of a call with other arguments."""
     try:
-        signature(function).bind(*(None,) * arguments)
+        signature(function).bind(*(None,) * arguments, **dict.fromkeys(names))
     except TypeError as why:
         raise DomainError(f"Expected {expected}, found: {why}{defined_in(function)}.") from error
     except ValueError:  # it has no signature
@@ -352,15 +360,18 @@ def _wrong_measure(schema: Schema, found: Any) -> str:
     return ""
 
 
-class _Leaves(dict[str, Tick]):
-    """The actions of a tree. Each look-up makes a leaf of its own, with its own generator."""
+class _Leaves:
+    """The leaves of a tree, each with its own generator."""
 
-    def __init__(self, leaves: Mapping[str, Leaf], log: EventLog) -> None:
-        super().__init__()
-        self._leaves, self._log = leaves, log
+    def __init__(self, leaves: Mapping[str, Leaf], vocabulary: Vocabulary, log: EventLog) -> None:
+        self._leaves, self._vocabulary, self._log = leaves, vocabulary, log
 
-    def __missing__(self, name: str) -> Tick:
-        leaf, log = self._leaves[name], self._log
+    def tick_of(self, args: ActionArgs) -> Tick:
+        """The tick of a leaf; its function gets the values of its arguments by name."""
+        name, log = args.name, self._log
+        leaf: Leaf = self._leaves[name]
+        if arguments := self._vocabulary.action(name).arguments:
+            leaf = partial(leaf, **bound(args, arguments))
         call = steps(leaf)
 
         def tick(fresh: bool) -> int:
@@ -371,6 +382,6 @@ class _Leaves(dict[str, Tick]):
                 late.action = late.action or name
                 raise
             log.action = ""
-            return status_of(status, name, leaf)
+            return status_of(status, name, self._leaves[name])
 
         return tick

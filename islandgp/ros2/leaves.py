@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping
 from time import monotonic
-from typing import Any
+from typing import Any, Final
 
 from islandgp.ros2.messages import filled, interface, must_have, value_of
 from islandgp.ros2.robot_map import ActionServer, ServiceCall
 
-RosLeaf = Callable[[], Generator[None, None, bool]]
+RosLeaf = Callable[..., Generator[None, None, bool]]
+
+
+_ENDS: Final = {4: "succeeded with", 5: "cancelled", 6: "aborted"}
+"""What became of a goal, by action_msgs/msg/GoalStatus."""
 
 
 class RosLeaves:
@@ -33,37 +37,46 @@ class RosLeaves:
         from rclpy.action import ActionClient
 
         kind = interface(entry.type)
-        goal = filled(kind.Goal(), entry.goal, f"actions.{name}.goal")
+        place = f"actions.{name}.goal"
+        filled(kind.Goal(), entry.goal, place)
         client = ActionClient(self._node, kind, entry.action)
 
-        def run() -> Generator[None, None, bool]:
+        def run(**arguments: object) -> Generator[None, None, bool]:
+            goal = filled(kind.Goal(), {**entry.goal, **arguments}, place)
             clock = _Clock(entry.timeout, entry.server_timeout)
             while not client.server_is_ready():
                 if why := clock.late(server_is_there=False):
                     return self._failed(name, f"{entry.action}: {why}")
                 yield
             handle = result = None
+            clock.seen()
             accepting = client.send_goal_async(goal)
             self._log.info(f"{name}: goal sent to {entry.action}")
+            ended = False
             try:
-                while result is None or not result.done():
-                    if result is None and accepting.done():
+                while not ended:
+                    if handle is None and accepting.done():
                         handle = accepting.result()
                         if not handle.accepted:
+                            ended = True
                             return self._failed(name, f"{entry.action} rejected the goal")
                         result = handle.get_result_async()
-                        continue
-                    if why := clock.late(server_is_there=client.server_is_ready()):
+                    if result is not None and result.done():
+                        status = result.result().status
+                    else:  # the topic of statuses knows it as well, where an answer is lost
+                        status = GoalStatus.STATUS_UNKNOWN if handle is None else handle.status
+                    ended = status in _ENDS
+                    there = handle is not None and client.server_is_ready()
+                    if not ended and (why := clock.late(server_is_there=there)):
                         return self._failed(name, f"{entry.action}: {why}")
-                    yield
-                status = result.result().status
+                    if not ended:
+                        yield
                 if status == GoalStatus.STATUS_SUCCEEDED:
                     self._log.info(f"{name}: succeeded")
                     return True
-                words = {GoalStatus.STATUS_ABORTED: "aborted", GoalStatus.STATUS_CANCELED: "ended"}
-                return self._failed(name, f"{entry.action} {words.get(status, 'lost')} the goal")
+                return self._failed(name, f"{entry.action} {_ENDS[status]} the goal")
             finally:
-                if result is None or not result.done():
+                if not ended:
                     self._cancel(name, accepting, handle)
 
         return run
@@ -82,7 +95,8 @@ class RosLeaves:
 
     def _call(self, name: str, entry: ServiceCall) -> RosLeaf:
         kind = interface(entry.type)
-        request = filled(kind.Request(), entry.request, f"actions.{name}.request")
+        place = f"actions.{name}.request"
+        filled(kind.Request(), entry.request, place)
         response = kind.Response()
         field = entry.success
         if field is not None:
@@ -91,7 +105,8 @@ class RosLeaves:
             field = "success"
         client = self._node.create_client(kind, entry.service)
 
-        def run() -> Generator[None, None, bool]:
+        def run(**arguments: object) -> Generator[None, None, bool]:
+            request = filled(kind.Request(), {**entry.request, **arguments}, place)
             clock = _Clock(entry.timeout, entry.timeout)
             while not client.service_is_ready():
                 if why := clock.late(server_is_there=False):
@@ -125,13 +140,17 @@ class _Clock:
         self._timeout, self._server_timeout = timeout, server_timeout
         self._start = self._seen = monotonic()
 
+    def seen(self) -> None:
+        """The server is there now."""
+        self._seen = monotonic()
+
     def late(self, *, server_is_there: bool) -> str:
         """Why the leaf has to fail now, or ""."""
         now = monotonic()
         if server_is_there:
             self._seen = now
         if now - self._seen >= self._server_timeout:
-            return f"no server for {self._server_timeout:g} s"
+            return f"no server, or no answer of it, for {self._server_timeout:g} s"
         if self._timeout is not None and now - self._start >= self._timeout:
             return f"not done within {self._timeout:g} s"
         return ""

@@ -33,8 +33,8 @@ node: robot
 actions:
   Drive: {DRIVE.format(SUCCEEDS, "")}
   Crash: {DRIVE.format(FAILS, "")}
-  Hang: {DRIVE.format(HANGS, ", timeout: 0.6, server_timeout: 0.5")}
-  Wait: {DRIVE.format(HANGS, ", server_timeout: 0.5")}
+  Hang: {DRIVE.format(HANGS, ", timeout: 0.6")}
+  Wait: {DRIVE.format(HANGS, ", server_timeout: 3")}
   Refused: {DRIVE.format(REJECTED, "")}
   Nowhere: {{action: /nowhere, type: test_msgs/action/Fibonacci, server_timeout: 0.3}}
   Dock: {{service: /dock, type: std_srvs/srv/Trigger}}

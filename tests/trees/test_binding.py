@@ -12,6 +12,7 @@ import pytest
 
 import islandgp
 from islandgp import NodeStatus
+from islandgp.bt.parameters import one_of, switch
 from islandgp.bt.vocabulary import Action, Vocabulary, flag, number
 from islandgp.errors import DomainError, OtherDomainError
 
@@ -171,6 +172,23 @@ def test_each_use_has_its_own_generator(load: Callable[..., islandgp.Tree]) -> N
     robot_tree = load("parallel { Drive Drive }").bind({"Drive": drive})
     assert [robot_tree.tick() for _ in range(2)] == [NodeStatus.RUNNING, NodeStatus.SUCCESS]
     assert len(starts) == 2
+
+
+def test_a_leaf_gets_its_arguments(load: Callable[..., islandgp.Tree]) -> None:
+    """By name, with the defaults of the vocabulary; a function that takes others is refused."""
+    arguments = {"to": one_of("where", ("dock", "door")), "fast": switch("run")}
+    words = Vocabulary("porter", {"Go": Action("goes", arguments=arguments)}, {})
+    tree = load("sequence { Go(to: door) Go(fast: yes) }", words)
+    gone: list[tuple[str, bool]] = []
+
+    def go(to: str, fast: bool) -> bool:
+        gone.append((to, fast))
+        return True
+
+    assert tree.bind({"Go": go}).tick() is NodeStatus.SUCCESS
+    assert gone == [("door", False), ("dock", True)]
+    with pytest.raises(DomainError, match="cannot be called with to, fast"):
+        tree.bind({"Go": lambda: True})
 
 
 async def later() -> bool:
