@@ -84,17 +84,15 @@ class RosLeaves:
                 if not ended:
                     request = CancelGoal.Request()
                     request.goal_info.goal_id = identity
-                    self._cancel(name, canceller, request)
+                    self._log.info(f"{name}: goal cancelled")
+                    self._cancel(canceller, request)
                     if handle is None:  # it may be accepted later
-                        accepting.add_done_callback(
-                            lambda _: self._cancel(name, canceller, request)
-                        )
+                        accepting.add_done_callback(lambda _: self._cancel(canceller, request))
 
         return run
 
-    def _cancel(self, name: str, canceller: Any, request: Any) -> None:
+    def _cancel(self, canceller: Any, request: Any) -> None:
         """Cancels a goal by its id: the answer that accepts it may be lost, and it runs."""
-        self._log.info(f"{name}: goal cancelled")
         waiting = [future for future in self.cancelling if not future.done()]
         self.cancelling = [*waiting, canceller.call_async(request)]
 

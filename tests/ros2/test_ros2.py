@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -232,3 +234,20 @@ def test_ctrl_c_cancels(tmp_path: Path, servers: Servers, number: int) -> None:
     assert process.returncode == 130, said
     assert "Traceback" not in said
     assert eventually(lambda: servers.cancelled == [HANGS]), said
+
+
+def test_the_pages_command(tmp_path: Path, servers: Servers) -> None:
+    """The command of docs/ros2.md runs on the files that the page shows."""
+    page = (Path(__file__).parents[2] / "docs" / "ros2.md").read_text(encoding="utf-8")
+    for name, text in re.findall(r"^```(?:bt|yaml) (\S+)\n(.*?)^```$", page, re.S | re.M):
+        (tmp_path / name).write_text(text)
+    (command,) = re.findall(r"^```sh\n(.*)\n```$", page, re.M)
+    process = start(COMMAND, *shlex.split(command)[1:], "--once", folder=tmp_path)
+    end = time.monotonic() + 40
+    while process.poll() is None and time.monotonic() < end:
+        servers.battery.publish(Float32(data=80.0))
+        time.sleep(0.1)
+    process.kill()
+    said, _ = process.communicate()
+    assert process.returncode == 0, said
+    assert servers.goals == [3]
