@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Mapping
 from time import monotonic
 from typing import Any, Final
+from uuid import uuid4
 
 from islandgp.ros2.messages import filled, interface, must_have, value_of
 from islandgp.ros2.robot_map import ActionServer, ServiceCall
@@ -34,12 +35,15 @@ class RosLeaves:
 
     def _goal(self, name: str, entry: ActionServer) -> RosLeaf:
         from action_msgs.msg import GoalStatus
+        from action_msgs.srv import CancelGoal
         from rclpy.action import ActionClient
+        from unique_identifier_msgs.msg import UUID
 
         kind = interface(entry.type)
         place = f"actions.{name}.goal"
         filled(kind.Goal(), entry.goal, place)
         client = ActionClient(self._node, kind, entry.action)
+        canceller = self._node.create_client(CancelGoal, f"{entry.action}/_action/cancel_goal")
 
         def run(**arguments: object) -> Generator[None, None, bool]:
             goal = filled(kind.Goal(), {**entry.goal, **arguments}, place)
@@ -50,7 +54,8 @@ class RosLeaves:
                 yield
             handle = result = None
             clock.seen()
-            accepting = client.send_goal_async(goal)
+            identity = UUID(uuid=list(uuid4().bytes))
+            accepting = client.send_goal_async(goal, goal_uuid=identity)
             self._log.info(f"{name}: goal sent to {entry.action}")
             ended = False
             try:
@@ -77,21 +82,19 @@ class RosLeaves:
                 return self._failed(name, f"{entry.action} {_ENDS[status]} the goal")
             finally:
                 if not ended:
-                    self._cancel(name, accepting, handle)
+                    request = CancelGoal.Request()
+                    request.goal_info.goal_id = identity
+                    self._log.info(f"{name}: goal cancelled")
+                    self._cancel(canceller, request)
+                    if handle is None:  # it may be accepted later
+                        accepting.add_done_callback(lambda _: self._cancel(canceller, request))
 
         return run
 
-    def _cancel(self, name: str, accepting: Any, handle: Any) -> None:
-        """Cancels a goal now, or as soon as it is accepted."""
-        if handle is None:
-            self.cancelling.append(accepting)
-            accepting.add_done_callback(
-                lambda done: self._cancel(name, done, done.result()) if done.result() else None
-            )
-        elif handle.accepted:
-            self._log.info(f"{name}: goal cancelled")
-            self.cancelling.append(handle.cancel_goal_async())
-        self.cancelling = [future for future in self.cancelling if not future.done()]
+    def _cancel(self, canceller: Any, request: Any) -> None:
+        """Cancels a goal by its id: the answer that accepts it may be lost, and it runs."""
+        waiting = [future for future in self.cancelling if not future.done()]
+        self.cancelling = [*waiting, canceller.call_async(request)]
 
     def _call(self, name: str, entry: ServiceCall) -> RosLeaf:
         kind = interface(entry.type)

@@ -111,6 +111,7 @@ DISTRIBUTIONS = {
     "rclpy": "ros-rclpy",
     "std_msgs": "ros-std-msgs",
     "action_msgs": "ros-action-msgs",
+    "unique_identifier_msgs": "ros-unique-identifier-msgs",
 }
 
 

@@ -85,6 +85,8 @@ class Servers:
         time.sleep(0.05)
         self._executor.shutdown()
         self._thread.join(5)
+        self.drive.destroy()
+        self.node.destroy_node()
         rclpy.shutdown(context=self._context)
 
 
