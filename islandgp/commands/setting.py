@@ -16,7 +16,7 @@ import click
 from islandgp.bt.language import domain_of, domain_place, parse, plain
 from islandgp.commands.files import called, folder_of, read_text
 from islandgp.domain_files import domain_class, domain_files
-from islandgp.errors import ConfigError, OtherDomainError
+from islandgp.errors import ConfigError, IslandError, OtherDomainError
 from islandgp.resources import resource
 
 if TYPE_CHECKING:
@@ -267,15 +267,26 @@ def _vocabulary(overrides: tuple[str, ...], config_dir: str | None, in_world: bo
         # Whatever is wrong with the class or its file, the whole configuration tells it better.
         with suppress(Exception):
             kind = domain_class(name, config_dir)
-            if not (in_world and hasattr(kind, "vocabulary_in")):
-                declared: Vocabulary = kind.schema.vocabulary
+            declared: Vocabulary = kind.schema.vocabulary
+            if not in_world or not hasattr(kind, "vocabulary_in"):
                 return declared
+            with suppress(IslandError):  # what is wrong with a world does not concern a tree's text
+                return _configured_vocabulary(overrides, config_dir, in_world)
+            return declared
+    return _configured_vocabulary(overrides, config_dir, in_world)
+
+
+def _configured_vocabulary(
+    overrides: Sequence[str], config_dir: str | None, in_world: bool
+) -> Vocabulary:
+    """The vocabulary of a composed configuration's domain, as `vocabulary_of` has it."""
     from islandgp.evaluation.worlds import staged
 
     settings = configured(overrides, config_dir)
     domain = settings.make_domain()
-    if in_world and (words_in := getattr(domain, "vocabulary_in", None)) is not None:
-        stages = settings.curriculum.stages
-        here: Vocabulary = words_in([staged(settings.world, stage.world) for stage in stages])
-        return here
-    return domain.schema.vocabulary
+    words_in = getattr(domain, "vocabulary_in", None) if in_world else None
+    if words_in is None:
+        return domain.schema.vocabulary
+    stages = settings.curriculum.stages
+    words: Vocabulary = words_in([staged(settings.world, stage.world) for stage in stages])
+    return words
