@@ -28,9 +28,8 @@ from islandgp.bt.builder import (
 )
 from islandgp.bt.condition import OPERATORS
 from islandgp.bt.includes import MAX_FILES
+from islandgp.bt.kinds import ABORTS, COUNTED, INNER, KINDS, POLICIES, REPEATS
 from islandgp.bt.language import MAX_CHARACTERS, parse, to_text
-from islandgp.bt.node import ABORTS, KINDS, POLICIES, REPEATS
-from islandgp.bt.render import LOOKS
 from islandgp.commands.setting import configured
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.evaluation.base import Job, Problem, simulate
@@ -72,7 +71,7 @@ def tables() -> dict[str, str]:
             [
                 (
                     _WRITTEN.get(name, f"`{name} {{ ... }}`"),
-                    LOOKS[name].sign,
+                    kind.look.sign,
                     {0: "none", 1: "one"}.get(kind.children[1], "one or more"),
                     kind.meaning,
                 )
@@ -231,7 +230,6 @@ def _rule(match: str, *names: str) -> dict[str, Any]:
 
 def textmate() -> str:
     """The TextMate grammar, as JSON."""
-    inner = [kind for kind in KINDS if kind != "action"]
     rules: list[dict[str, Any]] = [
         {"name": "comment.line.number-sign", "match": "#.*$"},
         _rule(
@@ -252,9 +250,9 @@ def textmate() -> str:
         },
         _rule(rf"\b(use)\s+({_A_NAME})\s*(\([^)]*\))", "keyword.other.use", _FUNCTION, _OTHER),
         _rule(rf"\b(use)\s+({_A_NAME})", "keyword.other.use", _FUNCTION),
-        _rule(rf"\b(repeater)\s+({_A_NAME})", "keyword.control", _OTHER),
+        _rule(rf"\b({'|'.join(COUNTED)})\s+({_A_NAME})", "keyword.control", _OTHER),
         _rule(rf"([<>]=?|[=!]=)\s*({_A_NAME})", "keyword.operator.comparison", _OTHER),
-        {"name": "keyword.control", "match": _any_of(inner)},
+        {"name": "keyword.control", "match": _any_of(INNER)},
         {"name": "keyword.other", "match": _any_of(["abort", "success", "failure"])},
         {"name": "keyword.operator.logical", "match": _any_of(["and", "or", "not"])},
         {"name": "constant.language", "match": _any_of([*ABORTS, *POLICIES])},

@@ -4,6 +4,8 @@ compose     an experiment from configuration: iterate over its generations, eval
 run         composes an experiment, runs it with its records, and gives its results
 load        runs from their folders, as pandas frames
 parse       a tree from its text
+load_tree   a tree from its file, to be bound to functions of yours and ticked
+Tree, RobotTree, NodeStatus  what it is, what `Tree.bind` makes of it, how a tick ends
 Streams     a run's random streams, which a search draws from
 Advice      what a supervisor's guidance comes to, which a search is told
 to_text     the canonical text of a tree
@@ -18,6 +20,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from islandgp.binding import NodeStatus, RobotTree, Tree, load_tree
     from islandgp.bt.language import parse, to_text
     from islandgp.errors import IslandError, TreeError
     from islandgp.experiment import Experiment, compose, run
@@ -31,12 +34,16 @@ __all__ = [
     "Advice",
     "Experiment",
     "IslandError",
+    "NodeStatus",
     "Results",
+    "RobotTree",
     "Streams",
+    "Tree",
     "TreeError",
     "__version__",
     "compose",
     "load",
+    "load_tree",
     "parse",
     "run",
     "to_text",
@@ -46,11 +53,15 @@ _HOMES = {
     "Advice": "islandgp.search.base",
     "Experiment": "islandgp.experiment",
     "IslandError": "islandgp.errors",
+    "NodeStatus": "islandgp.binding",
     "Results": "islandgp.results",
+    "RobotTree": "islandgp.binding",
     "Streams": "islandgp.seeding",
+    "Tree": "islandgp.binding",
     "TreeError": "islandgp.errors",
     "compose": "islandgp.experiment",
     "load": "islandgp.results",
+    "load_tree": "islandgp.binding",
     "parse": "islandgp.bt.language",
     "run": "islandgp.experiment",
     "to_text": "islandgp.bt.language",

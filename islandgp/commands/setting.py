@@ -7,7 +7,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache, wraps
-from importlib import import_module
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -16,6 +15,7 @@ import click
 
 from islandgp.bt.language import domain_of, domain_place, parse, plain
 from islandgp.commands.files import called, folder_of, read_text
+from islandgp.domain_files import domain_class, domain_files
 from islandgp.errors import ConfigError, IslandError, OtherDomainError
 from islandgp.resources import resource
 
@@ -207,7 +207,7 @@ def _for_tree(text: str, chosen: Chosen, name: str) -> tuple[str, ...]:
     domain = domain_of(text)
     if not domain or _given(chosen.overrides) & _CHOOSES:
         return chosen.overrides
-    if domain not in _domain_files(chosen.config_dir):
+    if domain not in domain_files(chosen.config_dir):
         known, (line, column) = ", ".join(configured_domains(chosen.config_dir)), domain_place(text)
         raise OtherDomainError(
             f"{name}:{line}:{column}: expected a tree for a domain that is configured"
@@ -222,7 +222,7 @@ def _for_tree(text: str, chosen: Chosen, name: str) -> tuple[str, ...]:
 
 def configured_domains(config_dir: str | None) -> list[str]:
     """The domains that a tree can be for."""
-    return sorted(_domain_files(config_dir))
+    return sorted(domain_files(config_dir))
 
 
 def domain_file(name: str, chosen: Chosen) -> Path:
@@ -233,7 +233,7 @@ def domain_file(name: str, chosen: Chosen) -> Path:
     given = [word.lstrip("+").partition("=") for word in chosen.overrides]
     named = [value for key, _, value in given if key == "domain"]
     name = name or (named[-1] if named else default_domain())
-    files = _domain_files(chosen.config_dir)
+    files = domain_files(chosen.config_dir)
     if name not in files:
         near = get_close_matches(name, files, 1, 0.5)
         hint = f"did you mean {near[0]}? " if near else ""
@@ -260,19 +260,13 @@ def _given(overrides: Sequence[str]) -> set[str]:
     return {override.lstrip("+").partition("=")[0] for override in overrides}
 
 
-def _domain_files(config_dir: str | None) -> dict[str, Path]:
-    """The files of domains by name: of two, the one that Hydra finds first."""
-    folders = [*([Path(config_dir)] if config_dir else []), resource("conf")]
-    return {file.stem: file for folder in folders for file in folder.glob("domain/*.yaml")}
-
-
 @cache
 def _vocabulary(overrides: tuple[str, ...], config_dir: str | None, in_world: bool) -> Vocabulary:
     if _given(overrides) <= {"domain"}:
         name = overrides[-1].partition("=")[2] if overrides else default_domain()
         # Whatever is wrong with the class or its file, the whole configuration tells it better.
         with suppress(Exception):
-            kind = _domain_class(name, config_dir)
+            kind = domain_class(name, config_dir)
             declared: Vocabulary = kind.schema.vocabulary
             if not in_world or not hasattr(kind, "vocabulary_in"):
                 return declared
@@ -296,13 +290,3 @@ def _configured_vocabulary(
     stages = settings.curriculum.stages
     words: Vocabulary = words_in([staged(settings.world, stage.world) for stage in stages])
     return words
-
-
-def _domain_class(domain: str, config_dir: str | None) -> Any:
-    """The class that the file of a domain names, without composing a configuration."""
-    import yaml
-
-    file = _domain_files(config_dir)[domain]
-    found = yaml.safe_load(file.read_text(encoding="utf-8"))
-    module, _, attribute = found.get("domain", found)["factory"].partition(":")
-    return getattr(import_module(module), attribute)

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from typing import Final
 
 from islandgp.bt.condition import terms, with_term
+from islandgp.bt.kinds import REPEATS
 from islandgp.bt.language import parse, to_text
 from islandgp.bt.lint import warnings
-from islandgp.bt.node import REPEATS, Limits, Node, condition_of, depth, size, within
+from islandgp.bt.node import CountArgs, Limits, Node, depth, guard_of, size, within
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.errors import TreeError
 
@@ -218,10 +219,11 @@ def _number(tree: Node, path: Path, edit: Edit, _: Node | None) -> Node:
         fewest, most = REPEATS
         if number != int(number) or not fewest <= number <= most:
             raise ValueError(f"expected a count of {fewest} to {most}, found {number:g}")
-        return with_node(tree, path, node._replace(args=(int(number),)))
+        return with_node(tree, path, node._replace(args=CountArgs(int(number))))
     if node.kind != "when":
         raise ValueError(f"expected a `when` or a repeater at {edit.at[:60]!r}, found {node.kind}")
-    asked = condition_of(node)
+    guard = guard_of(node)
+    asked = guard.condition
     conditions = list(terms(asked))
     if not 0 <= edit.term < len(conditions):
         raise ValueError(f"expected a term of 0 to {len(conditions) - 1}, found {edit.term}")
@@ -230,7 +232,7 @@ def _number(tree: Node, path: Path, edit: Edit, _: Node | None) -> Node:
         raise ValueError(f"expected a comparison with a number, found the flag {term.key}")
     changed = with_term(asked, edit.term, term._replace(number=float(number)))
     assert changed is not None
-    return with_node(tree, path, node._replace(args=(changed, node.args[1])))
+    return with_node(tree, path, node._replace(args=guard._replace(condition=changed)))
 
 
 def _combine(tree: Node, path: Path, _: Edit, donated: Node | None) -> Node:

@@ -20,7 +20,7 @@ from pydantic import Field
 
 from islandgp.bt.condition import Asked, Condition
 from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import Node, condition_of, size, walk
+from islandgp.bt.node import Node, guard_of, size, walk
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.evolution.branches import branches_of, fine
 from islandgp.evolution.edits import Edit, Path, nodes_with_paths, written
@@ -117,7 +117,7 @@ def width(asked: Asked, vocabulary: Vocabulary) -> float:
 
 def urgency(branch: Node, vocabulary: Vocabulary) -> float:
     """How far in front a branch belongs: the width of its guard, 1 without one; least first."""
-    return width(condition_of(branch), vocabulary) if branch.kind == "when" else 1.0
+    return width(guard_of(branch).condition, vocabulary) if branch.kind == "when" else 1.0
 
 
 def place_for(tree: Node, branch: Node, vocabulary: Vocabulary) -> int | None:
@@ -322,8 +322,7 @@ class Editor:
             Branch(branch, f"individual {i.id}")
             for i in self._donors[counter]
             for branch in branches_of(parse(i.tree))
-            if branch.kind == "when"
-            and any(node.kind == "action" and node.args[0] == action for node in walk(branch))
+            if branch.kind == "when" and any(node.action == action for node in walk(branch))
         ]
         return sorted(found, key=lambda branch: size(branch.node))
 
@@ -340,7 +339,7 @@ class Editor:
         tree, words = parse(i.tree), self.context.schema.vocabulary
         why = f"{r.counter} {i.counters[r.counter]:g}, wanted {r}"
         if (own := guard_above(tree, branch.node)) is not None:
-            at, number = written(own[0]), widened(condition_of(own[1]), words)
+            at, number = written(own[0]), widened(guard_of(own[1]).condition, words)
             if number is not None:
                 yield Edit("number", i.id, at, number=number, reason=f"{why}: a wider guard")
             return

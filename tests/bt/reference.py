@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 from islandgp.bt.condition import Asked, Condition
 from islandgp.bt.engine import ABORTED
-from islandgp.bt.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, condition_of
+from islandgp.bt.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, guard_of
 
 
 class Live:
@@ -69,7 +69,7 @@ class Reference:
                         return
             self.check(live.children[live.at])
         elif kind == "when":
-            if live.node.args[1] in ("self", "both") and not self.holds(live, self.board):
+            if guard_of(live.node).checks_itself and not self.holds(live, self.board):
                 self.abort(live.children[0])
                 live.broken = True
             else:
@@ -80,11 +80,11 @@ class Reference:
                     self.check(child)
 
     def turned_true(self, guard: Live) -> bool:
-        observed = guard.node.args[1] in ("lower", "both")
+        observed = guard_of(guard.node).interrupts
         return observed and not self.holds(guard, self.before) and self.holds(guard, self.board)
 
     def holds(self, guard: Live, board: list[float]) -> bool:
-        return holds(condition_of(guard.node), board, self.places)
+        return holds(guard_of(guard.node).condition, board, self.places)
 
     def abort(self, live: Live) -> None:
         if live.running:
@@ -98,7 +98,7 @@ class Reference:
     def run(self, live: Live) -> int:
         kind = live.node.kind
         if kind == "action":
-            status = self.actions[str(live.node.args[0])](not live.running)
+            status = self.actions[live.node.action](not live.running)
         elif kind == "selector":
             status = self.composite(live, FAILURE)
         elif kind == "sequence":

@@ -10,7 +10,7 @@ import pytest
 from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS, Condition
 from islandgp.bt.engine import ABORTED, compile_tree, condition, thresholds
 from islandgp.bt.language import parse
-from islandgp.bt.node import AGAIN, FAILURE, RUNNING, SUCCESS, condition_of
+from islandgp.bt.node import AGAIN, FAILURE, RUNNING, SUCCESS, guard_of
 from islandgp.domains.island.vocabulary import VOCABULARY
 from tests.bt.stage import Stage, short_tree
 
@@ -230,7 +230,7 @@ def test_comparisons(operator: str, true_at: str) -> None:
     assert [
         value
         for value in "123"
-        if condition(condition_of(node), [0, 0, float(value), 0, 0], PLACES)()
+        if condition(guard_of(node).condition, [0, 0, float(value), 0, 0], PLACES)()
     ] == [*true_at]
 
 

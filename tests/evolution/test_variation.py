@@ -11,19 +11,9 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from islandgp.bt.condition import Condition
+from islandgp.bt.kinds import KINDS
 from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import (
-    KINDS,
-    Limits,
-    Node,
-    condition_of,
-    depth,
-    levels,
-    replace_at,
-    size,
-    walk,
-    within,
-)
+from islandgp.bt.node import Limits, Node, depth, guard_of, levels, replace_at, size, walk, within
 from islandgp.bt.vocabulary import Action, Vocabulary
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.evolution.random_trees import (
@@ -176,12 +166,12 @@ def test_a_higher_rate_mutates_the_same_and_more() -> None:
 def test_what_each_operator_does() -> None:
     """Each operator changes a tree in its own way, and in no other."""
     old = parse(ALL_ROUNDER)
-    leaves = Counter(n for n in walk(old) if n.kind == "action")
+    leaves = Counter(n for n in walk(old) if n.action)
     shape = [len(n.children) for n in walk(old)]
     for seed in range(200):
         swapped = mutated(seed, old, "swap")
         assert swapped != old
-        assert Counter(n for n in walk(swapped) if n.kind == "action") == leaves
+        assert Counter(n for n in walk(swapped) if n.action) == leaves
         assert size(mutated(seed, old, "delete")) < size(old)
         assert size(mutated(seed, old, "insert")) > size(old)
         assert [len(n.children) for n in walk(mutated(seed, old, "node"))] == shape
@@ -203,7 +193,7 @@ def test_numbers_stay_on_their_grid() -> None:
     tree = parse("when batteryLevel < 95 { PatrolWaypoint }")
     seen = set()
     for seed in range(300):
-        key, op, number = condition_of(mutated(seed, tree, "parameter"))
+        key, op, number = guard_of(mutated(seed, tree, "parameter")).condition
         if (key, op) == ("batteryLevel", "<"):
             seen.add(number)
     assert len(seen) > 8
@@ -246,7 +236,7 @@ def test_random_trees_use_the_whole_language() -> None:
     for seed in range(400):
         for node in walk(random_tree(np.random.default_rng(seed), space())):
             found[node.kind] += 1
-            found.update(condition_of(node) if node.kind == "when" else node.args)
+            found.update(guard_of(node).condition if node.guard else node.args)
     expected = [
         *KINDS,
         *VOCABULARY.actions,

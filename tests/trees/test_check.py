@@ -201,7 +201,7 @@ class Facts:
     """An observer that holds what the vocabulary says of actions against what they do."""
 
     def __init__(self, tree: Node, seen: Counter[tuple[str, int]]) -> None:
-        self.names = [str(n.args[0]) if n.kind == "action" else "" for n in walk(tree)]
+        self.names = [n.action for n in walk(tree)]
         self.told: list[tuple[str, int]] = []
         self.seen = seen
 
@@ -305,7 +305,7 @@ def test_a_domain_that_is_not_there(islandgp: Cli, tmp_path: Path, words: tuple[
     file.write_text("domain maze\nForward\n")
     said = islandgp(*words, file)
     assert (said.code, said.out) == (2, "")
-    known = "cartpole, island, lunarlander, minigrid"
+    known = "cartpole, island, lunarlander, minigrid, pendulum"
     assert f"for a domain that is configured ({known}), found one for 'maze'" in said.err
     assert "--config-dir" in said.err
     assert len(said.err.splitlines()) == 1

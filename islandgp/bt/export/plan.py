@@ -21,8 +21,8 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.node import Argument, Node, names_of
-from islandgp.bt.truth import chain, checks_itself, exposes, interrupts
+from islandgp.bt.node import Args, CountArgs, Node, UseArgs, names_of
+from islandgp.bt.truth import chain, exposes
 
 
 class TargetNode(NamedTuple):
@@ -33,7 +33,7 @@ class TargetNode(NamedTuple):
     """
 
     kind: str
-    args: tuple[Argument, ...] = ()  # of the node of ours that it comes from
+    args: Args = ()  # of the node of ours that it comes from
     children: tuple[TargetNode, ...] = ()
     rest: bool = False  # holds the branches behind reactive ones; no node of ours
 
@@ -99,24 +99,24 @@ def plan(node: Node, differs: Differs | None = None, *, observed: bool = False) 
     """
     part = _part(node, differs, observed)
     for name in reversed(names_of(node)):
-        part = TargetNode("subtree", (name,), (part,))
+        part = TargetNode("subtree", UseArgs(name), (part,))
     return part
 
 
 def _part(node: Node, differs: Differs | None, observed: bool) -> TargetNode:
     """The same without the names of subtrees."""
     kind, args = node.kind, node.args
-    if kind == "action":
+    if node.action:
         return TargetNode("action", args)
     if kind in ("selector", "sequence"):
         return _composite(node) if differs is None else _observing(node, differs)
     observed = observed and kind != "parallel"
     children = tuple(plan(child, differs, observed=observed) for child in node.children)
-    if kind == "when":
+    if node.guard:
         if differs is not None and (observed or exposes(node) or differs(node)):
             return TargetNode("when", args, children)
-        kind = "reactive_sequence" if checks_itself(node) else "sequence"
-        return TargetNode(kind, args, (TargetNode("check", args[:1]), *children))
+        kind = "reactive_sequence" if node.guard.checks_itself else "sequence"
+        return TargetNode(kind, args, (TargetNode("check", args), *children))
     theirs, ours = _KINDS[kind]
     exact = differs is not None and theirs != ours and differs(node)
     return TargetNode(ours if exact else theirs, args, children)
@@ -172,14 +172,20 @@ def separated(
             return part._replace(children=children)
         if not keep:
             return children[0]
-        name = str(part.args[0])
+        name = subtree_of(part)
         if (name, children[0]) not in found:
             found[name, children[0]] = fresh_name(name, unfit)
             unfit.add(found[name, children[0]])
-        return TargetNode("subtree", (found[name, children[0]],))
+        return TargetNode("subtree", UseArgs(found[name, children[0]]))
 
     root = visit(whole)
     return root, {name: body for (_, body), name in found.items()}
+
+
+def subtree_of(part: TargetNode) -> str:
+    """The name of a part of the kind subtree."""
+    assert isinstance(part.args, UseArgs)
+    return part.args.name
 
 
 def fresh_name(name: str, unfit: set[str]) -> str:
@@ -201,7 +207,9 @@ def guard_losses(tree: Node) -> set[Loss]:
             if exposes(branch):
                 reacts = _reacts(branch, tree.kind)
                 found |= {LEVEL, ORDER, RESUMED} if reacts else {DROPPED}
-                if reacts and not all(map(interrupts, chain(branch))):
+                if reacts and not all(
+                    each.guard and each.guard.interrupts for each in chain(branch)
+                ):
                     found.add(INNER)
     for child in tree.children:
         found |= guard_losses(child)
@@ -214,9 +222,9 @@ def _kind(plain: str, reactive: bool) -> str:
 
 def _reacts(branch: Node, composite: str) -> bool:
     """Whether a reactive composite says what an interrupting guard of this branch says."""
-    guards = chain(branch)
-    # The outermost guard decides: below one that does not interrupt, nothing can.
-    return bool(guards) and interrupts(guards[0]) and hands_over(branch, composite)
+    outermost = next((each.guard for each in chain(branch)), None)
+    # It decides: below one that does not interrupt, nothing can.
+    return outermost is not None and outermost.interrupts and hands_over(branch, composite)
 
 
 def hands_over(branch: Node, composite: str) -> bool:
@@ -232,7 +240,9 @@ def hands_over(branch: Node, composite: str) -> bool:
             return failure_does and not counted
         failure_does ^= branch.kind == "inverter"
         # Through a repeater a failure passes at once, a success in the last repetition.
-        counted |= branch.kind == "repeater" and branch.args[0] != 1 and not failure_does
+        counted |= (
+            isinstance(branch.args, CountArgs) and branch.args.times != 1 and not failure_does
+        )
         branch = branch.children[0]
     return False
 

@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Final
 
 from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS
-from islandgp.bt.node import KINDS, REPEATS
+from islandgp.bt.kinds import KINDS, REPEATS
+from islandgp.bt.parameters import described, signature
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.domain import Schema
 from islandgp.errors import SupervisionError
@@ -105,9 +106,15 @@ def _fill(template: str, name: str, values: Mapping[str, str]) -> str:
     return _VARIABLE.sub(known, shown)
 
 
+_OF_ARGUMENTS: Final = re.compile(r"^values?: .*\n|(?<=^action: NAME) values\?", re.MULTILINE)
+"""The rules of the grammar for arguments of actions."""
+
+
 def language(vocabulary: Vocabulary) -> str:
     """The language's reference, made from the grammar and the domain's vocabulary."""
     grammar = (resource("grammar") / "bt.lark").read_text(encoding="utf-8").strip()
+    if not any(action.arguments for action in vocabulary.actions.values()):
+        grammar = _OF_ARGUMENTS.sub("", grammar)
     numbers = [name for name, key in vocabulary.keys.items() if not key.flag]
     flags = [name for name, key in vocabulary.keys.items() if key.flag]
     return "\n".join(
@@ -123,7 +130,11 @@ def language(vocabulary: Vocabulary) -> str:
             *(f"- abort {name}: {rule}" for name, rule in words("abort_rules").items()),
             "",
             "Actions:",
-            *(f"- {name}: {action.meaning}" for name, action in vocabulary.actions.items()),
+            *(
+                f"- {signature(name, action.arguments)}:"
+                f" {described(action.meaning, action.arguments)}"
+                for name, action in vocabulary.actions.items()
+            ),
             "",
             f"Keys that are numbers, compared with one of {' '.join(OPERATORS)}:",
             *(f"- {name}: {vocabulary.keys[name].meaning}" for name in numbers),
