@@ -56,6 +56,7 @@ EXAMPLES: Final[dict[str, str]] = {
     "domain": "island --check",
     "play": "tree.bt --seeds 20",
     "tune": "tree.bt",
+    "ros2": "tree.bt --map robot.yaml",
     "trace": "tree.bt",
     "replay": "tree.bt -o tree.html",
     "export": "tree.bt -o tree.xml",

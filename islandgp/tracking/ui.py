@@ -101,7 +101,7 @@ def served(place: Place, port: int) -> Iterator[Pages]:
     address = f"http://127.0.0.1:{port}"
     with tempfile.TemporaryFile() as log:
         process = subprocess.Popen(
-            _command(place, port),
+            server_command(place, port),
             # Without its job runner the server takes 0.5 GB in place of 3.5 GB.
             env={**os.environ, "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"},
             stdout=log,
@@ -134,7 +134,8 @@ def _opened(place: Place) -> Store:
         ) from error
 
 
-def _command(place: Place, port: int) -> list[str]:
+def server_command(place: Place, port: int) -> list[str]:
+    """The command of an MLflow server of the store, on a port of this machine alone."""
     return [
         *(sys.executable, "-m", "mlflow", "server"),
         *("--backend-store-uri", place.uri),

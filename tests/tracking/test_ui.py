@@ -121,7 +121,7 @@ from islandgp.tracking import ui
 def stand_in(place, port):
     return [sys.executable, "-m", "http.server", str(port), "--bind", "127.0.0.1"]
 
-ui._command = stand_in
+ui.server_command = stand_in
 main()
 """
 

@@ -22,7 +22,7 @@ def test_each_help_ends_with_an_example_that_the_command_takes(
     example = f"islandgp {name} {EXAMPLES[name]}".rstrip()
     assert said.out.rstrip().splitlines()[-1].strip() == example
     monkeypatch.chdir(tmp_path)
-    for file in ("tree.bt", "other.bt", "tree.xml"):
+    for file in ("tree.bt", "other.bt", "tree.xml", "robot.yaml"):
         Path(file).touch()
     Path("runs/default/expert-seed0").mkdir(parents=True)
     command = cli.islandgp.get_command(click.Context(cli.islandgp), name)
