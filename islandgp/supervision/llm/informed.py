@@ -248,10 +248,11 @@ def _injected(tree: InjectedTree, now: Seen) -> str:
         n = len(tree.alive)
         alive = "1 living individual descends" if n == 1 else f"{n} living individuals descend"
         end = f"{alive} from it, the best of rank {tree.best_rank}; {same}."
-    return f"{start} {end}\n```\n{_cut(tree.new.tree)}\n```"
+    return f"{start} {end}\n```\n{cut(tree.new.tree)}\n```"
 
 
-def _cut(tree: str) -> str:
+def cut(tree: str) -> str:
+    """A tree's text, of TREE characters at most."""
     text = tree.strip()
     return text if len(text) <= TREE else text[: TREE - 3] + "..."
 
@@ -288,15 +289,14 @@ def _traces(context: RunContext, state: PopulationState, now: Seen) -> tuple[str
         shown = context.classes.shown(worst.counters)
         lacking = ", ".join(name for name in state.lacking if name not in shown)
         named.append((f"The most lacking tree (no {lacking or 'behaviour lacks'})", worst))
-    each = len(now.worlds) // len(now.individuals)  # 0: fewer worlds than individuals, all common
-    texts = []
-    for name, i in named:
-        seed = now.worlds[now.individuals.index(i) * each]
-        texts.append(_trace(name, i, context, seed, now))
+    texts = [trace_of(name, i, context, now) for name, i in named]
     return "\n\n".join(texts), len(texts)
 
 
-def _trace(name: str, i: IndividualRecord, context: RunContext, seed: int, now: Seen) -> str:
+def trace_of(name: str, i: IndividualRecord, context: RunContext, now: Seen) -> str:
+    """What an individual did in the first world in which it was evaluated, in words."""
+    each = len(now.worlds) // len(now.individuals)  # 0: fewer worlds than individuals, all common
+    seed = now.worlds[now.individuals.index(i) * each]
     tree = parse(i.tree, context.schema.vocabulary)
     domain = context.domain_in(now.snapshot.generation)
     outcome, lines = describe_episode(domain, tree, seed, now.multipliers)
@@ -312,4 +312,4 @@ def _trace(name: str, i: IndividualRecord, context: RunContext, seed: int, now: 
     )
     if world:
         head = f"{head}\n{world}"
-    return "\n".join((head, *lines, "```", _cut(i.tree), "```"))
+    return "\n".join((head, *lines, "```", cut(i.tree), "```"))
