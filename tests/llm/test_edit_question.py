@@ -28,12 +28,8 @@ from tests.llm.made import context, said, settings, state
 from tests.llm.test_prompts import DIALECT
 from tests.llm.test_whole_run import live, replayed
 
-EDITING = (
-    "supervisor.edits=2",
-    "supervisor.inject=false",
-    "supervisor.policy.samples=2",
-    "gp.generations=5",
-)
+EDITING = ("supervisor.edits=2", "supervisor.inject=false", "gp.generations=5")
+MODEL = ("supervisor.policy.samples=2", "supervisor.policy.retry.deadline=5")
 OLD = "selector { when foundGarbage { PickupGarbage } PatrolWaypoint }"
 LIVING = {"3.0": OLD, "3.1": "PatrolWaypoint"}
 KNOWN = frozenset(to_text(parse(text)) for text in (*LIVING.values(), "SeekCharger"))
@@ -136,8 +132,8 @@ def test_the_listing_has_the_path_of_each_node() -> None:
 
 def test_a_run_with_edits_repeats_bit_for_bit(tmp_path: Path) -> None:
     """Edits of the model join the population; the replay asks nobody and has the same records."""
-    with MessagesServer(MockModel(), no_faults) as server:
-        steps = live(server, tmp_path / "a", *EDITING)
+    with MessagesServer(no_faults, MockModel()) as server:
+        steps = live(server, tmp_path / "a", *EDITING, *MODEL)
     individuals = [i for s in steps for i in s.record.individuals]
     assert any(i.origin == Origin.EDITED for i in individuals)
     assert any(s.record.trials for s in steps)
@@ -145,7 +141,7 @@ def test_a_run_with_edits_repeats_bit_for_bit(tmp_path: Path) -> None:
     asked = [json.loads(line) for line in lines]
     parts = {line["part"] for line in asked if line["line"] == "attempt"}
     assert parts == {"probe", "rate", "edits", "edits 2"}
-    again = replayed(tmp_path / "a", tmp_path / "b", *EDITING[:2], *EDITING[3:])
+    again = replayed(tmp_path / "a", tmp_path / "b", *EDITING)
     assert [s.record for s in again] == [s.record for s in steps]
     turns = [
         line["request"]["turns"][0]

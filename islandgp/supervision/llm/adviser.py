@@ -171,7 +171,8 @@ class Adviser:
         missing = sum(outcome.value is None for outcome in found.values())
         backup = ask(self.fallback, state, rng) if missing else None
         guidance = Guidance(None, None, _source(missing, len(found)), notes=_notes(found))
-        edits = tuple(e for p in found.values() if p.value is not None for e in p.value.edits)
+        given = (p.value.edits for p in found.values() if p.value is not None)
+        edits = tuple(dict.fromkeys(edit for some in given for edit in some))
         for part, outcome in found.items():
             if kind_of(part) == "edits":
                 continue

@@ -11,6 +11,7 @@ from islandgp.bt.lint import warnings
 from islandgp.bt.node import Limits, Node
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.errors import TreeError
+from islandgp.evolution.archive import Elite
 from islandgp.evolution.edits import (
     EDITS,
     Edit,
@@ -157,7 +158,7 @@ def edit_values(context: RunContext, run: EditHistory, most: int) -> tuple[dict[
         return dict.fromkeys(EDIT_VALUES, ""), 0
     parents = parents_of(seen, context, most)
     others = parents_of(seen, context, most + NEIGHBOURS)[len(parents) :]
-    elites = [f"{_elite(e.id, e.tree)}" for e in seen.archive if e.tree not in _texts(parents)]
+    elites = [_elite(e) for e in seen.archive if e.tree not in _texts(parents)]
     near = [f"{_head(i)}\n```\n{cut(i.tree)}\n```" for i in others]
     return {
         "parents": "\n\n".join(_parent(i, context, seen) for i in parents),
@@ -170,8 +171,9 @@ def _texts(individuals: Sequence[IndividualRecord]) -> set[str]:
     return {i.tree for i in individuals}
 
 
-def _elite(name: str, tree: str) -> str:
-    return f"Individual {name}, of the archive:\n```\n{cut(tree)}\n```"
+def _elite(e: Elite) -> str:
+    points = f"{in_points(e.mean)} points in stage {e.stage + 1}"
+    return f"Individual {e.id}, of the archive: {points}.\n```\n{cut(e.tree)}\n```"
 
 
 def _head(i: IndividualRecord) -> str:
