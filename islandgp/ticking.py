@@ -148,6 +148,10 @@ class Stepped:
         changed.faults = faults
         return changed
 
+    def about(self, seed: int | None = None) -> str:  # noqa: ARG002 -- for domains of many worlds
+        """See `Domain`."""
+        return f"An episode has at most {self.world.ticks:,} ticks of {self.step_s:g} s."
+
     def begin(
         self,
         seed: int,

@@ -41,6 +41,7 @@ from islandgp.supervision.llm.prompts import (
     render,
     urgency,
 )
+from islandgp.supervision.llm.run_facts import run_facts
 from islandgp.supervision.llm.settings import LLMSettings, TreeSize
 from islandgp.supervision.llm.transcript import Played
 from islandgp.supervision.llm.validation import (
@@ -91,7 +92,8 @@ class Adviser:
         files = (*_PROMPTS["rate"], *_PROMPTS["tree"], "repair")
         self.prompts = {name: load_prompt(name, folder) for name in files}
         self.values = {
-            **fixed_values(context.schema, context.classes, context.library()),
+            **fixed_values(context),
+            **run_facts(context),
             **_rates(settings),
             **standing_values(settings.informed, context),
         }
@@ -102,8 +104,9 @@ class Adviser:
                 f" {folder}, as supervisor.policy.candidates={settings.candidates} needs them,"
                 " found none; write them there, or set candidates=1."
             )
-        first = "reasoning" in used and settings.informed.reasoning
-        self._order: Callable[[Shape], Shape] = reasons_first if first else dict
+        self._order: Callable[[Shape], Shape] = (
+            reasons_first if settings.informed.reasoning else dict
+        )
         self.uses_history = bool(used.intersection(RUN_VALUES))
         self._history = RunHistory()
         self._last: tuple[PopulationState, RunValues] | None = None
