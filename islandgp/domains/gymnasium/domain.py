@@ -109,7 +109,7 @@ class _Episode:
         self._signals = [(n, places[s.of], s.above, s.below) for n, s in world.signals.items()]
         none = spaces.none if world.otherwise is None else world.otherwise
         self._none: tuple[Any, str] = (none, "")
-        self._chosen = self._none
+        self._chosen: tuple[Any, str] = self._none
         self._keys = [(n, ats[n], o.flag, *o.range) for n, o in world.observations.items()]
 
     def leaf(self, choice: settings.Choice, name: str) -> Leaf:
@@ -121,7 +121,8 @@ class _Episode:
             return True
 
         def fill(**values: float) -> bool:
-            numbers = [*(self._chosen[0] if choice.do is None else choice.do)]
+            begin: Any = self._chosen[0] if choice.do is None else choice.do
+            numbers = [*begin]
             for key, value in values.items():
                 numbers[places[key]] = value
             self._chosen = (numbers, name)

@@ -113,6 +113,10 @@ _OF_ARGUMENTS: Final = re.compile(r"^values?: .*\n|(?<=^action: NAME) values\?",
 def language(vocabulary: Vocabulary) -> str:
     """The language's reference, made from the grammar and the domain's vocabulary."""
     grammar = (resource("grammar") / "bt.lark").read_text(encoding="utf-8").strip()
+    more = [name for name, kind in KINDS.items() if not kind.paper]
+    grammar = re.sub(
+        rf"^ *\|? *({'|'.join(more)})\b.*\n", "", grammar, flags=re.MULTILINE | re.IGNORECASE
+    )
     if not any(action.arguments for action in vocabulary.actions.values()):
         grammar = _OF_ARGUMENTS.sub("", grammar)
     numbers = [name for name, key in vocabulary.keys.items() if not key.flag]
@@ -124,7 +128,7 @@ def language(vocabulary: Vocabulary) -> str:
             f"```lark\n{grammar}\n```",
             "",
             "Nodes:",
-            *(f"- {name}: {kind.meaning}" for name, kind in KINDS.items()),
+            *(f"- {name}: {kind.meaning}" for name, kind in KINDS.items() if kind.paper),
             "",
             f"A repeater counts from {REPEATS[0]} to {REPEATS[1]}. What a `when` stops:",
             *(f"- abort {name}: {rule}" for name, rule in words("abort_rules").items()),
