@@ -50,9 +50,18 @@ ARMS: Final[dict[str, tuple[str, ...]]] = {
     "paper, expert": ("search=paper", "supervisor=expert"),
     "racing, library": ("search=racing", "supervisor=baseline"),
     "racing, expert": ("search=racing", "supervisor=expert"),
+    "paper, editor": ("search=paper", "supervisor=editor"),
+    "racing, editor": ("search=racing", "supervisor=editor"),
     "compose": ("search=compose", "supervisor=baseline"),
 }
-WITH_LIBRARY: Final = ("paper, expert", "racing, library", "racing, expert", "compose")
+WITH_LIBRARY: Final = (
+    "paper, expert",
+    "paper, editor",
+    "racing, library",
+    "racing, expert",
+    "racing, editor",
+    "compose",
+)
 """Arms that use written trees; only where the domain has a library."""
 
 
@@ -82,7 +91,7 @@ WORLDS: Final[dict[str, World]] = {
         ("domain=pick_place", "budget.episodes=3000"), PICK_PLACE / "carry.bt", PICK_PLACE / "conf"
     ),
     "lunarlander": World(
-        ("domain=lunarlander", "budget.episodes=10000", "gp.population=60", "gp.episodes=2"),
+        ("domain=lunarlander", "budget.episodes=12000", "gp.population=60", "gp.episodes=4"),
         DOMAINS / "gymnasium" / "trees" / "lunarlander.bt",
     ),
     "minigrid": World(

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from operator import add
-from typing import Any, ClassVar, Literal, NamedTuple, Protocol, Self
+from typing import Any, ClassVar, Final, Literal, NamedTuple, Protocol, Self
 
 from pydantic import BaseModel
 
@@ -53,6 +53,9 @@ class Form:
     colour: str = "#888888"
 
 
+MOST_DELAY: Final = 10_000  # ticks
+
+
 @dataclass(frozen=True, slots=True)
 class Schema:
     """What a domain declares of itself. Mappings keep their order in records and tables.
@@ -70,6 +73,7 @@ class Schema:
     """What an episode counts; where nothing is given, how often each event happened."""
     habits: Sequence[str] = ()  # what good trees do, a sentence each; for prompts
     forms: Mapping[str, Form] = field(default_factory=dict)  # by Thing.form; empty: not drawn
+    delay: int = 0  # ticks by which perturbed worlds may delay what the tree sees, at most
 
     def __post_init__(self) -> None:
         """Refuses what cannot evolve, and counts every event where no counters are declared."""
@@ -88,6 +92,10 @@ class Schema:
             raise DomainError(
                 f"Expected a tuple of sentences as the habits {of_domain}, found one text; write"
                 " ('...',)."
+            )
+        if not (isinstance(self.delay, int) and 0 <= self.delay <= MOST_DELAY):
+            raise DomainError(
+                f"Expected a delay of 0 to {MOST_DELAY:,} ticks {of_domain}, found {self.delay!r}."
             )
         if not self.counters:
             counted = {name: Counter(event.meaning) for name, event in self.events.items()}
@@ -180,6 +188,9 @@ class Observer(Protocol):
 
 class Domain(Protocol):
     """A world for a robot. It can be pickled, and is sent to each worker once.
+
+    A domain that declares noise of a key, or a delay, has a method `with_sensors(faults)` as well,
+    which returns it with the `sensors.SensorFaults` between the world and the blackboard.
 
     `World` and `Rewards` are pydantic models of the configuration groups `world` and
     `rewards`; `scoring.rewards.RewardTable` serves most domains as the latter.

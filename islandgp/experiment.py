@@ -130,9 +130,9 @@ class Experiment:
         if stage not in range(last + 1):
             raise ConfigError(f"stage: expected 0 to {last}, found {stage!r}")
         seeds = _seeds(worlds)
-        domain = self.settings.problem().at(stage)
+        problem = self.settings.problem()
         weights = self.settings.curriculum.multipliers(stage)
-        return [domain.run_episode(node, seed, weights) for seed in seeds]
+        return [problem.in_world(stage, s).run_episode(node, s, weights) for s in seeds]
 
     def run(self) -> Results:
         """Runs it as the command does, or what is missing of it, with records and tracking.

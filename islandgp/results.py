@@ -12,7 +12,7 @@ worlds that keep them. COLUMNS says what the others mean.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -21,9 +21,10 @@ import yaml
 
 from islandgp.errors import RunError
 from islandgp.evaluation.base import check_version
+from islandgp.evolution.edit_fates import edit_fates
 from islandgp.records.archive_file import NAME as ARCHIVE
 from islandgp.records.archive_file import read_archive
-from islandgp.records.checkpoint import reading
+from islandgp.records.checkpoint import damaged, reading
 from islandgp.records.files import values
 from islandgp.records.folder import RunFolder, run_folders
 from islandgp.records.sweep_folder import arm_of
@@ -64,6 +65,28 @@ class Results:
     def individuals(self) -> DataFrame:
         """One row an individual."""
         return _frame("individuals", self._rows(_individuals))
+
+    @cached_property
+    def edits(self) -> DataFrame:
+        """One row an edit that a supervisor advised, with what became of it."""
+        return _frame("edits", self._edits())
+
+    def _edits(self) -> Iterator[dict[str, Any]]:
+        for folder in self.folders:
+            labels = self._labels(folder)
+            for fate in edit_fates(folder.generations()):
+                trial, edit = fate.trial, asdict(fate.edit)
+                yield {
+                    **{name: labels[name] for name in ("run", "arm", "seed")},
+                    **{name: value for name, value in edit.items() if name in COLUMNS["edits"]},
+                    "generation": fate.generation,
+                    "source": fate.source,
+                    "id": None if trial is None else trial.id,
+                    "fitness": None if trial is None else trial.fitness,
+                    "parent_fitness": None if trial is None else trial.parent_fitness,
+                    "children": fate.children,
+                    "lived": fate.lived,
+                }
 
     @cached_property
     def archive(self) -> DataFrame:
@@ -129,6 +152,8 @@ def load(path: str | Path) -> Results:
         raise RunError(f"Expected runs in {top}, found none; give the folder that `runs` named.")
     for folder in folders:
         check_version(folder.configuration())
+        if folder.about() is None:
+            raise damaged("a run", folder.path / "about.json", "missing")
     return Results(top, folders)
 
 

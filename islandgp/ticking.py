@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Mapping
+from copy import copy
 from difflib import get_close_matches
 from functools import cache, partial, wraps
 from inspect import iscoroutine, isgenerator, isgeneratorfunction, signature
@@ -36,6 +37,7 @@ from islandgp.domain import Observer, Outcome, Schema
 from islandgp.errors import DomainError
 from islandgp.plugin import defined_in, shown
 from islandgp.scoring.rewards import RewardTable, worth
+from islandgp.sensors import SensorFaults
 from islandgp.time_limit import Overdue
 
 __all__ = ["RUNNING", "EventLog", "Leaf", "Simulation", "Stepped", "once_a_thread"]
@@ -129,6 +131,7 @@ class Stepped:
     Episode: ClassVar[Callable[[Any, int, EventLog], Simulation]]
     schema: Schema
     step_s: float = 1.0  # simulated s of a tick
+    faults: SensorFaults | None = None  # between the world and the blackboard
 
     def __init__(self, world: Any, rewards: RewardTable) -> None:
         """Raises DomainError where `step_s`, or the setting `ticks`, is not what it must be."""
@@ -140,6 +143,12 @@ class Stepped:
     def make(cls, world: Any, rewards: RewardTable) -> Self:
         """See `Domain`."""
         return cls(world, rewards)
+
+    def with_sensors(self, faults: SensorFaults) -> Self:
+        """See `Domain`."""
+        changed = copy(self)
+        changed.faults = faults
+        return changed
 
     def begin(
         self,
@@ -186,9 +195,8 @@ class Stepped:
         log = EventLog(self.rewards, self.schema, weights, observer)
         episode, leaves = self.begin(seed, log, watched=observer is not None)
         try:
-            return self._run(
-                episode, _Leaves(leaves, self.schema.vocabulary, log), tree, log, observer
-            )
+            made = _Leaves(leaves, self.schema.vocabulary, log)
+            return self._run(episode, made, tree, log, observer, self._see(seed))
         except TypeError as error:
             for name in ("sense", "step", "measures", "scene", *leaves):
                 if (method := leaves.get(name, getattr(episode, name, None))) is not None:
@@ -199,8 +207,20 @@ class Stepped:
                     )
             raise
 
+    def _see(self, seed: int) -> Callable[[list[float]], Iterable[float]]:
+        """What the tree sees of the values that `sense` returned."""
+        if self.faults is None:
+            return partial(map, float)
+        return self.faults.sensors(self.schema.vocabulary.keys, seed)
+
     def _run(
-        self, episode: Any, leaves: _Leaves, tree: Node, log: EventLog, observer: Observer | None
+        self,
+        episode: Any,
+        leaves: _Leaves,
+        tree: Node,
+        log: EventLog,
+        observer: Observer | None,
+        see: Callable[[list[float]], Iterable[float]],
     ) -> Outcome:
         step, measures = getattr(episode, "step", str), getattr(episode, "measures", dict)
         scene = getattr(episode, "scene", lambda: None)
@@ -218,7 +238,7 @@ class Stepped:
             except (KeyError, TypeError, IndexError):
                 _must_be_values(self.schema.vocabulary.keys, values, episode.sense)
                 raise
-            board[:] = map(float, found)
+            board[:] = see(found)
             tick()
             done += 1
             if observer is not None:

@@ -1,11 +1,13 @@
-"""What a run's folder may make this process import or contact.
+"""What a run's folder may make this process import, contact or read.
 
-A folder may come from a stranger. The classes and servers that its configuration names are used
-only if the user's own configuration or command names them as well.
+A folder may come from a stranger. It holds files of its own, no links to others. The classes and
+servers that its configuration names are used only if the user's own configuration or command names
+them as well.
 """
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -23,8 +25,6 @@ PLAIN: Final = frozenset({"tags", "name", "runs", "start", "resume", "progress",
 
 CODE: Final = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.-]*")
 """A class, a function or an environment as "module:name"."""
-
-SERVER: Final = re.compile(r"https?://\S+")
 
 _trusted: Final[set[str]] = set()
 
@@ -76,6 +76,41 @@ def must_trust_code(config: Any) -> None:
                 f"Expected code that your own configuration names, found {name!r}, which only the"
                 " run names; give --config-dir FOLDER with a file that names it, or --trust."
             )
+
+
+def must_trust_server(uri: str) -> None:
+    """Raises UntrustedError for a server that only a run's folder names.
+
+    It would get the user's name and password, and could choose where files are written.
+    MLFLOW_TRACKING_URI names a server of the user's own.
+    """
+    name, own = server_name(uri), server_name(os.environ.get("MLFLOW_TRACKING_URI", ""))
+    if "://" not in name or name.startswith("sqlite:") or name == own or is_trusted(name):
+        return
+    raise UntrustedError(
+        f"Expected a server that your own configuration or command names, found {name}, which only"
+        f" the run names; give --uri {name} if it is yours."
+    )
+
+
+def must_have_no_links(folder: Path) -> None:
+    """Raises UntrustedError for a link, a pipe or a device among the files of a run's folder."""
+    try:
+        found = sorted(folder.iterdir())
+    except OSError:  # there is no such folder: whoever reads it reports that
+        return
+    for file in found:
+        must_be_no_link(file)
+
+
+def must_be_no_link(file: Path) -> None:
+    """Raises UntrustedError where a path is a link, a pipe or a device."""
+    link = file.is_symlink()
+    if link or (file.exists() and not (file.is_file() or file.is_dir())):
+        raise UntrustedError(
+            f"Expected a file of the run in {file}, found {'a link' if link else 'none'}; put the"
+            " file itself there, or delete it."
+        )
 
 
 def names_in(config: Mapping[str, Any]) -> set[str]:

@@ -19,6 +19,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from importlib.abc import Loader, MetaPathFinder
 from pathlib import Path
 from types import ModuleType
@@ -26,6 +27,7 @@ from typing import Any, Final
 
 CORE: Final = ("bt", "evolution", "search", "scoring", "records")
 MOST_FILES: Final = 12  # test files a module
+UNCHANGED: Final = -1
 SECONDS: Final = 300.0  # a mutant; one that hangs is killed
 SWAPS: Final[dict[type, type]] = {
     ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt,
@@ -40,12 +42,12 @@ class Mutant:
     """One changed expression."""
 
     file: Path  # of the package, relative to the checkout
-    place: int  # which of the places that `places` finds
+    place: int  # which of the places that `places` finds, or UNCHANGED
 
-    @property
-    def module(self) -> str:
-        """The module's name in full."""
-        return ".".join(self.file.with_suffix("").parts)
+
+def module_of(file: Path) -> str:
+    """The name of a module in full."""
+    return ".".join(file.with_suffix("").parts)
 
 
 def places(tree: ast.AST) -> Iterator[tuple[ast.expr | ast.If, str]]:
@@ -87,6 +89,8 @@ def change(node: Any) -> None:
 def mutated(mutant: Mutant) -> tuple[ast.Module, str]:
     """The changed module, and the line and kind of the change."""
     tree = ast.parse(mutant.file.read_text(encoding="utf-8"))
+    if mutant.place == UNCHANGED:
+        return tree, f"{mutant.file} unchanged"
     node, what = list(places(tree))[mutant.place]
     change(node)
     return ast.fix_missing_locations(tree), f"{mutant.file}:{node.lineno} {what}"
@@ -100,7 +104,7 @@ class Mutating(MetaPathFinder, Loader):
 
     def find_spec(self, fullname: str, path: Any, target: Any = None) -> Any:  # noqa: ARG002
         """See `MetaPathFinder`."""
-        if fullname != self.mutant.module:
+        if fullname != module_of(self.mutant.file):
             return None
         return importlib.util.spec_from_file_location(
             fullname, self.mutant.file.absolute(), loader=self
@@ -112,28 +116,28 @@ class Mutating(MetaPathFinder, Loader):
         exec(compile(tree, str(self.mutant.file), "exec"), module.__dict__)
 
 
+TESTS: Final = {f: f.read_text(encoding="utf-8") for f in sorted(Path("tests").rglob("test_*.py"))}
+
+
+@cache
+def tests_of(file: Path) -> tuple[str, ...]:
+    """The test files that import a module; those of its own folder first, then short ones."""
+    name = re.compile(rf"\b{re.escape(module_of(file))}\b")
+    files = [test for test, text in TESTS.items() if name.search(text)]
+    files.sort(key=lambda test: (test.parts[1] != file.parts[1], len(TESTS[test]), test))
+    return tuple(map(str, files[:MOST_FILES]))
+
+
 def chosen(number: int, seed: int) -> list[Mutant]:
     """So many mutants, the same ones for the same seed and sources."""
-    files = [f for part in CORE for f in sorted(Path("islandgp", part).rglob("*.py"))]
     everything = [
         Mutant(file, place)
-        for file in files
+        for part in CORE
+        for file in sorted(Path("islandgp", part).rglob("*.py"))
+        if tests_of(file)
         for place in range(len(list(places(ast.parse(file.read_text(encoding="utf-8"))))))
-        if tests_of(Mutant(file, place))
     ]
     return random.Random(seed).sample(everything, number)
-
-
-def tests_of(mutant: Mutant) -> list[str]:
-    """The test files that import the module; those of its own folder first, then short ones."""
-    name = re.compile(rf"\b{re.escape(mutant.module)}\b")
-    own = mutant.file.parts[1]
-    files = [f for f in TESTS if name.search(TESTS[f])]
-    files.sort(key=lambda f: (f.parts[1] != own, len(TESTS[f]), f))
-    return [str(file) for file in files[:MOST_FILES]]
-
-
-TESTS: Final = {f: f.read_text(encoding="utf-8") for f in sorted(Path("tests").rglob("test_*.py"))}
 
 
 def survives(mutant: Mutant) -> bool:
@@ -149,15 +153,19 @@ def survives(mutant: Mutant) -> bool:
 
         options = ["-x", "-q", "-p", "no:cacheprovider", "-n", "0"]
         # pytest's 5: no test was chosen
-        os._exit(int(pytest.main([*options, "-m", UNIT, *tests_of(mutant)]) not in (0, 5)))
+        os._exit(int(pytest.main([*options, "-m", UNIT, *tests_of(mutant.file)]) not in (0, 5)))
     end = time.monotonic() + SECONDS
-    while time.monotonic() < end:
-        ended, status = os.waitpid(child, os.WNOHANG)
-        if ended:
-            return status == 0
-        time.sleep(0.05)
-    os.killpg(child, signal.SIGKILL)
-    os.waitpid(child, 0)
+    ended = 0
+    try:
+        while time.monotonic() < end:
+            ended, status = os.waitpid(child, os.WNOHANG)
+            if ended:
+                return status == 0
+            time.sleep(0.05)
+    finally:  # it hangs, or the user has pressed Ctrl-C
+        if not ended:
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
     return False
 
 
@@ -172,19 +180,13 @@ def main() -> None:
     given = parser.parse_args()
     sys.path.insert(0, str(Path.cwd()))
     # What every child needs, and what no mutant is in.
-    for library in (
-        "pytest",
-        "hypothesis",
-        "hydra",
-        "numpy",
-        "pydantic",
-        "lark",
-        "pymunk",
-        "scipy.stats",
-    ):
+    for library in ("numpy", "pydantic", "lark", "pymunk", "scipy.stats"):
         importlib.import_module(library)
     ends: Counter[tuple[str, bool]] = Counter()
-    for mutant in chosen(given.number, given.seed):
+    mutants = chosen(given.number, given.seed)
+    if not survives(Mutant(mutants[0].file, UNCHANGED)):
+        sys.exit(f"Expected the tests of {mutants[0].file} to pass unchanged; run them first.")
+    for mutant in mutants:
         alive = survives(mutant)
         ends[mutant.file.parts[1], alive] += 1
         print("survived" if alive else "killed  ", mutated(mutant)[1], flush=True)

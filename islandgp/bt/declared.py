@@ -153,6 +153,7 @@ class _Key(BaseModel, extra="forbid"):
     high: FiniteFloat = 1.0
     step: FiniteFloat = 1.0
     most: FiniteFloat | None = None
+    noise: FiniteFloat = 0.0
 
     def key(self) -> Key:
         given = self.model_fields_set

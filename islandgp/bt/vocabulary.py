@@ -63,6 +63,7 @@ class Key:
     high: float = 1.0  # greatest threshold of a random tree
     step: float = 1.0  # distance between two thresholds of random trees, > 0
     most: float | None = None  # greatest value in any world; None: there is no such value
+    noise: float = 0.0  # standard deviation that perturbed worlds add to a number, >= 0
 
 
 def flag(meaning: str) -> Key:
@@ -71,10 +72,16 @@ def flag(meaning: str) -> Key:
 
 
 def number(
-    meaning: str, low: float, high: float, step: float = 1.0, *, most: float | None = None
+    meaning: str,
+    low: float,
+    high: float,
+    step: float = 1.0,
+    *,
+    most: float | None = None,
+    noise: float = 0.0,
 ) -> Key:
     """A key that is a number of at least `low`; random thresholds lie on a grid up to `high`."""
-    return Key(meaning, flag=False, low=low, high=high, step=step, most=most)
+    return Key(meaning, flag=False, low=low, high=high, step=step, most=most, noise=noise)
 
 
 def _is_name(word: str) -> bool:
@@ -150,16 +157,22 @@ class Vocabulary:
                         f" action {name}, found {before!r}."
                     )
         for name, key in self.keys.items():
-            bounds = (key.low, key.high, key.step, *(() if key.most is None else (key.most,)))
+            most = () if key.most is None else (key.most,)
+            bounds = (key.low, key.high, key.step, *most, key.noise)
             if not all(isinstance(bound, Real) for bound in bounds):
                 raise DomainError(
-                    f"Expected numbers as low, high, step and most of the key {name} of the domain"
-                    f" {self.domain}, found {', '.join(map(repr, bounds))}."
+                    f"Expected numbers as low, high, step, most and noise of the key {name} of the"
+                    f" domain {self.domain}, found {', '.join(map(repr, bounds))}."
                 )
             if not (-inf < key.low < key.high < inf and key.step > 0):
                 raise DomainError(
                     f"Expected finite low < high and step > 0 for the key {name} of the domain"
                     f" {self.domain}, found {key.low:g}, {key.high:g}, {key.step:g}."
+                )
+            if not 0 <= key.noise < inf or (key.flag and key.noise):
+                raise DomainError(
+                    f"Expected noise of at least 0, and only of numbers, for the key {name} of the"
+                    f" domain {self.domain}, found {key.noise:g}."
                 )
 
     @cached_property

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING, Any, Final
@@ -18,6 +18,7 @@ from islandgp.errors import ConfigError, RunError
 from islandgp.evaluation.base import Job
 
 if TYPE_CHECKING:
+    from islandgp.commands.play_command import Column
     from islandgp.evaluation.base import Evaluator
     from islandgp.evolution.validation import Candidate
     from islandgp.records.folder import RunFolder
@@ -44,6 +45,16 @@ class Row:
     evolved: bool  # it is a run's, not the library's
     tree: str
     feasible: float | None = None  # share of the worlds in which it keeps all constraints
+    perturbed: float | None = None  # points, mean over the worlds after their perturbation
+    perturbed_worst: float | None = None  # points, the least of these
+
+
+@dataclass(frozen=True, slots=True)
+class UnseenWorlds:
+    """The worlds that tell what trees are worth."""
+
+    stage: int  # of the curriculum, from 0
+    worlds: tuple[int, ...]  # world seeds
 
 
 @click.command()
@@ -73,12 +84,17 @@ def command(
     any of them.
     """
     from islandgp.evaluation.base import Problem
+    from islandgp.evaluation.perturbation import recorded_perturbation
     from islandgp.evaluation.processes import Processes, cores
 
     runs = _finished(run)
     problem = Problem.recorded(runs[0].configuration())
     with closing(Processes(problem, workers or cores(), episode_timeout=TIMEOUT)) as evaluator:
-        rows = list(_rows(runs, evaluator, tier, worlds))
+        rows, test = _rows(runs, evaluator, tier, worlds)
+    if recorded_perturbation(runs[0].configuration()) is not None:
+        problem = Problem.recorded(runs[0].configuration(), perturbed=True)
+        with closing(Processes(problem, workers or cores(), episode_timeout=TIMEOUT)) as evaluator:
+            rows = _robust(rows, evaluator, test)
     if output is not None:
         write_text(output, rows[0].tree)
     if as_json:
@@ -88,8 +104,8 @@ def command(
 
 
 def _plain(row: Row) -> dict[str, Any]:
-    """As JSON has it; `feasible` is of runs with constraints alone."""
-    return {name: v for name, v in asdict(row).items() if name != "feasible" or v is not None}
+    """As JSON has it, without what only runs with constraints or perturbed worlds have."""
+    return {name: value for name, value in asdict(row).items() if value is not None}
 
 
 def _finished(path: Path) -> list[RunFolder]:
@@ -113,7 +129,7 @@ def _must_be_alike(first: RunFolder, other: RunFolder) -> None:
     from islandgp.study.comparable import YARDSTICK
 
     a, b = first.configuration(), other.configuration()
-    groups = sorted({*YARDSTICK, "constraints"})
+    groups = sorted({*YARDSTICK, "constraints", "perturb"})
     if differ := [group for group in groups if (a.get(group) or {}) != (b.get(group) or {})]:
         raise RunError(
             f"Expected runs with one {differ[0]}, found that {first.path.name} and"
@@ -121,8 +137,10 @@ def _must_be_alike(first: RunFolder, other: RunFolder) -> None:
         )
 
 
-def _rows(runs: Sequence[RunFolder], evaluator: Evaluator, tier: str, worlds: int) -> Iterator[Row]:
-    """The race's winner first, the others by falling mean in validation worlds."""
+def _rows(
+    runs: Sequence[RunFolder], evaluator: Evaluator, tier: str, worlds: int
+) -> tuple[list[Row], UnseenWorlds]:
+    """The race's winner first, the others by falling mean in validation worlds; and the test."""
     from islandgp.evolution.evidence import interval
     from islandgp.evolution.validation import validate, worlds_of
     from islandgp.scoring.classes import Classes, tiers
@@ -156,10 +174,11 @@ def _rows(runs: Sequence[RunFolder], evaluator: Evaluator, tier: str, worlds: in
     for name, text in yardsticks(config).items():
         trees.setdefault(text, (f"library: {name}", False))
     outcomes = evaluator.evaluate([Job(tree, stage, world) for tree in trees for world in test])
+    rows = []
     for k, (tree, (name, evolved)) in enumerate(trees.items()):
         own = outcomes[k * worlds : (k + 1) * worlds]
         reached = [tiers(outcome, classes) for outcome in own]
-        yield Row(
+        row = Row(
             name,
             *interval([outcome.fitness for outcome in own]),
             {m: fmean(m in r for r in reached) for m in classes.milestones},
@@ -168,6 +187,20 @@ def _rows(runs: Sequence[RunFolder], evaluator: Evaluator, tier: str, worlds: in
             tree,
             feasible_share([o.counters for o in own], constraints) if constraints else None,
         )
+        rows.append(row)
+    return rows, UnseenWorlds(stage, test)
+
+
+def _robust(rows: Sequence[Row], evaluator: Evaluator, test: UnseenWorlds) -> list[Row]:
+    """The rows with what the trees earn in the test worlds after their perturbation."""
+    from islandgp.evaluation.base import evaluated
+
+    found = evaluated(evaluator, [row.tree for row in rows], test.stage, test.worlds)
+    points = [[outcome.fitness for outcome in own] for own in found]
+    return [
+        replace(row, perturbed=fmean(own), perturbed_worst=min(own))
+        for row, own in zip(rows, points, strict=True)
+    ]
 
 
 def _robots(
@@ -234,10 +267,23 @@ def _print(rows: Sequence[Row], worlds: int) -> None:
                 if rows[0].feasible is not None
                 else []
             ),
+            *_robust_columns(rows),
             Column("to the first", ("", *others)),
         ],
     )
+    if rows[0].perturbed is not None:
+        console.print("\nPerturbed: mean and worst in the same worlds after their perturbation.")
     console.print(
         f"\nMeans over {worlds} test worlds of the last stage,"
         " which neither trained nor chose anybody."
     )
+
+
+def _robust_columns(rows: Sequence[Row]) -> Iterator[Column]:
+    """Mean and worst of the perturbed worlds, if the runs have such."""
+    from islandgp.commands.play_command import Column
+
+    for heading, name in (("perturbed", "perturbed"), ("worst", "perturbed_worst")):
+        points = [getattr(row, name) for row in rows]
+        if None not in points:
+            yield Column(heading, tuple(f"{value:,.0f}" for value in points))

@@ -72,7 +72,9 @@ def command(
 
     Of one tree it tells what it achieved in each world, where its fitness came from,
     and its quality tiers (Table 4). Several are compared in the same worlds, by the
-    paired differences to the first. Worlds of evolution have other seeds.
+    paired differences to the first. Worlds of evolution have other seeds. Where the
+    configuration has perturbed worlds (--set 'perturb=...'), it tells the fitness in
+    each of these worlds after its perturbation, too.
     """
     if watch and len(files) > 1:
         raise click.UsageError(f"expected one FILE for --watch, found {len(files)}")
@@ -88,22 +90,40 @@ def command(
         return
     others = [read_tree(file, problem.domain.schema.vocabulary) for file in files[1:]]
     if others:
-        found = [_outcomes(each, settings, seeds, index) for each in (tree, *others)]
-        points = [[outcome.fitness for outcome in each] for each in found]
+        trees = (tree, *others)
+        points = [_points_in(each, settings, seeds, index) for each in trees]
+        robust = _robust(trees, settings, seeds, index)
         names = [called(file) for file in files]
         if as_json:
-            rows = [_compared(own, points[0]) for own in points]
+            rows = _comparison(points, robust)
             named = [{"file": name, **row} for name, row in zip(names, rows, strict=True)]
             click.echo(json.dumps(nan_to_none(named), indent=2))
         else:
-            _print_comparison(names, points)
+            _print_comparison(names, points, robust, settings)
         return
     outcomes = _outcomes(tree, settings, seeds, index)
+    (perturbed,) = _robust((tree,), settings, seeds, index) or ((),)
     if as_json:
         plain = [{"fitness": outcome.fitness, **asdict(outcome)} for outcome in outcomes]
+        for row, points_there in zip(plain, perturbed, strict=False):
+            row["perturbed"] = points_there
         click.echo(json.dumps(plain, indent=2))
         return
-    _print(outcomes, problem.domain.schema, settings, index)
+    _print(outcomes, problem.domain.schema, settings, index, perturbed)
+
+
+def _points_in(
+    tree: Node, settings: Settings, seeds: int, stage: int, *, perturbed: bool = False
+) -> list[float]:
+    """The fitness in each world."""
+    return [o.fitness for o in _outcomes(tree, settings, seeds, stage, perturbed=perturbed)]
+
+
+def _robust(trees: Sequence[Node], settings: Settings, seeds: int, stage: int) -> list[list[float]]:
+    """The fitness of each tree in the perturbed worlds; [] where there are none."""
+    if settings.perturb is None:
+        return []
+    return [_points_in(tree, settings, seeds, stage, perturbed=True) for tree in trees]
 
 
 def _compared(own: Sequence[float], first: Sequence[float]) -> dict[str, float]:
@@ -119,9 +139,24 @@ def _compared(own: Sequence[float], first: Sequence[float]) -> dict[str, float]:
     return dict(zip((*names, *others), (*interval(own), *interval(pairs)), strict=True))
 
 
-def _print_comparison(names: Sequence[str], points: Sequence[Sequence[float]]) -> None:
-    """A row for each tree; where names leave no room for numbers, they stand above the table."""
+def _comparison(
+    points: Sequence[Sequence[float]], robust: Sequence[Sequence[float]]
+) -> list[dict[str, float]]:
+    """A row for each tree, with mean and worst of the perturbed worlds if there are such."""
     rows = [_compared(own, points[0]) for own in points]
+    for row, own in zip(rows, robust, strict=False):
+        row |= {"perturbed": fmean(own), "perturbed_worst": min(own)}
+    return rows
+
+
+def _print_comparison(
+    names: Sequence[str],
+    points: Sequence[Sequence[float]],
+    robust: Sequence[Sequence[float]],
+    settings: Settings,
+) -> None:
+    """A row for each tree; where names leave no room for numbers, they stand above the table."""
+    rows = _comparison(points, robust)
     worlds = len(points[0])
     won = [sum(a > b for a, b in zip(own, points[0], strict=True)) for own in points]
     better = [f"{count} of {worlds}" for count in won]
@@ -135,6 +170,11 @@ def _print_comparison(names: Sequence[str], points: Sequence[Sequence[float]]) -
         ),
         Column("better in", ("", *better[1:])),
     ]
+    if robust:
+        columns += [
+            Column("perturbed", tuple(numbers([row["perturbed"] for row in rows]))),
+            Column("worst", tuple(numbers([row["perturbed_worst"] for row in rows]))),
+        ]
     console = standard_output()
     if width_of(columns) > console.width:
         for number, name in enumerate(names, 1):
@@ -149,6 +189,9 @@ def _print_comparison(names: Sequence[str], points: Sequence[Sequence[float]]) -
         )
     else:
         console.print("\nOne world has no interval; --seeds N takes more.")
+    if settings.perturb is not None:
+        words = settings.perturb.in_words()
+        console.print(f"Perturbed: mean and worst in the same worlds with {words}.")
 
 
 def _with_intervals(rows: Sequence[dict[str, float]], what: str, worlds: int) -> tuple[str, ...]:
@@ -162,7 +205,9 @@ def _with_intervals(rows: Sequence[dict[str, float]], what: str, worlds: int) ->
     )
 
 
-def _outcomes(tree: Node, settings: Settings, seeds: int, stage: int) -> list[Outcome]:
+def _outcomes(
+    tree: Node, settings: Settings, seeds: int, stage: int, *, perturbed: bool = False
+) -> list[Outcome]:
     """The outcomes in the worlds 0 to seeds - 1, with a progress bar where there is a terminal."""
     from rich.console import Console
     from rich.progress import Progress
@@ -176,7 +221,7 @@ def _outcomes(tree: Node, settings: Settings, seeds: int, stage: int) -> list[Ou
     outcomes: list[Outcome] = []
     console = Console(stderr=True)
     bar = Progress(console=console, disable=not console.is_terminal, transient=True)
-    with closing(make_evaluator(settings)) as evaluator, bar:
+    with closing(make_evaluator(settings, perturbed=perturbed)) as evaluator, bar:
         task = bar.add_task("episodes", total=seeds)
         for start in range(0, seeds, 16):
             try:
@@ -213,11 +258,17 @@ def standard_output() -> Console:
     return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else ENDLESS)
 
 
-def _print(outcomes: Sequence[Outcome], schema: Schema, settings: Settings, stage: int) -> None:
+def _print(
+    outcomes: Sequence[Outcome],
+    schema: Schema,
+    settings: Settings,
+    stage: int,
+    perturbed: Sequence[float],
+) -> None:
     from islandgp.scoring.classes import tiers
 
     console = standard_output()
-    columns, left_out = fitting(_columns(outcomes, schema, settings), console.width)
+    columns, left_out = fitting(_columns(outcomes, schema, settings, perturbed), console.width)
     print_table(console, columns)
     if left_out:
         console.print(f"Not shown, for want of room: {', '.join(left_out)}.", style="dim")
@@ -230,6 +281,11 @@ def _print(outcomes: Sequence[Outcome], schema: Schema, settings: Settings, stag
     reached = [tiers(outcome, settings.classes) for outcome in outcomes]
     counts = [f"{tier} {sum(tier in r for r in reached)}" for tier in settings.classes.tiers]
     console.print(f"Tiers, of {len(outcomes)} worlds: {', '.join(counts)}")
+    if settings.perturb is not None:
+        worst = min(range(len(perturbed)), key=lambda k: perturbed[k])
+        mean, least = numbers([fmean(perturbed), perturbed[worst]])
+        words = settings.perturb.in_words()
+        console.print(f"With {words}: mean {mean} points, worst {least} in world {worst}")
     if len(outcomes) == 1:
         console.print("One world has no standard deviation; --seeds N takes more.")
 
@@ -249,7 +305,9 @@ class Column:
         return max(len(text) for text in (self.heading, *self.cells))
 
 
-def _columns(outcomes: Sequence[Outcome], schema: Schema, settings: Settings) -> list[Column]:
+def _columns(
+    outcomes: Sequence[Outcome], schema: Schema, settings: Settings, perturbed: Sequence[float]
+) -> list[Column]:
     """What happened in each world, a row each."""
     from islandgp.scoring.classes import specialist, tiers
 
@@ -258,6 +316,7 @@ def _columns(outcomes: Sequence[Outcome], schema: Schema, settings: Settings) ->
     return [
         Column("world", tuple(map(str, range(len(outcomes))))),
         Column("fitness", tuple(numbers([outcome.fitness for outcome in outcomes]))),
+        *([Column("perturbed", tuple(numbers(perturbed)))] if perturbed else []),
         *(
             Column(name, tuple(numbers(values)), must=False)
             for name, values in _counts(outcomes, schema)

@@ -11,9 +11,12 @@ from typing import Any
 import click
 
 from islandgp.errors import RunError
+from islandgp.evolution.record import Cost
 from islandgp.records.checkpoint import read_checkpoint
 from islandgp.records.folder import RunFolder, generation_lines, run_folders
-from islandgp.records.lines import digests, read_digests, wrong_record
+from islandgp.records.lines import Lines, digests, read_digests, wrong_record
+from islandgp.records.manifest import Damage, DamagedFile, damaged_files, read_manifest
+from islandgp.trust import must_have_no_links
 
 
 class Verdict(StrEnum):
@@ -30,7 +33,8 @@ def verify(folder: RunFolder) -> tuple[Verdict, str]:
     Returns what was found, and a few words about it.
     """
     try:
-        folder.configuration()
+        if wrong := _damage(folder):
+            return Verdict.DAMAGED, wrong
         generations, expected = _end(folder)
         if wrong := _wrong(folder, generations, expected):
             return Verdict.DAMAGED, wrong
@@ -38,8 +42,34 @@ def verify(folder: RunFolder) -> tuple[Verdict, str]:
         return Verdict.DAMAGED, str(error)
     if generations and expected is None:
         return Verdict.UNKNOWN, "written by an older version"
+    if folder.finished() and read_manifest(folder.path) is None:
+        return Verdict.UNKNOWN, "written by an older version; its records are as it wrote them"
     state = "finished" if folder.finished() else "unfinished"
     return Verdict.VERIFIED, f"{generations} generations, {state}"
+
+
+def _damage(folder: RunFolder) -> str:
+    """The files that are not as the run wrote them, and what happened to each; "" if all are.
+
+    Raises:
+        RunError: there is a link among them, or the configuration cannot be read.
+    """
+    must_have_no_links(folder.path)
+    if folder.finished() and (wrong := damaged_files(folder.path)):
+        return "; ".join(f"{found}{_which(folder, found)}" for found in wrong)
+    folder.configuration()
+    return "" if folder.about() else "about.json: missing"
+
+
+def _which(folder: RunFolder, found: DamagedFile) -> str:
+    """Which record of a generation was changed, as far as the checksums of the records say."""
+    if (found.name, found.damage) != ("generations.jsonl", Damage.CHANGED):
+        return ""
+    sums = folder.path / "generations.sha256"
+    lines, known = list(generation_lines(folder.path).whole()), read_digests(sums)
+    if len(lines) != len(known):
+        return f", {len(lines)} records of {len(known)}"
+    return f", {wrong_record(lines, known[-1], sums)}" if known else ""
 
 
 def _end(folder: RunFolder) -> tuple[int, str | None]:
@@ -77,6 +107,9 @@ def _wrong(folder: RunFolder, generations: int, expected: str | None) -> str:
             return f"{sums.name}: it differs from the records, which are as they were written"
     if folder.finished() and records.path.stat().st_size != sum(map(len, lines)):
         return "generations.jsonl: there is more in it than the run's generations"
+    costs = Lines(folder.path / "costs.jsonl", "costs of generations", Cost)
+    if sum(1 for _ in costs.whole()) < generations:
+        return "costs.jsonl: seconds of generations are missing; the run goes on without them"
     return _inconsistent(folder, [records.value(line, i) for i, line in enumerate(lines)])
 
 

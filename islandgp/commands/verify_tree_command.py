@@ -1,4 +1,4 @@
-"""`islandgp verify-tree`: rules such as `never MoveToGarbage while batteryLevel < 10`."""
+"""`islandgp verify-tree`: rules such as `never Drive while charge < 10`, proven or refuted."""
 
 from __future__ import annotations
 

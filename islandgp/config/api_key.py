@@ -13,6 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from islandgp.errors import ConfigError
+from islandgp.redaction import FREE, names_secret
 
 VARIABLE: Final = "ANTHROPIC_API_KEY"
 KEY: Final = "supervisor.policy.api_key"
@@ -62,8 +63,25 @@ def key_in(configs: Iterable[Mapping[str, Any]]) -> bool:
 _REMEDY: Final = f"set {VARIABLE} in the environment instead"
 
 
+def _check_free(name: str, value: str) -> None:
+    """Raises ConfigError for a secret among a server's own fields: Hydra shows and keeps words."""
+    inside = not FREE.isdisjoint(re.split(r"[.{,:'\"\s]+", value))
+    if not inside and FREE.isdisjoint(name.split(".")):
+        return
+    keys = re.findall(r"([\w-]+)['\"]?\s*:", value)
+    path = name.split(".")
+    at = next((i for i, part in enumerate(path) if part in FREE), len(path))
+    if found := next((key for key in [*path[at + 1 :], *keys] if names_secret(key)), None):
+        raise ConfigError(
+            f"{name.lstrip('+~')}: expected no secret on the command line, found {found}; write it"
+            " into a file of your own, below supervisor.policy.extra_body, and name its folder by"
+            " --config-dir"
+        )
+
+
 def _check_inside(word: str) -> None:
     name, _, value = word.partition("=")
+    _check_free(name.strip(), value)
     if found := INSIDE.search(value):
         raise ConfigError(
             f"{name.lstrip('+~')}: expected no secret inside a value, found {found[1]};"

@@ -26,12 +26,12 @@ from islandgp.config.settings import Settings, read_settings, with_generations
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError
 from islandgp.records.parameters import (
-    HIDDEN,
     MACHINERY,
     ending_in_digest,
     is_secret,
     without_credentials,
 )
+from islandgp.redaction import HIDDEN
 from islandgp.trust import names_in, trust
 
 NOT_IN_FOLDER: Final = MACHINERY | {

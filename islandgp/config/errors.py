@@ -24,7 +24,8 @@ from omegaconf.errors import OmegaConfBaseException
 from islandgp.config.settings import keys_at, unknown_key
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError
-from islandgp.records.parameters import HIDDEN, flatten, is_secret
+from islandgp.records.parameters import flatten, is_secret
+from islandgp.redaction import HIDDEN
 
 MISTAKES: Final = (
     HydraException,

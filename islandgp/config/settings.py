@@ -24,7 +24,9 @@ from pydantic import (
 
 from islandgp.domain import Domain, Schema
 from islandgp.errors import ConfigError, IslandError
-from islandgp.evaluation.base import Problem, staged
+from islandgp.evaluation.base import Problem
+from islandgp.evaluation.perturbation import Perturbation
+from islandgp.evaluation.worlds import staged
 from islandgp.evolution.archive import ArchiveSettings
 from islandgp.evolution.plan import GP, Allocation, Budget, Plan, Stop, Switches
 from islandgp.evolution.random_trees import check_growth
@@ -145,6 +147,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     stop: Stop = Stop()
     search: SearchSettings = SearchSettings.model_validate(PAPERS)
     archive: ArchiveSettings = ArchiveSettings()
+    perturb: Perturbation | None = None  # worlds a little different: docs/domains.md
     constraints: dict[str, Bound] = Field(default_factory=dict)  # limits by counter of the domain
     supervisor: SupervisorSettings
     evaluator: EvaluatorSettings
@@ -174,6 +177,11 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
             raise ValueError(
                 f"supervisor.lag: expected less than gp.generations={self.gp.generations},"
                 f" found {self.supervisor.lag}"
+            )
+        if self.supervisor.edits > self.gp.population - 3:
+            raise ValueError(
+                f"supervisor.edits: expected at most gp.population - 3 = {self.gp.population - 3}"
+                f" slots, found {self.supervisor.edits}"
             )
         if taken := [tag for tag in self.tags if tag in OWN_TAGS or tag.startswith(MACHINES_TAGS)]:
             raise ValueError(
@@ -217,11 +225,19 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
                 )
         return domain
 
-    def problem(self) -> Problem:
-        """What trees are evaluated in: the domain, and the worlds of the curriculum's stages."""
+    def problem(self, *, perturbed: bool | None = None) -> Problem:
+        """What trees are evaluated in: the domain, and the worlds of the curriculum's stages.
+
+        `perturbed`: whether episodes run in perturbed worlds, of which there must be some; None:
+        as in training.
+        """
         factory = self.domain.factory
+        how = self.perturb
+        wanted = (how is not None and how.training) if perturbed is None else perturbed
         with blaming(path_of(factory)):
-            return Problem.of(factory, self.world, self.rewards, self.curriculum)
+            return Problem.of(
+                factory, self.world, self.rewards, self.curriculum, how if wanted else None
+            )
 
     def plan(self, domain: Domain) -> Plan:
         """What evolution needs of it."""
@@ -288,6 +304,10 @@ def _faults(settings: Settings) -> Iterator[str]:
             yield from search.faults(schema)
     yield from settings.archive.faults(schema)
     yield from constraint_faults(settings.constraints, schema)
+    if settings.perturb is not None:
+        factory = settings.domain.factory
+        with blaming(path_of(factory)):
+            yield from settings.perturb.faults(factory, settings.world, settings.rewards, schema)
 
 
 def _staged_worlds(settings: Settings, schema: Schema) -> Iterator[str]:

@@ -7,12 +7,16 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final, Protocol, Self
 
-from pydantic import BaseModel
-
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node
 from islandgp.domain import Domain, Outcome
 from islandgp.errors import LONGER, EvaluationError, RunError, TimeLimitError, brief
+from islandgp.evaluation.perturbation import (
+    Perturbation,
+    PerturbedWorlds,
+    recorded_perturbation,
+)
+from islandgp.evaluation.worlds import staged
 from islandgp.plain import UNREADABLE
 from islandgp.plugin import imported, raised_in
 from islandgp.scoring.curriculum import Curriculum
@@ -36,30 +40,44 @@ class Problem:
     domain: Domain
     curriculum: Curriculum
     stages: tuple[Domain, ...] = ()  # by stage, where stages change the world; empty: none does
+    perturbed: PerturbedWorlds | None = None  # in which episodes run instead; None: in none
 
     @classmethod
-    def of(cls, factory: Any, world: Any, rewards: Any, curriculum: Curriculum) -> Self:
+    def of(
+        cls,
+        factory: Any,
+        world: Any,
+        rewards: Any,
+        curriculum: Curriculum,
+        perturbation: Perturbation | None = None,
+    ) -> Self:
         """The problem that configuration describes.
 
         Args:
             factory: a class that is a Domain.
             world, rewards: its settings.
             curriculum: its stages may change settings of the world.
+            perturbation: of the worlds in which episodes run; None: they run in the world as it is.
 
         Raises:
             ConfigError: the domain refuses these settings.
             pydantic.ValidationError: a stage changes the world to one that cannot be.
         """
         stages: tuple[Domain, ...] = ()
+        worlds = tuple(staged(world, stage.world) for stage in curriculum.stages)
         if any(stage.world for stage in curriculum.stages):
-            stages = tuple(
-                factory.make(staged(world, stage.world), rewards) for stage in curriculum.stages
-            )
-        return cls(factory.make(world, rewards), curriculum, stages)
+            stages = tuple(factory.make(each, rewards) for each in worlds)
+        perturbed = None
+        if perturbation is not None:
+            perturbed = PerturbedWorlds(perturbation, factory, worlds, rewards)
+        return cls(factory.make(world, rewards), curriculum, stages, perturbed)
 
     @classmethod
-    def recorded(cls, config: Mapping[str, Any]) -> Self:
+    def recorded(cls, config: Mapping[str, Any], *, perturbed: bool | None = None) -> Self:
         """What the trees of a run were evaluated in, from its configuration.
+
+        `perturbed`: whether episodes run in its perturbed worlds, of which there must be some;
+        None: as in training.
 
         Raises:
             RunError: the configuration is of a version before domains, or damaged.
@@ -71,7 +89,10 @@ class Problem:
             factory = imported(config["domain"]["factory"])
             world = factory.World.model_validate(config["world"])
             rewards = factory.Rewards.model_validate(config["rewards"])
-            return cls.of(factory, world, rewards, Curriculum(**config["curriculum"]))
+            how = recorded_perturbation(config)
+            wanted = (how is not None and how.training) if perturbed is None else perturbed
+            curriculum = Curriculum(**config["curriculum"])
+            return cls.of(factory, world, rewards, curriculum, how if wanted else None)
         except UNREADABLE as error:
             raise RunError(
                 f"Expected the configuration of a run, found a damaged one ({brief(error)}); run"
@@ -81,6 +102,14 @@ class Problem:
     def at(self, stage: int) -> Domain:
         """The domain of a stage's index."""
         return self.stages[stage] if self.stages else self.domain
+
+    def in_world(self, stage: int, seed: int) -> Domain:
+        """The domain in which an episode runs; a perturbed one is a function of the arguments.
+
+        Raises:
+            ConfigError, pydantic.ValidationError: the domain refuses a perturbed world.
+        """
+        return self.at(stage) if self.perturbed is None else self.perturbed.domain(stage, seed)
 
 
 def check_version(config: Mapping[str, Any]) -> None:
@@ -95,21 +124,6 @@ def check_version(config: Mapping[str, Any]) -> None:
 def must_trust_domain(config: Mapping[str, Any]) -> None:
     """Raises UntrustedError where only a run names the domain that it needs."""
     must_trust_code({key: config.get(key) for key in ("domain", "world", "rewards", "curriculum")})
-
-
-def staged(world: BaseModel, changes: Mapping[str, Any]) -> BaseModel:
-    """The world with a stage's changes. Raises pydantic.ValidationError where they do not fit."""
-    return type(world).model_validate(_merged(world.model_dump(), changes)) if changes else world
-
-
-def _merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
-    both = {
-        key: _merged(old[key], value)
-        if isinstance(value, Mapping) and isinstance(old.get(key), Mapping)
-        else value
-        for key, value in new.items()
-    }
-    return {**old, **both}
 
 
 class Evaluator(Protocol):
@@ -163,7 +177,8 @@ def simulate(problem: Problem, job: Job, limit: float = 0) -> Outcome:
     try:
         tree = _tree(job.tree)
         with TimeLimit(limit):
-            outcome = problem.at(job.stage).run_episode(tree, job.seed, weights)
+            domain = problem.in_world(job.stage, job.seed)
+            outcome = domain.run_episode(tree, job.seed, weights)
     except TimeLimitError as late:
         raise EvaluationError(blame(job, f"{late.found}; {LONGER}")) from None
     except (Exception, SystemExit) as error:  # a simulator may call sys.exit

@@ -12,7 +12,16 @@ from collections.abc import Sequence
 
 from islandgp.bt.node import Node
 from islandgp.evolution.plan import Allocation, Plan
-from islandgp.evolution.population import Ancestor, Archive, Evaluated, Individual, Origin, ranked
+from islandgp.evolution.population import (
+    Ancestor,
+    Archive,
+    EditedTree,
+    Evaluated,
+    Individual,
+    Origin,
+    edited_individuals,
+    ranked,
+)
 from islandgp.evolution.random_trees import random_tree
 from islandgp.evolution.selection import pick_parent, selection
 from islandgp.evolution.variation import crossover
@@ -91,22 +100,27 @@ def next_population(
     injected: Node | None,
     archive: Archive,
     diversity: float,
+    edited: Sequence[EditedTree] = (),
 ) -> tuple[Individual, ...]:
-    """The population of `generation`, before mutation; as many individuals as before."""
+    """The population of `generation`, before mutation; as many individuals as before.
+
+    Edited trees take slots of tournament children.
+    """
     n, gp, allocation = len(population), plan.gp, plan.allocation
     select, cross = selection(gp.selection), crossover(gp.crossover)
-    kept = elites(population, allocation, archive, plan.classes.kept)[: n - 2]
+    kept = elites(population, allocation, archive, plan.classes.kept)[: n - 2 - len(edited)]
     new = [
         Individual(f"{generation}.{slot}", tree, origin, (parent,))
         for slot, (origin, parent, tree) in enumerate(kept)
     ]
-    for i in range(diversity_slots(allocation, n, len(new), diversity)):
+    for i in range(diversity_slots(allocation, n, len(new) + len(edited), diversity)):
         slot = len(new)
         if i == 0 and injected is not None:
             new.append(Individual(f"{generation}.{slot}", injected, Origin.INJECTED))
             continue
         rng = streams(Stream.DIVERSITY, generation=generation, slot=slot)
         new.append(Individual(f"{generation}.{slot}", random_tree(rng, plan.space), Origin.RANDOM))
+    new += edited_individuals(edited, generation, len(new))
     supplied: Counter[str] = Counter()
     most = allocation.niche_share * (n - len(new)) * (1 + gp.crossover_rate)
     for slot in range(len(new), n):

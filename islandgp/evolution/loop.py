@@ -7,7 +7,7 @@ go on from any of its states and ends in the same bytes.
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Generator, Iterable, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
@@ -18,12 +18,14 @@ from islandgp.domain import Outcome, total
 from islandgp.errors import RunError
 from islandgp.evaluation.base import Evaluator, Job, evaluated
 from islandgp.evolution.archive import ArchiveUpdate, Elite, update_archive
+from islandgp.evolution.guidance import compare_with_parents, decide, nameable
 from islandgp.evolution.plan import Plan
 from islandgp.evolution.population import Evaluated, Individual
 from islandgp.evolution.record import (
     Cost,
     GenerationRecord,
     GuidanceRecord,
+    IndividualRecord,
     RunState,
     Step,
     fittest,
@@ -39,7 +41,7 @@ from islandgp.search.base import Advice, Search, SearchState
 from islandgp.search.paper import Paper
 from islandgp.seeding import Stream, Streams, seed_of
 from islandgp.supervision.asking import SupervisorQueue
-from islandgp.supervision.base import Guidance, Seen, Supervisor
+from islandgp.supervision.base import Seen, Supervisor
 
 
 def worlds_of(plan: Plan, seed: int, generation: int) -> tuple[int, ...]:
@@ -141,8 +143,11 @@ def evolve(
     queue = SupervisorQueue(supervisor, seed=seed, lag=lag, vocabulary=plan.vocabulary)
     try:
         records, led = iter(past), None
+        recent: deque[Sequence[IndividualRecord]] = deque(maxlen=lag)
         for g in range(start.generation):
             seen, led = _seen(plan, next(records, None), led)
+            if seen is not None:
+                recent.append(seen.individuals)
             if g >= start.generation - lag:
                 queue.ask(view(plan, start.history[: g + 1]), seen)
             elif seen is not None:
@@ -150,9 +155,10 @@ def evolve(
         parts = _Parts(plan, Streams(seed), search, evaluator)
         state: RunState | None = start
         while state is not None:
-            step = _generation(parts, state, queue, led)
+            step = _generation(parts, state, queue, led, recent)
             yield step
             state, led = step.state, step.record.guidance
+            recent.append(step.record.individuals)
     finally:
         queue.close()
 
@@ -165,7 +171,7 @@ def _seen(
         return None, None
     now = record.snapshot
     multipliers = plan.curriculum.multipliers(now.stage)
-    seen = Seen(now, record.worlds, multipliers, record.individuals, led)
+    seen = Seen(now, record.worlds, multipliers, record.individuals, led, trials=record.trials)
     return seen, record.guidance
 
 
@@ -180,9 +186,21 @@ class _Parts:
 
 
 def _generation(
-    parts: _Parts, state: RunState, queue: SupervisorQueue, led: GuidanceRecord | None
+    parts: _Parts,
+    state: RunState,
+    queue: SupervisorQueue,
+    led: GuidanceRecord | None,
+    recent: Iterable[Sequence[IndividualRecord]],
 ) -> Step:
-    """One generation (lines 4 to 15 of Algorithm 1); `led` is the guidance that made it."""
+    """One generation (lines 4 to 15 of Algorithm 1).
+
+    Args:
+        parts: of the run.
+        state: before it.
+        queue: to the supervisor.
+        led: the guidance that made it.
+        recent: individuals of the last generations, as many as the supervisor's lag.
+    """
     plan, evaluator, g = parts.plan, parts.evaluator, state.generation
     before, began = evaluator.simulated, perf_counter()
     asked = SearchState(g, state.memory)
@@ -192,6 +210,10 @@ def _generation(
     started = perf_counter()
     population = evaluate(plan, g, individuals, texts, worlds, evaluator)
     archive = archived(parts, state.archive, population, texts, worlds, g)
+    stage = plan.curriculum.stage(g)
+    trials, extra = compare_with_parents(
+        plan, population, texts, worlds, state.edit_parents, evaluator, stage=stage
+    )
     evaluation, supervision = perf_counter() - started, 0.0
     now = measure(
         [e.outcome for e in population],
@@ -207,20 +229,31 @@ def _generation(
     seen = view(plan, history)
     lines = tuple(line(e, text) for e, text in zip(population, texts, strict=True))
     champion = fittest(state.champion, g, lines, plan.constraints)
-    spent = state.spent + len(population) * plan.gp.episodes + archive.episodes
+    spent = state.spent + len(population) * plan.gp.episodes + archive.episodes + extra
     stopped = plan.stop.reason(population)
     guidance = following = None
     if not stopped and not plan.last(g, spent):
         waiting = perf_counter()
         if g + plan.switches.lag + 1 < plan.gp.generations:  # else it would come too late
             multipliers = plan.curriculum.multipliers(now.stage)
-            queue.ask(seen, Seen(now, worlds, multipliers, lines, led))
+            elites = () if plan.switches.lag else archive.elites
+            queue.ask(seen, Seen(now, worlds, multipliers, lines, led, elites, trials))
         answer = queue.answer(g)
         supervision = perf_counter() - waiting
-        guidance, advice = decide(plan, parts.search, seen, answer, state.rate)
+        names = nameable((*recent, lines), archive.elites) if plan.switches.edits else {}
+        guidance, advice = decide(
+            plan, parts.search, seen, answer, state.rate, names=names, streams=parts.streams
+        )
         told = told_to(parts.search, asked, population, advice)
         following = RunState(
-            g + 1, advice.rate, history, told.memory, champion, spent, archive.elites
+            g + 1,
+            advice.rate,
+            history,
+            told.memory,
+            champion,
+            spent,
+            archive.elites,
+            {e.parents[0]: names[e.parents[0]] for e in advice.edited},
         )
     record = GenerationRecord(
         snapshot=now,
@@ -230,6 +263,7 @@ def _generation(
         individuals=lines,
         guidance=guidance,
         archive=archive.record,
+        trials=trials,
     )
     cost = Cost(
         evaluation=evaluation,
@@ -340,58 +374,3 @@ def restored(state: RunState, search: Search) -> RunState:
             f"Expected a checkpoint of the search {type(search).__name__}, found other contents"
             f" ({error}); use resume=never for a new folder beside this one."
         ) from error
-
-
-def decide(
-    plan: Plan, search: Search, state: PopulationState, answer: Guidance | None, rate: float
-) -> tuple[GuidanceRecord, Advice]:
-    """The record of a supervisor's answer, and what of it the search obeys.
-
-    Args:
-        plan: of the run.
-        search: whose `uses` says what it takes of a guidance.
-        state: that the answer is applied to.
-        answer: None if none is due yet (`supervisor.lag`).
-        rate: the mutation rate in force, in [0, 1].
-    """
-    given = answer or Guidance(None, None, "none", reasoning="no answer is due yet")
-    wanted = given.mutation_rate if plan.switches.adapt_mutation else None
-    # An emergency does not outlast its crisis where the rate is not adapted.
-    held = rate if plan.switches.adapt_mutation else plan.gp.mutation_rate
-    refused = []
-    if wanted is not None and "rate" not in search.uses:
-        wanted = None
-        refused.append("the search has no mutation rate")
-    tree = given.tree
-    if tree is not None:
-        why = _why_refused(tree, plan, search)
-        refused += [why] if why else []
-        tree = None if why else tree
-    record = GuidanceRecord(
-        asked_at=None if answer is None else state.now.generation - plan.switches.lag,
-        source=given.source,
-        phase=given.phase,
-        pattern=given.pattern,
-        target=given.target,
-        intervention=given.intervention,
-        wanted_rate=given.mutation_rate,
-        crisis=state.crisis,
-        applied_rate=plan.gp.crisis.rate(held if wanted is None else wanted, state.crisis),
-        tree=None if given.tree is None else to_text(given.tree),
-        injected=tree is not None,
-        refused="; ".join(refused),
-        risk=given.risk,
-        reasoning=given.reasoning,
-        rationale=given.rationale,
-        notes=given.notes,
-    )
-    return record, Advice(record.applied_rate, tree)
-
-
-def _why_refused(tree: Node, plan: Plan, search: Search) -> str:
-    """Why a supervisor's tree is not injected, or ""."""
-    if not plan.switches.inject:
-        return "injection is switched off"
-    if "tree" not in search.uses:
-        return "the search takes no trees"
-    return "" if within(tree, plan.gp.limits) else "the tree breaks the limits"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Annotated
@@ -29,6 +29,7 @@ class Origin(StrEnum):
     BEHAVIOURAL_ELITE = "behavioural_elite"
     RESURRECTED = "resurrected"
     INJECTED = "injected"  # the supervisor's tree, or one of the library in generation 0
+    EDITED = "edited"  # a tree of an earlier individual, changed as the supervisor advised
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +41,25 @@ class Individual:
     origin: Origin
     parents: tuple[str, ...] = ()  # ids
     mutation: str = ""  # the operator that changed it after construction, or ""
+
+
+@dataclass(frozen=True, slots=True)
+class EditedTree:
+    """A tree that a supervisor's edit has made, before it is evaluated."""
+
+    tree: Tree
+    parents: tuple[str, ...]  # ids: the individual that was edited, and the donor of a branch
+    operator: str  # "edit:<kind>"
+
+
+def edited_individuals(
+    edited: Sequence[EditedTree], generation: int, first: int
+) -> list[Individual]:
+    """Individuals of a generation for edited trees, in slots from `first` on."""
+    return [
+        Individual(f"{generation}.{slot}", e.tree, Origin.EDITED, e.parents, e.operator)
+        for slot, e in enumerate(edited, first)
+    ]
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,13 +7,14 @@ same bytes. Costs are kept apart for that reason.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Annotated, Any
 
 from pydantic import Field, PlainSerializer
 
 from islandgp.bt.node import depth, size
 from islandgp.evolution.archive import ArchiveRecord, Elite
+from islandgp.evolution.edits import EditRecord, EditTrial
 from islandgp.evolution.population import Evaluated
 from islandgp.plain import plain
 from islandgp.scoring.constraints import (
@@ -85,6 +86,7 @@ class GuidanceRecord:
     reasoning: str
     rationale: str
     notes: dict[str, str]
+    edits: tuple[EditRecord, ...] = ()  # that it advised
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +100,17 @@ class GenerationRecord:
     individuals: tuple[IndividualRecord, ...]  # in slot order
     guidance: GuidanceRecord | None  # for the next generation; None after the last
     archive: ArchiveRecord | None = None  # after it; runs of older versions kept none
+    trials: tuple[EditTrial, ...] = ()  # edited trees that it evaluated first, in slot order
+
+
+def record_values(record: GenerationRecord) -> dict[str, Any]:
+    """A record as JSON values. Without edits it is written as before there were any."""
+    values = asdict(record)
+    if not record.trials:
+        del values["trials"]
+    if record.guidance is not None and not record.guidance.edits:
+        del values["guidance"]["edits"]
+    return values
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +150,8 @@ class RunState:
     champion: Champion | None
     spent: Annotated[int, Field(ge=0)] = 0  # episodes of the generations before
     archive: tuple[Elite, ...] = ()  # by cell
+    edit_parents: dict[str, str] = field(default_factory=dict)
+    """By id, the texts of the trees whose edited forms the next generation evaluates."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,8 @@ from typing import Final
 from islandgp.errors import RunError, brief
 from islandgp.evolution.archive import ArchiveRecord, Elite
 from islandgp.plain import UNREADABLE, made_of, read_json
+from islandgp.records.manifest import must_be_as_written
+from islandgp.trust import must_have_no_links
 
 NAME: Final = "archive.json"
 MOST_BYTES: Final = 2**28  # of a file that is read; 10,000 trees of a thousand nodes are smaller
@@ -59,6 +61,9 @@ def read_archive(path: Path) -> tuple[ArchiveFile, str]:
         RunError: there is none, it cannot be read, or it is damaged.
     """
     file = path / NAME if path.is_dir() else path
+    if path.is_dir() and (path / "summary.json").exists():
+        must_have_no_links(path)
+        must_be_as_written(path, NAME)
     try:
         with file.open("rb") as opened:
             data = opened.read(MOST_BYTES + 1)

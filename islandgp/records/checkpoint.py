@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -109,6 +110,16 @@ def read_checkpoint(path: Path) -> tuple[RunState, str]:
         if hashlib.sha256(dump(found).encode()).hexdigest() != whole["sha256"]:
             raise ValueError("its checksum differs")
         return made_of(RunState, {**found, "history": []}), str(found.get("records", ""))
+
+
+def generation_of(checkpoint: Path) -> int:
+    """The generation that a checkpoint's file goes on with, 0 where none can be read."""
+    try:
+        with checkpoint.open(encoding="utf-8", errors="replace") as file:
+            head = re.search(r'"generation":(\d+)', file.read(200))
+    except FileNotFoundError:
+        return 0
+    return int(head[1]) if head else 0
 
 
 @contextmanager

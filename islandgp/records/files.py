@@ -65,6 +65,7 @@ class RunMetadata:
     tags: dict[str, str]
     domain_code: str = ""  # digest of the domain's source; "" for the package's own domains
     start: str = ""  # digest of the archive that it starts from; "" for none
+    manifest: bool = False  # whether its end writes manifest.json; older versions do not
 
 
 def score(summary: Mapping[str, Any]) -> float:
@@ -75,6 +76,25 @@ def score(summary: Mapping[str, Any]) -> float:
     champion = summary["champion"]
     validation = champion["validation"]
     return float(champion["record"]["fitness"] if validation is None else validation["mean"])
+
+
+PAGE: Final = "run.html"
+
+OWN: Final = (
+    "about.json",
+    "config.yaml",
+    "generations.jsonl",
+    "generations.sha256",
+    "costs.jsonl",
+    "checkpoint.json",
+    "best.bt",
+    "archive.json",
+    PAGE,
+    "summary.json",
+    "manifest.json",
+    "error.txt",
+)
+"""The files that only the process writes that holds the folder."""
 
 
 SUMMED: Final = ("generations", "final_best", "final_mean", "mean_diversity", "seconds")

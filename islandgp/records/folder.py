@@ -5,27 +5,26 @@ docs/running.md lists its files. A run is finished when there is a summary.json.
 
 from __future__ import annotations
 
-import csv
-import re
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, replace
 from enum import StrEnum
 from pathlib import Path
 from time import time
-from typing import Any, Final
+from typing import Any
 
 import yaml
-from filelock import FileLock, Timeout
+from filelock import FileLock
 
 from islandgp.errors import BusyError, IslandError, RunError, brief
-from islandgp.evolution.record import Cost, GenerationRecord, RunState, Step
+from islandgp.evolution.record import Cost, GenerationRecord, RunState, Step, record_values
 from islandgp.plain import must_fit, typed
 from islandgp.records.archive_file import NAME as ARCHIVE
 from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.checkpoint import (
     damaged,
+    generation_of,
     read_checkpoint,
     reading,
     remove_leftovers,
@@ -33,36 +32,34 @@ from islandgp.records.checkpoint import (
     usable,
     write_atomic,
 )
-from islandgp.records.files import RunMetadata, Summary, pretty
+from islandgp.records.costs import mend_costs
+from islandgp.records.files import OWN, PAGE, RunMetadata, Summary, pretty
+from islandgp.records.lineage_file import write_lineage
 from islandgp.records.lines import (
     Lines,
+    Stamp,
     append_digest,
     chained,
     digests,
     read_digests,
+    stamp,
     write_digests,
     wrong_record,
 )
+from islandgp.records.locks import locked, take
+from islandgp.records.manifest import (
+    MADE_AGAIN,
+    Damage,
+    damaged_files,
+    must_be_as_written,
+    read_manifest,
+    refused,
+    write_manifest,
+)
+from islandgp.records.manifest import NAME as MANIFEST
 from islandgp.records.parameters import without_credentials
 from islandgp.scoring.snapshot import Snapshot
-
-LINEAGE: Final = ("id", "origin", "parents", "mutation", "fitness", "specialist", "tiers")
-"""The columns of lineage.csv behind the generation."""
-
-OWN: Final = (
-    "about.json",
-    "config.yaml",
-    "generations.jsonl",
-    "generations.sha256",
-    "costs.jsonl",
-    "checkpoint.json",
-    "best.bt",
-    "archive.json",
-    "run.html",
-    "summary.json",
-    "error.txt",
-)
-"""The files that only the process writes that holds the folder."""
+from islandgp.trust import must_have_no_links
 
 
 class Status(StrEnum):
@@ -86,6 +83,7 @@ class RunFolder:
         self._checkpoint = path / "checkpoint.json"
         self._previous = path / "checkpoint.previous.json"
         self._digest = ""  # of the records that this object has found or written
+        self._left: Stamp = None  # of generations.jsonl, after the last generation
 
     def open(self, config: str, about: RunMetadata) -> None:
         """Takes the folder for this process and writes down whose it is.
@@ -97,6 +95,7 @@ class RunFolder:
             RunError: the folder cannot be written.
         """
         with usable(self.path):
+            must_have_no_links(self.path)
             busy = BusyError(
                 f"Expected to be the only one who writes to {self.path}, found another run at work"
                 " there; wait for it, or give this one another name=..."
@@ -106,7 +105,8 @@ class RunFolder:
                 remove_leftovers(self.path, f"{name}.*")
             if self.finished():
                 return
-            write_atomic(self.path / "about.json", pretty(asdict(about)))
+            (self.path / MANIFEST).unlink(missing_ok=True)  # of an end that did not come
+            write_atomic(self.path / "about.json", pretty(asdict(replace(about, manifest=True))))
             write_atomic(self.path / "config.yaml", config.encode())
             (self.path / "error.txt").unlink(missing_ok=True)
 
@@ -138,6 +138,7 @@ class RunFolder:
 
     def status(self) -> Status:
         """How far the run is, also where the process that worked on it has died."""
+        must_have_no_links(self.path)
         if self.finished():
             return Status.FINISHED
         if locked(self.path / ".lock"):
@@ -147,6 +148,7 @@ class RunFolder:
     def about(self) -> RunMetadata | None:
         """What was written down at the start, if there was one. Raises RunError if damaged."""
         file = self.path / "about.json"
+        self._must_be_as_written(file.name)
         if not file.exists():
             return None
         with reading("what a run says of itself", file):
@@ -160,6 +162,7 @@ class RunFolder:
     def config(self) -> str | None:
         """The configuration of the run that was here before, as YAML; None if there was none."""
         file = self.path / "config.yaml"
+        self._must_be_as_written(file.name)
         return file.read_text(encoding="utf-8") if file.exists() else None
 
     def configuration(self) -> dict[str, Any]:
@@ -179,6 +182,27 @@ class RunFolder:
         """Whether the run has ended."""
         return (self.path / "summary.json").exists()
 
+    def _must_be_as_written(self, name: str) -> None:
+        """Raises RunError for a link in the folder, and for a damaged file of a finished run."""
+        must_have_no_links(self.path)
+        if self.finished():
+            must_be_as_written(self.path, name)
+
+    def must_be_sound(self, *, page: bool = True) -> None:
+        """Raises RunError where a file of a finished run is not as it was written.
+
+        Files that follow from others may be missing, and there may be more. `page`: the page
+        of the run counts as well.
+        """
+        for found in damaged_files(self.path):
+            again = found.damage is Damage.MISSING and found.name in MADE_AGAIN
+            if again or found.damage is Damage.ADDED or (found.name == PAGE and not page):
+                continue
+            raise refused(self.path, found)
+        if read_manifest(self.path) is None:
+            for _ in self.checked_records():  # of a run of an older version
+                pass
+
     def resume(self, tell: Callable[[str], None] = lambda _: None) -> RunState | None:
         """The state to go on from; cuts off what was written after it. None: from the start.
 
@@ -197,12 +221,13 @@ class RunFolder:
         with usable(self.path):
             state = self._state(tell)
             done = state.generation if state else 0
-            for lines in (self._generations, self._costs):
-                lines.cut(done)
+            self._generations.cut(done)
+            mend_costs(self._costs, done, 0 if state is None else state.spent, tell)
             found = list(digests(self._generations.head(done)))
             self._digest = found[-1] if found else ""
             if read_digests(self._sums) != found:
                 write_digests(self._sums, found)
+            self._left = stamp(self._generations.path)
             if state is not None and state.champion is not None:
                 self._restore_best(state.champion.record.tree)
         return state
@@ -249,8 +274,6 @@ class RunFolder:
         if expected and (why := wrong_record(lines, expected, self._sums)):
             raise damaged(self._generations.what, self._generations.path, why)
         history = [self._generations.value(line, i) for i, line in enumerate(lines)]
-        for i, line in enumerate(self._costs.head(len(lines))):
-            self._costs.value(line, i)
         snapshots = tuple(typed(Snapshot, record["snapshot"]) for record in history)
         return replace(state, history=snapshots), bool(expected)
 
@@ -262,7 +285,7 @@ class RunFolder:
                 self._restore_best(self.summary()["champion"]["record"]["tree"])
             lineage = self.path / "lineage.csv"
             if not lineage.exists():
-                _write_lineage(lineage, self.records())
+                write_lineage(lineage, self.records())
 
     def best_text(self, tree: str) -> str:
         """What best.bt holds for a tree: the domain that it is for, and its canonical text."""
@@ -278,7 +301,10 @@ class RunFolder:
     def append(self, step: Step) -> None:
         """Writes a generation down, then the state to go on from. Raises RunError, as `usable`."""
         with usable(self.path):
-            line = self._generations.append(asdict(step.record))
+            if stamp(self._generations.path) != self._left:
+                self.must_be_as_left()
+            line = self._generations.append(record_values(step.record))
+            self._left = stamp(self._generations.path)
             self._digest = chained(self._digest, line)
             append_digest(self._sums, step.record.snapshot.generation, self._digest)
             self._costs.append({**asdict(step.cost), "at": int(1000 * time())})
@@ -289,25 +315,46 @@ class RunFolder:
                     self._checkpoint, step.state, records=self._digest, previous=self._previous
                 )
 
+    def must_be_as_left(self) -> None:
+        """Raises RunError where something else has changed the records of the run at work."""
+        digest, size = "", 0
+        for line in self._generations.whole():
+            digest, size = chained(digest, line), size + len(line)
+        found = stamp(self._generations.path)
+        if digest != self._digest or size != (0 if found is None else found[0]):
+            raise RunError(
+                f"Expected the records in {self._generations.path} as this run left them, found"
+                " them changed by something else while it ran; put them back, or use resume=never"
+                " for a new folder beside this one."
+            )
+
     def settled(self) -> int:
         """How many generations no resumption will take back, >= 0."""
         if self.finished():
             return int(self.summary()["generations"])
-        return _generation(self._checkpoint) or _generation(self._previous)
+        return generation_of(self._checkpoint) or generation_of(self._previous)
 
     def finish(self, summary: dict[str, Any], archive: ArchiveFile | None = None) -> None:
-        """Write archive, lineage and summary, and remove the checkpoints. Raises RunError."""
+        """Write archive, lineage, manifest and summary, and remove the checkpoints.
+
+        Raises:
+            RunError: the records are not those that were appended, or the folder cannot be used.
+        """
         with usable(self.path):
+            self.must_be_as_left()
             if archive is not None:
                 write_atomic(self.path / ARCHIVE, archive.to_bytes())
             self._restore_best(summary["champion"]["record"]["tree"])
-            _write_lineage(self.path / "lineage.csv", self.records())
-            write_atomic(self.path / "summary.json", pretty({**summary, "records": self._digest}))
+            write_lineage(self.path / "lineage.csv", self.records())
+            end = pretty({**summary, "records": self._digest, "manifest": True})
+            write_manifest(self.path, end)
+            write_atomic(self.path / "summary.json", end)
             self._checkpoint.unlink(missing_ok=True)
             self._previous.unlink(missing_ok=True)
 
     def records(self, first: int = 0) -> Iterator[dict[str, Any]]:
         """The generation records from the `first` on, as plain JSON values. Raises RunError."""
+        self._must_be_as_written(self._generations.path.name)
         return self._generations.read(first)
 
     def checked_records(self) -> Iterator[dict[str, Any]]:
@@ -317,6 +364,7 @@ class RunFolder:
             RunError: a line holds something else; or, after the last one, the records are not
                 those that the run wrote. There is no checksum of the oldest versions' runs.
         """
+        self._must_be_as_written(self._generations.path.name)
         expected = self.summary().get("records") if self.finished() else None
         digest = ""
         for i, line in enumerate(self._generations.whole()):
@@ -332,62 +380,24 @@ class RunFolder:
 
     def costs(self, first: int = 0) -> Iterator[dict[str, Any]]:
         """What the generations took, from the `first` on; `at` is ms since 1970."""
+        self._must_be_as_written(self._costs.path.name)
         return self._costs.read(first)
 
     def summary(self) -> dict[str, Any]:
         """The end of a finished run. Raises RunError where it cannot be told."""
         file = self.path / "summary.json"
+        self._must_be_as_written(file.name)
         with reading("a finished run's summary", file):
             return dict(must_fit(Summary, file.read_bytes()))
 
 
 def run_folders(root: Path) -> Iterator[RunFolder]:
-    """Every run at or below a folder, in the order of their paths."""
-    for file in sorted(root.rglob("about.json")):
-        yield RunFolder(file.parent)
-
-
-def _generation(checkpoint: Path) -> int:
-    """The generation that a checkpoint goes on with, 0 where none can be read."""
-    try:
-        with checkpoint.open(encoding="utf-8", errors="replace") as file:
-            head = re.search(r'"generation":(\d+)', file.read(200))
-    except FileNotFoundError:
-        return 0
-    return int(head[1]) if head else 0
+    """Every run at or below a folder, in the order of their paths; also one without about.json."""
+    signs = ("about.json", "generations.sha256", MANIFEST)
+    for folder in sorted({file.parent for name in signs for file in root.rglob(name)}):
+        yield RunFolder(folder)
 
 
 def generation_lines(folder: Path) -> Lines:
     """A run's generation records."""
     return Lines(folder / "generations.jsonl", "generation records", GenerationRecord)
-
-
-def _write_lineage(path: Path, records: Iterable[Mapping[str, Any]]) -> None:
-    """Writes the table, from the lines of generations.jsonl; lists are apart by spaces."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        out = csv.writer(file)
-        out.writerow(("generation", *LINEAGE))
-        for record in records:
-            for i in record["individuals"]:
-                row = {**i, "parents": " ".join(i["parents"]), "tiers": " ".join(i["tiers"])}
-                out.writerow([record["snapshot"]["generation"], *(row[name] for name in LINEAGE)])
-
-
-def take(lock: FileLock, folder: Path, busy: RunError) -> None:
-    """Makes a folder and takes its lock; raises `busy` where another process holds it."""
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        lock.acquire(timeout=1, poll_interval=0.05)  # a look at it may hold it
-    except Timeout:
-        raise busy from None
-
-
-def locked(path: Path) -> bool:
-    """Whether a process holds the lock file now."""
-    if not path.exists():
-        return False
-    try:
-        with FileLock(path, timeout=0):
-            return False
-    except Timeout:
-        return True

@@ -19,6 +19,17 @@ from islandgp.errors import RunError
 from islandgp.plain import must_fit
 from islandgp.records.checkpoint import dump, reading, write_atomic
 
+Stamp = tuple[int, int, int] | None  # bytes, ns of the last change, inode
+
+
+def stamp(file: Path) -> Stamp:
+    """What changes when a file is written; None where there is no file."""
+    try:
+        found = file.stat()
+    except FileNotFoundError:
+        return None
+    return found.st_size, found.st_mtime_ns, found.st_ino
+
 
 @dataclass(frozen=True, slots=True)
 class Lines:

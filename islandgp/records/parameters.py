@@ -8,13 +8,14 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
+from islandgp.redaction import FREE, HIDDEN, names_secret, without_secrets
+
 MACHINERY: Final = frozenset(
     {"evaluator", "tracking", "runs", "resume", "progress", "objectives", "tags"}
 )
 """Top-level keys that do not change a run's records; an evaluator of the user's own may."""
 
 SECRET: Final = re.compile(r"(^|_)(api_?key|token|secret|password)$", re.IGNORECASE)
-HIDDEN: Final = "***"
 CREDENTIALS: Final = re.compile(r"(?<=://)[^/\s'\"]*@")
 """A user's name and password in an address, with the sign behind them."""
 ALLOWED: Final = re.compile(r"[\w. :/-]+")  # names that MLflow takes; `<` is none
@@ -47,6 +48,8 @@ def _factory(config: Mapping[str, Any], key: str) -> str:
 
 
 def _hidden(key: str, value: Any) -> Any:
+    if key in FREE:
+        value = without_secrets(value)
     if isinstance(value, Mapping):
         return redacted(value)
     if value and SECRET.search(key):
@@ -63,6 +66,10 @@ def without_credentials(text: str) -> str:
 
 def is_secret(key: str) -> bool:
     """Whether a dotted key names a secret."""
+    *path, last = key.split(".")
+    if not FREE.isdisjoint(path):
+        at = next(i for i, part in enumerate(path) if part in FREE)
+        return any(map(names_secret, [*path[at + 1 :], last]))
     return SECRET.search(key.rpartition(".")[2]) is not None
 
 

@@ -19,7 +19,9 @@ from islandgp.errors import RunError, brief
 from islandgp.plain import UNREADABLE, must_fit
 from islandgp.records.checkpoint import usable, write_atomic
 from islandgp.records.files import pretty
-from islandgp.records.folder import RunFolder, Status, locked, take
+from islandgp.records.folder import RunFolder, Status
+from islandgp.records.locks import locked, take
+from islandgp.trust import must_be_no_link
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +102,8 @@ class SweepFolder:
     def read(self) -> SweepFile | None:
         """What was asked for; None if there was no sweep. Raises RunError for a damaged file."""
         path = self.path / "sweep.json"
+        for file in (path, self.path / ".lock", self.path / "tracking.json"):
+            must_be_no_link(file)
         if not path.exists():
             return None
         try:

@@ -16,7 +16,8 @@ from islandgp.bt.node import Node, size
 from islandgp.config.settings import Settings
 from islandgp.domain import Domain
 from islandgp.errors import ConfigError
-from islandgp.evaluation.base import Evaluator, staged
+from islandgp.evaluation.base import Evaluator
+from islandgp.evaluation.worlds import staged
 from islandgp.evolution.single_behaviours import single_behaviours
 from islandgp.plain import must_fit
 from islandgp.records.checkpoint import reading, write_atomic

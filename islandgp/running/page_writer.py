@@ -10,6 +10,7 @@ from typing import Final
 from islandgp.errors import RunError, brief
 from islandgp.records.checkpoint import reading, usable, write_atomic
 from islandgp.records.folder import RunFolder, Status
+from islandgp.records.manifest import add_to_manifest
 from islandgp.viewer.champion import champion_replay
 from islandgp.viewer.run_page import NAME_OF_PAGE, run_page
 
@@ -55,6 +56,8 @@ def write_page(folder: RunFolder, status: Status) -> Path:
         replay = _replay(folder) if status is Status.FINISHED else ""
         text = run_page(folder, status, replay=replay, now=int(1000 * time()))
         write_atomic(path, text.encode())
+        if status is Status.FINISHED:
+            add_to_manifest(folder.path, path.name)
     return path
 
 

@@ -31,7 +31,9 @@ from islandgp.evolution.validation import (
 from islandgp.evolution.validation import worlds_of as validation_worlds
 from islandgp.plugin import blaming, path_of
 from islandgp.records.archive_file import ArchiveFile
+from islandgp.records.files import PAGE
 from islandgp.records.folder import RunFolder, Status
+from islandgp.records.manifest import is_as_written
 from islandgp.records.parameters import redacted
 from islandgp.running.automatic_library import automatic_library
 from islandgp.running.page_writer import PageWriter
@@ -44,7 +46,6 @@ from islandgp.supervision.base import RunContext, Service, Supervisor, Witness
 from islandgp.supervision.library import Library, library_folder, read_library, read_tree
 from islandgp.tracking.base import Tracker
 from islandgp.trust import names_in, trust
-from islandgp.viewer.run_page import NAME_OF_PAGE
 
 
 class Pruned(Exception):
@@ -81,6 +82,8 @@ def run_context(settings: Settings, folder: Path | None = None) -> RunContext:
         crisis=settings.gp.crisis,
         adapt_mutation=settings.supervisor.adapt_mutation,
         inject=settings.supervisor.inject,
+        edits=settings.supervisor.edits,
+        constraints=settings.constraints,
     )
 
 
@@ -161,10 +164,10 @@ def make_search(settings: Settings, plan: Plan) -> Search:
     return search
 
 
-def make_evaluator(settings: Settings) -> Evaluator:
-    """The evaluator that the settings choose."""
-    part = settings.evaluator
-    evaluator: Evaluator = part.factory.make(part.settings(), settings.problem())
+def make_evaluator(settings: Settings, *, perturbed: bool | None = None) -> Evaluator:
+    """The evaluator that the settings choose; `perturbed` as in `Settings.problem`."""
+    part, problem = settings.evaluator, settings.problem(perturbed=perturbed)
+    evaluator: Evaluator = part.factory.make(part.settings(), problem)
     return Cached(evaluator) if part.cache else evaluator
 
 
@@ -229,9 +232,14 @@ def _end(target: RunFolder, *more: str) -> End:
 
 
 def _complete(target: RunFolder, tracker: Tracker) -> End:
-    """A finished run as it is; the tracker sends what is missing of it."""
+    """A finished run as it is; the tracker sends what is missing of it.
+
+    Raises:
+        RunError: a file of it is damaged.
+    """
+    target.must_be_sound(page=False)
     target.restore()
-    if not (target.path / NAME_OF_PAGE).exists():  # of an older version
+    if not is_as_written(target.path, PAGE):
         PageWriter(target).end(Status.FINISHED)
     tracker.start(target)
     where = tracker.finish(Status.FINISHED)
@@ -263,7 +271,8 @@ def _evolve(
     stopped = ""
     elites: tuple[Elite, ...] = ()
     plan = plan_of(settings, settings.make_domain())
-    past = target.generations() if done and isinstance(supervisor, Witness) else ()
+    needed = isinstance(supervisor, Witness) or plan.switches.edits
+    past = target.generations() if done and needed else ()
     search = make_search(settings, plan)
     steps = evolve(
         plan, settings.seed, supervisor, evaluator, search=search, start=start, past=past
@@ -293,6 +302,7 @@ def _evolve(
                     judge(step.record.snapshot.generation, step.record.snapshot.best)
             written.result()
         assert fittest is not None
+        target.must_be_as_left()
         best = best_robot(settings, target, evaluator)
     finally:
         steps.close()  # now, and not when the interpreter ends

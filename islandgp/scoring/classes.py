@@ -60,6 +60,9 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
     tiers: dict[Name, Tier] = Field(min_length=1)  # best first
     milestones: tuple[Name, ...] = Field(min_length=1)
     """Tiers that runs are judged by, the easiest first: their first robots are told."""
+    hardest: tuple[Name, ...] = ()
+    """Behaviours, the hardest to find first: supervisors that go by rules decide between equals by
+    it. Behaviours that are not named follow, the last one first."""
 
     @model_validator(mode="after")
     def _fits_together(self) -> Classes:
@@ -67,6 +70,7 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
         for path, name, where in (
             *(("specialists.of", name, "of") for name in self.specialists.of),
             *(("milestones", name, "tiers") for name in self.milestones),
+            *(("hardest", name, "of") for name in self.hardest),
             *((f"tiers.{t}.also", r.also, "tiers") for t, r in self.tiers.items() if r.also),
         ):
             for line in unknown(path, name, known[where]):
@@ -74,6 +78,7 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
         for path, given in (
             ("specialists.of", self.specialists.of),
             ("milestones", self.milestones),
+            ("hardest", self.hardest),
         ):
             if len(set(given)) < len(given):
                 raise ValueError(f"{path}: expected each name once, found {', '.join(given)}")

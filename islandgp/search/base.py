@@ -21,7 +21,7 @@ from pydantic import BaseModel
 
 from islandgp.bt.node import Node
 from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import Evaluated, Individual
+from islandgp.evolution.population import EditedTree, Evaluated, Individual
 from islandgp.seeding import Streams
 
 
@@ -39,6 +39,9 @@ class Advice:
 
     rate: float  # mutation rate in force, in [0, 1]
     tree: Node | None = None  # to inject, within the limits
+    edited: tuple[EditedTree, ...] = ()
+    """To evaluate next, within the limits, each in a slot of its own; at most `supervisor.edits`,
+    which is at most `gp.population` - 3."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +57,7 @@ SEARCHES: Final = ("make", "start", "ask", "tell")
 """Methods of a class that configuration can choose as a search, besides `Settings`."""
 
 
-USES: Final = frozenset({"rate", "tree"})
+USES: Final = frozenset({"rate", "tree", "edits"})
 """What a search can take of a supervisor's guidance."""
 
 

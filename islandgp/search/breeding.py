@@ -15,7 +15,13 @@ from islandgp.bt.node import Node, within
 from islandgp.bt.simplify import simplify
 from islandgp.evolution.branches import random_list
 from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import Individual, Origin, Tree
+from islandgp.evolution.population import (
+    EditedTree,
+    Individual,
+    Origin,
+    Tree,
+    edited_individuals,
+)
 from islandgp.evolution.random_trees import TreeSpace, check_weights, random_tree, weighted
 from islandgp.evolution.variation import CROSSOVERS, MutationSettings, crossover, mutate
 from islandgp.seeding import Stream, Streams
@@ -186,8 +192,9 @@ def next_generation(
     pick: Callable[[np.random.Generator], tuple[Parent, Sequence[Parent]]],
     how: Breeding,
     known: Iterable[Node] = (),
+    edited: Sequence[EditedTree] = (),
 ) -> tuple[Individual, ...]:
-    """Trees that are evaluated again, the supervisor's tree, and children for the other slots.
+    """Trees that are evaluated again, the supervisor's trees, and children for the other slots.
 
     Args:
         plan: of the run.
@@ -199,14 +206,16 @@ def next_generation(
         pick: draws a child's mother, and who may be its father.
         how: children are made.
         known: further trees that no child should equal.
+        edited: of the supervisor.
     """
     n = plan.gp.population
     kept = [
         Individual(f"{generation}.{slot}", parent.tree, Origin.ELITE, (parent.id,))
-        for slot, parent in enumerate(again[: n - 2])
+        for slot, parent in enumerate(again[: n - 2 - len(edited)])
     ]
     if tree is not None:
         kept.append(Individual(f"{generation}.{len(kept)}", tree, Origin.INJECTED))
+    kept += edited_individuals(edited, generation, len(kept))
     tried = {digest(old) for old in (*(i.tree for i in kept), *known)}
     slots = range(len(kept), n)
     return (*kept, *children(streams, generation, slots, pick, plan.space, how, tried))

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import Evaluated, Individual, Tree
+from islandgp.evolution.population import EditedTree, Evaluated, Individual, Tree
 from islandgp.search.base import Advice, SearchContext, SearchState
 from islandgp.search.breeding import Breeding, Parent, first_generation, next_generation
 from islandgp.seeding import Streams
@@ -34,6 +34,7 @@ class Summit:
 
     parent: Parent  # of the next generation
     given: Tree | None  # of the supervisor, to inject
+    edited: tuple[EditedTree, ...] = ()  # of the supervisor
 
 
 class Hill:
@@ -41,7 +42,7 @@ class Hill:
 
     Settings = HillSettings
     Memory: ClassVar[Any] = Summit
-    uses: ClassVar[frozenset[str]] = frozenset({"tree"})
+    uses: ClassVar[frozenset[str]] = frozenset({"tree", "edits"})
 
     @classmethod
     def make(cls, settings: HillSettings, context: SearchContext) -> Hill:
@@ -71,6 +72,7 @@ class Hill:
             state.generation,
             again=[memory.parent],
             tree=memory.given,
+            edited=memory.edited,
             pick=pick,
             how=self.settings.breeding,
         )
@@ -80,4 +82,6 @@ class Hill:
     ) -> SearchState:
         """See `Search`. Of equals the first stays: the parent, which has slot 0."""
         best = max(evaluated, key=lambda e: e.merit).individual
-        return SearchState(state.generation + 1, Summit(Parent(best.id, best.tree), advice.tree))
+        return SearchState(
+            state.generation + 1, Summit(Parent(best.id, best.tree), advice.tree, advice.edited)
+        )

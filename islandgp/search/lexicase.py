@@ -17,7 +17,7 @@ from pydantic import BaseModel, Field
 
 from islandgp.errors import ConfigError
 from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import Evaluated, Individual, Tree
+from islandgp.evolution.population import EditedTree, Evaluated, Individual, Tree
 from islandgp.scoring.constraints import merit
 from islandgp.search.base import Advice, SearchContext, SearchState
 from islandgp.search.breeding import Breeding, Parent, first_generation, next_generation
@@ -48,6 +48,7 @@ class Contenders:
 
     all: tuple[Contender, ...]
     given: Tree | None  # of the supervisor, to inject
+    edited: tuple[EditedTree, ...] = ()  # of the supervisor
 
 
 class Lexicase:
@@ -55,7 +56,7 @@ class Lexicase:
 
     Settings = LexicaseSettings
     Memory: ClassVar[Any] = Contenders
-    uses: ClassVar[frozenset[str]] = frozenset({"tree"})
+    uses: ClassVar[frozenset[str]] = frozenset({"tree", "edits"})
 
     @classmethod
     def make(cls, settings: LexicaseSettings, context: SearchContext) -> Lexicase:
@@ -96,6 +97,7 @@ class Lexicase:
             state.generation,
             again=[parents[k] for k in fittest[: self.settings.elites]],
             tree=memory.given,
+            edited=memory.edited,
             pick=pick,
             how=self.settings.breeding,
         )
@@ -104,18 +106,18 @@ class Lexicase:
         self, state: SearchState, evaluated: Sequence[Evaluated], advice: Advice
     ) -> SearchState:
         """See `Search`."""
-        found = tuple(
-            Contender(
-                Parent(e.individual.id, e.individual.tree), e.fitness, self._cases(e), e.violation
-            )
-            for e in evaluated
-        )
-        return SearchState(state.generation + 1, Contenders(found, advice.tree))
+        found = tuple(contender(e, self._cases(e)) for e in evaluated)
+        return SearchState(state.generation + 1, Contenders(found, advice.tree, advice.edited))
 
     def _cases(self, e: Evaluated) -> tuple[float, ...]:
         if self.settings.cases == "episodes":
             return e.episodes
         return tuple(e.outcome.components.values())
+
+
+def contender(e: Evaluated, cases: tuple[float, ...]) -> Contender:
+    """An evaluated individual with its points in each case."""
+    return Contender(Parent(e.individual.id, e.individual.tree), e.fitness, cases, e.violation)
 
 
 def eligible(violations: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:

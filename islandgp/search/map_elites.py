@@ -19,7 +19,7 @@ from pydantic import BaseModel, Field
 
 from islandgp.domain import Schema
 from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import Evaluated, Individual, Tree
+from islandgp.evolution.population import EditedTree, Evaluated, Individual, Tree
 from islandgp.scoring.constraints import (
     NO_COUNTERS,
     Merit,
@@ -66,6 +66,7 @@ class Grid:
 
     occupants: tuple[Occupant, ...]
     given: Tree | None  # of the supervisor, to inject
+    edited: tuple[EditedTree, ...] = ()  # of the supervisor
 
 
 class MapElites:
@@ -73,7 +74,7 @@ class MapElites:
 
     Settings = MapElitesSettings
     Memory: ClassVar[Any] = Grid
-    uses: ClassVar[frozenset[str]] = frozenset({"tree"})
+    uses: ClassVar[frozenset[str]] = frozenset({"tree", "edits"})
 
     @classmethod
     def make(cls, settings: MapElitesSettings, context: SearchContext) -> MapElites:
@@ -96,11 +97,12 @@ class MapElites:
             return first_generation(self.plan, streams, self.settings.breeding)
         best = [found[0] for found in self.cells(memory.occupants).values()]
         parents = [o.parent for o in best]
+        mothers = [o.parent for o in best if not self._violation(o)] or parents
         doubtful = sorted(best, key=lambda o: (-o.n, self._merit(o)), reverse=True)
         most = round(self.settings.again * self.plan.gp.population)
 
         def pick(rng: np.random.Generator) -> tuple[Parent, Sequence[Parent]]:
-            return parents[rng.integers(len(parents))], parents
+            return mothers[rng.integers(len(mothers))], parents
 
         return next_generation(
             self.plan,
@@ -108,6 +110,7 @@ class MapElites:
             state.generation,
             again=[o.parent for o in doubtful[:most]],
             tree=memory.given,
+            edited=memory.edited,
             pick=pick,
             how=self.settings.breeding,
             known=[o.parent.tree for o in memory.occupants],
@@ -126,7 +129,7 @@ class MapElites:
             known[key] = updated(known.get(key), e, place, counters)
         cells = self.cells(tuple(known.values())).values()
         kept = tuple(o for found in cells for o in found[: self.settings.depth])
-        return SearchState(state.generation + 1, Grid(kept, advice.tree))
+        return SearchState(state.generation + 1, Grid(kept, advice.tree, advice.edited))
 
     def cells(self, occupants: Sequence[Occupant]) -> dict[tuple[int, ...], list[Occupant]]:
         """The occupants of each cell, the best first."""
@@ -136,7 +139,10 @@ class MapElites:
         return found
 
     def _merit(self, o: Occupant) -> Merit:
-        return merit(o.fitness, violation(o.counters, self.plan.constraints))
+        return merit(o.fitness, self._violation(o))
+
+    def _violation(self, o: Occupant) -> float:
+        return violation(o.counters, self.plan.constraints)
 
 
 def updated(

@@ -17,7 +17,7 @@ from pydantic import BaseModel, Field
 
 from islandgp.domain import Schema
 from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import Evaluated, Individual, Tree
+from islandgp.evolution.population import EditedTree, Evaluated, Individual, Tree
 from islandgp.search.base import Advice, SearchContext, SearchState
 from islandgp.search.breeding import Breeding, Parent, first_generation, next_generation
 from islandgp.search.descriptor import Descriptor, dimensions, faults, point
@@ -51,6 +51,7 @@ class Explored:
     fittest: tuple[Parent, ...]  # of these, the best first
     archive: Places  # that were new before, the oldest first
     given: Tree | None  # of the supervisor, to inject
+    edited: tuple[EditedTree, ...] = ()  # of the supervisor
 
 
 class Novelty:
@@ -58,7 +59,7 @@ class Novelty:
 
     Settings = NoveltySettings
     Memory: ClassVar[Any] = Explored
-    uses: ClassVar[frozenset[str]] = frozenset({"tree"})
+    uses: ClassVar[frozenset[str]] = frozenset({"tree", "edits"})
 
     @classmethod
     def make(cls, settings: NoveltySettings, context: SearchContext) -> Novelty:
@@ -91,6 +92,7 @@ class Novelty:
             state.generation,
             again=memory.fittest,
             tree=memory.given,
+            edited=memory.edited,
             pick=pick,
             how=self.settings.breeding,
         )
@@ -112,6 +114,7 @@ class Novelty:
             fittest=tuple(parents[k] for k in fittest[: self.settings.fittest]),
             archive=grown[max(0, len(grown) - self.settings.archive) :],
             given=advice.tree,
+            edited=advice.edited,
         )
         return SearchState(state.generation + 1, explored)
 

@@ -17,7 +17,7 @@ from pydantic import BaseModel, Field
 from islandgp.bt.node import size
 from islandgp.domain import Schema
 from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import Evaluated, Individual, Tree
+from islandgp.evolution.population import EditedTree, Evaluated, Individual, Tree
 from islandgp.scoring.rewards import unknown
 from islandgp.search.base import Advice, SearchContext, SearchState
 from islandgp.search.breeding import Breeding, Parent, first_generation, next_generation
@@ -47,6 +47,7 @@ class Survivors:
 
     parents: tuple[Parent, ...]
     given: Tree | None  # of the supervisor, to inject
+    edited: tuple[EditedTree, ...] = ()  # of the supervisor
 
 
 class Nsga2:
@@ -54,7 +55,7 @@ class Nsga2:
 
     Settings = Nsga2Settings
     Memory: ClassVar[Any] = Survivors
-    uses: ClassVar[frozenset[str]] = frozenset({"tree"})
+    uses: ClassVar[frozenset[str]] = frozenset({"tree", "edits"})
 
     @classmethod
     def make(cls, settings: Nsga2Settings, context: SearchContext) -> Nsga2:
@@ -88,6 +89,7 @@ class Nsga2:
             state.generation,
             again=parents,
             tree=memory.given,
+            edited=memory.edited,
             pick=pick,
             how=self.settings.breeding,
         )
@@ -101,7 +103,7 @@ class Nsga2:
         most = max(2, round(self.settings.survivors * len(evaluated)))
         individuals = [evaluated[k].individual for k in crowded_order(points, broken)[:most]]
         parents = tuple(Parent(i.id, i.tree) for i in individuals)
-        return SearchState(state.generation + 1, Survivors(parents, advice.tree))
+        return SearchState(state.generation + 1, Survivors(parents, advice.tree, advice.edited))
 
 
 def _value(e: Evaluated, objective: str) -> float:

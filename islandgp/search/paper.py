@@ -8,7 +8,14 @@ from typing import Any, ClassVar, Final
 
 from islandgp.evolution.allocation import next_population, remember
 from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import Ancestor, Evaluated, Individual, Origin, Tree
+from islandgp.evolution.population import (
+    Ancestor,
+    EditedTree,
+    Evaluated,
+    Individual,
+    Origin,
+    Tree,
+)
 from islandgp.evolution.random_trees import random_tree
 from islandgp.evolution.variation import mutate
 from islandgp.scoring.snapshot import diversity
@@ -28,6 +35,7 @@ class Parents:
     tree: Tree | None  # to inject
     ancestors: dict[str, Ancestor] = field(default_factory=dict)
     """The best individual of each behaviour, resurrected when the behaviour dies out."""
+    edited: tuple[EditedTree, ...] = ()  # of the supervisor
 
 
 class Paper:
@@ -38,7 +46,7 @@ class Paper:
 
     Settings = NoSettings
     Memory: ClassVar[Any] = Parents
-    uses: ClassVar[frozenset[str]] = frozenset({"rate", "tree"})
+    uses: ClassVar[frozenset[str]] = frozenset({"rate", "tree", "edits"})
 
     @classmethod
     def make(cls, settings: NoSettings, context: SearchContext) -> Paper:  # noqa: ARG003 -- the protocol's
@@ -63,6 +71,7 @@ class Paper:
             streams=streams,
             generation=state.generation,
             injected=parents.tree,
+            edited=parents.edited,
             archive=parents.ancestors,
             diversity=diversity([e.verdict.specialist for e in parents.population]),
         )
@@ -75,7 +84,7 @@ class Paper:
         stage = self.plan.curriculum.stage(state.generation)
         before = {} if state.memory is None else state.memory.ancestors
         ancestors = remember(before, evaluated, self.plan.classes.kept, stage)
-        parents = Parents(tuple(evaluated), advice.rate, advice.tree, ancestors)
+        parents = Parents(tuple(evaluated), advice.rate, advice.tree, ancestors, advice.edited)
         return SearchState(state.generation + 1, parents)
 
 
@@ -95,10 +104,14 @@ def first_population(plan: Plan, streams: Streams) -> tuple[Individual, ...]:
 def mutated(
     plan: Plan, population: Sequence[Individual], streams: Streams, generation: int, rate: float
 ) -> tuple[Individual, ...]:
-    """Line 15: mutation after construction, of all where `gp.mutate_elites` (section 2.4.3)."""
+    """Line 15: mutation after construction, of all where `gp.mutate_elites` (section 2.4.3).
+
+    Edited trees stay as they were advised.
+    """
     new = []
     for slot, i in enumerate(population):
-        if plan.gp.mutate_elites or i.origin not in SPARED:
+        spared = () if plan.gp.mutate_elites else SPARED
+        if i.origin not in (*spared, Origin.EDITED):
             rng = streams(Stream.MUTATION, generation=generation, slot=slot)
             tree, operator = mutate(rng, i.tree, rate=rate, space=plan.space, how=plan.gp.mutation)
             i = replace(i, tree=tree, mutation=operator)

@@ -21,7 +21,14 @@ from pydantic import BaseModel, Field
 from islandgp.bt.node import Node, size
 from islandgp.evolution.evidence import estimate
 from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import Evaluated, Individual, Origin, Tree
+from islandgp.evolution.population import (
+    EditedTree,
+    Evaluated,
+    Individual,
+    Origin,
+    Tree,
+    edited_individuals,
+)
 from islandgp.scoring.constraints import (
     NO_COUNTERS,
     Merit,
@@ -33,6 +40,7 @@ from islandgp.scoring.constraints import (
 from islandgp.search.base import Advice, SearchContext, SearchState
 from islandgp.search.breeding import Breeding, Parent, children, digest, random_individuals
 from islandgp.search.compose import priority_lists
+from islandgp.search.lexicase import Contender, contender, eligible, selected
 from islandgp.seeding import Stream, Streams
 
 
@@ -47,6 +55,12 @@ class RacingSettings(BaseModel, frozen=True, extra="forbid"):
     milestone: float = Field(ge=0)  # standard deviations that a milestone is worth
     behaviour: float = Field(ge=0)  # standard deviations that a behaviour is worth
     parsimony: float = Field(ge=0)  # standard deviations that a node costs
+    specialists: float = Field(ge=0, le=1)
+    """Share of mothers chosen by lexicase selection over the last generation's episodes.
+
+    A tree that is far better than all others in one world has children then, whatever it earns
+    in the others. Without effect where an individual has one episode.
+    """
     breeding: Breeding
 
 
@@ -69,6 +83,8 @@ class Evidence:
     entries: tuple[Entry, ...]
     tree: Tree | None  # of the supervisor, to inject
     tried: tuple[str, ...]  # digests of trees
+    contenders: tuple[Contender, ...] = ()  # the last generation; () without specialists
+    edited: tuple[EditedTree, ...] = ()  # of the supervisor
 
 
 TRIED = 3000  # trees that are remembered as tried
@@ -79,7 +95,7 @@ class Racing:
 
     Settings = RacingSettings
     Memory: ClassVar[Any] = Evidence
-    uses: ClassVar[frozenset[str]] = frozenset({"tree"})
+    uses: ClassVar[frozenset[str]] = frozenset({"tree", "edits"})
 
     @classmethod
     def make(cls, settings: RacingSettings, context: SearchContext) -> Racing:
@@ -103,6 +119,7 @@ class Racing:
         asked = self._again(memory, g) if g else self._first(streams)
         if memory.tree is not None:
             asked.append(Individual(f"{g}.{len(asked)}", memory.tree, Origin.INJECTED))
+        asked += edited_individuals(memory.edited, g, len(asked))
         slots = range(len(asked), self.plan.gp.population)
         tried = {*memory.tried, *(digest(i.tree) for i in asked)}
         common = self.plan.space, how.breeding, tried
@@ -111,7 +128,13 @@ class Racing:
         parents = [Parent(e.id, e.tree) for e in memory.entries]
         fathers = [*parents, *self.library]
 
+        contenders = memory.contenders
+        points = np.array([c.cases for c in contenders])
+        entrants = eligible(np.array([c.violation for c in contenders])) if contenders else None
+
         def pick(rng: np.random.Generator) -> tuple[Parent, Sequence[Parent]]:
+            if contenders and rng.random() < how.specialists:
+                return contenders[selected(rng, points, entrants)].parent, fathers
             return parents[min(rng.integers(len(parents), size=2))], fathers
 
         return (*asked, *children(streams, g, slots, pick, *common))
@@ -130,7 +153,7 @@ class Racing:
         """Survivors that meet the generation's worlds: those with the highest upper bounds."""
         likely = self._ranked(memory.entries, 1.0)
         n = self.plan.gp.population
-        most = min(max(1, round(self.settings.again * n)), n - 2)
+        most = min(max(1, round(self.settings.again * n)), n - 2 - len(memory.edited))
         return [
             Individual(f"{generation}.{slot}", e.tree, Origin.ELITE, (e.id,))
             for slot, e in enumerate(likely[:most])
@@ -150,7 +173,10 @@ class Racing:
         tried = tuple(dict.fromkeys((*memory.tried, *keys)))[-TRIED:]
         most = max(2, round(self.settings.survivors * self.plan.gp.population))
         kept = tuple(ranked[:most])
-        return SearchState(state.generation + 1, Evidence(kept, advice.tree, tried))
+        several = self.settings.specialists and self.plan.gp.episodes > 1
+        contenders = tuple(contender(e, e.episodes) for e in evaluated) if several else ()
+        evidence = Evidence(kept, advice.tree, tried, contenders, advice.edited)
+        return SearchState(state.generation + 1, evidence)
 
     def _bonus(self, e: Evaluated) -> float:
         """What milestones and behaviours are worth, in standard deviations.

@@ -42,6 +42,7 @@ class Generalisation:
     trained: float | None  # points, its fitness in the generation in which it lived
     points: tuple[float, ...]  # in each unseen world, in an order that all trees share
     reached: Mapping[str, float]  # by milestone: share of the worlds in which it is such a robot
+    perturbed: tuple[float, ...] = ()  # points in these worlds after their perturbation, if any
 
     @property
     def worlds(self) -> int:
@@ -120,6 +121,7 @@ def generalise(
         for name, text in yardsticks.items()
     ]
     outcomes = _outcomes(make(problem), (job for *_, mine in trees for job in mine))
+    perturbed = _perturbed(study, make, [job for *_, mine in trees for job in mine])
     found = []
     for name, seed, trained, mine in trees:
         reached = [tiers(outcomes[job], study.classes) for job in mine]
@@ -130,9 +132,20 @@ def generalise(
                 trained=trained,
                 points=tuple(outcomes[job].fitness for job in mine),
                 reached={m: fmean(m in t for t in reached) for m in study.milestones},
+                perturbed=tuple(perturbed[job].fitness for job in mine if perturbed),
             )
         )
     return tuple(found)
+
+
+def _perturbed(
+    study: Comparison, make: Callable[[Problem], Evaluator], jobs: Sequence[Job]
+) -> dict[Job, Outcome]:
+    """The outcomes in the first arm's perturbed worlds; {} where it has none."""
+    run = study.arms[0].runs[0]
+    if run.config.get("perturb") is None:
+        return {}
+    return _outcomes(make(problem_of(run, perturbed=True)), jobs)
 
 
 def _outcomes(evaluator: Evaluator, jobs: Iterable[Job]) -> dict[Job, Outcome]:
@@ -142,15 +155,15 @@ def _outcomes(evaluator: Evaluator, jobs: Iterable[Job]) -> dict[Job, Outcome]:
         return dict(zip(wanted, evaluator.evaluate(wanted), strict=True))
 
 
-def problem_of(run: Run) -> Problem:
-    """What the trees of a run were evaluated in.
+def problem_of(run: Run, *, perturbed: bool | None = None) -> Problem:
+    """What the trees of a run were evaluated in; `perturbed` as in `Problem.recorded`.
 
     Raises:
         StudyError: its domain cannot be imported.
         UntrustedError: only the run names its domain.
     """
     try:
-        return Problem.recorded(run.config)
+        return Problem.recorded(run.config, perturbed=perturbed)
     except UntrustedError:
         raise
     except RunError as error:

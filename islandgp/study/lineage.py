@@ -19,6 +19,8 @@ from islandgp.evolution.record import GenerationRecord, IndividualRecord
 from islandgp.study.arms import Arm, Run
 from islandgp.study.library import library_names
 
+ADVISED: Final = (Origin.INJECTED, Origin.EDITED)
+"""How a supervisor's trees come into a population."""
 ELITE: Final = 0.1  # share of a population that is its elite: the top 3 of 30 (section 2.3)
 
 
@@ -26,6 +28,7 @@ ELITE: Final = 0.1  # share of a population that is its elite: the top 3 of 30 (
 RANDOM: Final = "a random tree, as it was drawn"
 BRED: Final = "bred, no injected ancestor"
 HEIR: Final = "bred, with an injected ancestor"
+EDITED: Final = "edited by the supervisor"
 GIVEN: Final = "injected, as it is: "  # and whose tree it is
 
 
@@ -34,7 +37,7 @@ class Newcomer:
     """A tree that was injected or drawn at random, and its descendants."""
 
     id: str
-    origin: Origin  # INJECTED or RANDOM
+    origin: Origin  # INJECTED, EDITED or RANDOM
     generation: int  # in which it came
     fitness: float  # points, when it came
     lived: int  # generations until its last descendant; 0: it had none
@@ -82,7 +85,7 @@ def final_elite(run: Run) -> list[IndividualRecord]:
 
 def with_injected_ancestor(run: Run) -> frozenset[str]:
     """The ids of all individuals that descend from an injected tree, or are one."""
-    ids = [i.id for _, i in _came(run.records) if i.origin == Origin.INJECTED]
+    ids = [i.id for _, i in _came(run.records) if i.origin in ADVISED]
     return frozenset(i.id for _, i, _ in _walk(run.records, ids))
 
 
@@ -116,6 +119,7 @@ class Descent(StrEnum):
 
     INJECTED = "an injected tree, as it was given"
     MUTATED = "an injected tree, mutated"
+    EDITED = "a tree that the supervisor edited"
     DESCENDANT = "a descendant of injected trees"
     OWN = "no injected ancestor"
     NEVER = "never emerged"
@@ -130,6 +134,8 @@ def descent_of_first(run: Run, tier: str) -> Descent:
             best = max(reached, key=lambda i: i.fitness)
             if best.origin == Origin.INJECTED:
                 return Descent.MUTATED if best.mutation else Descent.INJECTED
+            if best.origin == Origin.EDITED:
+                return Descent.EDITED
             return Descent.DESCENDANT if best.id in heirs else Descent.OWN
     return Descent.NEVER
 
@@ -147,6 +153,8 @@ def provenance(run: Run, individuals: Iterable[IndividualRecord]) -> list[str]:
 def _source(run: Run, i: IndividualRecord, heirs: frozenset[str]) -> str:
     if i.origin == Origin.INJECTED and not i.mutation:
         return f"{GIVEN}{giver(run, i)}"
+    if i.origin == Origin.EDITED:
+        return EDITED
     if i.id in heirs:
         return HEIR
     return RANDOM if i.origin == Origin.RANDOM and not i.mutation else BRED
@@ -184,7 +192,7 @@ def most_injected(arms: Iterable[Arm]) -> tuple[str, str, int] | None:
 def _came(records: Sequence[GenerationRecord]) -> Iterator[tuple[int, IndividualRecord]]:
     for generation, record in enumerate(records):
         for i in record.individuals:
-            if generation and i.origin in (Origin.INJECTED, Origin.RANDOM):
+            if generation and i.origin in (*ADVISED, Origin.RANDOM):
                 yield generation, i
 
 

@@ -38,7 +38,12 @@ from islandgp.study.tables.comparisons import (
     power_table,
     runs_table,
 )
-from islandgp.study.tables.origins import champion_sources_table, lineage_table, sources_table
+from islandgp.study.tables.origins import (
+    champion_sources_table,
+    edits_table,
+    lineage_table,
+    sources_table,
+)
 from islandgp.study.tables.scores import (
     VALIDATED,
     champion_rows,
@@ -242,6 +247,9 @@ def _beyond(study: Comparison, unseen: Sequence[Generalisation], worlds: int) ->
     if survival is not None:
         yield survival
         yield lineage_table(study)
+        edits = edits_table(study)
+        if edits is not None:
+            yield edits
         yield sources_table(study)
     if unseen:
         yield generalisation_table(unseen, worlds)

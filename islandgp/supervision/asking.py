@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import fields
 from functools import lru_cache
+from math import isfinite
 from queue import SimpleQueue
 from threading import Thread
 from typing import Any, Final
@@ -22,6 +23,7 @@ from islandgp.bt.language import parse, to_text
 from islandgp.bt.node import Node
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.errors import SupervisionError, TreeError
+from islandgp.evolution.edits import Edit
 from islandgp.plugin import blaming, path_of
 from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, stream
@@ -105,6 +107,21 @@ def _are_notes(value: Any) -> bool:
     )
 
 
+def _are_edits(value: Any) -> bool:
+    return isinstance(value, tuple) and all(
+        isinstance(edit, Edit)
+        and all(map(_is_text, (edit.of, edit.at, edit.donor, edit.donor_at, edit.reason)))
+        and _is_tree(edit.branch)
+        and (edit.number is None or _is_number(edit.number))
+        and isinstance(edit.term, int)
+        for edit in value
+    )
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+
+
 WANTED: Final[Mapping[str, tuple[str, Callable[[Any], bool]]]] = {
     # a field of Guidance: what it must be, and whether a value is that
     "mutation_rate": ("a number in [0, 1] or None", _is_rate),
@@ -118,6 +135,7 @@ WANTED: Final[Mapping[str, tuple[str, Callable[[Any], bool]]]] = {
     "reasoning": ("a text", _is_text),
     "rationale": ("a text", _is_text),
     "notes": ("a dict of texts", _are_notes),
+    "edits": ("a tuple of Edits whose fields are as declared", _are_edits),
 }
 
 

@@ -13,8 +13,11 @@ from pydantic import BaseModel
 
 from islandgp.bt.node import Limits, Node
 from islandgp.domain import Domain, Schema
+from islandgp.evolution.archive import Elite
+from islandgp.evolution.edits import Edit, EditTrial
 from islandgp.evolution.record import GuidanceRecord, IndividualRecord
 from islandgp.scoring.classes import Classes
+from islandgp.scoring.constraints import Constraints
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import Crisis, PopulationState
 from islandgp.supervision.library import Library
@@ -66,6 +69,7 @@ class Guidance:
     reasoning: str = ""  # why this rate
     rationale: str = ""  # why this tree
     notes: dict[str, str] = field(default_factory=dict)  # what a supervisor adds for the record
+    edits: tuple[Edit, ...] = ()  # of individuals, the most important first
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +89,10 @@ class RunContext:
     crisis: Crisis  # when the run overrides the rate
     adapt_mutation: bool  # False: rates are not used, and need not be worked out
     inject: bool  # False: trees are not used, and need not be worked out
+    edits: int = 0  # edits that are used at most; the others are refused
+    constraints: Constraints = field(
+        default_factory=dict
+    )  # who breaks one is worse than who keeps all
     coming: frozenset[Path] = frozenset()  # folders of runs that the same command makes before
 
 
@@ -97,6 +105,10 @@ class Seen:
     multipliers: Mapping[str, float]  # of its stage, by component
     individuals: tuple[IndividualRecord, ...]  # in slot order
     guidance: GuidanceRecord | None  # that made it; None for generation 0
+    archive: tuple[Elite, ...] = ()
+    """The run's elites after it, which edits may name too; () with `supervisor.lag`, and for the
+    generations that a resumed run repeats from its records."""
+    trials: tuple[EditTrial, ...] = ()  # the edited trees that it evaluated
 
 
 SUPERVISES: Final = ("make", "advise")

@@ -42,9 +42,10 @@ class ExpertSettings(BaseModel, frozen=True, extra="forbid"):
     rare: float = Field(ge=0, le=1)  # share of the population below which a behaviour is missing
     collapse: float = Field(ge=0, le=1)  # Eq. (3) below which diversity has collapsed
     compact: Size  # section 2.4.6: trees until a robot of the first milestone has existed
-    hardest: tuple[str, ...] = ()
-    """Behaviours, the hardest to find first: decides between equals. Names that the experiment
-    does not have are passed over; behaviours that are not named follow, the last one first."""
+    hardest: tuple[str, ...] | None = None
+    """Behaviours, the hardest to find first: decides between equals. None: `classes.hardest`.
+    Names that the experiment does not have are passed over; behaviours that are not named follow,
+    the last one first."""
 
     @model_validator(mode="after")
     def _complete(self) -> ExpertSettings:
@@ -92,6 +93,12 @@ def classify_pattern(state: PopulationState, how: ExpertSettings) -> Pattern:
     return Pattern.RAPID_IMPROVEMENT if rising(state, how) else Pattern.HEALTHY_PROGRESS
 
 
+def wanted_rate(state: PopulationState, how: ExpertSettings) -> float:
+    """A rate inside the phase's range, in [0, 1]: the more there is to lose, the lower."""
+    low, high = how.rates[classify_phase(state, how)]
+    return high - (high - low) * calm(state, how)
+
+
 def choose_target(state: PopulationState, how: ExpertSettings) -> str:
     """Table 7: what the next tree is for.
 
@@ -100,7 +107,7 @@ def choose_target(state: PopulationState, how: ExpertSettings) -> str:
     is left to evolution.
     """
     doing = state.now.doing
-    order = [*(name for name in how.hardest if name in doing), *reversed(doing)]
+    order = [*(name for name in how.hardest or () if name in doing), *reversed(doing)]
     rarest = min(order, key=lambda name: doing[name])
     if not doing[rarest]:
         return rarest
@@ -125,6 +132,8 @@ class Expert:
     @classmethod
     def make(cls, settings: ExpertSettings, context: RunContext) -> Self:
         """See `Supervisor`."""
+        if settings.hardest is None:
+            settings = settings.model_copy(update={"hardest": context.classes.hardest})
         expert = cls(settings, context.library())
         for target in context.classes.behaviours:
             if target in expert.library.targets and not expert.fitting(target, compact=True):
@@ -159,11 +168,10 @@ class Expert:
         how = self.settings
         phase, pattern = classify_phase(state, how), classify_pattern(state, how)
         target = choose_target(state, how)
-        low, high = how.rates[phase]
         name = self.pick(target, state, rng)
         goal = title(next(iter(state.reached)))
         return Guidance(
-            mutation_rate=high - (high - low) * calm(state, how),
+            mutation_rate=wanted_rate(state, how),
             tree=self.library.trees[name],
             source=self.name,
             phase=phase,

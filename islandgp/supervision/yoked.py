@@ -56,13 +56,13 @@ class Yoked:
     def ready(cls, settings: YokedSettings, context: RunContext) -> None:
         """Raises SupervisionError where the record is missing or too short, and not yet to come."""
         if settings.folder(context.seed).resolve() not in context.coming:
-            cls._lines(settings, context)
+            cls.lines(settings, context)
 
     @classmethod
     def make(cls, settings: YokedSettings, context: RunContext) -> Yoked:
         """See `Supervisor`. Raises SupervisionError as `ready` does."""
         try:
-            return cls([repeated(line) for line in cls._lines(settings, context)])
+            return cls([repeated(line) for line in cls.lines(settings, context)])
         except (ValueError, TreeError) as error:
             folder = settings.folder(context.seed)
             raise SupervisionError(
@@ -72,7 +72,8 @@ class Yoked:
             ) from None
 
     @classmethod
-    def _lines(cls, settings: YokedSettings, context: RunContext) -> list[bytes]:
+    def lines(cls, settings: YokedSettings, context: RunContext) -> list[bytes]:
+        """The other run's records, a generation a line. Raises SupervisionError as `ready`."""
         folder = settings.folder(context.seed)
         file = folder / "generations.jsonl"
         if not file.is_file():

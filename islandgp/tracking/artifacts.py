@@ -23,6 +23,7 @@ FILES: Final = (
     "costs.jsonl",
     "summary.json",
     "archive.json",
+    "manifest.json",
     "run.html",
     "transcript.jsonl",
 )

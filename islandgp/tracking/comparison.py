@@ -9,6 +9,7 @@ from time import time
 from typing import Final
 
 from islandgp.errors import StudyError, TrackingError, brief
+from islandgp.records.manifest import NAME as MANIFEST
 from islandgp.tracking.store import Place, Store, metric
 
 NEEDED: Final = ("config.yaml", "generations.jsonl", "costs.jsonl", "summary.json")
@@ -57,7 +58,8 @@ def fetch(place: Place, filter_string: str, cache: Path) -> list[Path]:
 def _download(store: Store, run: str, cache: Path) -> Path:
     folder = cache / run
     folder.mkdir(parents=True, exist_ok=True)
-    for name in NEEDED:
+    there = {file.path for file in store.client.list_artifacts(run)}
+    for name in (*NEEDED, *({MANIFEST} & there)):
         if not (folder / name).exists():
             store.client.download_artifacts(run, name, str(folder))
     return folder

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from islandgp.domain import total
-from islandgp.evolution.record import GuidanceRecord
+from islandgp.evolution.edit_fates import EditFate, edit_fates
+from islandgp.evolution.record import GenerationRecord, GuidanceRecord
+from islandgp.plain import typed
 from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, merit, violation
 from islandgp.supervision.decisions import Decisions, decisions
 
@@ -25,6 +27,7 @@ def metrics(
         **_population(record),
         **_archive(record),
         **_supervision(record),
+        **_edits(record),
         **dict(_cost(cost)),
     }
 
@@ -81,6 +84,21 @@ def _supervision(record: Mapping[str, Any]) -> dict[str, float]:
     }
 
 
+def _edits(record: Mapping[str, Any]) -> dict[str, float]:
+    """Edits that were advised after this generation, and how those before it did; {} for none."""
+    advised = (record["guidance"] or {}).get("edits", ())
+    trials = record.get("trials", ())
+    if not advised and not trials:
+        return {}
+    better = sum(trial["fitness"] > trial["parent_fitness"] for trial in trials)
+    return {
+        "edits/advised": len(advised),
+        "edits/refused": sum(bool(edit["refused"]) for edit in advised),
+        "edits/evaluated": len(trials),
+        "edits/better": better,
+    }
+
+
 def _cost(cost: Mapping[str, Any], section: str = "cost") -> Iterator[tuple[str, float]]:
     for key, value in cost.items():
         if isinstance(value, Mapping):
@@ -97,7 +115,10 @@ def final_metrics(records: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, f
     given: list[GuidanceRecord] = []
     best = 0.0
     diversities: list[float] = []
+    edited: list[GenerationRecord] = []
     for record in records:
+        if edited or (record["guidance"] or {}).get("edits"):
+            edited.append(typed(GenerationRecord, record))
         s = record["snapshot"]
         best = max(best, s["best"]) if diversities else s["best"]
         diversities.append(s["diversity"])
@@ -109,7 +130,17 @@ def final_metrics(records: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, f
     yield "run/best", best
     yield "run/mean_diversity", total(diversities) / len(diversities)
     yield from ((f"run/first_{tier}", generation) for tier, generation in first.items())
+    yield from _fates(edit_fates(edited))
     yield from _decisions(decisions([given]))
+
+
+def _fates(fates: Sequence[EditFate]) -> Iterator[tuple[str, float]]:
+    """The run's edits: shares of those that were evaluated, in [0, 1], and generations."""
+    tried = [fate for fate in fates if fate.trial is not None]
+    if tried:
+        yield "run/edits_better", sum((fate.gain or 0) > 0 for fate in tried) / len(tried)
+        yield "run/edits_with_children", sum(fate.children > 0 for fate in tried) / len(tried)
+        yield "run/edits_lived", sum(fate.lived for fate in tried) / len(tried)
 
 
 def _decisions(found: Decisions) -> Iterator[tuple[str, float]]:

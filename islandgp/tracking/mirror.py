@@ -64,6 +64,8 @@ class Mirror:
 
     def send(self, status: Status) -> str:
         """Sends what is missing; returns the MLflow run's id. Raises whatever MLflow raises."""
+        if status is Status.FINISHED and self.folder.finished():
+            self.folder.must_be_sound()
         with self._lock:
             remove_leftovers(self.folder.path, f"{FILE}.*")
             try:

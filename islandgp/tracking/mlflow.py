@@ -7,6 +7,7 @@ process that evolves.
 from __future__ import annotations
 
 import atexit
+import shlex
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from itertools import count
@@ -173,8 +174,14 @@ class MLflow:
             close_client()
         return (
             f"MLflow: {self.place.uri} has not got all records ({reason}). They are safe; this"
-            f" sends them:\n  {program()} sync {self._folder.path}"
+            f" sends them:\n  {program()} sync {self._folder.path}{self._option()}"
         )
+
+    def _option(self) -> str:
+        """The option by which `sync` is told of a server that only this command names."""
+        if self.place.file is not None:
+            return ""
+        return f" --uri {self.place.uri} --experiment {shlex.quote(self.place.experiment)}"
 
     def _order(self, status: Status) -> Order:
         again = status is Status.RUNNING or self.patience > 0

@@ -8,9 +8,11 @@ from typing import Final
 from pydantic import ValidationError
 
 from islandgp.errors import TrackingError
+from islandgp.records.checkpoint import damaged
 from islandgp.records.folder import RunFolder, run_folders
 from islandgp.records.parameters import without_credentials
 from islandgp.tracking.store import MLflowSettings, Place
+from islandgp.trust import must_trust_server
 
 FACTORY: Final = "islandgp.tracking.mlflow:MLflow"
 
@@ -32,18 +34,27 @@ def place_from(uri: str, experiment: str) -> Place:
 
 
 def place_of(folder: RunFolder) -> Place | None:
-    """Where a run's configuration sends it, if anywhere. Raises RunError, TrackingError."""
+    """Where a run's configuration sends it, if anywhere.
+
+    Raises:
+        RunError, TrackingError: the folder is damaged.
+        UntrustedError: only the run names its server.
+    """
     tracking, about = folder.configuration().get("tracking"), folder.about()
-    if not isinstance(tracking, dict) or tracking.get("factory") != FACTORY or about is None:
+    if about is None:
+        raise damaged("a run", folder.path / "about.json", "missing")
+    if not isinstance(tracking, dict) or tracking.get("factory") != FACTORY:
         return None
     try:
-        return Place.of(MLflowSettings.model_validate(tracking.get("policy")), Path(about.home))
+        found = Place.of(MLflowSettings.model_validate(tracking.get("policy")), Path(about.home))
     except ValidationError as error:
         wrong = ".".join(map(str, ("policy", *error.errors()[0]["loc"])))
         raise TrackingError(
             f"Expected a store in {folder.path / 'config.yaml'}, found tracking.{wrong} damaged;"
             " delete the run's folder, or give --uri."
         ) from None
+    must_trust_server(found.uri)
+    return found
 
 
 def place_of_latest(runs: Path) -> Place:
@@ -52,7 +63,8 @@ def place_of_latest(runs: Path) -> Place:
     def started(folder: RunFolder) -> tuple[float, Path]:
         return (folder.path / "about.json").stat().st_mtime, folder.path
 
-    for folder in sorted(run_folders(runs), key=started, reverse=True):
+    there = (folder for folder in run_folders(runs) if (folder.path / "about.json").exists())
+    for folder in sorted(there, key=started, reverse=True):
         if (place := place_of(folder)) is not None:
             return place
     raise TrackingError(

@@ -24,7 +24,8 @@ from pydantic import BaseModel, Field, field_validator
 
 from islandgp.errors import TrackingError
 from islandgp.records.checkpoint import must_take_files
-from islandgp.records.parameters import CREDENTIALS, HIDDEN
+from islandgp.records.parameters import CREDENTIALS
+from islandgp.redaction import HIDDEN
 
 if TYPE_CHECKING:
     from mlflow.entities import Metric, Run
@@ -130,8 +131,14 @@ class Store:
         Raises TrackingError where the SQLite file cannot be used.
         """
         self.place = place
-        self.client = _client(place, preparing)
+        self._client = _client(place, preparing)
         self.experiment = self._experiment()
+
+    @property
+    def client(self) -> MlflowClient:
+        """MLflow's client; its requests have the name and password of this place alone."""
+        _authenticate(self.place)
+        return self._client
 
     def _experiment(self) -> str:
         from mlflow.exceptions import MlflowException
@@ -250,12 +257,29 @@ def _client(place: Place, preparing: Preparing) -> MlflowClient:
     return MlflowClient(tracking_uri=place.uri)
 
 
+ACCOUNT: Final = ("MLFLOW_TRACKING_USERNAME", "MLFLOW_TRACKING_PASSWORD")
+
+_own: Final[dict[str, str | None]] = {}
+"""The user's own values of these variables, while those of an address take their place."""
+
+
 def _authenticate(place: Place) -> None:
-    """Hands MLflow the name and password of the address by the environment, where it looks."""
+    """Hands MLflow the name and password of the address by the environment, where it looks.
+
+    A place without them gets what the user has set there, and never those of another address.
+    """
     name, _, password = place.credentials.partition(":")
     if name not in ("", HIDDEN):  # hidden where the address was read from a run's folder
-        os.environ["MLFLOW_TRACKING_USERNAME"] = unquote(name)
-        os.environ["MLFLOW_TRACKING_PASSWORD"] = unquote(password)
+        for variable, value in zip(ACCOUNT, (unquote(name), unquote(password)), strict=True):
+            _own.setdefault(variable, os.environ.get(variable))
+            os.environ[variable] = value
+        return
+    for variable, before in _own.items():
+        if before is None:
+            os.environ.pop(variable, None)
+        else:
+            os.environ[variable] = before
+    _own.clear()
 
 
 def _make(file: Path) -> bool:

@@ -47,6 +47,8 @@ def sync(
     sweeps: dict[Path, Place] = {}
     for folder in run_folders(root.resolve()):
         try:
+            if folder.finished():
+                folder.must_be_sound()
             where = place or place_of(folder)
             if where is None:
                 done.untracked.append(folder.path)

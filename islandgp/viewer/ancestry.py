@@ -51,7 +51,7 @@ class LineageStep:
     same_worlds: bool  # the gain is of one generation's worlds, not of two
     changes: tuple[TreeChange, ...]  # to the first parent's tree, MOST_CHANGES at most
     left_out: int  # changes that are not among these; -1: the trees are too large
-    guidance: Mapping[str, Any] | None  # whose tree it is, if it was injected in a run
+    guidance: Mapping[str, Any] | None  # that gave the tree, if a supervisor injected or edited it
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +115,7 @@ def _step(
             left_out = max(0, len(changes) - MOST_CHANGES)
     others = ((name, reader.individual(name)) for name in first["parents"])
     guidance = None
-    if first["origin"] == "injected" and generation:
+    if first["origin"] in ("injected", "edited") and generation:
         guidance = (reader.record(generation - 1) or {}).get("guidance")
     return LineageStep(
         id=first["id"],

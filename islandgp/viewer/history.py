@@ -71,7 +71,8 @@ class RunHistory:
         self.seconds += sum(cost[key] for key in ("evaluation", "supervision", "operators"))
 
     def _merit(self, i: Mapping[str, Any]) -> Merit:
-        return merit(i["fitness"], violation(i["counters"], self.constraints))
+        broken = violation(i["counters"], self.constraints) if self.constraints else 0.0
+        return merit(i["fitness"], broken)
 
 
 def read_history(folder: RunFolder) -> RunHistory:

@@ -104,7 +104,7 @@ def record(tree: Node, problem: Problem, *, seed: int, stage: int, limit: float 
         TimeLimitError: the episode took longer.
         DomainError: the domain shows what its schema does not declare, or what is no number.
     """
-    domain = problem.at(stage)
+    domain = problem.in_world(stage, seed)
     schema = domain.schema
     recorder = Recorder(tree, schema)
     weights = problem.curriculum.multipliers(stage)

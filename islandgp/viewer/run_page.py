@@ -20,7 +20,7 @@ from islandgp.evolution.archive import ArchiveSettings, Elite
 from islandgp.records.archive_file import NAME, read_archive
 from islandgp.records.checkpoint import read_checkpoint
 from islandgp.records.folder import RunFolder, Status
-from islandgp.records.parameters import HIDDEN
+from islandgp.redaction import HIDDEN
 from islandgp.resources import program
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import in_words
@@ -402,7 +402,11 @@ def _origin(step: LineageStep) -> str:
         if step.guidance is not None:
             target = step.guidance.get("target")
             text = f"injected by {step.guidance['source']}" + (f" for {target}" if target else "")
-    return f"{text}, then mutation {step.mutation}" if step.mutation else text
+    mutation = step.mutation
+    if step.origin == "edited":
+        kind, _, mutation = mutation.removeprefix("edit:").partition("+")
+        text = f"{first}, edited by the supervisor ({kind})"
+    return f"{text}, then mutation {mutation}" if mutation else text
 
 
 def _guidance(step: LineageStep) -> str:

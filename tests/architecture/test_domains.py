@@ -43,6 +43,7 @@ def test_domains_know_the_contract_and_no_more() -> None:
     """The language, the contract and scoring are all that a domain is made with."""
     allowed = (
         *("bt", "domain", "domains", "errors", "resources", "scoring", "seeding", "ticking"),
+        "sensors",
         "time_limit",
     )
     used = {

@@ -15,9 +15,9 @@ from tests.architecture.sources import PACKAGE, ROOT, imports, module_name, modu
 
 LAYERS: list[tuple[str, ...]] = [
     # A module imports from its own layer and those above it in this list, never from below.
-    ("errors", "plain", "seeding", "resources", "plugin", "time_limit", "trust"),
+    ("errors", "plain", "seeding", "resources", "plugin", "redaction", "time_limit", "trust"),
     ("bt",),
-    ("domain",),
+    ("domain", "sensors"),
     ("scoring",),
     ("ticking", "domains"),
     (
@@ -30,12 +30,14 @@ LAYERS: list[tuple[str, ...]] = [
         "evolution.variation",
         "evolution.plan",
         "evolution.allocation",
+        "evolution.edits",
         "evolution.record",
+        "evolution.edit_fates",
     ),
     ("search",),
     ("supervision",),
     ("evaluation",),
-    ("evolution.loop", "evolution.single_behaviours", "evolution.validation"),
+    ("evolution.guidance", "evolution.loop", "evolution.single_behaviours", "evolution.validation"),
     ("records",),
     ("viewer",),
     ("tracking",),

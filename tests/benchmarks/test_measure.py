@@ -46,6 +46,12 @@ GOALS: Final = {  # of the figures that have one at any effort
 }
 
 
+MARKS: Final = {  # of those that start processes; the slow one waits for four runs and MLflow
+    "overhead_share": (pytest.mark.process, pytest.mark.slow),
+    "peer_ratio": pytest.mark.process,
+    "run_s": pytest.mark.process,
+    "startup_s": pytest.mark.process,
+}
 LIBRARIES: Final = {
     "peer_ratio": ("deap", "py_trees"),
     "tick_us": ("behaviortreepy",),
@@ -69,12 +75,7 @@ def expected(benchmark: str) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    "benchmark",
-    [
-        # It waits for four runs of the command, and MLflow takes its time.
-        pytest.param(name, marks=pytest.mark.slow if name == "overhead_share" else ())
-        for name in BENCHMARKS
-    ],
+    "benchmark", [pytest.param(name, marks=MARKS.get(name, ())) for name in BENCHMARKS]
 )
 def test_a_benchmark_gives_its_figures(benchmark: str) -> None:
     """All figures by name, with the goals of the issue they come from, and no other goals."""

@@ -45,6 +45,7 @@ def test_the_peer_charges() -> None:
     assert peer.counts[Event.CHARGE] == charges
 
 
+@pytest.mark.process
 def test_deap_gives_each_individual_its_fitness() -> None:
     """A batch through DEAP's toolbox comes back in order, with the fitness of each episode."""
     from benchmarks.peer import batch

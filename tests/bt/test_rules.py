@@ -21,6 +21,7 @@ from islandgp.errors import TreeError
 from islandgp.resources import resource
 from tests.bt.every_tick import all_boards, every_tick
 from tests.bt.stage import short_rule, short_tree
+from tests.profiles import examples
 from tests.running.commands import ROOT
 from tests.strategies import conditions, few_numbers, nodes
 
@@ -60,7 +61,7 @@ SMALL = nodes(few_numbers(), max_leaves=5, max_repeats=2)
 ACTIONS = st.sampled_from(list(VOCABULARY.actions))
 
 
-@settings(max_examples=80, deadline=None)
+@examples(max_examples=80, deadline=None)
 @given(SMALL, st.data(), conditions(few_numbers()))
 def test_results_are_those_of_all_ticks(tree: Node, data: st.DataObject, asked: Asked) -> None:
     """A rule is refuted if, and only if, some sequence of ticks of the engine breaks it."""

@@ -20,6 +20,7 @@ from islandgp.bt.node import Node, leaf, within
 from islandgp.bt.vocabulary import Action, Vocabulary, flag
 from islandgp.config.settings import Settings
 from islandgp.errors import ConfigError
+from islandgp.evolution.edits import Edit
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.plan import Plan
 from islandgp.evolution.record import RunState, Step
@@ -28,7 +29,7 @@ from islandgp.records.checkpoint import read_checkpoint, save_state
 from islandgp.running.run import make_search, plan_of
 from islandgp.scoring.constraints import violation
 from islandgp.search.base import USES, Search, SearchContext
-from islandgp.supervision.base import Supervisor
+from islandgp.supervision.base import Seen, Supervisor
 from tests.composed import composed
 from tests.evolution.fake import Fake
 from tests.evolution.runs import Says, lines
@@ -43,6 +44,7 @@ REFUSED = {  # by search: the start of a word of configuration, and what it is a
     }
 }
 CHARGER = parse("sequence { SeekCharger ExecuteCharge }")
+GUARDED = parse("when batteryLevel < 30 abort lower { sequence { SeekCharger ExecuteCharge } }")
 
 WAITING = Vocabulary("waiting", {"Wait": Action("waits")}, {})
 BLIND = Vocabulary("blind", {"Left": Action("turns left"), "Right": Action("turns right")}, {})
@@ -240,6 +242,77 @@ def test_advice_is_obeyed_or_refused(case: Case) -> None:
             assert after.record.snapshot.rate == 0.9
 
 
+class Edits(Says):
+    """Edits the first individuals of each generation, and injects a tree."""
+
+    seen_now: Seen | None = None
+
+    def see(self, generation: Seen) -> None:
+        """See `Witness`."""
+        self.seen_now = generation
+
+    def advise(self, state: Any, rng: Any) -> Any:
+        """See `Supervisor`."""
+        given = super().advise(state, rng)
+        assert self.seen_now is not None
+        edits = (
+            Edit("front", of=i.id, branch=GUARDED, reason="charge")
+            for i in self.seen_now.individuals
+        )
+        return replace(given, edits=tuple(edits))
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        ("+supervisor.edits=3",),
+        ("+supervisor.edits=1", "gp.population=4"),
+        ("+supervisor.edits=9", "supervisor.inject=true"),
+        ("+supervisor.edits=2", "supervisor.lag=2"),
+    ],
+    ids=" ".join,
+)
+def test_edits_are_obeyed_or_refused(case: Case, overrides: tuple[str, ...]) -> None:
+    """An edited tree is in the next generation as it is, with its parent, or the record says why.
+
+    There are as many as there are slots, where enough edits can be made.
+    """
+    settings = case.settings(*overrides)
+    plan = plan_of(settings, settings.make_domain())
+    takes = "edits" in settings.search.factory.uses
+    steps = run(plan, make_search(settings, plan), supervisor=Edits(1.0, CHARGER))
+    check(steps, plan, case.name in FEWER)
+    seen = 0
+    for before, after in itertools.pairwise(steps):
+        guidance = before.record.guidance
+        assert guidance is not None
+        taken = [edit for edit in guidance.edits if not edit.refused]
+        found = [i for i in after.record.individuals if i.origin == "edited"]
+        assert [(i.parents[0], i.mutation) for i in found] == [(e.of, "edit:front") for e in taken]
+        assert all(
+            parse(i.tree) != parse(edit.branch or "") for i, edit in zip(found, taken, strict=True)
+        )
+        assert len(found) <= plan.switches.edits
+        assert all(edit.refused == "the search takes no edits" for edit in guidance.edits) or takes
+        assert [trial.id for trial in after.record.trials] == [i.id for i in found]
+        seen += len(found)
+    assert (seen > 0) is takes
+
+
+def test_resuming_with_edits_changes_nothing(case: Case, tmp_path: Path) -> None:
+    """From the state after each generation, through a checkpoint, the rest is the same."""
+    words = ("+supervisor.edits=2",)
+    steps = case.run(*words, supervisor=Edits())
+    expected = list(lines(steps))
+    for step in steps[:-1]:
+        assert step.state is not None
+        save_state(tmp_path / "checkpoint.json", step.state)
+        found, _ = read_checkpoint(tmp_path / "checkpoint.json")
+        start = replace(found, history=step.state.history)
+        rest = case.run(*words, supervisor=Edits(), start=start)
+        assert list(lines(rest)) == expected[start.generation :]
+
+
 def test_a_tree_is_injected_once(case: Case) -> None:
     """Advice holds for the next generation, and not for those after it."""
     steps = straight(case)
@@ -278,8 +351,13 @@ def test_feasible_comes_before_fit(case: Case) -> None:
     if case.name in FEWER or case.name == "random":
         return
     free, bound = (
-        sum(not broken(case, i.counters) for step in steps[4:] for i in step.record.individuals)
-        for steps in (case.run(), limited(case))
+        sum(
+            not broken(case, i.counters)
+            for seed in range(1, 5)
+            for step in case.run(*words, seed=seed)[4:]
+            for i in step.record.individuals
+        )
+        for words in ((), LIMITED)
     )
     assert bound > free
 

@@ -84,6 +84,10 @@ def distilled() -> Distilled:
 MAKERS: dict[str, Callable[[], Supervisor]] = {
     "baseline": by_configuration("baseline"),
     "expert": by_configuration("expert"),
+    "editor": by_configuration("editor"),
+    "editor_random_branch": by_configuration("editor_random_branch"),
+    "editor_random_tree": by_configuration("editor_random_tree"),
+    "editor_constant": by_configuration("editor_constant"),
     "fixed": by_configuration("fixed"),
     "untargeted": by_configuration("untargeted"),
     "llm": llm,

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict
 
 import numpy as np
 
 from islandgp.bt.node import Node
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.plan import Plan
-from islandgp.evolution.record import GenerationRecord, RunState, Step
+from islandgp.evolution.record import GenerationRecord, RunState, Step, record_values
 from islandgp.records.checkpoint import dump
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Supervisor
@@ -61,4 +60,4 @@ def records(steps: list[Step]) -> list[GenerationRecord]:
 
 def lines(steps: list[Step]) -> Iterator[str]:
     """The records as they stand on disk."""
-    return (dump(asdict(record)) for record in records(steps))
+    return (dump(record_values(record)) for record in records(steps))

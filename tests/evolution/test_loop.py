@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -16,6 +16,7 @@ from islandgp.bt.language import parse
 from islandgp.bt.node import Node, within
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Job
+from islandgp.evolution.record import record_values
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance
 from tests.composed import composed_plan
@@ -333,4 +334,4 @@ def three_generations() -> list[dict[str, object]]:
         "supervisor.inject=true",
         "gp.trees.kinds.parallel=0.5",  # version 1 had fewer in its random trees
     )
-    return [asdict(record) for record in records(run(how, Says(0.5, CHARGER), seed=7))]
+    return [record_values(record) for record in records(run(how, Says(0.5, CHARGER), seed=7))]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,6 +16,7 @@ from click.testing import CliRunner, Result
 from islandgp.cli import islandgp
 from islandgp.errors import UntrustedError
 from islandgp.evaluation.base import Problem
+from islandgp.records.manifest import add_to_manifest
 from islandgp.running.app import main
 from islandgp.tracking.place import place_from
 from islandgp.tracking.sync import sync
@@ -46,17 +48,25 @@ def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     sys.modules.pop("evil", None)
 
 
-def stranger(folder: Path, what: str = "domain", name: str = "evil:Domain") -> Path:
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished run."""
+    home = tmp_path_factory.mktemp("made")
+    return written(home / "run", home).path
+
+
+def stranger(made: Path, folder: Path, what: str = "domain", name: str = "evil:Domain") -> Path:
     """A finished run whose configuration names a class of a stranger's."""
-    run = written(folder, folder.parent)
+    shutil.copytree(made, folder)
     config = yaml.safe_load((folder / "config.yaml").read_text())
     at: dict[str, Any] = config
     *path, last = KEYS[what]
     for key in path:
         at = at.setdefault(key, {})
     at[last] = name
-    (run.path / "config.yaml").write_text(yaml.safe_dump(config))
-    return run.path
+    (folder / "config.yaml").write_text(yaml.safe_dump(config))
+    add_to_manifest(folder, "config.yaml")
+    return folder
 
 
 def command(*words: str) -> Result:
@@ -80,18 +90,20 @@ COMMANDS = {
 
 @pytest.mark.parametrize("name", COMMANDS)
 @pytest.mark.parametrize("form", ["evil:Domain", "evil.Domain"])
-def test_no_command_imports_what_only_a_run_names(name: str, form: str, tmp_path: Path) -> None:
+def test_no_command_imports_what_only_a_run_names(
+    made: Path, name: str, form: str, tmp_path: Path
+) -> None:
     """Whatever the command says, the stranger's module was not run."""
-    run = stranger(tmp_path / "run", name=form)
+    run = stranger(made, tmp_path / "run", name=form)
     command(*(word.replace("RUN", str(run)) for word in COMMANDS[name]))
     assert "evil" not in sys.modules
     assert not (tmp_path / "it ran").exists()
 
 
 @pytest.mark.parametrize("name", ["best", "sync", "distill"])
-def test_a_refusal_names_the_class_and_the_remedy(name: str, tmp_path: Path) -> None:
+def test_a_refusal_names_the_class_and_the_remedy(made: Path, name: str, tmp_path: Path) -> None:
     """One message; with --trust the class is imported."""
-    run = stranger(tmp_path / "run")
+    run = stranger(made, tmp_path / "run")
     words = [word.replace("RUN", str(run)) for word in COMMANDS[name]]
     said = command(*words)
     text = said.output + str(said.exception)
@@ -104,9 +116,9 @@ def test_a_refusal_names_the_class_and_the_remedy(name: str, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("what", KEYS)
-def test_distill_looks_at_all_code_that_a_run_names(what: str, tmp_path: Path) -> None:
+def test_distill_looks_at_all_code_that_a_run_names(made: Path, what: str, tmp_path: Path) -> None:
     """It reads the whole configuration, which imports each class and function."""
-    run = stranger(tmp_path / "run", what, "evil:Fn" if what == "function" else "evil:Domain")
+    run = stranger(made, tmp_path / "run", what, "evil:Fn" if what == "function" else "evil:Domain")
     said = command("distill", str(run), "-o", "policy")
     assert isinstance(said.exception, UntrustedError)
     assert not (tmp_path / "it ran").exists()
@@ -151,18 +163,20 @@ def test_a_replayed_transcript_names_no_class_of_its_own(tmp_path: Path) -> None
     assert not (tmp_path / "it ran").exists()
 
 
-def test_a_run_that_starts_from_a_stranger_s_archive_runs_none_of_its_code(tmp_path: Path) -> None:
+def test_a_run_that_starts_from_a_stranger_s_archive_runs_none_of_its_code(
+    made: Path, tmp_path: Path
+) -> None:
     """`start=RUN` and `supervisor=yoked` read text and JSON."""
-    run = stranger(tmp_path / "run")
+    run = stranger(made, tmp_path / "run")
     small = ("gp.population=4", "gp.generations=2", "evaluator=serial", "tracking=off")
     main([f"start={run}", *small])
     main(["supervisor=yoked", f"supervisor.policy.record={run}", *small])
     assert not (tmp_path / "it ran").exists()
 
 
-def test_sync_as_a_function_refuses_as_well(tmp_path: Path) -> None:
+def test_sync_as_a_function_refuses_as_well(made: Path, tmp_path: Path) -> None:
     """The result names the folder; nothing was sent of it."""
-    run = stranger(tmp_path / "run")
+    run = stranger(made, tmp_path / "run")
     done = sync(run, place_from("sqlite:///mlflow.db", "islandgp"))
     assert isinstance(done.failed[run], UntrustedError)
     assert not (tmp_path / "mlflow.db").exists()

@@ -101,7 +101,7 @@ def outside(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_files(folder)
     say = sayer(folder, ROOT)
     found = commands("sh")
-    assert len(found) == 9
+    assert len(found) == 10
     for words in found:
         say(*words_of(words))
     return folder
@@ -164,6 +164,17 @@ def test_a_supervisor(outside: Path) -> None:
     """Its rates are those of its rule."""
     rates = [r["guidance"]["wanted_rate"] for r in records(outside, "cooling-") if r["guidance"]]
     assert rates == [0.5, pytest.approx(0.3)]
+
+
+def test_a_supervisor_that_edits(outside: Path) -> None:
+    """Its edited tree is in the next generation, with the branch in front."""
+    found = list(records(outside, "recharging-"))
+    (edit,) = found[0]["guidance"]["edits"]
+    assert (edit["kind"], edit["refused"]) == ("front", "")
+    (child,) = [i for i in found[1]["individuals"] if i["origin"] == "edited"]
+    assert child["parents"] == [edit["of"]]
+    assert child["tree"].startswith("selector {\n  when batteryLevel < 45 abort lower")
+    assert [trial["id"] for trial in found[1]["trials"]] == [child["id"]]
 
 
 def test_operators(outside: Path) -> None:

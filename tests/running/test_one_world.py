@@ -9,6 +9,7 @@ from pathlib import Path
 from islandgp.evolution.validation import Best, Candidate, validate
 from islandgp.records.files import values
 from islandgp.records.folder import RunFolder
+from islandgp.records.manifest import add_to_manifest
 from islandgp.results import load
 from islandgp.running.report import report, summary
 from islandgp.study.select import find, read
@@ -70,4 +71,5 @@ def test_a_summary_of_an_older_version_is_read(tmp_path: Path) -> None:
     for end in ("low", "high"):
         text = text.replace(f'{end}": null', f'{end}": 5.0')
     file.write_text(text, encoding="utf-8")
+    add_to_manifest(folder.path, file.name)
     assert "no interval: one world" in report(folder)

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+from islandgp.evolution.edits import Edit, EditTrial, as_record
 from islandgp.study.arms import Run
 from islandgp.study.comparable import compare_arms
 from islandgp.study.library import library_names
 from islandgp.study.lineage import (
     BRED,
+    EDITED,
     HEIR,
     RANDOM,
+    Descent,
+    descent_of_first,
     final_elite,
     injected_shares,
     most_injected,
     provenance,
 )
-from islandgp.study.tables.origins import champion_sources_table, sources_table
+from islandgp.study.tables.origins import champion_sources_table, edits_table, sources_table
 from tests.study.made_runs import TREE, config, guidance, individual, made_arm, made_run
 
 OTHER = "PatrolWaypoint\n"
@@ -87,3 +93,40 @@ def test_the_tables_say_how_common_descent_is() -> None:
     first = {row[0]: row[1:] for row in sources_table(study).rows}
     complete, *others = first["for comparison: that generation with an injected ancestor"]
     assert (complete, set(others)) == ("100%", {"\N{EN DASH}"})
+
+
+def test_edited_trees_in_the_tables() -> None:
+    """Their fates have a table; the first robot and the champion may be one, which is said."""
+    edit = as_record(Edit("combine", of="0.0", donor="0.1"), "")
+    refused = as_record(Edit("combine", of="9.0", donor="0.1"), "no such individual")
+    populations = [
+        [individual("0.0", "random")],
+        [individual("1.0", "edited", ["0.0"], mutation="edit:combine", tiers=("complete",))],
+        [individual("2.0", "elite", ["1.0"], fitness=5.0)],
+        [individual("3.0", "elite", ["2.0"], fitness=4.0)],
+    ]
+    guided = guidance(edits=(edit, refused))
+    run = made_run("editor", best=[1.0] * 4, populations=populations, guided=guided)
+    trial = EditTrial("1.0", "0.0", 1000.0, 400.0)
+    records = list(run.records)
+    records[1] = replace(records[1], trials=(trial,))
+    edited = replace(run, records=tuple(records))
+    assert descent_of_first(edited, "complete") is Descent.EDITED
+    assert provenance(edited, edited.records[2].individuals) == [EDITED]
+    study = compare_arms([made_arm("editor", [edited]), made_arm("expert", [_run()])])
+    table = edits_table(study)
+    assert table is not None
+    (row,) = table.rows
+    assert dict(zip(table.columns, row, strict=True)) == {
+        "Arm": "editor",
+        "advised": "6",
+        "refused": "50%",
+        "better than the tree before": "100%",
+        "worse": "0%",
+        "median gain": "600",
+        "became a parent": "100%",
+        "mean generations lived": "2.0",
+    }
+    rival = made_run("baseline", best=[1.0] * 4, populations=POPULATIONS)
+    without = compare_arms([study.arms[1], made_arm("baseline", [rival])])
+    assert edits_table(without) is None

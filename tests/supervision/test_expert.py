@@ -50,7 +50,8 @@ def how() -> ExpertSettings:
     """The configured trees and rates, with the thresholds that the states below are made for."""
     policy = plain("supervisor=expert")["supervisor"]["policy"]
     thresholds = {"several": 3, "plateau": 5, "strong": 0.2, "rare": 0.1, "collapse": 0.25}
-    return ExpertSettings.model_validate({**policy, **thresholds})
+    hardest = plain()["classes"]["hardest"]
+    return ExpertSettings.model_validate({**policy, **thresholds, "hardest": hardest})
 
 
 def context(*overrides: str) -> RunContext:
@@ -238,6 +239,18 @@ def test_a_target_without_a_tree_has_one_for_the_rarest_behaviour() -> None:
     found = few.advise(seen, np.random.default_rng(0))
     assert found.target == "exploration"
     assert found.tree == library().trees["humanoid_focused"]
+
+
+def test_the_hardest_behaviours_are_the_domain_s() -> None:
+    """Those of `classes`, unless the supervisor's settings name others."""
+    policy = plain("supervisor=expert")["supervisor"]["policy"]
+    assert policy["hardest"] is None
+    made = Expert.make(ExpertSettings.model_validate(policy), context())
+    assert made.settings.hardest == ("charging", "clearing", "humanoid", "pickup")
+    other = ExpertSettings.model_validate({**policy, "hardest": ["humanoid"]})
+    assert Expert.make(other, context()).settings.hardest == ("humanoid",)
+    elsewhere = composed("supervisor=expert", "domain=minigrid").classes
+    assert elsewhere.hardest == ()
 
 
 def test_hardest_names_may_be_of_other_experiments() -> None:

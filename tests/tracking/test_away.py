@@ -17,6 +17,7 @@ import pytest
 import yaml
 
 from islandgp.records.folder import Status
+from islandgp.records.manifest import add_to_manifest
 from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.mlflow import MLflow
 from islandgp.tracking.sent import read_sent
@@ -67,12 +68,12 @@ def test_a_store_deleted_under_way_is_made_again(
 ) -> None:
     """With all records from the first one on, and without a traceback."""
     folder = begun(home / "runs/a/one", home)
-    follows = tracker(home, "sqlite:///mlflow.db", 30)
+    follows = tracker(home, "sqlite:///mlflow.db", 120)
     follows.start(folder)
     done = steps()
     folder.append(done[0])
     follows.generation()
-    end = monotonic() + 30
+    end = monotonic() + 120
     while not (sent := read_sent(folder.path)) or not sent.generations:
         assert monotonic() < end
         sleep(0.05)
@@ -153,6 +154,7 @@ def test_a_run_of_version_0_1_is_told_in_a_line(home: Path, store: Store) -> Non
     text = plain(*SMALL)
     del text["domain"]
     (folder.path / "config.yaml").write_text(yaml.safe_dump(text))
+    add_to_manifest(folder.path, "config.yaml")
     (error,) = sync(home / "runs", store.place).failed.values()
     assert "found one of version 0.1" in str(error)
 
@@ -174,7 +176,7 @@ def test_the_command_tells_a_damaged_folder_in_a_line(home: Path, islandgp: Cli)
     said = islandgp("sync", home / "runs")
     assert said.code == 2
     assert "0 sent, 0 were there already, 0 without tracking, 1 not sent" in said.out
-    assert f"Expected what a run says of itself in {bad.path / 'about.json'}" in said.err
+    assert f"{bad.path / 'about.json'}, found a damaged file (changed)" in said.err
     assert "Traceback" not in said.err
 
 

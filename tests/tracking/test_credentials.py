@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 from base64 import b64encode
 from pathlib import Path
 
 import pytest
 import yaml
+from click.testing import CliRunner
 
+from islandgp.cli import islandgp
+from islandgp.records.manifest import add_to_manifest
 from islandgp.records.parameters import redacted, without_credentials
+from islandgp.tracking.place import place_of
 from islandgp.tracking.sender import Order, Report, Worker
-from islandgp.tracking.store import MLflowSettings, Place
+from islandgp.tracking.store import ACCOUNT, MLflowSettings, Place, _authenticate
+from islandgp.trust import trust_folder, trusting
 from tests.running.commands import TINY, fake, finish, start
 from tests.tracking import servers
 from tests.tracking.folders import written
@@ -62,7 +68,10 @@ def test_only_the_server_gets_the_password(how: str, tmp_path: Path) -> None:
 def test_a_sweep_s_end_knows_what_the_folders_lack(
     given: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The jobs' processes may have sent nothing: each request of the last one has the password."""
+    """The jobs' processes may have sent nothing: each request of the last one has the password.
+
+    A server that only the folder names gets none.
+    """
     for name in ("USERNAME", "PASSWORD"):
         monkeypatch.setenv(f"MLFLOW_TRACKING_{name}", "")
     folder = written(tmp_path / "sweep/one", tmp_path)
@@ -72,19 +81,62 @@ def test_a_sweep_s_end_knows_what_the_folders_lack(
         config = folder.configuration()
         config["tracking"]["policy"]["uri"] = hidden
         (folder.path / "config.yaml").write_text(yaml.safe_dump(config))
+        add_to_manifest(folder.path, "config.yaml")
         own = MLflowSettings(
             uri=address.replace("://", f"://me:{PASSWORD}@"),
             artifacts="a",
             experiment="islandgp",
             patience=0,
         )
-        order = Order(0, str(tmp_path), places=(Place.of(own, tmp_path),) if given else ())
+        names = frozenset({address} if given else ())
+        places = (Place.of(own, tmp_path),) if given else ()
+        order = Order(0, str(tmp_path), places=places, trusted=names)
         told: list[Report] = []
         worker = Worker(lambda report: (told.append(report), worker.end())[0])
         worker.add(pickle.loads(pickle.dumps(order)))
         worker.work()
-    assert set(asked) == ({BASIC} if given else {""})
+    assert set(asked) == ({BASIC} if given else set())
     assert [PIECE in repr(place) for place in order.places] == [False] * given
+
+
+def test_a_server_that_only_a_folder_names_is_not_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither by `sync` nor by `ui`; the variables, the command or a file can name it."""
+    monkeypatch.setenv("MLFLOW_TRACKING_USERNAME", "me")
+    folder = written(tmp_path / "one", tmp_path)
+    config = folder.configuration()
+    asked: list[str] = []
+    with servers.broken(asked) as address, trusting():
+        config["tracking"]["policy"]["uri"] = address
+        (folder.path / "config.yaml").write_text(yaml.safe_dump(config))
+        add_to_manifest(folder.path, "config.yaml")
+        for words in (["sync", str(tmp_path)], ["ui", "--runs", str(tmp_path)]):
+            result = CliRunner().invoke(islandgp, words)
+            assert f"give --uri {address}" in str(result.exception)
+        assert asked == []
+        monkeypatch.setenv("MLFLOW_TRACKING_URI", f"{address}/")
+        assert place_of(folder) is not None
+        monkeypatch.delenv("MLFLOW_TRACKING_URI")
+        file = tmp_path / "conf/tracking/mine.yaml"
+        file.parent.mkdir(parents=True)
+        file.write_text(
+            f"defaults: [mlflow]\npolicy: {{uri: '{address.replace('://', '://a:b@')}'}}"
+        )
+        trust_folder(tmp_path / "conf")
+        assert place_of(folder) is not None
+
+
+def test_each_store_has_its_own_password(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The one of an address is not sent to the next store, which gets the user's variables."""
+    _authenticate(Place("http://two", None, "e"))
+    monkeypatch.setenv("MLFLOW_TRACKING_USERNAME", "outside")
+    monkeypatch.delenv("MLFLOW_TRACKING_PASSWORD", raising=False)
+    one = Place("http://one", None, "e", credentials="me:pass")
+    _authenticate(one)
+    assert [os.environ.get(variable) for variable in ACCOUNT] == ["me", "pass"]
+    _authenticate(Place("http://two", None, "e"))
+    assert [os.environ.get(variable) for variable in ACCOUNT] == ["outside", None]
 
 
 @pytest.mark.usefixtures("home")

@@ -9,7 +9,8 @@ import pytest
 
 from islandgp.errors import EvaluationError, RunError
 from islandgp.records.checkpoint import save_state
-from islandgp.records.folder import RunFolder, Status, locked
+from islandgp.records.folder import RunFolder, Status
+from islandgp.records.locks import locked
 from tests.tracking.folders import about, begun, steps, written
 
 
@@ -279,15 +280,22 @@ def test_the_best_tree_is_made_again(tmp_path: Path) -> None:
     assert lineage.read_bytes() == before
 
 
-@pytest.mark.parametrize("line", [b"{}", b"3", b'{"evaluation', b"\xff"])
-def test_damaged_costs_before_the_checkpoint_are_an_error(tmp_path: Path, line: bytes) -> None:
-    """The summary at the end is read from them."""
+@pytest.mark.parametrize("line", [b"{}", b"3", b'{"evaluation', b"\xff", None])
+def test_damaged_costs_do_not_stop_a_sound_run(tmp_path: Path, line: bytes | None) -> None:
+    """Seconds are lost, which a line says; the episodes are those that the checkpoint knows."""
     folder = written(tmp_path / "one", tmp_path, 4)
     file = folder.path / "costs.jsonl"
+    episodes = sum(cost["episodes"] for cost in folder.costs())
     first, _, *others = file.read_bytes().splitlines()
-    file.write_bytes(b"\n".join((first, line, *others)) + b"\n")
-    with pytest.raises(RunError, match=r"costs\.jsonl, found a damaged file"):
-        folder.resume()
+    whole = b"" if line is None else b"\n".join((first, line, *others)) + b"\n"
+    file.write_bytes(whole)
+    generation, (said,) = told(folder)
+    assert generation == 4
+    assert said == f"{file}: the seconds of {4 if line is None else 1} generations are lost."
+    costs = list(folder.costs())
+    assert sum(cost["episodes"] for cost in costs) == episodes
+    assert [cost["evaluation"] == 0 for cost in costs][1]
+    assert told(folder) == (4, [])
 
 
 def test_what_a_stopped_machine_left_is_cleared_away(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from islandgp.errors import TrackingError
 from islandgp.records.folder import RunFolder, Status
+from islandgp.records.manifest import add_to_manifest
 from islandgp.tracking.mirror import Mirror, up_to_date
 from islandgp.tracking.sent import read_sent, write_sent
 from islandgp.tracking.store import Store
@@ -110,6 +111,7 @@ def test_a_finished_run_has_everything_that_people_look_for(home: Path, store: S
         "generations.json",
         "generations.jsonl",
         "lineage.csv",
+        "manifest.json",
         "replay.html",
         "summary.json",
     }
@@ -125,6 +127,7 @@ def test_a_run_goes_on_in_the_same_mlflow_run(home: Path, store: Store) -> None:
     mirror = Mirror(again, store)
     assert mirror.send(Status.RUNNING) == run
     assert run_of(store, folder).info.status == "RUNNING"
+    again.resume()
     for step in steps()[2:]:
         again.append(step)
     assert mirror.send(Status.FAILED) == run
@@ -178,6 +181,7 @@ def test_a_secret_in_the_configuration_is_no_parameter(home: Path, store: Store)
     folder = written(home / "runs/a/one", home)
     config = (folder.config() or "") + "\nsupervisor_api_key: '***'\n"
     (folder.path / "config.yaml").write_text(config)
+    add_to_manifest(folder.path, "config.yaml")
     run = Mirror(folder, store).send(Status.FINISHED)
     assert store.client.get_run(run).data.params["supervisor_api_key"] == "***"
 

@@ -9,7 +9,8 @@ import signal
 import socket
 import subprocess
 import sys
-from contextlib import nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from time import sleep
 from types import SimpleNamespace
@@ -143,7 +144,14 @@ def free_port() -> int:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
-@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize(
+    "number",
+    [
+        "SIGINT",
+        pytest.param("SIGTERM", marks=pytest.mark.slow),
+        pytest.param("SIGHUP", marks=pytest.mark.slow),
+    ],
+)
 def test_the_server_ends_with_the_command(number: str, home: Path) -> None:
     """However the command is ended: by Ctrl-C, by `kill`, by closing the terminal."""
     (home / "health").touch()  # what the stand-in answers with
@@ -169,6 +177,33 @@ def test_the_server_ends_with_the_command(number: str, home: Path) -> None:
         there = probe.connect_ex(("127.0.0.1", port)) == 0
     assert not there
     assert (process.returncode, said) == (0, "stopped\n")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+@pytest.mark.parametrize("number", ["SIGTERM", "SIGHUP"])
+def test_signals_end_the_command_as_ctrl_c_does(
+    number: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The quick form of the same, with a server that only says that it was closed."""
+    closed: list[int] = []
+
+    @contextmanager
+    def served(_: Place, port: int) -> Iterator[SimpleNamespace]:
+        try:
+            yield SimpleNamespace(arms="arms", runs="runs")
+        finally:
+            closed.append(port)
+
+    class Raised:
+        def wait(self) -> None:
+            signal.raise_signal(getattr(signal, number))
+
+    monkeypatch.setattr(ui_command, "served", served)
+    monkeypatch.setattr(ui_command, "threading", SimpleNamespace(Event=Raised))
+    words = ["ui", "--uri", "sqlite:///mlflow.db", "--port", "5001"]
+    result = CliRunner().invoke(islandgp, words)
+    assert (result.exit_code, closed) == (0, [5001])
+    assert result.stderr.endswith("stopped\n")
 
 
 @pytest.mark.parametrize(

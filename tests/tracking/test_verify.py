@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -30,6 +31,19 @@ def edit(file: str, old: bytes, new: bytes) -> Callable[[Path], None]:
     return change
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished run."""
+    home = tmp_path_factory.mktemp("made")
+    return written(home / "one", home).path
+
+
+@pytest.fixture
+def one(made: Path, tmp_path: Path) -> Path:
+    """A copy of it."""
+    return shutil.copytree(made, tmp_path / "one")
+
+
 def test_runs_as_they_were_written(tmp_path: Path) -> None:
     """Finished and unfinished ones, below any folder."""
     written(tmp_path / "runs/a/one", tmp_path)
@@ -42,35 +56,101 @@ def test_runs_as_they_were_written(tmp_path: Path) -> None:
     ]
 
 
+def remove(file: str) -> Callable[[Path], None]:
+    """Deletes a file of a folder."""
+    return lambda folder: (folder / file).unlink()
+
+
+def write(file: str, text: str) -> Callable[[Path], None]:
+    """Writes a file of a folder."""
+    return lambda folder: (folder / file).write_text(text) and None
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            edit("generations.jsonl", b'"generation":2', b'"generation":3'),
+            "generations.jsonl: changed, the record of generation 2 differs from its checksum",
+        ),
+        (edit("generations.jsonl", b"\n", b""), "generations.jsonl: changed, 4 records of 5"),
+        (remove("generations.jsonl"), "generations.jsonl: missing"),
+        (edit("generations.sha256", b"1 ", b"1 0"), "generations.sha256: changed"),
+        (remove("generations.sha256"), "generations.sha256: missing"),
+        (remove("best.bt"), "best.bt: missing; the command of the run makes it again"),
+        (write("best.bt", "PatrolWaypoint\n"), "best.bt: changed"),
+        (edit("summary.json", b'"final_mean": ', b'"final_mean": 9'), "summary.json: changed"),
+        (write("summary.json", "{"), "summary.json: changed"),
+        (edit("config.yaml", b"seed: ", b"seed: 9"), "config.yaml: changed"),
+        (write("config.yaml", "- 1"), "config.yaml: changed"),
+        (remove("config.yaml"), "config.yaml: missing"),
+        (edit("about.json", b"python", b"pythom"), "about.json: changed"),
+        (remove("about.json"), "about.json: missing"),
+        (edit("lineage.csv", b"0.1", b"0.2"), "lineage.csv: changed"),
+        (write("costs.jsonl", ""), "costs.jsonl: changed"),
+        (write("notes.txt", "mine"), "notes.txt: added"),
+        (remove("manifest.json"), "manifest.json: missing"),
+        (write("manifest.json", "{"), "manifest.json, found a damaged file"),
+        (edit("manifest.json", b'"lineage.csv"', b'"lineage.cvs"'), "lineage.csv: added"),
+        (lambda run: (run / "best.svg").symlink_to(run / "best.bt"), "best.svg, found a link"),
+    ],
+)
+def test_what_was_changed_in_a_finished_run_is_named(
+    change: Callable[[Path], None], words: str, one: Path
+) -> None:
+    """Exit code 1, the file, and what happened to it."""
+    change(one)
+    code, said = verified(one)
+    assert code == 1
+    (line,) = said.splitlines()
+    assert f"{one}: damaged: " in line
+    assert words in line
+
+
+def test_every_damaged_file_is_named(one: Path) -> None:
+    """In one line."""
+    for change in (write("costs.jsonl", ""), remove("lineage.csv"), write("x y", "")):
+        change(one)
+    assert verified(one)[1].partition(": damaged: ")[2] == (
+        "costs.jsonl: changed; lineage.csv: missing; the command of the run makes it again;"
+        " x y: added\n"
+    )
+
+
+def without_manifest(folder: Path) -> None:
+    """Takes away what versions before 0.3 did not write."""
+    for name in ("about.json", "summary.json"):
+        file = folder / name
+        file.write_text(file.read_text().replace('"manifest": true', '"manifest": false'))
+    (folder / "manifest.json").unlink()
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         (edit("generations.jsonl", b'"generation":2', b'"generation":3'), "of generation 2"),
         (edit("generations.jsonl", b"\n", b""), "Expected 5 generations"),
-        (edit("generations.sha256", b"1 ", b"1 0"), "generations.sha256: it differs"),
-        (lambda run: (run / "generations.sha256").unlink(), "generations.sha256: it differs"),
-        (lambda run: (run / "best.bt").unlink(), "best.bt: it is missing"),
-        (lambda run: (run / "best.bt").write_text("PatrolWaypoint\n"), "best.bt: it is not"),
+        (remove("generations.sha256"), "generations.sha256: it differs"),
+        (write("best.bt", "PatrolWaypoint\n"), "best.bt: it is not"),
         (
             edit("summary.json", b'"fitness": ', b'"fitness": 9'),
             "summary.json: its champion is not one",
         ),
         (edit("summary.json", b'"records": "', b'"records": "0'), "a record differs"),
-        (lambda run: (run / "summary.json").write_text("{"), "found a damaged file"),
-        (lambda run: (run / "config.yaml").write_text("- 1"), "found a damaged file"),
+        (write("summary.json", "{"), "found a damaged file"),
+        (write("config.yaml", "- 1"), "found a damaged file"),
     ],
 )
-def test_what_was_changed_in_a_finished_run_is_named(
-    change: Callable[[Path], None], words: str, tmp_path: Path
+def test_damage_in_a_finished_run_without_a_manifest(
+    change: Callable[[Path], None], words: str, one: Path
 ) -> None:
-    """Exit code 1, and the file."""
-    folder = written(tmp_path / "one", tmp_path)
-    change(folder.path)
-    code, said = verified(folder.path)
+    """Its records have checksums, and other files must agree with them."""
+    without_manifest(one)
+    assert "not verified: written by an older version" in verified(one)[1]
+    change(one)
+    code, said = verified(one)
     assert code == 1
-    (line,) = said.splitlines()
-    assert f"{folder.path}: damaged: " in line
-    assert words in line
+    assert words in said
 
 
 def test_a_run_of_an_older_version_is_not_called_verified(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from islandgp.evolution.validation import Best, Validation
 from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
+from islandgp.records.manifest import add_to_manifest
 from islandgp.running.report import summary
 from tests.composed import plain
 from tests.evolution.runs import SMALL, Says, plan, run
@@ -89,6 +90,8 @@ def changed_record(
     change(record)
     lines[generation] = json.dumps(record)
     file.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+    if folder.finished():
+        add_to_manifest(folder.path, file.name)
 
 
 def supervised(rate: float = 0.5) -> list[Step]:

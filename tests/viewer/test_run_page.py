@@ -15,6 +15,7 @@ import pytest
 from islandgp.evolution.archive import Elite
 from islandgp.records.archive_file import NAME, read_archive
 from islandgp.records.folder import RunFolder, Status
+from islandgp.records.manifest import add_to_manifest
 from islandgp.viewer import run_page as module
 from islandgp.viewer.history import RunHistory, read_history, thinned
 from islandgp.viewer.run_page import run_page
@@ -237,6 +238,7 @@ def test_hostile_text_stays_text(tmp_path: Path) -> None:
         **records[3]["individuals"][0], "components": {EVIL: 1.0}, "counters": {EVIL: 1.0},
     }  # fmt: skip
     (folder.path / "summary.json").write_text(json.dumps(summary))
+    add_to_manifest(folder.path, "summary.json")
     found = Parsed(run_page(folder, Status.FINISHED, replay=EVIL))
     assert [name for name, _ in found.scripts] == ["data", "replay", None]
     assert not any(tag == "img" for tag, _ in found.elements)
@@ -264,6 +266,7 @@ def test_a_long_run_has_a_page_of_some_size(tmp_path: Path, monkeypatch: Any) ->
     )
     archive, _ = read_archive(folder.path)
     (folder.path / NAME).write_bytes(replace(archive, elites=elites).to_bytes())
+    add_to_manifest(folder.path, NAME)
     text = run_page(folder, Status.FINISHED, replay="x" * 1_000_000)
     found = Parsed(text)
     shown = found.data["archive"]["elites"]

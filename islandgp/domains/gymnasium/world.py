@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field, FiniteFloat, StringConstraints, model_val
 from islandgp.bt.node import SUCCESS
 from islandgp.bt.parameters import Parameter, real
 from islandgp.bt.vocabulary import NAME, Action, Key, Vocabulary, flag, number
-from islandgp.domain import Counter, Event, Schema
+from islandgp.domain import MOST_DELAY, Counter, Event, Schema
 
 Word = Annotated[str, StringConstraints(pattern=f"^{NAME.pattern}$")]
 
@@ -31,6 +31,7 @@ class Observation(BaseModel, frozen=True, extra="forbid"):
     flag: bool = False  # yes or no: above one half or not
     range: tuple[FiniteFloat, FiniteFloat] = (0.0, 1.0)  # values beyond it are cut to it
     step: float = Field(default=0.1, gt=0)  # distance between two thresholds of random trees
+    noise: float = Field(default=0.0, ge=0, le=1e6)  # standard deviation in perturbed worlds
 
     @model_validator(mode="after")
     def _rising(self) -> Self:
@@ -43,7 +44,7 @@ class Observation(BaseModel, frozen=True, extra="forbid"):
         if self.flag:
             return flag(self.meaning)
         low, high = self.range
-        return number(self.meaning, low, high, self.step, most=high)
+        return number(self.meaning, low, high, self.step, most=high, noise=self.noise)
 
 
 class Filled(BaseModel, frozen=True, extra="forbid"):
@@ -114,6 +115,8 @@ class World(BaseModel, frozen=True, extra="forbid"):
     """The action where a tree chooses none: a number, or a list of as many as the environment
     takes; None: 0, or zeros."""
     signals: dict[Word, Signal] = Field(default_factory=dict)
+    delay: int = Field(default=0, ge=0, le=MOST_DELAY)
+    """Ticks by which perturbed worlds may delay what the tree sees, at most."""
     shrink: int = Field(default=1, ge=1, le=64)  # of frames each so many-th pixel is kept
 
     @model_validator(mode="after")
@@ -162,6 +165,7 @@ class World(BaseModel, frozen=True, extra="forbid"):
             },
             task=self.task,
             habits=self.habits,
+            delay=self.delay,
         )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from functools import lru_cache
 from traceback import walk_tb
 from typing import ClassVar, Final, Self
@@ -21,6 +22,7 @@ from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.errors import DomainError
 from islandgp.scoring.rewards import RewardTable, Worth, worth
+from islandgp.sensors import SensorFaults
 from islandgp.time_limit import Overdue
 
 EARNED_BY: Final[Mapping[str, str]] = {
@@ -44,6 +46,7 @@ class Island:
     Rewards: ClassVar[type[BaseModel]] = RewardTable
     schema: ClassVar[Schema] = SCHEMA
     actions: ClassVar[Mapping[str, IslandAction]] = ACTIONS
+    faults: SensorFaults | None = None  # between the world and the blackboard
 
     def __init__(self, world: settings.World, rewards: RewardTable) -> None:
         """Raises ConfigError where obstacles do not fit, DomainError where an action lacks."""
@@ -61,6 +64,12 @@ class Island:
     def make(cls, world: settings.World, rewards: RewardTable) -> Self:
         """See `Domain`."""
         return cls(world, rewards)
+
+    def with_sensors(self, faults: SensorFaults) -> Self:
+        """See `Domain`."""
+        changed = copy(self)
+        changed.faults = faults
+        return changed
 
     def run_episode(
         self,
@@ -86,6 +95,8 @@ class Island:
         self, tree: Node, seed: int, weights: Mapping[str, float], observer: Observer | None
     ) -> Outcome:
         value = worth(self.rewards, weights)
+        keys = self.schema.vocabulary.keys
+        sensors = None if self.faults is None else self.faults.sensors(keys, seed)
         if observer is None:
             episode = run_episode(
                 tree,
@@ -93,6 +104,7 @@ class Island:
                 seed,
                 lambda event, amount: value(event, amount)[1],
                 actions=self.actions,
+                sensors=sensors,
             )
             return self._outcome(episode, value)
 
@@ -111,7 +123,10 @@ class Island:
             actions=self.actions,
             stepwise=True,
             watch=observer.node,
-            observe=lambda island: observer.tick(island.board, self._scene(island, fixed)),
+            observe=lambda island: observer.tick(
+                island.board if sensors is None else sensors.seen, self._scene(island, fixed)
+            ),
+            sensors=sensors,
         )
         return self._outcome(episode, value)
 

@@ -27,6 +27,7 @@ from islandgp.domains.island.sensing import look_for_garbage, refresh, sense, vi
 from islandgp.domains.island.state import State, build_island
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.domains.island.world import FAR, World
+from islandgp.sensors import Sensors
 
 
 def advance(island: State, until: int) -> None:
@@ -158,15 +159,21 @@ def run_episode(
     stepwise: bool = False,
     watch: Callable[[int, int], None] | None = None,
     observe: Callable[[State], None] | None = None,
+    sensors: Sensors | None = None,
 ) -> Episode:
     """Runs `tree` in the world of `seed`; a function of the tree, world, seed, award and actions.
 
     `watch(node, status)` sees every ticked node, `observe(island)` the island
-    after every tick; both want `stepwise=True` to see each step.
+    after every tick; both want `stepwise=True` to see each step. With `sensors`
+    the tree sees what they give, in every step.
     """
+    stepwise = stepwise or sensors is not None
     island = build_island(world, seed, award, thresholds(tree, "batteryLevel"))
     bound = _bound(tree, island, actions)
-    tick = compile_tree(tree, bound, island.board, VOCABULARY.places, watch=watch)
+    seen = island.board if sensors is None else list(island.board)
+    tick = compile_tree(tree, bound, seen, VOCABULARY.places, watch=watch)
+    if sensors is not None:
+        tick = _sensing(tick, island.board, seen, sensors)
     ticks, due, end = 0, 0, _deadline(island)
     ending: Ending | None = None
     while ending is None:
@@ -185,6 +192,18 @@ def run_episode(
         if island.robot.battery <= 0 or island.step >= end:
             ending = _ending(island)
     return _close(island, ending, ticks)
+
+
+def _sensing(
+    tick: Callable[[], int], true: list[float], seen: list[float], sensors: Sensors
+) -> Callable[[], int]:
+    """A tick on what the sensors give of the true blackboard."""
+
+    def sensed() -> int:
+        seen[:] = sensors(true)
+        return tick()
+
+    return sensed
 
 
 def _bound(

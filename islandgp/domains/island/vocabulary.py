@@ -67,10 +67,12 @@ VOCABULARY: Final = Vocabulary(
     },
     keys={
         "batteryLevel": number(
-            "charge of the battery in percent, 0 to 100", 0, 100, step=5, most=100
+            "charge of the battery in percent, 0 to 100", 0, 100, step=5, most=100, noise=2
         ),
-        "robotCurrentExtraCapacity": number("room left for garbage in items, 0 to 30", 0, 30),
-        "lap": number("patrol rounds finished, from 0", 0, 5),
+        "robotCurrentExtraCapacity": number(
+            "room left for garbage in items, 0 to 30", 0, 30, noise=1
+        ),
+        "lap": number("patrol rounds finished, from 0", 0, 5, noise=0.1),
         "foundGarbage": flag("garbage is in sight"),
         "isHumanoidWantToClear": flag("a humanoid in sight asks for clearing"),
     },
@@ -141,4 +143,5 @@ SCHEMA: Final = Schema(
         "waypoint": Form("patrol waypoint", "+", "cross", "#2e8b57"),
         "rock": Form("rock or tree", "o", "circle", "#9a9a9a"),
     },
+    delay=20,
 )

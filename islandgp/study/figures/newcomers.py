@@ -24,7 +24,7 @@ def lineage(study: Comparison) -> drawing.Picture | None:
     curves: list[tuple[str, int, int, list[float]]] = []
     for i, arm in enumerate(study.arms):
         found = [n for run in arm.runs for n in newcomers(run)]
-        for k, origin in enumerate((Origin.INJECTED, Origin.RANDOM)):
+        for k, origin in enumerate((Origin.INJECTED, Origin.RANDOM, Origin.EDITED)):
             mine = [n for n in found if n.origin == origin]
             if mine:
                 label = f"{drawing.plain(arm.name)}: {origin.value} (n = {len(mine):,})"
@@ -40,7 +40,7 @@ def lineage(study: Comparison) -> drawing.Picture | None:
                 range(len(shares)),
                 shares,
                 color=how.colour,
-                linestyle=drawing.LINES[0] if k == 0 else drawing.LINES[3],
+                linestyle=drawing.LINES[(0, 3, 1)[k]],
                 label=label,
                 **drawing.marks(how),
             )

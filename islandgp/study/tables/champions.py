@@ -99,6 +99,11 @@ def _in_unseen_worlds(arm: str, mine: Sequence[Generalisation]) -> Row:
     yield "trained (points)", spread(*mean_sd(trained)) if trained else NONE
     yield "unseen (points)", spread(*mean_sd(unseen)) if len(mine) > 1 else number(unseen[0])
     yield "worst world (points)", number(min(g.worst for g in mine))
+    if all(g.perturbed for g in mine):
+        robust = [fmean(g.perturbed) for g in mine]
+        several = len(mine) > 1
+        yield "perturbed (points)", spread(*mean_sd(robust)) if several else number(robust[0])
+        yield "worst perturbed (points)", number(min(min(g.perturbed) for g in mine))
     for tier in mine[0].reached:
         share = fmean(g.reached[tier] for g in mine)
         yield f"{title(tier)} in", f"{share:.0%} of the worlds"

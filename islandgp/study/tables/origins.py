@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from statistics import fmean
+from statistics import fmean, median
 from typing import Final
 
+from islandgp.evolution.edit_fates import edit_fates
 from islandgp.evolution.population import Origin
 from islandgp.study import lineage
 from islandgp.study.arms import Arm, Comparison
@@ -25,7 +26,7 @@ def lineage_table(study: Comparison) -> Table:
     rows = []
     for arm in study.arms:
         found = [n for run in arm.runs for n in lineage.newcomers(run)]
-        for origin in (Origin.INJECTED, Origin.RANDOM):
+        for origin in (*lineage.ADVISED, Origin.RANDOM):
             if mine := [n for n in found if n.origin == origin]:
                 life = lineage.median_life(mine, study.generations)
                 elite = fmean(lineage.elite_share(run, origin) for run in arm.runs)
@@ -46,6 +47,28 @@ def lineage_table(study: Comparison) -> Table:
         rows,
         (note("lineage"),),
     )
+
+
+def edits_table(study: Comparison) -> Table | None:
+    """What became of the edits of each arm; None: no arm has any."""
+    rows = []
+    for arm in study.arms:
+        fates = [fate for run in arm.runs for fate in edit_fates(run.records)]
+        tried = [fate for fate in fates if fate.trial is not None]
+        if tried:
+            gains = [fate.gain or 0.0 for fate in tried]
+            row = {
+                "Arm": arm.name,
+                "advised": number(len(fates)),
+                "refused": f"{sum(bool(f.edit.refused) for f in fates) / len(fates):.0%}",
+                "better than the tree before": f"{sum(g > 0 for g in gains) / len(gains):.0%}",
+                "worse": f"{sum(g < 0 for g in gains) / len(gains):.0%}",
+                "median gain": number(median(gains)),
+                "became a parent": f"{sum(f.children > 0 for f in tried) / len(tried):.0%}",
+                "mean generations lived": number(fmean(f.lived for f in tried), 1),
+            }
+            rows.append(row.items())
+    return Table.of("edits", "What became of edits", rows, (note("edits"),)) if rows else None
 
 
 def sources_table(study: Comparison) -> Table:

@@ -17,7 +17,7 @@ import math
 import re
 import ssl
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from contextvars import ContextVar
@@ -52,12 +52,17 @@ class AnthropicClient:
         *,
         key: str | None,
         base_url: str | None,
+        secrets: Sequence[str] = (),
         transport: httpx2.AsyncBaseTransport | None = None,
     ) -> None:
-        """A local server needs no `key`; `transport` takes the network's place in tests."""
+        """A local server needs no `key`; `transport` takes the network's place in tests.
+
+        `secrets` are fields of requests that answers must not show.
+        """
         self._key, self._base_url, self._transport = key, base_url, transport
         # A key of few characters is a local server's, and no secret.
-        self._secret = re.compile(spellings(key)) if key and len(key) >= 8 else None
+        hidden = [text for text in (key, *secrets) if text and len(text) >= 8]
+        self._secret = re.compile("|".join(map(spellings, hidden))) if hidden else None
         self._running: tuple[asyncio.AbstractEventLoop, Thread, anthropic.AsyncAnthropic] | None
         self._running = None
         self._closed = False

@@ -12,6 +12,8 @@ from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from typing import Any, Final, Protocol
 
+from islandgp.redaction import without_secrets
+
 SANE: Final = 100_000  # characters of an answer that are looked at; 2048 tokens have about 8,000
 
 NO_TEXT: Final = "(no text)"  # takes the place of an empty answer in a repair turn
@@ -109,9 +111,13 @@ class Request:
         return sha256_of([self.system, *self.turns])
 
     def plain(self) -> dict[str, Any]:
-        """As JSON values. Fields that came later stand there only where they say something."""
+        """As JSON values. Fields that came later stand there only where they say something.
+
+        Secrets among the extra fields are hidden, in records and for the digest.
+        """
         later = ("thinking", "effort", "extra")
-        return {k: v for k, v in asdict(self).items() if v is not None or k not in later}
+        values = {**asdict(self), "extra": without_secrets(self.extra)}
+        return {k: v for k, v in values.items() if v is not None or k not in later}
 
     def followed_by(self, answer: str, question: str) -> Request:
         """The request that goes on after an answer; the API takes no empty turn."""

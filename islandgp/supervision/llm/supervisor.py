@@ -9,6 +9,7 @@ from dataclasses import asdict
 import numpy as np
 
 from islandgp.errors import SupervisionError
+from islandgp.redaction import secrets_in, without_secrets
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, RunContext, Seen
 from islandgp.supervision.llm.adviser import Adviser
@@ -58,9 +59,12 @@ class LLM:
     def make(cls, settings: LLMSettings, context: RunContext) -> LLM:
         """See `Supervisor`."""
         cls.ready(settings, context)
-        return cls(
-            settings, context, AnthropicClient(key=_key(settings), base_url=settings.address)
+        client = AnthropicClient(
+            key=_key(settings),
+            base_url=settings.address,
+            secrets=tuple(secrets_in(settings.extra_body)),
         )
+        return cls(settings, context, client)
 
     def __init__(self, settings: LLMSettings, context: RunContext, client: Client) -> None:
         """Nothing is sent and nothing written before `start`, or the first question."""
@@ -80,6 +84,7 @@ class LLM:
             raise
         if calls.transcript.start is None:
             settings = self.settings.model_dump(mode="json", exclude={"api_key"})
+            settings["extra_body"] = without_secrets(settings["extra_body"])
             known = asdict(found) if isinstance(found, Dialect) else None
             calls.transcript.begin({"settings": settings, "dialect": known})
         place = self.settings.address or "the Anthropic API"

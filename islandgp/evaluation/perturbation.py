@@ -1,0 +1,206 @@
+"""Perturbed worlds: settings drawn from ranges, noisy and late sensors.
+
+A tree is robust where it earns as much in worlds that are a little different. The perturbation of a
+world is a function of the world's seed alone, whatever process the episode runs in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from math import isfinite
+from typing import Any, Final, TypeAlias
+
+from pydantic import BaseModel, Field, ValidationError, field_validator
+
+from islandgp.domain import MOST_DELAY, Domain, Schema
+from islandgp.errors import IslandError, brief
+from islandgp.evaluation.worlds import staged
+from islandgp.plugin import path_of
+from islandgp.seeding import Stream, stream
+from islandgp.sensors import SensorFaults
+
+MOST_RANGES: Final = 100
+KEPT: Final = 64  # domains of perturbed worlds that a process keeps
+
+Span: TypeAlias = tuple[float, float]
+
+
+class Perturbation(BaseModel, frozen=True, extra="forbid"):
+    """The key `perturb`: how worlds differ from the configured one."""
+
+    world: dict[str, Span] = Field(default_factory=dict)
+    """Least and greatest value of settings of the group `world`, nested or by dotted name. Whole
+    numbers stay whole."""
+    noise: float = Field(default=0.0, ge=0, le=100)  # multiple of the noise that keys declare
+    delay: int = Field(default=0, ge=0, le=MOST_DELAY)  # ticks that sensors are late, at most
+    training: bool = False  # a run trains and validates in perturbed worlds
+
+    @field_validator("world", mode="before")
+    @classmethod
+    def _ranges(cls, world: Any) -> dict[str, Span]:
+        if not isinstance(world, Mapping):
+            message = f"expected ranges by setting, found {world!r:.50}"
+            raise ValueError(message)  # noqa: TRY004 -- pydantic's
+        found = dict(_flat(world, ""))
+        if len(found) > MOST_RANGES:
+            raise ValueError(f"expected at most {MOST_RANGES} ranges, found {len(found)}")
+        return found
+
+    def changes(self, world: Mapping[str, Any], seed: int) -> dict[str, Any]:
+        """What the perturbed world of a seed changes in a world's settings, as plain values."""
+        rng = stream(seed, Stream.PERTURBATION)
+        values: dict[str, float] = {}
+        for name, (least, most) in sorted(self.world.items()):
+            if _is_whole(_setting(world, name)):
+                values[name] = int(rng.integers(int(least), int(most) + 1))
+            else:
+                values[name] = float(rng.uniform(least, most))
+        return _nested(values)
+
+    def sensors(self) -> SensorFaults | None:
+        """The sensors' faults; None: they have none."""
+        return SensorFaults(self.noise, self.delay) if self.noise or self.delay else None
+
+    def in_words(self) -> str:
+        """The perturbation for people."""
+        ranges = (f"{name} {low:g} to {high:g}" for name, (low, high) in self.world.items())
+        noise = [f"noise {self.noise:g}"] if self.noise else []
+        delay = [f"delay 0 to {self.delay} ticks"] if self.delay else []
+        return ", ".join([*ranges, *noise, *delay])
+
+    def faults(self, factory: Any, world: BaseModel, rewards: Any, schema: Schema) -> Iterator[str]:
+        """A line for each thing that the domain or its world cannot have."""
+        if not (self.world or self.noise or self.delay):
+            yield "perturb: expected world, noise or delay, found nothing to perturb; give one"
+        plain = world.model_dump()
+        wrong = [*self._wrong_ranges(plain)]
+        if self.world:
+            yield from wrong or self._wrong_ends(factory, world, rewards, plain)
+        if self.noise and not any(key.noise for key in schema.vocabulary.keys.values()):
+            yield (
+                "perturb.noise: expected a domain whose keys declare noise, found none; leave it"
+                " out"
+            )
+        if self.delay > schema.delay:
+            yield (
+                f"perturb.delay: expected at most {schema.delay} ticks, as the domain declares,"
+                f" found {self.delay}"
+            )
+        if self.sensors() is not None and not hasattr(factory, "with_sensors"):
+            yield (
+                f"perturb: expected {path_of(factory)} with a method with_sensors, found none; add"
+                " it, or leave noise and delay out"
+            )
+
+    def _wrong_ranges(self, world: Mapping[str, Any]) -> Iterator[str]:
+        known = dict(_numbers(world, ""))
+        for name, (least, most) in self.world.items():
+            path = f"perturb.world.{name}"
+            if name not in known:
+                own = name.rpartition(".")[2]
+                same = [other for other in known if other.rpartition(".")[2] == own]
+                near = same or get_close_matches(name, known, 1, 0.5)
+                hint = f"did you mean perturb.world.{near[0]}?" if near else "it is no number"
+                yield f"{path}: expected a number among the world's settings, found none; {hint}"
+            elif _is_whole(known[name]) and (least % 1 or most % 1):
+                yield f"{path}: expected whole numbers, found [{least:g}, {most:g}]"
+
+    def _wrong_ends(
+        self, factory: Any, world: BaseModel, rewards: Any, plain: Mapping[str, Any]
+    ) -> Iterator[str]:
+        """A line where the world cannot have all the least values, or all the greatest ones."""
+        for end, word in enumerate(("least", "greatest")):
+            values = {
+                name: int(span[end]) if _is_whole(_setting(plain, name)) else span[end]
+                for name, span in self.world.items()
+            }
+            try:
+                factory.make(staged(world, _nested(values)), rewards)
+            except ValidationError as error:
+                first = error.errors(include_url=False)[0]
+                path = ".".join(map(str, ("perturb.world", *first["loc"])))
+                message = first["msg"].removeprefix("Value error, ")
+                yield f"{path}: {message[:1].lower()}{message[1:]}, with the {word} values"
+                return
+            except IslandError as error:
+                yield f"perturb.world: with the {word} values: {brief(error)}"
+                return
+
+
+@dataclass(frozen=True)
+class PerturbedWorlds:
+    """Makes the domain of each perturbed world; equal arguments give equal domains."""
+
+    how: Perturbation
+    factory: Any  # the domain's class
+    worlds: tuple[BaseModel, ...]  # settings of the group `world`, by stage
+    rewards: Any
+    _made: dict[tuple[int, int], Domain] = field(default_factory=dict, repr=False, compare=False)
+
+    def domain(self, stage: int, seed: int) -> Domain:
+        """The domain of a world seed in a stage. Raises ConfigError, pydantic.ValidationError."""
+        if (stage, seed) not in self._made:
+            if len(self._made) >= KEPT:
+                self._made.clear()
+            world = self.worlds[stage]
+            changed = staged(world, self.how.changes(world.model_dump(), seed))
+            domain = self.factory.make(changed, self.rewards)
+            if (faults := self.how.sensors()) is not None:
+                domain = domain.with_sensors(faults)
+            self._made[stage, seed] = domain
+        return self._made[stage, seed]
+
+
+def recorded_perturbation(config: Mapping[str, Any]) -> Perturbation | None:
+    """The perturbation of a run, from its configuration. Raises pydantic.ValidationError."""
+    found = config.get("perturb")
+    return None if found is None else Perturbation.model_validate(found)
+
+
+def _flat(world: Mapping[Any, Any], path: str) -> Iterator[tuple[str, Span]]:
+    """The ranges by dotted name. Raises ValueError for what is no range."""
+    for key, value in world.items():
+        name = f"{path}{key}"
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{name}.")
+            continue
+        numbers = isinstance(value, list | tuple) and all(
+            isinstance(v, int | float) and not isinstance(v, bool) and isfinite(v) for v in value
+        )
+        if not numbers or len(value) != 2 or value[0] > value[1]:
+            raise ValueError(f"expected {name}: [LEAST, GREATEST], found {value!r:.50}")
+        yield name, (float(value[0]), float(value[1]))
+
+
+def _numbers(world: Mapping[str, Any], path: str) -> Iterator[tuple[str, float]]:
+    """The numbers among a world's settings, by dotted name."""
+    for key, value in world.items():
+        if isinstance(value, Mapping):
+            yield from _numbers(value, f"{path}{key}.")
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            yield f"{path}{key}", value
+
+
+def _setting(world: Mapping[str, Any], name: str) -> Any:
+    found: Any = world
+    for part in name.split("."):
+        found = found[part]
+    return found
+
+
+def _is_whole(value: object) -> bool:
+    return isinstance(value, int)
+
+
+def _nested(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values by dotted name as nested mappings."""
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        *above, last = name.split(".")
+        place = found
+        for part in above:
+            place = place.setdefault(part, {})
+        place[last] = value
+    return found

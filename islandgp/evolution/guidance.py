@@ -1,0 +1,207 @@
+"""What becomes of a supervisor's guidance: checked, recorded, and handed to the search.
+
+The tree is injected or refused, each edit makes a tree or is refused, and a record says why. An
+edited tree is compared with the tree that was edited, in the same worlds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final
+
+from islandgp.bt.language import parse, to_text
+from islandgp.bt.node import Node, within
+from islandgp.domain import Outcome, total
+from islandgp.evaluation.base import Evaluator, Job
+from islandgp.evolution.archive import Elite
+from islandgp.evolution.edits import Edit, EditRecord, EditTrial, as_record, edited
+from islandgp.evolution.plan import Plan
+from islandgp.evolution.population import EditedTree, Evaluated, Origin
+from islandgp.evolution.record import GuidanceRecord, IndividualRecord
+from islandgp.evolution.variation import mutate
+from islandgp.scoring.state import PopulationState
+from islandgp.search.base import Advice, Search
+from islandgp.seeding import Stream, Streams
+from islandgp.supervision.base import Guidance
+
+MOST_EDITS: Final = 100  # of one guidance that are looked at; the others are left out
+
+Nameable = Mapping[str, str]
+"""By id, the texts of the trees that an edit may name."""
+
+
+def nameable(
+    generations: Iterable[Sequence[IndividualRecord]], archive: Sequence[Elite]
+) -> dict[str, str]:
+    """The trees that edits may name: those of the archive, and of these generations."""
+    return {
+        **{e.id: e.tree for e in archive},
+        **{i.id: i.tree for individuals in generations for i in individuals},
+    }
+
+
+def decide(
+    plan: Plan,
+    search: Search,
+    state: PopulationState,
+    answer: Guidance | None,
+    rate: float,
+    *,
+    names: Nameable | None = None,
+    streams: Streams | None = None,
+) -> tuple[GuidanceRecord, Advice]:
+    """The record of a supervisor's answer, and what of it the search obeys.
+
+    Args:
+        plan: of the run.
+        search: whose `uses` says what it takes of a guidance.
+        state: that the answer is applied to.
+        answer: None if none is due yet (`supervisor.lag`).
+        rate: the mutation rate in force, in [0, 1].
+        names: the trees that edits may name; default: none.
+        streams: of the run; for `supervisor.mutate_advice` alone.
+    """
+    given = answer or Guidance(None, None, "none", reasoning="no answer is due yet")
+    wanted = given.mutation_rate if plan.switches.adapt_mutation else None
+    # An emergency does not outlast its crisis where the rate is not adapted.
+    held = rate if plan.switches.adapt_mutation else plan.gp.mutation_rate
+    refused = []
+    if wanted is not None and "rate" not in search.uses:
+        wanted = None
+        refused.append("the search has no mutation rate")
+    tree = given.tree
+    if tree is not None:
+        why = _why_refused(tree, plan, search)
+        refused += [why] if why else []
+        tree = None if why else tree
+    applied = plan.gp.crisis.rate(held if wanted is None else wanted, state.crisis)
+    edits, trees = decide_edits(plan, search, given.edits[:MOST_EDITS], names or {})
+    if plan.switches.mutate_advice and streams is not None:
+        generation = state.now.generation + 1
+        trees = _mutated(plan, trees, streams, generation, applied)
+    record = GuidanceRecord(
+        asked_at=None if answer is None else state.now.generation - plan.switches.lag,
+        source=given.source,
+        phase=given.phase,
+        pattern=given.pattern,
+        target=given.target,
+        intervention=given.intervention,
+        wanted_rate=given.mutation_rate,
+        crisis=state.crisis,
+        applied_rate=applied,
+        tree=None if given.tree is None else to_text(given.tree),
+        injected=tree is not None,
+        refused="; ".join(refused),
+        risk=given.risk,
+        reasoning=given.reasoning,
+        rationale=given.rationale,
+        notes=given.notes,
+        edits=edits,
+    )
+    return record, Advice(applied, tree, trees)
+
+
+def _why_refused(tree: Node, plan: Plan, search: Search) -> str:
+    """Why a supervisor's tree is not injected, or ""."""
+    if not plan.switches.inject:
+        return "injection is switched off"
+    if "tree" not in search.uses:
+        return "the search takes no trees"
+    return "" if within(tree, plan.gp.limits) else "the tree breaks the limits"
+
+
+def decide_edits(
+    plan: Plan, search: Search, edits: Sequence[Edit], names: Nameable
+) -> tuple[tuple[EditRecord, ...], tuple[EditedTree, ...]]:
+    """The records of a supervisor's edits, and the trees that those make that are taken.
+
+    Edits are taken in their order, while there are slots.
+    """
+    records: list[EditRecord] = []
+    trees: list[EditedTree] = []
+    for edit in edits:
+        tree, why = None, ""
+        if not plan.switches.edits:
+            why = "edits are switched off (supervisor.edits=0)"
+        elif "edits" not in search.uses:
+            why = "the search takes no edits"
+        elif len(trees) == plan.switches.edits:
+            why = f"all {plan.switches.edits} slots (supervisor.edits) are taken"
+        else:
+            wanted = {name: parse(names[name]) for name in (edit.of, edit.donor) if name in names}
+            try:
+                tree = edited(edit, wanted, plan.vocabulary, plan.gp.limits)
+            except ValueError as error:
+                why = str(error)
+            else:
+                if tree in [other.tree for other in trees]:
+                    tree, why = None, "an edit before it makes the same tree"
+        if tree is not None:
+            parents = tuple(dict.fromkeys(name for name in (edit.of, edit.donor) if name))
+            trees.append(EditedTree(tree, parents, f"edit:{edit.kind}"))
+        records.append(as_record(edit, why))
+    return tuple(records), tuple(trees)
+
+
+def _mutated(
+    plan: Plan, trees: Sequence[EditedTree], streams: Streams, generation: int, rate: float
+) -> tuple[EditedTree, ...]:
+    """The trees after mutation, each with chance `rate`."""
+    found = []
+    for slot, e in enumerate(trees):
+        rng = streams(Stream.EDIT, generation=generation, slot=slot)
+        tree, operator = mutate(rng, e.tree, rate=rate, space=plan.space, how=plan.gp.mutation)
+        changes = f"{e.operator}+{operator}" if operator else e.operator
+        found.append(EditedTree(tree, e.parents, changes))
+    return tuple(found)
+
+
+def compare_with_parents(
+    plan: Plan,
+    population: Sequence[Evaluated],
+    texts: Sequence[str],
+    worlds: Sequence[int],
+    parents: Nameable,
+    evaluator: Evaluator,
+    *,
+    stage: int,
+) -> tuple[tuple[EditTrial, ...], int]:
+    """Each edited tree beside the tree that was edited, and the episodes that this took.
+
+    A tree that meets the same worlds in this generation anyway is not evaluated once more.
+
+    Args:
+        plan: of the run.
+        population: the generation, evaluated.
+        texts: the canonical texts of its trees.
+        worlds: of the generation.
+        parents: by id, the texts of the trees that were edited.
+        evaluator: runs the episodes.
+        stage: of the curriculum.
+    """
+    n, common = plan.gp.episodes, plan.gp.common_world
+    known = {
+        (text, 0 if common else slot): e.fitness
+        for slot, (text, e) in enumerate(zip(texts, population, strict=True))
+    }
+    pairs = [
+        (e, parents[e.individual.parents[0]], 0 if common else slot)
+        for slot, e in enumerate(population)
+        if e.individual.origin == Origin.EDITED and e.individual.parents[0] in parents
+    ]
+    missing = [
+        key for key in dict.fromkeys((text, at) for _, text, at in pairs) if key not in known
+    ]
+    jobs = [Job(text, stage, worlds[at * n + k]) for text, at in missing for k in range(n)]
+    outcomes = evaluator.evaluate(jobs) if jobs else []
+    for k, key in enumerate(missing):
+        known[key] = _mean(outcomes[k * n : (k + 1) * n])
+    trials = tuple(
+        EditTrial(e.individual.id, e.individual.parents[0], e.fitness, known[text, at])
+        for e, text, at in pairs
+    )
+    return trials, len(jobs)
+
+
+def _mean(outcomes: Sequence[Outcome]) -> float:
+    return float(total(o.fitness for o in outcomes) / len(outcomes))

@@ -1,0 +1,29 @@
+"""Locks of folders: one process writes to a folder at a time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from islandgp.errors import RunError
+
+
+def take(lock: FileLock, folder: Path, busy: RunError) -> None:
+    """Makes a folder and takes its lock; raises `busy` where another process holds it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        lock.acquire(timeout=1, poll_interval=0.05)  # a look at it may hold it
+    except Timeout:
+        raise busy from None
+
+
+def locked(path: Path) -> bool:
+    """Whether a process holds the lock file now."""
+    if not path.exists():
+        return False
+    try:
+        with FileLock(path, timeout=0):
+            return False
+    except Timeout:
+        return True

@@ -1,0 +1,184 @@
+"""`manifest.json`: size and SHA-256 of each file of a finished run.
+
+It is written before summary.json, whose presence makes a run a finished one. So every finished run
+has it; about.json and summary.json say so, and a manifest that was deleted is reported. The page
+run.html is written later and has its entry added then.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from functools import lru_cache
+from pathlib import Path
+from typing import Final
+
+from islandgp.errors import RunError
+from islandgp.plain import UNREADABLE, made_of, read_json
+from islandgp.records.checkpoint import damaged, reading, write_atomic
+from islandgp.records.files import PAGE, pretty
+from islandgp.trust import must_have_no_links
+
+NAME: Final = "manifest.json"
+
+OUTSIDE: Final = frozenset({NAME, "tracking.json", "checkpoint.json", "checkpoint.previous.json"})
+"""Files without an entry: they change after the end, or go with it. Nor have hidden files one."""
+
+NEEDED: Final = (
+    "about.json",
+    "config.yaml",
+    "generations.jsonl",
+    "generations.sha256",
+    "costs.jsonl",
+    "best.bt",
+    "lineage.csv",
+    "summary.json",
+)
+"""Files of every finished run."""
+
+MADE_AGAIN: Final = frozenset({"best.bt", "lineage.csv", PAGE})
+"""Files that the run's command makes again from the others where they are missing."""
+
+
+class Damage(StrEnum):
+    """What happened to a file."""
+
+    CHANGED = "changed"
+    MISSING = "missing"
+    ADDED = "added"
+
+
+@dataclass(frozen=True, slots=True)
+class DamagedFile:
+    """A file that is not as the run wrote it."""
+
+    name: str
+    damage: Damage
+
+    def __str__(self) -> str:
+        again = self.damage is Damage.MISSING and self.name in MADE_AGAIN
+        return f"{self.name}: {self.damage}{'; the command of the run makes it again' * again}"
+
+
+@dataclass(frozen=True, slots=True)
+class ManifestEntry:
+    """What a file was when the run ended."""
+
+    bytes: int
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class Manifest:
+    """What manifest.json holds."""
+
+    files: dict[str, ManifestEntry]  # by name
+
+
+def write_manifest(folder: Path, summary: bytes) -> None:
+    """Writes the manifest of a run's files, and of the summary that is about to be written."""
+    files = {
+        name: _entry(folder / name) for name in _names(folder) if name not in (PAGE, "summary.json")
+    }
+    files["summary.json"] = ManifestEntry(len(summary), hashlib.sha256(summary).hexdigest())
+    _write(folder, Manifest(files))
+
+
+def add_to_manifest(folder: Path, name: str) -> None:
+    """Writes down what a file of a finished run is now; nothing where the run has no manifest."""
+    found = read_manifest(folder)
+    if found is not None:
+        _write(folder, Manifest({**found.files, name: _entry(folder / name)}))
+
+
+def read_manifest(folder: Path) -> Manifest | None:
+    """The manifest; None for a run of an older version. Raises RunError: damaged or deleted."""
+    file = folder / NAME
+    if not file.exists():
+        if _promised(folder):
+            raise damaged("the checksums of a finished run", file, "missing")
+        return None
+    with reading("the checksums of a finished run", file):
+        return made_of(Manifest, read_json(file.read_bytes()))
+
+
+def damaged_files(folder: Path) -> list[DamagedFile]:
+    """The files of a finished run that are not as it wrote them; [] for an older version's.
+
+    Raises:
+        RunError: the manifest is damaged.
+    """
+    if not (folder / NAME).exists() and _promised(folder):
+        return [DamagedFile(NAME, Damage.MISSING)]
+    manifest = read_manifest(folder)
+    if manifest is None:
+        return []
+    names = sorted({*manifest.files, *NEEDED, *_names(folder)})
+    return [found for name in names if (found := _damage(folder / name, manifest)) is not None]
+
+
+def must_be_as_written(folder: Path, name: str) -> None:
+    """Raises RunError where a file of a finished run is not as the run wrote it."""
+    manifest = read_manifest(folder)
+    found = None if manifest is None else _damage(folder / name, manifest)
+    if found is not None:
+        raise refused(folder, found)
+
+
+def is_as_written(folder: Path, name: str) -> bool:
+    """True if a file is there, and as the manifest has it where there is one. Raises RunError."""
+    manifest = read_manifest(folder)
+    return (folder / name).exists() and (
+        manifest is None or _damage(folder / name, manifest) is None
+    )
+
+
+def refused(folder: Path, found: DamagedFile) -> RunError:
+    """The error for a damaged file of a finished run."""
+    return damaged("a file of a finished run", folder / found.name, str(found.damage))
+
+
+def _damage(file: Path, manifest: Manifest) -> DamagedFile | None:
+    expected = manifest.files.get(file.name)
+    if not file.is_file():
+        return DamagedFile(file.name, Damage.MISSING)
+    if expected is None:
+        return DamagedFile(file.name, Damage.ADDED)
+    same = file.stat().st_size == expected.bytes and _entry(file) == expected
+    return None if same else DamagedFile(file.name, Damage.CHANGED)
+
+
+def _names(folder: Path) -> Iterator[str]:
+    """The files that a manifest has an entry for."""
+    must_have_no_links(folder)
+    for file in sorted(folder.iterdir()):
+        if not file.name.startswith(".") and file.name not in OUTSIDE:
+            yield file.name
+
+
+def _entry(file: Path) -> ManifestEntry:
+    status = file.stat()
+    return _hashed(file, status.st_size, status.st_mtime_ns, status.st_ino)
+
+
+@lru_cache(maxsize=4096)
+def _hashed(file: Path, size: int, changed: int, number: int) -> ManifestEntry:  # noqa: ARG001 -- another file has others
+    with file.open("rb") as opened:
+        return ManifestEntry(size, hashlib.file_digest(opened, "sha256").hexdigest())
+
+
+def _promised(folder: Path) -> bool:
+    """Whether about.json or summary.json says that the run has a manifest."""
+    for name in ("about.json", "summary.json"):
+        try:
+            if read_json((folder / name).read_bytes()).get("manifest"):
+                return True
+        except (OSError, *UNREADABLE):  # whoever reads the file itself reports it
+            continue
+    return False
+
+
+def _write(folder: Path, manifest: Manifest) -> None:
+    write_atomic(folder / NAME, pretty(asdict(manifest)))

@@ -1,0 +1,48 @@
+"""Secrets in fields whose names the configuration does not know: extra fields of requests."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+HIDDEN: Final = "***"
+
+FREE: Final = frozenset({"extra_body", "extra_headers"})
+"""Keys of a configuration below which a server's own fields stand."""
+
+ANYWHERE: Final = frozenset(
+    {"apikey", "authorization", "bearer", "cookie", "credential", "credentials", "passwd"}
+    | {"password", "secret"}
+)
+AT_THE_END: Final = frozenset({"auth", "key", "token"})
+"""Words of a field's name that make it a secret: `x-api-key`, but not `max_tokens`."""
+
+
+def names_secret(key: str) -> bool:
+    """Whether a field of a server's own is a secret by its name."""
+    apart = re.sub(r"([a-z0-9])([A-Z])", r"\1_\2", key).lower()
+    words = re.findall(r"[a-z0-9]+", apart)
+    return bool(words) and (not ANYWHERE.isdisjoint(words) or words[-1] in AT_THE_END)
+
+
+def without_secrets(value: Any) -> Any:
+    """JSON values with HIDDEN in the place of each secret, at any depth."""
+    if isinstance(value, Mapping):
+        return {
+            key: HIDDEN if inner and names_secret(str(key)) else without_secrets(inner)
+            for key, inner in value.items()
+        }
+    return [*map(without_secrets, value)] if isinstance(value, list | tuple) else value
+
+
+def secrets_in(value: Any, secret: bool = False) -> Iterator[str]:
+    """The texts that `without_secrets` hides."""
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            yield from secrets_in(inner, secret or names_secret(str(key)))
+    elif isinstance(value, list | tuple):
+        for inner in value:
+            yield from secrets_in(inner, secret)
+    elif secret and isinstance(value, str):
+        yield value

@@ -1,0 +1,64 @@
+"""Sensors of perturbed worlds: what the tree sees is noisy, and late.
+
+A domain declares how much noise its numbers have (`Key.noise`) and by how many ticks its blackboard
+may be late (`Schema.delay`); configuration says how much of both there is (`perturb`).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+
+from islandgp.bt.vocabulary import Key
+from islandgp.seeding import Stream, stream
+
+
+@dataclass(frozen=True, slots=True)
+class SensorFaults:
+    """How far sensors are from the truth."""
+
+    noise: float  # multiple of the standard deviations that the keys declare, >= 0
+    delay: int  # ticks at most, >= 0; each world has a delay between 0 and this
+
+    def sensors(self, keys: Mapping[str, Key], seed: int) -> Sensors:
+        """The sensors of an episode in the world of a seed."""
+        return Sensors(self, keys, stream(seed, Stream.PERTURBATION, slot=1))
+
+
+class Sensors:
+    """The sensors of one episode; they are called once a tick."""
+
+    def __init__(
+        self, faults: SensorFaults, keys: Mapping[str, Key], rng: np.random.Generator
+    ) -> None:
+        """`rng` is consumed, now and in each tick."""
+        self._rng = rng
+        self._noisy = [
+            (place, faults.noise * key.noise, key.low, inf if key.most is None else key.most)
+            for place, key in enumerate(keys.values())
+            if faults.noise * key.noise > 0
+        ]
+        self._delay = int(rng.integers(faults.delay + 1))
+        self._past: deque[list[float]] = deque(maxlen=self._delay + 1)
+
+    def __call__(self, values: Sequence[float]) -> list[float]:
+        """What the tree sees in the next tick of true values, by place on the blackboard.
+
+        Numbers stay in the ranges of their keys. Until the delay is over, it is the first values.
+        """
+        seen = [float(value) for value in values]
+        if self._noisy:
+            draws = self._rng.standard_normal(len(self._noisy)).tolist()
+            for (place, sd, low, most), draw in zip(self._noisy, draws, strict=True):
+                seen[place] = min(max(seen[place] + sd * draw, low), most)
+        self._past.append(seen)
+        return self.seen
+
+    @property
+    def seen(self) -> list[float]:
+        """What the tree saw in the last tick."""
+        return self._past[0]

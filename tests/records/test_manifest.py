@@ -1,0 +1,247 @@
+"""Damage to a finished run: whoever reads it says so, and nothing is made of damaged files."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+import islandgp
+from islandgp.cli import islandgp as group
+from islandgp.errors import RunError, UntrustedError
+from islandgp.records.archive_file import read_archive
+from islandgp.records.folder import RunFolder, run_folders
+from islandgp.records.manifest import NAME, OUTSIDE, damaged_files, read_manifest
+from islandgp.running.app import main
+from islandgp.tracking.place import place_from
+from islandgp.tracking.sync import sync
+from tests.tracking.folders import begun, finished, steps, written
+
+TINY = (
+    *("supervisor=baseline", "gp.population=4", "gp.generations=2", "gp.validation=0"),
+    *("tracking=off", "evaluator=serial", "progress=off"),
+    "evaluator.factory=tests.running.evaluators:Instant",
+)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which the command has made a run, as it leaves it."""
+    home = tmp_path_factory.mktemp("made")
+    before = Path.cwd()
+    os.chdir(home)
+    try:
+        assert main([*TINY]) == 0
+    finally:
+        os.chdir(before)
+    return home
+
+
+@pytest.fixture
+def run(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The run in a copy of that folder, in which commands are given."""
+    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    (found,) = run_folders(tmp_path / "runs")
+    return found.path
+
+
+def change(file: Path) -> None:
+    """Another digit."""
+    data = file.read_bytes()
+    at = next((i for i in range(len(data) - 1, 0, -1) if data[i : i + 1].isdigit()), 0)
+    file.write_bytes(data[:at] + (b"1" if data[at : at + 1] != b"1" else b"2") + data[at + 1 :])
+
+
+def test_all_files_of_a_run_have_an_entry(run: Path) -> None:
+    """The page too, which is written after the end."""
+    manifest = read_manifest(run)
+    assert manifest is not None
+    shown = {f.name for f in run.iterdir() if not f.name.startswith(".")}
+    assert {*manifest.files} == shown - OUTSIDE
+    assert "run.html" in manifest.files
+    assert damaged_files(run) == []
+
+
+COVERED = (
+    *("about.json", "archive.json", "best.bt", "config.yaml", "costs.jsonl", "generations.jsonl"),
+    *("generations.sha256", "lineage.csv", "summary.json"),
+)
+
+
+@pytest.mark.parametrize("name", COVERED)
+def test_a_run_with_a_changed_file_is_not_sound(name: str, run: Path) -> None:
+    """Each file is compared."""
+    RunFolder(run).must_be_sound()
+    change(run / name)
+    with pytest.raises(RunError, match=rf"{name}, found a damaged file \(changed\)"):
+        RunFolder(run).must_be_sound()
+
+
+@pytest.mark.parametrize("name", ["generations.jsonl", "lineage.csv", "summary.json"])
+def test_a_changed_file_is_not_called_complete(
+    name: str, run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The command that made the run names the file, exit code 2; nothing is made again."""
+    change(run / name)
+    (run / "run.html").unlink()
+    before = {f.name: f.read_bytes() for f in run.iterdir() if f.is_file()}
+    assert main([*TINY]) == 2
+    said = capsys.readouterr().err
+    assert f"{run / name}, found a damaged file (changed)" in said
+    assert "Traceback" not in said
+    after = {f.name: f.read_bytes() for f in run.iterdir() if f.is_file()}
+    assert after == before
+
+
+@pytest.mark.parametrize("name", ["generations.jsonl", NAME])
+def test_a_deleted_file_is_not_called_complete(
+    name: str, run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also the manifest itself: without it nothing would be compared."""
+    (run / name).unlink()
+    assert main([*TINY]) == 2
+    assert f"{run / name}, found a damaged file (missing)" in capsys.readouterr().err
+
+
+def test_what_follows_from_sound_records_is_made_again(run: Path) -> None:
+    """The best tree, the lineage, and the page, also a changed one."""
+    before = {name: (run / name).read_bytes() for name in ("best.bt", "lineage.csv")}
+    for name in before:
+        (run / name).unlink()
+    (run / "run.html").write_text("changed")
+    assert main([*TINY]) == 0
+    assert {name: (run / name).read_bytes() for name in before} == before
+    assert damaged_files(run) == []
+
+
+def test_watch_opens_no_page_of_another(run: Path) -> None:
+    """A changed page is made again; a damaged run is refused."""
+    (run / "run.html").write_text("<script>")
+    result = CliRunner().invoke(group, ["watch", str(run), "--no-open"])
+    assert result.exit_code == 0, result.output
+    assert (run / "run.html").read_bytes().startswith(b"<!doctype html>")
+    assert damaged_files(run) == []
+    change(run / "generations.jsonl")
+    result = CliRunner().invoke(group, ["watch", str(run), "--no-open"])
+    assert "found a damaged file (changed)" in str(result.exception)
+
+
+READERS: dict[str, Callable[[Path], object]] = {
+    "runs": lambda run: islandgp.load(run).runs,
+    "generations": lambda run: islandgp.load(run).generations,
+    "archive": lambda run: islandgp.load(run).archive,
+    "summary": lambda run: RunFolder(run).summary(),
+    "costs": lambda run: list(RunFolder(run).costs()),
+    "start": lambda run: read_archive(run),
+}
+
+
+@pytest.mark.parametrize(
+    ("reader", "name"),
+    [
+        *(("runs", n) for n in ("summary.json", "config.yaml", "about.json")),
+        *(("generations", n) for n in ("generations.jsonl", "config.yaml")),
+        ("archive", "archive.json"),
+        ("summary", "summary.json"),
+        ("costs", "costs.jsonl"),
+        ("start", "archive.json"),
+    ],
+)
+def test_who_reads_a_damaged_file_says_so(reader: str, name: str, run: Path) -> None:
+    """Whatever number was changed in it."""
+    READERS[reader](run)
+    change(run / name)
+    with pytest.raises(RunError, match=rf"{name}, found a damaged file \(changed\)"):
+        READERS[reader](run)
+
+
+def test_a_run_without_about_json_does_not_vanish(run: Path) -> None:
+    """It is listed, and whoever reads it says what is missing."""
+    (run / "about.json").unlink()
+    assert [folder.path for folder in run_folders(run.parent)] == [run]
+    with pytest.raises(RunError, match=r"about\.json, found a damaged file \(missing\)"):
+        islandgp.load(run.parent)
+
+
+@pytest.mark.parametrize("name", ["generations.jsonl", "summary.json"])
+def test_sync_sends_no_damaged_run(name: str, run: Path) -> None:
+    """The file is named, and no store is made for it."""
+    change(run / name)
+    done = sync(run, place_from("sqlite:///mlflow.db", "islandgp"))
+    assert f"{run / name}, found a damaged file (changed)" in str(done.failed[run])
+    assert not Path("mlflow.db").exists()
+
+
+@pytest.mark.parametrize("name", ["best.bt", "transcript.jsonl", ".lock", "generations.jsonl"])
+def test_a_link_is_neither_followed_nor_sent(name: str, run: Path, tmp_path: Path) -> None:
+    """Whether or not the manifest has an entry for it; what it leads to stays as it is."""
+    secret = tmp_path / "secret"
+    secret.write_text("mine")
+    (run / name).unlink(missing_ok=True)
+    (run / name).symlink_to(secret)
+    done = sync(run, place_from("sqlite:///mlflow.db", "islandgp"))
+    assert isinstance(done.failed[run], UntrustedError)
+    for reader in READERS.values():
+        with pytest.raises(UntrustedError, match=f"{name}, found a link"):
+            reader(run)
+    with pytest.raises(UntrustedError):
+        RunFolder(run).status()
+    assert secret.read_text() == "mine"
+
+
+def test_a_pipe_is_not_read(run: Path) -> None:
+    """It would never end."""
+    (run / "summary.json").unlink()
+    os.mkfifo(run / "summary.json")
+    with pytest.raises(UntrustedError, match=r"summary\.json, found none"):
+        RunFolder(run).summary()
+
+
+@pytest.mark.parametrize("last", [False, True])
+@pytest.mark.parametrize("how", ["changed", "longer", "gone"])
+def test_records_that_change_under_a_run_end_it(how: str, last: bool, tmp_path: Path) -> None:
+    """At the next generation, or at the end: nothing is written over them."""
+    folder = begun(tmp_path / "one", tmp_path)
+    done = steps()
+    end = finished(written(tmp_path / "two", tmp_path), done[-1].champion)
+    for step in done if last else done[:3]:
+        folder.append(step)
+    file = folder.path / "generations.jsonl"
+    match how:
+        case "changed":
+            change(file)
+        case "longer":
+            file.write_bytes(file.read_bytes() + b"x")
+        case "gone":
+            file.unlink()
+    goes_on = partial(folder.finish, end) if last else partial(folder.append, done[3])
+    with pytest.raises(RunError, match=r"generations\.jsonl as this run left them, found them"):
+        goes_on()
+    folder.close()
+    assert not folder.finished()
+    assert not (folder.path / NAME).exists()
+
+
+def test_a_run_whose_file_was_only_touched_goes_on(tmp_path: Path) -> None:
+    """A copy of a backup has another time and the same content."""
+    folder = begun(tmp_path / "one", tmp_path)
+    folder.append(steps()[0])
+    os.utime(folder.path / "generations.jsonl", (1, 1))
+    folder.append(steps()[1])
+    folder.close()
+    assert len(list(folder.records())) == 2
+
+
+def test_a_manifest_of_an_end_that_did_not_come_is_removed(tmp_path: Path) -> None:
+    """It is written before the summary; a run killed in between goes on."""
+    folder = written(tmp_path / "one", tmp_path, 4)
+    (folder.path / NAME).write_text(json.dumps({"files": {}}))
+    begun(folder.path, tmp_path).close()
+    assert not (folder.path / NAME).exists()

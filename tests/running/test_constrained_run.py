@@ -1,0 +1,146 @@
+"""A run with constraints and perturbed worlds: what its folder, page and reports say of them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+import islandgp
+from islandgp.cli import islandgp as group
+from islandgp.records.folder import RunFolder
+from islandgp.running.report import report
+from islandgp.scoring.constraints import recorded_constraints, violation
+from islandgp.study.arms import Arm
+from islandgp.study.comparable import compare_arms
+from islandgp.study.generalise import Generalisation
+from islandgp.study.select import find, read
+from islandgp.study.tables.champions import constraints_table, generalisation_table
+from islandgp.tracking.metrics import metrics
+from tests.tracking.test_metrics import COST
+
+WORDS = (
+    "experiment=smoke",
+    "supervisor=baseline",
+    "gp.population=12",
+    "gp.generations=4",
+    "gp.validation=1",
+    "world.episode.length=40",
+    "tracking=off",
+    "progress=off",
+    "evaluator=serial",
+    "constraints={distance: {at_most: 200}, interactions: {at_most: 0}}",
+    "perturb={world: {robot.speed: [8, 12]}, noise: 1, delay: 5}",
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    """A finished run."""
+    experiment = islandgp.compose(*WORDS, f"runs={tmp_path_factory.mktemp('a run')}")
+    experiment.run()
+    return RunFolder(experiment.folder)
+
+
+def test_the_best_robot_is_feasible_before_fit(folder: RunFolder) -> None:
+    """In the summary, the report and the records; one that earns more breaks a limit."""
+    summary, constraints = folder.summary(), recorded_constraints(folder.configuration())
+    everyone = [i for record in folder.records() for i in record["individuals"]]
+    worth = {i["id"]: (-violation(i["counters"], constraints), i["fitness"]) for i in everyone}
+    assert max(i["fitness"] for i in everyone) > summary["fittest"]["record"]["fitness"]
+    assert worth[summary["fittest"]["record"]["id"]] == max(worth.values())
+    for record in folder.records():
+        best = max(record["individuals"], key=lambda i: worth[i["id"]])
+        assert record["snapshot"]["best"] == best["fitness"]
+    assert summary["constraints"] == "distance at most 200, interactions at most 0"
+    assert summary["champion"]["validation"]["violation"] == 0
+    assert summary["champion"]["validation"]["feasible"] > 0
+    assert "(distance at most 200, interactions at most 0): kept on average, and in" in report(
+        folder
+    )
+
+
+def test_frames(folder: RunFolder) -> None:
+    """Violations of individuals and runs, and the shares of those who keep all limits."""
+    results = islandgp.load(folder.path)
+    individuals, generations, runs = results.individuals, results.generations, results.runs
+    kept = individuals["constraints.violation"] == 0
+    shares = kept.groupby(individuals["generation"]).mean()
+    assert 0 < kept.sum() < len(kept)
+    assert list(shares) == list(generations["constraints.feasible"])
+    assert list(runs["constraints.violation"]) == [0]
+    assert list(runs["constraints.feasible"]) == [
+        folder.summary()["champion"]["validation"]["feasible"]
+    ]
+
+
+def test_metrics(folder: RunFolder) -> None:
+    """The share of feasible individuals, and the components of the best one, not the fittest."""
+    constraints = recorded_constraints(folder.configuration())
+    for record in folder.records():
+        found = metrics(record, COST, constraints)
+        assert found["constraints/violation_of_best"] == 0
+        assert 0 < found["constraints/feasible"] <= 1
+        assert sum(v for k, v in found.items() if k.startswith("components/")) == pytest.approx(
+            found["fitness/max"]
+        )
+        assert not any(name.startswith("constraints/") for name in metrics(record, COST))
+
+
+def test_the_page(folder: RunFolder) -> None:
+    """Its sentence says whether the best robot keeps the constraints."""
+    page = (folder.path / "run.html").read_text(encoding="utf-8")
+    assert "On average it keeps the constraints, and it keeps them in" in page
+    assert "<dt>constraints</dt><dd>distance at most 200, interactions at most 0</dd>" in page
+
+
+def test_the_archive_is_feasible(folder: RunFolder) -> None:
+    """An elite's individual kept all limits."""
+    constraints = recorded_constraints(folder.configuration())
+    counters = {
+        i["id"]: i["counters"] for record in folder.records() for i in record["individuals"]
+    }
+    elites = islandgp.load(folder.path).archive["id"]
+    assert len(elites) > 0
+    assert all(violation(counters[id_], constraints) == 0 for id_ in elites)
+
+
+def test_best(folder: RunFolder) -> None:
+    """The share of worlds with all limits kept, and mean and worst of the perturbed worlds."""
+    words = ["best", str(folder.path), "--worlds", "3", "--workers", "1"]
+    rows = json.loads(CliRunner().invoke(group, [*words, "--json"]).output)
+    assert rows[0]["feasible"] > 0
+    assert all(row["perturbed_worst"] <= row["perturbed"] for row in rows)
+    text = CliRunner().invoke(group, words).output
+    assert "constraints kept" in text
+    assert "perturbed" in text.splitlines()[0]
+
+
+def test_compare(folder: RunFolder) -> None:
+    """A table of the constraints, and columns of the perturbed worlds."""
+    (found,) = find(folder.path)
+    run = read(found)
+    arms = [Arm("a", "", (run,)), Arm("b", "", (replace(run, path=Path("b")),))]
+    study = compare_arms(arms, force=True)
+    assert study.arms[0].runs[0].feasible == folder.summary()["champion"]["validation"]["feasible"]
+    table = constraints_table(study)
+    assert table.rows[0][1] == "distance at most 200, interactions at most 0"
+    assert [best.fitness for best in run.best] == [s.best for s in run.snapshots]
+    champions = [Generalisation(name, 1, 1.0, (3.0, 5.0), {}, (2.0, 4.0)) for name in ("a", "b")]
+    columns = generalisation_table(champions, 2).columns
+    assert {"perturbed (points)", "worst perturbed (points)"} <= set(columns)
+
+
+def test_nothing_of_it_without_constraints(tmp_path: Path) -> None:
+    """Summary, frames and page have no more than before."""
+    experiment = islandgp.compose(*WORDS[:-2], f"runs={tmp_path}")
+    results = experiment.run()
+    summary = RunFolder(experiment.folder).summary()
+    assert "constraints" not in summary
+    assert not {"violation", "feasible"} & summary["champion"]["validation"].keys()
+    for frame in (results.runs, results.generations, results.individuals):
+        assert not any(name.startswith("constraints") for name in frame.columns)
+    assert "constraints" not in (experiment.folder / "run.html").read_text(encoding="utf-8")

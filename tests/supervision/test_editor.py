@@ -1,0 +1,254 @@
+"""The editor: what the best tree lacks, where the branch comes from, and where it is put."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from islandgp.bt.language import parse, to_text
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.errors import SupervisionError
+from islandgp.evolution.edits import Edit, EditTrial, as_record
+from islandgp.evolution.record import IndividualRecord, record_values
+from islandgp.records.checkpoint import dump
+from islandgp.running.run import make_supervisor
+from islandgp.supervision.base import Seen
+from islandgp.supervision.editor import Editor, place_for, requirements, urgency, widened
+from islandgp.supervision.editor_controls import EditorYoked
+from tests.composed import composed
+from tests.evolution.runs import run
+from tests.made import snapshot, state
+
+PATROL = "PatrolWaypoint"
+COLLECT = (
+    "selector { when foundGarbage { sequence { MoveToGarbage PickupGarbage } } PatrolWaypoint }"
+)
+CHARGE = "when batteryLevel < 45 abort lower { sequence { SeekCharger ExecuteCharge } }"
+RNG = np.random.default_rng(0)
+
+
+def individual(name: str, tree: str, fitness: float = 0.0, **counters: float) -> IndividualRecord:
+    """A line of a record, with these counters and 0 for the others."""
+    every = dict.fromkeys(composed().make_domain().schema.counters, 0.0)
+    return IndividualRecord(
+        id=name,
+        origin="random",
+        parents=(),
+        mutation="",
+        tree=to_text(parse(tree)),
+        nodes=3,
+        depth=2,
+        fitness=fitness,
+        components={},
+        specialist="patrol_only",
+        tiers=(),
+        counters={**every, **counters},
+        endings=("end",),
+    )
+
+
+def seen(*individuals: IndividualRecord, generation: int = 0, **fields: Any) -> Seen:
+    """A generation as supervisors see it."""
+    return Seen(snapshot(generation), (0,), {}, individuals, None, **fields)
+
+
+def editor(name: str = "editor", *overrides: str) -> Editor:
+    """The supervisor of that name."""
+    found = make_supervisor(composed(f"supervisor={name}", *overrides), None)
+    assert isinstance(found, Editor)
+    return found
+
+
+def advice(supervisor: Editor, generation: Seen) -> tuple[Edit, ...]:
+    """What it advises after a generation."""
+    supervisor.see(generation)
+    return supervisor.advise(state([generation.snapshot]), RNG).edits
+
+
+def test_what_the_milestones_ask_for() -> None:
+    """Counters with their values, the easiest milestone first, no fitness; then the behaviours."""
+    found = [(r.counter, r.value, r.milestone) for r in requirements(composed().classes)]
+    assert found == [
+        ("pickups", 2, 0),
+        ("interactions", 1, 0),
+        ("deliveries", 1, 0),
+        ("charges", 1, 0),
+        ("pickups", 4, 1),
+        ("interactions", 2, 1),
+        ("deliveries", 2, 1),
+        ("gathered", 6, 1),
+        ("pickups", 0, 2),
+        ("interactions", 0, 2),
+        ("charges", 0, 2),
+        ("deliveries", 0, 2),
+    ]
+
+
+def test_the_fittest_tree_gets_what_it_lacks() -> None:
+    """What the easiest milestone asks for, the hardest behaviour first."""
+    population = (
+        individual("0.0", PATROL, 300),
+        individual("0.1", COLLECT, 500, pickups=3),
+        individual("0.2", COLLECT, 800, pickups=2),
+    )
+    first, second, third = advice(editor(), seen(*population))
+    assert {edit.of for edit in (first, second, third)} == {"0.2"}
+    assert (first.kind, first.at) == ("front", "")
+    assert first.branch == parse(CHARGE)
+    assert first.reason == (
+        "charges 0, wanted at least 1: a branch of library tree single_charging"
+    )
+    assert [e.reason.split()[0] for e in (second, third)] == ["deliveries", "interactions"]
+
+
+def test_a_branch_of_a_tree_that_has_shown_the_behaviour() -> None:
+    """Without a library: the guarded branch with the action that goes with the counter."""
+    donor = f"selector {{ when lap < 2 {{ {PATROL} }} {CHARGE} MoveToHumanoid }}"
+    population = (
+        individual("0.0", COLLECT, 500, pickups=3),
+        individual("0.1", donor, 100, charges=2),
+        individual("0.2", PATROL, 50),
+    )
+    (edit,) = advice(editor("editor", "supervisor.policy.sources=[archive]"), seen(*population))
+    assert edit.branch == parse(CHARGE)
+    assert "individual 0.1" in edit.reason
+
+
+def test_a_branch_that_is_there_already_gets_a_wider_guard() -> None:
+    """It is not put in twice."""
+    tree = f"selector {{ {CHARGE} {PATROL} }}"
+    found = advice(editor(), seen(individual("0.0", tree)))
+    wider = found[0]
+    assert (wider.kind, wider.at, wider.number) == ("number", "0", 60)
+    assert all(edit.branch != parse(CHARGE) for edit in found)
+
+
+def test_nothing_to_edit() -> None:
+    """Where the best tree meets everything, where no generation was seen, or another one."""
+    all_of_it = individual(
+        "0.0", COLLECT, pickups=9, interactions=9, deliveries=9, charges=9, gathered=99
+    )
+    assert advice(editor(), seen(all_of_it)) == ()
+    assert editor().advise(state([snapshot()]), RNG).edits == ()
+    supervisor = editor()
+    supervisor.see(seen(individual("0.0", PATROL)))
+    assert supervisor.advise(state([snapshot(3)]), RNG).edits == ()
+
+
+@pytest.mark.parametrize(
+    ("tree", "branch", "place"),
+    [
+        ("PatrolWaypoint", CHARGE, None),
+        (COLLECT, CHARGE, 0),
+        (f"selector {{ {CHARGE} PatrolWaypoint }}", "when foundGarbage { PickupGarbage }", 1),
+        (f"selector {{ {CHARGE} }}", "MoveToHumanoid", 1),
+    ],
+)
+def test_the_narrowest_guard_stands_first(tree: str, branch: str, place: int | None) -> None:
+    """A branch belongs before those whose guards hold as often or more often."""
+    assert place_for(parse(tree), parse(branch), VOCABULARY) == place
+
+
+def test_urgency() -> None:
+    """The share of its key's range in which a guard holds; 1 without a guard."""
+    assert urgency(parse(CHARGE), VOCABULARY) == 0.45
+    assert urgency(parse("when not foundGarbage { PatrolWaypoint }"), VOCABULARY) == 0.5
+    both = parse("when batteryLevel < 20 and foundGarbage { PatrolWaypoint }")
+    assert urgency(both, VOCABULARY) == 0.2
+    assert urgency(parse(PATROL), VOCABULARY) == 1
+
+
+def test_widened() -> None:
+    """The number moves by a share of the range; a flag, or a number at its end, cannot."""
+
+    def of(text: str) -> float | None:
+        asked = parse(f"when {text} {{ PatrolWaypoint }}").args[0]
+        return widened(asked, VOCABULARY)  # type: ignore[arg-type] # a `when` has a condition
+
+    assert of("batteryLevel < 20") == 35
+    assert of("batteryLevel > 20") == 5
+    assert of("batteryLevel < 100") is None
+    assert of("foundGarbage") is None
+
+
+def test_an_edit_is_not_repeated() -> None:
+    """A tree that is still the fittest gets another branch, and one that helped comes first."""
+    other = "when batteryLevel < 50 { sequence { SeekCharger ExecuteCharge PatrolWaypoint } }"
+    donor = individual("0.1", f"selector {{ {other} PatrolWaypoint }}", 10, charges=1)
+    population = (individual("0.0", COLLECT, 500, pickups=3), donor)
+    supervisor = editor("editor", "supervisor.edits=1")
+    (first,) = advice(supervisor, seen(*population))
+    assert first.branch == parse(CHARGE)
+    led = run()[0].record.guidance
+    assert led is not None
+    later = replace(
+        seen(*population, generation=1, trials=(EditTrial("1.0", "0.0", 500, 500),)),
+        guidance=replace(led, edits=(as_record(first, ""),)),
+    )
+    (second,) = advice(supervisor, later)
+    assert second.branch == parse(other)
+
+
+def test_a_random_branch() -> None:
+    """The best tree, branches of any counter."""
+    population = seen(individual("0.0", COLLECT, 500, pickups=3), individual("0.1", PATROL))
+    found = {
+        to_text(edit.branch)
+        for k in range(20)
+        for edit in _drawn("editor_random_branch", population, k)
+        if edit.branch is not None
+    }
+    assert len(found) >= 3
+
+
+def test_a_random_tree() -> None:
+    """The branch that the best tree lacks, in any tree."""
+    population = seen(individual("0.0", COLLECT, 500, pickups=3), individual("0.1", PATROL))
+    edits = [e for k in range(20) for e in _drawn("editor_random_tree", population, k)[:1]]
+    assert {edit.of for edit in edits} == {"0.0", "0.1"}
+    assert {edit.branch for edit in edits} == {parse(CHARGE)}
+
+
+def _drawn(name: str, population: Seen, seed: int) -> tuple[Edit, ...]:
+    supervisor = editor(name)
+    supervisor.see(population)
+    return supervisor.advise(state([snapshot()]), np.random.default_rng(seed)).edits
+
+
+def test_a_constant() -> None:
+    """The same counter, also where it is met; another one can be named."""
+    population = seen(individual("0.0", COLLECT, 500, charges=3))
+    edit, *_ = advice(editor("editor_constant"), population)
+    assert edit.branch == parse(CHARGE)
+    edit, *_ = advice(editor("editor_constant", "supervisor.policy.counter=deliveries"), population)
+    assert "single_clearing" in edit.reason
+    with pytest.raises(SupervisionError, match=r"expected one of .*charges.*, found 'laps'"):
+        editor("editor_constant", "supervisor.policy.counter=laps")
+
+
+def test_yoked(tmp_path: Path) -> None:
+    """It works on the counters that the other run's editor worked on, whatever lacks here."""
+    folder = tmp_path / "led1"
+    folder.mkdir()
+    text = []
+    for step in run():
+        values = record_values(step.record)
+        if values["guidance"]:
+            values["guidance"]["notes"] = {"counters": "charges pickups"}
+        text.append(dump(values) + "\n")
+    (folder / "generations.jsonl").write_text("".join(text), encoding="utf-8")
+    words = (f"supervisor.policy.record='{tmp_path}/led{{seed}}'", "gp.generations=8", "seed=0")
+    supervisor = editor("editor_yoked", *words)
+    assert isinstance(supervisor, EditorYoked)
+    assert supervisor.given == (*([("charges", "pickups")] * 7), ())
+    all_of_it = individual(
+        "0.0", PATROL, pickups=9, interactions=9, deliveries=9, charges=9, gathered=99
+    )
+    found = advice(supervisor, seen(all_of_it))
+    assert ["single_charging" in e.reason for e in found] == [True, False]
+    with pytest.raises(SupervisionError, match="Expected the record of another run"):
+        editor("editor_yoked", "supervisor.policy.record=nowhere")
