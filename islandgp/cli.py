@@ -29,6 +29,7 @@ COMMANDS: Final[dict[str, str]] = {
     "replay": "write an episode as a page to watch in a browser",
     "export": "turn a tree into JSON, BehaviorTree.CPP XML or py_trees",
     "import": "turn JSON or BehaviorTree.CPP XML into a tree",
+    "ros2": "tick a tree as a node of ROS 2",
     "watch": "open the page of a run, which grows while the run goes on",
     "best": "find the best tree of a run again, and tell what it is worth in unseen worlds",
     "compare": "compare arms of runs: tables, figures, statistics",

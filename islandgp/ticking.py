@@ -16,15 +16,14 @@ tick in which it runs, and what it returns, True or False, is how it ends.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Generator, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from copy import copy
 from difflib import get_close_matches
 from functools import cache, partial, wraps
-from inspect import iscoroutine, isgenerator, isgeneratorfunction, signature
+from inspect import isgenerator, signature
 from math import isfinite
-from numbers import Real
 from threading import local
-from typing import Any, ClassVar, ParamSpec, Protocol, Self, TypeAlias, TypeVar
+from typing import Any, ClassVar, ParamSpec, Protocol, Self, TypeVar
 
 from pydantic import BaseModel
 
@@ -35,6 +34,7 @@ from islandgp.bt.parameters import bound
 from islandgp.bt.vocabulary import Key, Vocabulary
 from islandgp.domain import Observer, Outcome, Schema
 from islandgp.errors import DomainError
+from islandgp.leaves import Leaf, is_flag, is_number, status_of, steps
 from islandgp.plugin import defined_in, shown
 from islandgp.scoring.rewards import RewardTable, worth
 from islandgp.sensors import SensorFaults
@@ -44,8 +44,6 @@ __all__ = ["RUNNING", "EventLog", "Leaf", "Simulation", "Stepped", "once_a_threa
 
 P = ParamSpec("P")
 T = TypeVar("T")
-
-Leaf: TypeAlias = Callable[..., int] | Callable[..., Generator[None, None, bool]]
 
 
 def once_a_thread(make: Callable[P, T]) -> Callable[P, T]:
@@ -90,7 +88,7 @@ class EventLog:
             known, near = ", ".join(self._events), _near(event, self._events)
             raise DomainError(f"Expected an event of the schema ({known}), found {event!r}{near}.")
         self.counts[event] += 1
-        if not _is_number(amount):
+        if not is_number(amount):
             raise DomainError(
                 f"Expected a finite amount of the event {event!r}, found {shown(amount)}."
             )
@@ -256,13 +254,13 @@ class Stepped:
 
 def _must_last(kind: type, world: Any, step_s: Any) -> None:
     """Raises DomainError for a tick, or an episode, that takes no time or for ever."""
-    if not (_is_number(step_s) and step_s > 0):
+    if not (is_number(step_s) and step_s > 0):
         raise DomainError(
             f"Expected a number of seconds above 0 as {kind.__name__}.step_s, found"
             f" {step_s!r}{defined_in(kind)}."
         )
     ticks: Any = getattr(world, "ticks", None)
-    if not (_is_number(ticks) and ticks >= 1):
+    if not (is_number(ticks) and ticks >= 1):
         raise DomainError(
             f"Expected the setting ticks of {type(world).__name__} to be a number of at least 1,"
             f" found {ticks!r}; declare it as `ticks: int = Field(ge=1)`{defined_in(type(world))}."
@@ -294,13 +292,6 @@ def _must_take(
         return
 
 
-def _is_number(value: object) -> bool:
-    """Whether a value is a finite number: not text, and no array."""
-    if isinstance(value, float | int):  # the usual ones, quickly
-        return isfinite(value)
-    return isinstance(value, Real) and isfinite(value)
-
-
 def _near(name: object, known: Iterable[str]) -> str:
     """The name that may have been meant, as a remedy; or ""."""
     near = get_close_matches(str(name), [*known], 1, 0.6)
@@ -319,7 +310,7 @@ def _must_be_values(keys: Mapping[str, Key], values: Any, sense: object) -> None
             raise DomainError(
                 f"Expected a value of the key {name} from `sense`, found none{where}."
             )
-        if not _is_number(values[name]) and not _is_flag(values[name]):
+        if not is_number(values[name]) and not is_flag(values[name]):
             most = "" if key.most is None else f" and at most {key.most:g}"
             expected = "True or False" if key.flag else f"a number of at least {key.low:g}{most}"
             raise DomainError(
@@ -332,11 +323,6 @@ def _must_be_values(keys: Mapping[str, Key], values: Any, sense: object) -> None
                 f"Expected values of the vocabulary's keys from `sense`, found {name!r} as well"
                 f"{_near(name, keys)}; declare it among the keys, or leave it out{where}."
             )
-
-
-def _is_flag(value: object) -> bool:
-    """Whether it is a truth value of NumPy's, which is none of Python's numbers."""
-    return type(value).__module__ == "numpy" and type(value).__name__ in ("bool", "bool_")
 
 
 def _no_ending(found: object, step: object) -> str:
@@ -365,7 +351,7 @@ def _wrong_measure(schema: Schema, found: Any) -> str:
                 f"Expected counters of the schema from `measures`, found {name!r}"
                 f"{_near(name, schema.counters)}; declare it among the counters, or leave it out"
             )
-        if not _is_number(value) and not _is_flag(value):
+        if not is_number(value) and not is_flag(value):
             expected = f"Expected a finite number as the counter {name} from `measures`"
             return f"{expected}, found {shown(value)}"
     for name in schema.counters:
@@ -386,7 +372,7 @@ class _Leaves:
         leaf: Leaf = self._leaves[name]
         if arguments := self._vocabulary.action(name).arguments:
             leaf = partial(leaf, **bound(args, arguments))
-        call = _generated(leaf) if isgeneratorfunction(leaf) else lambda _fresh: leaf()
+        call = steps(leaf)
 
         def tick(fresh: bool) -> int:
             log.action = name
@@ -396,40 +382,6 @@ class _Leaves:
                 late.action = late.action or name
                 raise
             log.action = ""
-            if not isinstance(status, int) or not 0 <= status <= RUNNING:
-                if _is_flag(status):
-                    return int(bool(status))
-                raise DomainError(
-                    f"Expected True, False or RUNNING from the action {name}, found"
-                    f" {shown(status)}{_hint(status)}{defined_in(self._leaves[name])}."
-                )
-            return int(status)
+            return status_of(status, name, self._leaves[name])
 
         return tick
-
-
-def _hint(status: object) -> str:
-    if isgenerator(status):
-        return "; write `return (yield from ...)` to run a generator of another method"
-    if iscoroutine(status):
-        status.close()
-        return "; write `def` in place of `async def`"
-    return "; return one in each branch" if status is None else ""
-
-
-def _generated(leaf: Callable[..., Generator[None, None, bool]]) -> Callable[[bool], Any]:
-    """A leaf that is a generator function: it begins anew when its node starts."""
-    going: Generator[None, None, bool] | None = None
-
-    def call(fresh: bool) -> Any:
-        nonlocal going
-        if fresh or going is None:
-            going = leaf()
-        try:
-            next(going)
-        except StopIteration as end:
-            going = None
-            return end.value
-        return RUNNING
-
-    return call
