@@ -197,8 +197,8 @@ class Stepped:
         log = EventLog(self.rewards, self.schema, weights, observer)
         episode, leaves = self.begin(seed, log, watched=observer is not None)
         try:
-            ticked = _Leaves(leaves, self.schema.vocabulary, log)
-            return self._run(episode, ticked, tree, log, observer, self._see(seed))
+            made = _Leaves(leaves, self.schema.vocabulary, log)
+            return self._run(episode, made, tree, log, observer, self._see(seed))
         except TypeError as error:
             for name in ("sense", "step", "measures", "scene", *leaves):
                 if (method := leaves.get(name, getattr(episode, name, None))) is not None:

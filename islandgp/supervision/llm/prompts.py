@@ -115,7 +115,7 @@ _OF_ARGUMENTS: Final = re.compile(r"^values?: .*\n|(?<=^action: NAME) values\?",
 
 
 def shown_grammar(*, arguments: bool) -> str:
-    """The grammar without what only files can have, and without references to files.
+    """The grammar without what only files can have, and with the paper's kinds of nodes alone.
 
     Args:
         arguments: whether actions can have arguments.
@@ -128,6 +128,8 @@ def shown_grammar(*, arguments: bool) -> str:
     ]
     shown = "\n\n".join(parts).replace("domain? include* ", "")
     shown = re.sub(r"^FILE: .*\n", "", shown, flags=re.MULTILINE)
+    more = "|".join(name for name, kind in KINDS.items() if not kind.paper)
+    shown = re.sub(rf"^ *\|? *({more})\b.*\n", "", shown, flags=re.MULTILINE | re.IGNORECASE)
     return shown if arguments else _OF_ARGUMENTS.sub("", shown)
 
 
@@ -143,7 +145,7 @@ def language(vocabulary: Vocabulary) -> str:
             f"```lark\n{shown_grammar(arguments=arguments)}\n```",
             "",
             "Nodes:",
-            *(f"- {name}: {kind.meaning}" for name, kind in KINDS.items()),
+            *(f"- {name}: {kind.meaning}" for name, kind in KINDS.items() if kind.paper),
             "",
             "How a tree goes on from tick to tick:",
             *(f"- {name}: {rule}" for name, rule in words("ticks").items()),
