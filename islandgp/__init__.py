@@ -17,7 +17,6 @@ Imported names are loaded when they are first used, as some take seconds.
 from __future__ import annotations
 
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -28,6 +27,8 @@ if TYPE_CHECKING:
     from islandgp.results import Results, load
     from islandgp.search.base import Advice
     from islandgp.seeding import Streams
+
+    __version__: str
 
 __all__ = [
     "Advice",
@@ -48,11 +49,6 @@ __all__ = [
     "to_text",
 ]
 
-try:
-    __version__ = version("islandgp")
-except PackageNotFoundError:  # a checkout that was never installed
-    __version__ = "0"
-
 _HOMES = {
     "Advice": "islandgp.search.base",
     "Experiment": "islandgp.experiment",
@@ -72,8 +68,20 @@ _HOMES = {
 }
 
 
+def _version() -> str:
+    """The installed version; "0" in a checkout that was never installed."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("islandgp")
+    except PackageNotFoundError:
+        return "0"
+
+
 def __getattr__(name: str) -> Any:
     """Loads a public name where it is first used."""
+    if name == "__version__":
+        return _version()
     if name not in _HOMES:
         raise AttributeError(f"module 'islandgp' has no attribute {name!r}")
     return getattr(import_module(_HOMES[name]), name)

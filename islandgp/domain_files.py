@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from islandgp.resources import resource
 
@@ -28,10 +28,15 @@ def class_vocabulary(domain: str, config_dir: str | None = None) -> Vocabulary:
         KeyError: there is no such domain.
         AttributeError: its schema depends on settings.
     """
+    vocabulary: Vocabulary = domain_class(domain, config_dir).schema.vocabulary
+    return vocabulary
+
+
+def domain_class(domain: str, config_dir: str | None = None) -> Any:
+    """The class that the file of a domain names. Raises KeyError if there is no such domain."""
     import yaml
 
     file = domain_files(config_dir)[domain]
     found = yaml.safe_load(file.read_text(encoding="utf-8"))
     module, _, attribute = found.get("domain", found)["factory"].partition(":")
-    vocabulary: Vocabulary = getattr(import_module(module), attribute).schema.vocabulary
-    return vocabulary
+    return getattr(import_module(module), attribute)

@@ -182,9 +182,10 @@ def _unexpected_word(
     previous = str(before[-1]) if before else ""
     expected, spelled = _expected(accepted, before, words)
     message = f"unexpected {shown(token)}"
-    if accepted == {"RBRACE"}:
+    only = set(accepted) - {"LPAR"}  # behind an action there may be its arguments
+    if only == {"RBRACE"}:
         message += "; this node takes one child, so wrap several in a sequence or a selector"
-    elif accepted == {"$END"}:
+    elif only == {"$END"}:
         message += "; a file holds one tree, after its subtrees"
     elif accepted == {"NAME"} and previous == "subtree":
         message += ", a word of the language, so it can't name a subtree"

@@ -15,8 +15,8 @@ import click
 
 from islandgp.bt.language import domain_of, domain_place, parse, plain
 from islandgp.commands.files import called, folder_of, read_text
-from islandgp.domain_files import class_vocabulary, domain_files
-from islandgp.errors import ConfigError, OtherDomainError
+from islandgp.domain_files import domain_class, domain_files
+from islandgp.errors import ConfigError, IslandError, OtherDomainError
 from islandgp.resources import resource
 
 if TYPE_CHECKING:
@@ -174,11 +174,17 @@ def read_in_domain(
 
 
 def vocabulary_of(
-    text: str, chosen: Chosen, *, name: str, folder: Path | None = None
+    text: str,
+    chosen: Chosen,
+    *,
+    name: str,
+    folder: Path | None = None,
+    in_world: bool = False,
 ) -> Vocabulary:
     """The words of the domain that the options choose, or the text of a tree.
 
-    `folder`: of the tree's file.
+    `folder`: of the tree's file. `in_world`: with the conditions of actions that hold in the
+    configured worlds, beside those that hold in every world.
 
     Raises:
         ConfigError, DomainError: the domain is not configured so, or the file declares none.
@@ -188,7 +194,7 @@ def vocabulary_of(
         from islandgp.bt.declared import declared
 
         return declared(read_text(file), text, name=file, tree_name=name, folder=folder)
-    return _vocabulary(_for_tree(text, chosen, name), chosen.config_dir)
+    return _vocabulary(_for_tree(text, chosen, name), chosen.config_dir, in_world)
 
 
 def _for_tree(text: str, chosen: Chosen, name: str) -> tuple[str, ...]:
@@ -255,10 +261,32 @@ def _given(overrides: Sequence[str]) -> set[str]:
 
 
 @cache
-def _vocabulary(overrides: tuple[str, ...], config_dir: str | None) -> Vocabulary:
+def _vocabulary(overrides: tuple[str, ...], config_dir: str | None, in_world: bool) -> Vocabulary:
     if _given(overrides) <= {"domain"}:
         name = overrides[-1].partition("=")[2] if overrides else default_domain()
         # Whatever is wrong with the class or its file, the whole configuration tells it better.
         with suppress(Exception):
-            return class_vocabulary(name, config_dir)
-    return configured(overrides, config_dir).make_domain().schema.vocabulary
+            kind = domain_class(name, config_dir)
+            declared: Vocabulary = kind.schema.vocabulary
+            if not in_world or not hasattr(kind, "vocabulary_in"):
+                return declared
+            with suppress(IslandError):  # what is wrong with a world does not concern a tree's text
+                return _configured_vocabulary(overrides, config_dir, in_world)
+            return declared
+    return _configured_vocabulary(overrides, config_dir, in_world)
+
+
+def _configured_vocabulary(
+    overrides: Sequence[str], config_dir: str | None, in_world: bool
+) -> Vocabulary:
+    """The vocabulary of a composed configuration's domain, as `vocabulary_of` has it."""
+    from islandgp.evaluation.worlds import staged
+
+    settings = configured(overrides, config_dir)
+    domain = settings.make_domain()
+    words_in = getattr(domain, "vocabulary_in", None) if in_world else None
+    if words_in is None:
+        return domain.schema.vocabulary
+    stages = settings.curriculum.stages
+    words: Vocabulary = words_in([staged(settings.world, stage.world) for stage in stages])
+    return words

@@ -244,6 +244,32 @@ def test_facts_about_actions_hold_on_the_island() -> None:
     }
 
 
+HALF = "when batteryLevel >= {level} abort self {{ sequence {{ SeekCharger ExecuteCharge }} }}"
+EARLY = "+curriculum.stages.0.world={robot: {charge_below: 80}}"
+
+
+@pytest.mark.parametrize(
+    ("level", "words", "warned"),
+    [
+        (60, [], True),  # conf/world/island.yaml has 50
+        (45, [], False),
+        (60, ["--set", "world=dense"], False),
+        (95, ["--set", "world=dense"], True),
+        (60, ["--set", EARLY], False),  # one stage's world is enough
+        (80, ["--set", EARLY], True),
+    ],
+)
+def test_where_the_robot_cannot_charge_follows_the_world(
+    islandgp: Cli, tmp_path: Path, level: int, words: list[str], warned: bool
+) -> None:
+    """A charge that can never start is pointed out, by `charge_below` of the configured worlds."""
+    file = tmp_path / "t.bt"
+    file.write_text(HALF.format(level=level), encoding="utf-8")
+    said = islandgp("check", file, *words)
+    assert (said.code, said.err) == (0, "")
+    assert ("ExecuteCharge can never succeed here: it needs batteryLevel < " in said.out) == warned
+
+
 DOMAIN = """\
 # @package _global_
 defaults: [island]
