@@ -153,6 +153,8 @@ def test_a_finished_sweep_is_described_and_drawn(home: Path, store: Store) -> No
     points = store.client.get_metric_history(parent, "sweep/baseline best fitness mean")
     assert [m.step for m in points] == [0, 1, 2, 3, 4]
     assert points[0].value == pytest.approx(sum(firsts) / 2)
+    assert found.data.params["seed"] == "1, 2"
+    assert found.data.params["supervisor.name"] == "baseline"
     names = {file.path for file in store.client.list_artifacts(parent)}
     assert names == {"arms.md", "curves.svg", "sweep.json"}
     for entry in file_of(sweep).jobs:
