@@ -1,4 +1,4 @@
-"""Files of a run's folder that are damaged: told in words, or without effect; never a wrong record."""
+"""Files of a run's folder that are damaged: reported, or without effect; never a wrong record."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ DAMAGES: Final[tuple[Callable[[Path], None], ...]] = (_cut, _changed, _emptied, 
 
 
 def finished_run(lab: Lab) -> None:
-    """Each file of a finished run damaged in four ways: the same command refuses it and names it."""
+    """Each file of a finished run damaged in four ways: the same command refuses and names it."""
     home = lab.folder()
     code, said = communicate(start(home, *QUICK))
     assert code == 0, said
