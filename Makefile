@@ -42,6 +42,9 @@ test-slow: $(STAMP) ## nightly: long and exhaustive tests, and more examples for
 	$(PYTEST) --timeout 3600 -m slow
 	$(PYTEST) --timeout 3600 --hypothesis-profile nightly -m $(UNIT)
 
+lines: $(STAMP)  ## lines of code by folder, without comments and docstrings
+	$(BIN)/python -m tests.architecture.code_lines
+
 coverage: $(STAMP) ## lines and branches that the unit tests reach
 	$(PYTEST) -m $(UNIT) --cov
 
@@ -119,4 +122,4 @@ ui: $(STAMP)     ## start the MLflow UI on this folder's runs
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
 
-.PHONY: help setup run lint test test-unit test-process test-packaging test-slow coverage mutants btcpp fuzz torture gateways axe vscode bench demo-llm study ablations study-worlds comparators docs ui clean
+.PHONY: help setup run lint lines test test-unit test-process test-packaging test-slow coverage mutants btcpp fuzz torture gateways axe vscode bench demo-llm study ablations study-worlds comparators docs ui clean

@@ -50,9 +50,18 @@ ARMS: Final[dict[str, tuple[str, ...]]] = {
     "paper, expert": ("search=paper", "supervisor=expert"),
     "racing, library": ("search=racing", "supervisor=baseline"),
     "racing, expert": ("search=racing", "supervisor=expert"),
+    "paper, editor": ("search=paper", "supervisor=editor"),
+    "racing, editor": ("search=racing", "supervisor=editor"),
     "compose": ("search=compose", "supervisor=baseline"),
 }
-WITH_LIBRARY: Final = ("paper, expert", "racing, library", "racing, expert", "compose")
+WITH_LIBRARY: Final = (
+    "paper, expert",
+    "paper, editor",
+    "racing, library",
+    "racing, expert",
+    "racing, editor",
+    "compose",
+)
 """Arms that use written trees; only where the domain has a library."""
 
 

@@ -28,9 +28,8 @@ from islandgp.bt.builder import (
 )
 from islandgp.bt.condition import OPERATORS
 from islandgp.bt.includes import MAX_FILES
+from islandgp.bt.kinds import ABORTS, COUNTED, INNER, KINDS, POLICIES, REPEATS
 from islandgp.bt.language import MAX_CHARACTERS, parse, to_text
-from islandgp.bt.node import ABORTS, KINDS, POLICIES, REPEATS
-from islandgp.bt.render import LOOKS
 from islandgp.commands.setting import configured
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.evaluation.base import Job, Problem, simulate
@@ -59,6 +58,7 @@ _WRITTEN = {
     "parallel": "`parallel success one failure all { ... }`",
     "inverter": "`inverter { x }`",
     "repeater": "`repeater 3 { x }`",
+    "retry": "`retry 3 { x }`",
     "when": "`when KEY < 25 abort lower { x }`",
     "action": "its name",
 }
@@ -72,7 +72,7 @@ def tables() -> dict[str, str]:
             [
                 (
                     _WRITTEN.get(name, f"`{name} {{ ... }}`"),
-                    LOOKS[name].sign,
+                    kind.look.sign,
                     {0: "none", 1: "one"}.get(kind.children[1], "one or more"),
                     kind.meaning,
                 )
@@ -101,7 +101,7 @@ def tables() -> dict[str, str]:
                 ("between conditions", _codes(["and", "or", "not"])),
                 ("`abort`, the default last", _codes(ABORTS)),
                 ("`success`, `failure` of a parallel", _codes(POLICIES)),
-                ("`repeater`", f"a whole number from {REPEATS[0]} to {REPEATS[1]}"),
+                (_codes(COUNTED), f"a whole number from {REPEATS[0]} to {REPEATS[1]}"),
             ],
         ),
         "limits": _table(
@@ -231,7 +231,6 @@ def _rule(match: str, *names: str) -> dict[str, Any]:
 
 def textmate() -> str:
     """The TextMate grammar, as JSON."""
-    inner = [kind for kind in KINDS if kind != "action"]
     rules: list[dict[str, Any]] = [
         {"name": "comment.line.number-sign", "match": "#.*$"},
         _rule(
@@ -252,9 +251,9 @@ def textmate() -> str:
         },
         _rule(rf"\b(use)\s+({_A_NAME})\s*(\([^)]*\))", "keyword.other.use", _FUNCTION, _OTHER),
         _rule(rf"\b(use)\s+({_A_NAME})", "keyword.other.use", _FUNCTION),
-        _rule(rf"\b(repeater)\s+({_A_NAME})", "keyword.control", _OTHER),
+        _rule(rf"\b({'|'.join(COUNTED)})\s+({_A_NAME})", "keyword.control", _OTHER),
         _rule(rf"([<>]=?|[=!]=)\s*({_A_NAME})", "keyword.operator.comparison", _OTHER),
-        {"name": "keyword.control", "match": _any_of(inner)},
+        {"name": "keyword.control", "match": _any_of(INNER)},
         {"name": "keyword.other", "match": _any_of(["abort", "success", "failure"])},
         {"name": "keyword.operator.logical", "match": _any_of(["and", "or", "not"])},
         {"name": "constant.language", "match": _any_of([*ABORTS, *POLICIES])},

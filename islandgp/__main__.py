@@ -1,17 +1,19 @@
 """`python -m islandgp`."""
 
 import sys
-from pathlib import Path
-
-from islandgp.errors import in_the_way
 
 if __name__ == "__main__":
     try:
-        from islandgp.running.stopping import nothing_begun
+        from islandgp.running.stopping import stop_before_work
 
-        with nothing_begun():
-            from islandgp.running.app import main
+        stop_before_work("SIGTERM", "SIGHUP")
+
+        from islandgp.running.app import main
     except (ImportError, AttributeError):
+        from pathlib import Path
+
+        from islandgp.errors import in_the_way
+
         if not (why := in_the_way(Path.cwd())):
             raise
         print(f"islandgp: {why}", file=sys.stderr)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from contextlib import suppress
+from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
 from typing import Final
@@ -29,6 +30,7 @@ COMMANDS: Final[dict[str, str]] = {
     "replay": "write an episode as a page to watch in a browser",
     "export": "turn a tree into JSON, BehaviorTree.CPP XML or py_trees",
     "import": "turn JSON or BehaviorTree.CPP XML into a tree",
+    "ros2": "tick a tree as a node of ROS 2",
     "watch": "open the page of a run, which grows while the run goes on",
     "best": "find the best tree of a run again, and tell what it is worth in unseen worlds",
     "compare": "compare arms of runs: tables, figures, statistics",
@@ -42,6 +44,36 @@ COMMANDS: Final[dict[str, str]] = {
     "ui": "start the MLflow UI and print the address of the right page",
 }
 """Name and one line of help; the code of `a-b` is `islandgp.commands.a_b_command:command`."""
+
+EXAMPLES: Final[dict[str, str]] = {
+    "run": "experiment=smoke",
+    "check": "tree.bt",
+    "verify-tree": 'tree.bt "never Drive while energy < 10"',
+    "fmt": "tree.bt",
+    "show": "tree.bt",
+    "simplify": "tree.bt",
+    "diff": "tree.bt other.bt",
+    "domain": "island --check",
+    "play": "tree.bt --seeds 20",
+    "tune": "tree.bt",
+    "ros2": "tree.bt --map robot.yaml",
+    "trace": "tree.bt",
+    "replay": "tree.bt -o tree.html",
+    "export": "tree.bt -o tree.xml",
+    "import": "tree.xml",
+    "watch": "runs/default/expert-seed0",
+    "best": "runs/default/expert-seed0 -o best.bt",
+    "compare": "--arm expert=supervisor=expert --arm baseline=supervisor=baseline",
+    "estimate": "supervisor=llm",
+    "distill": "runs/default -o policy.json",
+    "verify": "runs/default",
+    "sync": "runs/default",
+    "examples": "all_rounder",
+    "language-server": "",
+    "completion": "bash",
+    "ui": "--open",
+}
+"""The words behind each command of the example that ends its help."""
 
 
 class Lazy(click.Group):
@@ -58,7 +90,20 @@ class Lazy(click.Group):
         command: click.Command = import_module(
             f"islandgp.commands.{name.replace('-', '_')}_command"
         ).command
+        example = f"\b\nExample:\n  islandgp {name} {EXAMPLES[name]}".rstrip()
+        if example not in (command.epilog or ""):
+            command.epilog = f"{command.epilog or ''}\n\n{example}"
         return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The subcommand of the words. Raises click.UsageError with the name that may be meant."""
+        if args[0] not in COMMANDS and not args[0].startswith("-"):
+            near = get_close_matches(args[0], COMMANDS, 1, 0.5)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            raise click.UsageError(f"expected a command, found {args[0]!r}{hint}", ctx)
+        return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """The table, without importing any code."""
@@ -76,6 +121,24 @@ def main() -> None:
     """The console script: a user's error is one message and exit code 2, Ctrl-C 130."""
     with shown():
         _main()
+
+
+def one_line(error: click.ClickException) -> str:
+    """The message of an error of Click's in the form of this package's: one line, with a remedy."""
+    text = " ".join(error.format_message().split()).rstrip(".")
+    context = getattr(error, "ctx", None)
+    if context is None:
+        return text
+    path = context.command_path
+    _, _, command = path.partition(" ")
+    before = f"{command}: " if command else ""
+    if isinstance(error, click.NoSuchOption):
+        near = get_close_matches(error.option_name, error.possibilities or (), 1, 0)
+        hint = f"did you mean {near[0]}?" if near else f"`{path} -h` shows what it takes"
+        return f"{before}no such option: {error.option_name}; {hint}"
+    if text.endswith("?"):
+        return before + text
+    return f"{before}{text[:1].lower()}{text[1:]}; `{path} -h` shows what it takes"
 
 
 def import_from_here() -> None:
@@ -96,13 +159,13 @@ def _main() -> None:
         from islandgp.commands import completion_command  # noqa: F401 -- it makes bash's known
     try:
         with printed():
-            sys.exit(islandgp.main(standalone_mode=False) or 0)
+            sys.exit(islandgp.main(prog_name="islandgp", standalone_mode=False) or 0)
     except IslandError as error:
         print(f"islandgp: {error}", file=sys.stderr)
         sys.exit(2)
     except click.ClickException as error:
-        error.show()
-        sys.exit(error.exit_code)
+        print(f"islandgp: {one_line(error)}", file=sys.stderr)
+        sys.exit(2)
     except click.Abort:
         print("islandgp: stopped", file=sys.stderr)
         sys.exit(130)

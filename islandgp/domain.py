@@ -193,9 +193,12 @@ class Domain(Protocol):
     """A world for a robot. It can be pickled, and is sent to each worker once.
 
     A domain that declares noise of a key, or a delay, has a method `with_sensors(faults)` as well,
-    which returns it with the `sensors.SensorFaults` between the world and the blackboard.
-    It may have a method `about(seed=None)`, which returns sentences for prompts: how long an
-    episode is and what its world is like, of one seed or as the settings have it.
+    which returns it with the `sensors.SensorFaults` between the world and the blackboard. Where
+    `to_start` or `to_succeed` of an action follow from settings of the world, a class method
+    `vocabulary_in(worlds)` returns the vocabulary with the conditions that hold in all of these
+    worlds; `check` warns by it. It may have a method `about(seed=None)`, which returns sentences
+    for prompts: how long an episode is and what its world is like, of one seed or as the settings
+    have it.
 
     `World` and `Rewards` are pydantic models of the configuration groups `world` and
     `rewards`; `scoring.rewards.RewardTable` serves most domains as the latter.

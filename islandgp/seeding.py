@@ -25,16 +25,16 @@ class Stream(IntEnum):
     SUPERVISION = 7  # a supervisor's own draws, by generation
     NETWORK = 8  # jitter between attempts of a call, by generation
     UNSEEN = 9  # a comparison's worlds for champions, by slot; the run seed is 0
-    RESAMPLING = 100  # a comparison's bootstrap, by world; generation 1: a second sample; seed 0
     LIBRARY = 10  # the search for single behaviours, by behaviour and slot; the run seed is 0
     VALIDATION = 11  # worlds in which a run chooses its best robot, by slot
     TRIAL = 12  # the world in which a model's candidates are tried, by generation
     TEST = 13  # worlds that tell what a run's best trees are worth, by slot; they choose nothing
     TUNING = 14  # worlds in which thresholds are tuned, by slot; generation 1: the draws of CMA-ES
     SEARCH = 15  # a search's own draws, by generation and slot
-    PERTURBATION = 17  # of a world, by its seed; slot 0: its settings, 1: its sensors
     ARCHIVE = 16  # worlds in which elites are challenged, by generation and slot
     EDIT = 17  # mutation of edited trees (supervisor.mutate_advice), by generation and slot
+    PERTURBATION = 18  # of a world, by its seed; slot 0: its settings, 1: its sensors
+    RESAMPLING = 100  # a comparison's bootstrap, by world; generation 1: a second sample; seed 0
 
 
 def stream(

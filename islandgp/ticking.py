@@ -16,24 +16,25 @@ tick in which it runs, and what it returns, True or False, is how it ends.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Generator, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from copy import copy
 from difflib import get_close_matches
 from functools import cache, partial, wraps
-from inspect import iscoroutine, isgenerator, isgeneratorfunction, signature
+from inspect import isgenerator, signature
 from math import isfinite
-from numbers import Real
 from threading import local
-from typing import Any, ClassVar, ParamSpec, Protocol, Self, TypeAlias, TypeVar
+from typing import Any, ClassVar, ParamSpec, Protocol, Self, TypeVar
 
 from pydantic import BaseModel
 
 from islandgp.bt.closures import Tick
 from islandgp.bt.engine import compile_tree
-from islandgp.bt.node import RUNNING, Node
-from islandgp.bt.vocabulary import Key
+from islandgp.bt.node import RUNNING, ActionArgs, Node
+from islandgp.bt.parameters import bound
+from islandgp.bt.vocabulary import Key, Vocabulary
 from islandgp.domain import Observer, Outcome, Schema
 from islandgp.errors import DomainError
+from islandgp.leaves import Leaf, is_flag, is_number, status_of, steps
 from islandgp.plugin import defined_in, shown
 from islandgp.scoring.rewards import RewardTable, worth
 from islandgp.sensors import SensorFaults
@@ -43,8 +44,6 @@ __all__ = ["RUNNING", "EventLog", "Leaf", "Simulation", "Stepped", "once_a_threa
 
 P = ParamSpec("P")
 T = TypeVar("T")
-
-Leaf: TypeAlias = Callable[[], int] | Callable[[], Generator[None, None, bool]]
 
 
 def once_a_thread(make: Callable[P, T]) -> Callable[P, T]:
@@ -89,7 +88,7 @@ class EventLog:
             known, near = ", ".join(self._events), _near(event, self._events)
             raise DomainError(f"Expected an event of the schema ({known}), found {event!r}{near}.")
         self.counts[event] += 1
-        if not _is_number(amount):
+        if not is_number(amount):
             raise DomainError(
                 f"Expected a finite amount of the event {event!r}, found {shown(amount)}."
             )
@@ -198,11 +197,16 @@ class Stepped:
         log = EventLog(self.rewards, self.schema, weights, observer)
         episode, leaves = self.begin(seed, log, watched=observer is not None)
         try:
-            return self._run(episode, _Leaves(leaves, log), tree, log, observer, self._see(seed))
+            made = _Leaves(leaves, self.schema.vocabulary, log)
+            return self._run(episode, made, tree, log, observer, self._see(seed))
         except TypeError as error:
             for name in ("sense", "step", "measures", "scene", *leaves):
                 if (method := leaves.get(name, getattr(episode, name, None))) is not None:
-                    _must_take(method, 0, error, f"a method {name} that is called as {name}()")
+                    given = [*self.schema.vocabulary.action(name).arguments]
+                    called = f"{name}({', '.join(f'{each}=...' for each in given)})"
+                    _must_take(
+                        method, 0, error, f"a method {name} that is called as {called}", given
+                    )
             raise
 
     def _see(self, seed: int) -> Callable[[list[float]], Iterable[float]]:
@@ -225,7 +229,7 @@ class Stepped:
         places = self.schema.vocabulary.places
         board = [0.0] * len(places)
         watch = None if observer is None else observer.node
-        tick = compile_tree(tree, leaves, board, places, watch=watch)
+        tick = compile_tree(tree, leaves.tick_of, board, places, watch=watch)
         done, ending = 0, ""
         while not ending and done < self.world.ticks:
             values = episode.sense()
@@ -254,13 +258,13 @@ class Stepped:
 
 def _must_last(kind: type, world: Any, step_s: Any) -> None:
     """Raises DomainError for a tick, or an episode, that takes no time or for ever."""
-    if not (_is_number(step_s) and step_s > 0):
+    if not (is_number(step_s) and step_s > 0):
         raise DomainError(
             f"Expected a number of seconds above 0 as {kind.__name__}.step_s, found"
             f" {step_s!r}{defined_in(kind)}."
         )
     ticks: Any = getattr(world, "ticks", None)
-    if not (_is_number(ticks) and ticks >= 1):
+    if not (is_number(ticks) and ticks >= 1):
         raise DomainError(
             f"Expected the setting ticks of {type(world).__name__} to be a number of at least 1,"
             f" found {ticks!r}; declare it as `ticks: int = Field(ge=1)`{defined_in(type(world))}."
@@ -280,21 +284,16 @@ def _leaf(episode: Any, name: str) -> Leaf:
     return leaf
 
 
-def _must_take(function: Any, arguments: int, error: TypeError, expected: str) -> None:
+def _must_take(
+    function: Any, arguments: int, error: TypeError, expected: str, names: Iterable[str] = ()
+) -> None:
     """Raises DomainError where a TypeError is that of a call with other arguments."""
     try:
-        signature(function).bind(*(None,) * arguments)
+        signature(function).bind(*(None,) * arguments, **dict.fromkeys(names))
     except TypeError as why:
         raise DomainError(f"Expected {expected}, found: {why}{defined_in(function)}.") from error
     except ValueError:  # it has no signature
         return
-
-
-def _is_number(value: object) -> bool:
-    """Whether a value is a finite number: not text, and no array."""
-    if isinstance(value, float | int):  # the usual ones, quickly
-        return isfinite(value)
-    return isinstance(value, Real) and isfinite(value)
 
 
 def _near(name: object, known: Iterable[str]) -> str:
@@ -315,7 +314,7 @@ def _must_be_values(keys: Mapping[str, Key], values: Any, sense: object) -> None
             raise DomainError(
                 f"Expected a value of the key {name} from `sense`, found none{where}."
             )
-        if not _is_number(values[name]) and not _is_flag(values[name]):
+        if not is_number(values[name]) and not is_flag(values[name]):
             most = "" if key.most is None else f" and at most {key.most:g}"
             expected = "True or False" if key.flag else f"a number of at least {key.low:g}{most}"
             raise DomainError(
@@ -328,11 +327,6 @@ def _must_be_values(keys: Mapping[str, Key], values: Any, sense: object) -> None
                 f"Expected values of the vocabulary's keys from `sense`, found {name!r} as well"
                 f"{_near(name, keys)}; declare it among the keys, or leave it out{where}."
             )
-
-
-def _is_flag(value: object) -> bool:
-    """Whether it is a truth value of NumPy's, which is none of Python's numbers."""
-    return type(value).__module__ == "numpy" and type(value).__name__ in ("bool", "bool_")
 
 
 def _no_ending(found: object, step: object) -> str:
@@ -361,7 +355,7 @@ def _wrong_measure(schema: Schema, found: Any) -> str:
                 f"Expected counters of the schema from `measures`, found {name!r}"
                 f"{_near(name, schema.counters)}; declare it among the counters, or leave it out"
             )
-        if not _is_number(value) and not _is_flag(value):
+        if not is_number(value) and not is_flag(value):
             expected = f"Expected a finite number as the counter {name} from `measures`"
             return f"{expected}, found {shown(value)}"
     for name in schema.counters:
@@ -370,16 +364,19 @@ def _wrong_measure(schema: Schema, found: Any) -> str:
     return ""
 
 
-class _Leaves(dict[str, Tick]):
-    """The actions of a tree. Each look-up makes a leaf of its own, with its own generator."""
+class _Leaves:
+    """The leaves of a tree, each with its own generator."""
 
-    def __init__(self, leaves: Mapping[str, Leaf], log: EventLog) -> None:
-        super().__init__()
-        self._leaves, self._log = leaves, log
+    def __init__(self, leaves: Mapping[str, Leaf], vocabulary: Vocabulary, log: EventLog) -> None:
+        self._leaves, self._vocabulary, self._log = leaves, vocabulary, log
 
-    def __missing__(self, name: str) -> Tick:
-        leaf, log = self._leaves[name], self._log
-        call = _generated(leaf) if isgeneratorfunction(leaf) else lambda _fresh: leaf()
+    def tick_of(self, args: ActionArgs) -> Tick:
+        """The tick of a leaf; its function gets the values of its arguments by name."""
+        name, log = args.name, self._log
+        leaf: Leaf = self._leaves[name]
+        if arguments := self._vocabulary.action(name).arguments:
+            leaf = partial(leaf, **bound(args, arguments))
+        call = steps(leaf)
 
         def tick(fresh: bool) -> int:
             log.action = name
@@ -389,40 +386,6 @@ class _Leaves(dict[str, Tick]):
                 late.action = late.action or name
                 raise
             log.action = ""
-            if not isinstance(status, int) or not 0 <= status <= RUNNING:
-                if _is_flag(status):
-                    return int(bool(status))
-                raise DomainError(
-                    f"Expected True, False or RUNNING from the action {name}, found"
-                    f" {shown(status)}{_hint(status)}{defined_in(leaf)}."
-                )
-            return int(status)
+            return status_of(status, name, self._leaves[name])
 
         return tick
-
-
-def _hint(status: object) -> str:
-    if isgenerator(status):
-        return "; write `return (yield from ...)` to run a generator of another method"
-    if iscoroutine(status):
-        status.close()
-        return "; write `def` in place of `async def`"
-    return "; return one in each branch" if status is None else ""
-
-
-def _generated(leaf: Callable[[], Generator[None, None, bool]]) -> Callable[[bool], Any]:
-    """A leaf that is a generator function: it begins anew when its node starts."""
-    going: Generator[None, None, bool] | None = None
-
-    def call(fresh: bool) -> Any:
-        nonlocal going
-        if fresh or going is None:
-            going = leaf()
-        try:
-            next(going)
-        except StopIteration as end:
-            going = None
-            return end.value
-        return RUNNING
-
-    return call

@@ -27,6 +27,7 @@ from typing import Any, Final
 
 CORE: Final = ("bt", "evolution", "search", "scoring", "records")
 MOST_FILES: Final = 12  # test files a module
+UNCHANGED: Final = -1
 SECONDS: Final = 300.0  # a mutant; one that hangs is killed
 SWAPS: Final[dict[type, type]] = {
     ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt,
@@ -41,7 +42,7 @@ class Mutant:
     """One changed expression."""
 
     file: Path  # of the package, relative to the checkout
-    place: int  # which of the places that `places` finds
+    place: int  # which of the places that `places` finds, or UNCHANGED
 
 
 def module_of(file: Path) -> str:
@@ -88,6 +89,8 @@ def change(node: Any) -> None:
 def mutated(mutant: Mutant) -> tuple[ast.Module, str]:
     """The changed module, and the line and kind of the change."""
     tree = ast.parse(mutant.file.read_text(encoding="utf-8"))
+    if mutant.place == UNCHANGED:
+        return tree, f"{mutant.file} unchanged"
     node, what = list(places(tree))[mutant.place]
     change(node)
     return ast.fix_missing_locations(tree), f"{mutant.file}:{node.lineno} {what}"
@@ -152,13 +155,17 @@ def survives(mutant: Mutant) -> bool:
         # pytest's 5: no test was chosen
         os._exit(int(pytest.main([*options, "-m", UNIT, *tests_of(mutant.file)]) not in (0, 5)))
     end = time.monotonic() + SECONDS
-    while time.monotonic() < end:
-        ended, status = os.waitpid(child, os.WNOHANG)
-        if ended:
-            return status == 0
-        time.sleep(0.05)
-    os.killpg(child, signal.SIGKILL)
-    os.waitpid(child, 0)
+    ended = 0
+    try:
+        while time.monotonic() < end:
+            ended, status = os.waitpid(child, os.WNOHANG)
+            if ended:
+                return status == 0
+            time.sleep(0.05)
+    finally:  # it hangs, or the user has pressed Ctrl-C
+        if not ended:
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
     return False
 
 
@@ -173,19 +180,13 @@ def main() -> None:
     given = parser.parse_args()
     sys.path.insert(0, str(Path.cwd()))
     # What every child needs, and what no mutant is in.
-    for library in (
-        "pytest",
-        "hypothesis",
-        "hydra",
-        "numpy",
-        "pydantic",
-        "lark",
-        "pymunk",
-        "scipy.stats",
-    ):
+    for library in ("numpy", "pydantic", "lark", "pymunk", "scipy.stats"):
         importlib.import_module(library)
     ends: Counter[tuple[str, bool]] = Counter()
-    for mutant in chosen(given.number, given.seed):
+    mutants = chosen(given.number, given.seed)
+    if not survives(Mutant(mutants[0].file, UNCHANGED)):
+        sys.exit(f"Expected the tests of {mutants[0].file} to pass unchanged; run them first.")
+    for mutant in mutants:
         alive = survives(mutant)
         ends[mutant.file.parts[1], alive] += 1
         print("survived" if alive else "killed  ", mutated(mutant)[1], flush=True)

@@ -38,7 +38,13 @@ def _load(stream: Any, Loader: Any) -> Any:  # the name of the argument is PyYAM
     text = stream.read() if hasattr(stream, "read") else stream
     name = f"{Loader.__module__}.{Loader.__qualname__}"
     _loaders[name] = Loader
-    return pickle.loads(_parsed(text, name))
+    try:
+        return pickle.loads(_parsed(text, name))
+    except yaml.YAMLError:
+        if not hasattr(stream, "seek"):
+            raise
+        stream.seek(0)  # its message names the file
+        return _parse(stream, Loader)
 
 
 def _sources(repo: Any) -> str:

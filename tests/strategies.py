@@ -5,14 +5,16 @@ from __future__ import annotations
 from hypothesis import strategies as st
 
 from islandgp.bt.condition import OPERATORS, Asked, Condition, denied, joined
+from islandgp.bt.kinds import ABORTS, POLICIES, REPEATS
 from islandgp.bt.language import MAX_NUMBER
-from islandgp.bt.node import ABORTS, POLICIES, REPEATS, Argument, Node
+from islandgp.bt.node import CountArgs, GuardArgs, Node, ParallelArgs, leaf
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import PopulationState
 from tests.made import CLASSES, state
 
 _KEYS = VOCABULARY.keys
+TURNS = ["inverter", "inverter", "force_success", "force_failure"]
 _FLAGS = [name for name, key in _KEYS.items() if key.flag]
 _NUMBERS = [name for name, key in _KEYS.items() if not key.flag]
 
@@ -56,9 +58,9 @@ def conditions(thresholds: st.SearchStrategy[float] | None = None) -> st.SearchS
 
 def when_args(
     thresholds: st.SearchStrategy[float],
-) -> st.SearchStrategy[tuple[Argument, ...]]:
+) -> st.SearchStrategy[GuardArgs]:
     """The arguments of any `when`."""
-    return st.tuples(conditions(thresholds), st.sampled_from(ABORTS))
+    return st.builds(GuardArgs, conditions(thresholds), st.sampled_from([*ABORTS]))
 
 
 def nodes(
@@ -69,8 +71,8 @@ def nodes(
 ) -> st.SearchStrategy[Node]:
     """Valid trees of every kind of node, about `max_leaves` leaves at most."""
     guard = when_args(numbers() if thresholds is None else thresholds)
-    policy = st.sampled_from(POLICIES)
-    count = st.tuples(st.integers(REPEATS[0], max_repeats))
+    policy = st.sampled_from([*POLICIES])
+    count = st.builds(CountArgs, st.integers(REPEATS[0], max_repeats))
 
     def grown(child: st.SearchStrategy[Node]) -> st.SearchStrategy[Node]:
         one = st.tuples(child)
@@ -79,13 +81,13 @@ def nodes(
         return st.one_of(
             st.builds(Node, composite, st.just(()), several),
             st.builds(Node, st.just("when"), guard, one),
-            st.builds(Node, st.just("parallel"), st.tuples(policy, policy), several),
-            st.builds(Node, st.just("inverter"), st.just(()), one),
-            st.builds(Node, st.just("repeater"), count, one),
+            st.builds(Node, st.just("parallel"), st.builds(ParallelArgs, policy, policy), several),
+            st.builds(Node, st.sampled_from(TURNS), st.just(()), one),
+            st.builds(Node, st.sampled_from(["repeater", "retry"]), count, one),
         )
 
-    leaf = st.sampled_from(list(VOCABULARY.actions)).map(lambda name: Node("action", (name,)))
-    return st.recursive(leaf, grown, max_leaves=max_leaves)
+    action = st.sampled_from(list(VOCABULARY.actions)).map(leaf)
+    return st.recursive(action, grown, max_leaves=max_leaves)
 
 
 def snapshots(generation: int, population: int = 30) -> st.SearchStrategy[Snapshot]:

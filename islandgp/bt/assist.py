@@ -6,7 +6,7 @@ Places are offsets into the text as the editor has it. The text may be wrong any
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -14,8 +14,10 @@ from typing import Final, Literal, NamedTuple, TypeAlias
 
 from islandgp.bt.condition import OPERATORS
 from islandgp.bt.includes import mentioned
+from islandgp.bt.kinds import INNER, KINDS
 from islandgp.bt.language import following
-from islandgp.bt.node import KINDS, STATUS_NAMES
+from islandgp.bt.node import STATUS_NAMES
+from islandgp.bt.parameters import Parameter, signature, value_range
 from islandgp.bt.printer import condition_text
 from islandgp.bt.vocabulary import NAME, RESERVED, STATUSES, Action, Key, Vocabulary
 from islandgp.errors import TreeError
@@ -25,21 +27,19 @@ Sort: TypeAlias = Literal["action", "key", "word", "subtree", "number"]
 _WORD: Final = re.compile(r'#[^\n]*|"[^"\n]*"?|[A-Za-z_]\w*|-?\.?[0-9][0-9A-Za-z_.]*|[<>=!]=?|\S')
 
 MEANINGS: Final = {
-    **{name: kind.meaning for name, kind in KINDS.items() if name != "action"},
+    **{name: KINDS[name].meaning for name in INNER},
     "use": "stands for the whole subtree of that name",
     "domain": "whose actions and keys the tree uses",
     "include": "a file beside this one whose subtrees and constants can be used below",
     "constant": "a name for a number",
     "subtree": "a name for a tree, for use further down",
-    "abort": "whom a change of the condition stops; without it: both",
-    "none": "a change of the condition stops nobody",
-    "self": "the child is stopped when the condition turns false",
-    "lower": "later branches are stopped when the condition turns true",
-    "both": "self and lower",
-    "success": "how many children must succeed; without it: all",
-    "failure": "how many children must fail; without it: one",
-    "one": "one child",
-    "all": "all children",
+    **{
+        argument.name: f"{argument.meaning}; without it: {argument.default}"
+        for kind in KINDS.values()
+        for argument in kind.arguments
+        if argument.default is not None
+    },
+    **{w: m for kind in KINDS.values() for a in kind.arguments for w, m in a.words.items()},
     "and": "both conditions hold",
     "or": "one of the conditions holds",
     "not": "the condition does not hold",
@@ -114,6 +114,13 @@ def _names(
         own = _unfinished(code)
         trees = subtrees(before, folder).items()
         return [Offer(name, "subtree", lead) for name, lead in trees if name != own]
+    if arguments := _arguments(code, vocabulary):
+        if last != ":":
+            about = {key: f"{each.meaning}: {value_range(each)}" for key, each in arguments.items()}
+            return [Offer(key, "key", told) for key, told in about.items()]
+        key = code[-2]
+        if key in arguments and (words := arguments[key].words):
+            return [Offer(word, "word", f"a value of {key}") for word in words]
     if last == "domain":
         return [Offer(name, "word", "a domain") for name in domains]
     if "NUMBER" in accepted:
@@ -124,6 +131,16 @@ def _names(
     if "NOT" in accepted:
         return [Offer(name, "key", key.meaning) for name, key in vocabulary.keys.items()]
     return []  # a new name
+
+
+def _arguments(code: Sequence[str], vocabulary: Vocabulary) -> Mapping[str, Parameter]:
+    """The arguments of the action in whose brackets the last of these words stands, if it does."""
+    for at in range(len(code) - 1, 0, -1):
+        if code[at] in (")", "{", "}"):
+            break
+        if code[at] == "(":
+            return vocabulary.action(code[at - 1]).arguments
+    return {}
 
 
 def meaning(
@@ -150,7 +167,9 @@ def meaning(
 
 
 def _about_action(name: str, action: Action) -> str:
-    lines = [f"**{name}**: {action.meaning}"]
+    lines = [f"**{signature(name, action.arguments)}**: {action.meaning}"]
+    for key, each in action.arguments.items():
+        lines.append(f"- `{key}`: {each.meaning}; without it: {each.default}")
     if action.statuses != STATUSES:
         ends = ", ".join(STATUS_NAMES[status] for status in sorted(action.statuses))
         lines.append(f"It returns {ends}.")

@@ -9,9 +9,11 @@ from textwrap import shorten
 from typing import Any, Final, TypeAlias
 
 from islandgp.bt.condition import OPERATORS, Asked, Condition, denied, joined
-from islandgp.bt.diagnosis import unknown_key, unknown_node
+from islandgp.bt.diagnosis import unknown_argument, unknown_key, unknown_node
 from islandgp.bt.includes import ParsedFile
-from islandgp.bt.node import ABORTS, REPEATS, Argument, Node, Used
+from islandgp.bt.kinds import KINDS, Argument, Sort
+from islandgp.bt.node import ActionArgs, Node, UseArgs, Used, Value, sequence
+from islandgp.bt.parameters import fits, value_range
 from islandgp.bt.printer import Named, use_text
 from islandgp.bt.source import Source, closest, shown
 from islandgp.bt.vocabulary import Vocabulary
@@ -28,7 +30,7 @@ MAX_NESTED: Final = 16  # levels of a condition: each `and`, `or`, `not` and `(`
 _Tree: TypeAlias = Any
 _Token: TypeAlias = Any
 
-NO_TREE: Final = Node("sequence")
+NO_TREE: Final = sequence()
 """What is built of a file that only holds subtrees: no tree of the language."""
 
 _NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?")
@@ -87,6 +89,7 @@ class Builder:
         self._instances: dict[tuple[str, tuple[float, ...]], _Subtree] = {}
         self._constants: dict[str, float] = {}
         self._values: dict[str, float] = {}  # of parameters of the subtree that is being built
+        self._defining = False  # whether each parameter has the value 1 until the subtree is used
         self._open = 0  # subtrees with parameters that are being built
         self._base = 1  # level of the root of what is being built
         self._name = ""  # of the subtree that is being built
@@ -134,8 +137,9 @@ class Builder:
                     parameter, f"parameter {shown(parameter)} stands twice", expected="a new name"
                 )
         # Built with numbers that are right everywhere, to find what is wrong in it.
-        self._values = dict.fromkeys(map(str, parameters), 1.0)
+        self._values, self._defining = dict.fromkeys(map(str, parameters), 1.0), True
         whole = self._finished(self._whole(body, name))
+        self._defining = False
         self._templates[str(name)] = _Template(tuple(self._values), body, whole)
         self._values = {}
         self._later.discard(str(name))
@@ -168,12 +172,14 @@ class Builder:
             )
         kept = self._source, self._values, self._name, self._base
         outside = self.nodes, self.levels, self._places
+        kept_defining, self._defining = self._defining, False
         self._source = template.whole.source
         self._values = dict(zip(template.parameters, values, strict=True))
         self._open += 1
         node = self._whole(template.body, str(name), self._base + level - 1)
         self._open -= 1
         found = self._instances[key] = self._finished(node)
+        self._defining = kept_defining
         self._source, self._values, self._name, self._base = kept
         self.nodes, self.levels, self._places = outside
         return found
@@ -220,20 +226,61 @@ class Builder:
     def _head(self, tree: _Tree) -> tuple[Node, Sequence[_Tree]]:
         """A node without its children, and the trees of these."""
         kind, parts = str(tree.data), tree.children
-        args: tuple[Argument, ...] = ()
-        first = 1  # of the parts that are children
         if kind == "action":
-            words = self._vocabulary
-            if words is not None and parts[0] not in words.actions:
-                raise unknown_node(self._source, parts[0], self._templates, words)
-            args = (str(parts[0]),)
-        elif kind == "when":
-            args, first = self._condition(parts)
-        elif kind == "parallel":
-            args, first = _policies(parts)
-        elif kind == "repeater":
-            args, first = (self._repeats(parts[1]),), 2
-        return Node(kind, args), parts[first:]
+            given = parts[1].children if parts[1:] else []
+            return self._leaf(parts[0], [each.children for each in given]), ()
+        values: list[Any] = []
+        rest = list(parts[1:])
+        for argument in KINDS[kind].arguments:
+            given = argument.default is None or _is(rest[0], argument.name)
+            values.append(
+                self._argument(kind, argument, rest.pop(0)) if given else argument.default
+            )
+        return Node(kind, KINDS[kind].made(values)), rest
+
+    def _leaf(self, name: _Token, given: Sequence[tuple[_Token, _Token]]) -> Node:
+        """A leaf from the names and values of its arguments."""
+        words, values = self._vocabulary, dict[str, Value]()
+        if words is not None and name not in words.actions:
+            raise unknown_node(self._source, name, self._templates, words)
+        for key, value in given:
+            if key in values:
+                raise self._source.error_at(
+                    key, f"argument {shown(key)} stands twice", expected="each argument once"
+                )
+            values[str(key)] = self._value(name, key, value)
+        if words is None or self._named:
+            return Node("action", ActionArgs(str(name), tuple(values.items())))
+        return words.leaf(str(name), values)
+
+    def _value(self, action: _Token, key: _Token, token: _Token) -> Value:
+        """The value of an argument; without a vocabulary any word is one."""
+        words, known = self._vocabulary, token in self._values or token in self._constants
+        if words is None:
+            return str(token) if token.type == "NAME" and not known else self._number(token)
+        parameters = words.actions[action].arguments
+        if key not in parameters:
+            raise unknown_argument(self._source, key, action, parameters)
+        parameter = parameters[key]
+        value = self._number(token) if parameter.numeric else str(token)
+        if parameter.numeric and self._defining and token in self._values:
+            return value  # checked where the subtree is used
+        if not fits(parameter, value):
+            raise self._source.error_at(
+                token,
+                f"{shown(token)} is no value of {key}",
+                expected=value_range(parameter),
+                guess=closest(token, parameter.words),
+            )
+        return value
+
+    def _argument(self, kind: str, argument: Argument, tree: _Tree) -> Asked | float | str:
+        """The value of an argument, from what stands for it."""
+        if argument.sort is Sort.CONDITION:
+            return self.condition(tree)
+        if argument.sort is Sort.COUNT:
+            return self._count_of(kind, argument, tree)
+        return str(tree.children[0])
 
     def written(self, tree: _Tree, parameters: Sequence[str]) -> Node:
         """A tree of what has been built, as it is written, in a subtree with these parameters.
@@ -247,7 +294,7 @@ class Builder:
             return node._replace(children=tuple([self.written(each, parameters) for each in below]))
         name, *given = tree.children
         numbers = [self._number(each) for part in given for each in part.children]
-        return Node("use", (str(name), *numbers))
+        return Node("use", UseArgs(str(name), tuple(numbers)))
 
     def _use(self, tree: _Tree, name: _Token, given: Sequence[_Token], level: int) -> Node:
         if name not in self._templates:
@@ -270,12 +317,6 @@ class Builder:
                 expected=f"at most {MAX_LEVELS} levels and {MAX_NODES} nodes, each use expanded",
                 kind=LimitError,
             )
-
-    def _condition(self, parts: Sequence[_Tree]) -> tuple[tuple[Argument, ...], int]:
-        asked = self.condition(parts[1])
-        if parts[2].data == "abort":
-            return (asked, str(parts[2].children[0])), 3
-        return (asked, ABORTS[-1]), 2
 
     def _asked(self, tree: _Tree, level: int) -> Asked:
         form, parts = str(tree.data), tree.children
@@ -343,8 +384,8 @@ class Builder:
             )
         return value
 
-    def _repeats(self, token: _Token) -> float:
-        fewest, most = REPEATS
+    def _count_of(self, kind: str, argument: Argument, token: _Token) -> float:
+        fewest, most = argument.range
         count = 0.0
         if token.type == "NAME":
             count = self._number(token)
@@ -353,7 +394,7 @@ class Builder:
         if count != int(count) or not fewest <= count <= most:
             raise self._source.error_at(
                 token,
-                f"a repeater can't repeat {shown(token)} times",
+                f"a {kind} can't repeat {shown(token)} times",
                 expected=f"a whole number from {fewest} to {most}",
             )
         return count if isinstance(count, Named) else int(count)
@@ -398,13 +439,3 @@ def _first_word(tree: _Tree) -> _Token:
     while hasattr(tree, "children"):
         tree = tree.children[0]
     return tree
-
-
-def _policies(parts: Sequence[_Tree]) -> tuple[tuple[str, str], int]:
-    """The (success, failure) of a parallel, and where its children begin."""
-    success, failure, first = "all", "one", 1
-    if parts[first].data == "success":
-        success, first = str(parts[first].children[0]), first + 1
-    if parts[first].data == "failure":
-        failure, first = str(parts[first].children[0]), first + 1
-    return (success, failure), first

@@ -85,7 +85,7 @@ def _rows(old: Sequence[_Edge], new: Sequence[_Edge]) -> Iterator[_Row]:
     matcher = SequenceMatcher(None, before, after, autojunk=max(len(old), len(new)) > EXACT)
     for what, i, behind_i, j, behind_j in matcher.get_opcodes():
         a, b = old[i:behind_i], new[j:behind_j]
-        sorts = [[(edge.end, edge.node.kind == "action") for edge in part] for part in (a, b)]
+        sorts = [[(edge.end, edge.node.action != "") for edge in part] for part in (a, b)]
         if sorts[0] == sorts[1]:  # each can become the other in place
             mark = Mark.SAME if what == "equal" else Mark.CHANGED
             yield from ((mark, *pair) for pair in zip(a, b, strict=True))

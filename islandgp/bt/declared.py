@@ -20,6 +20,7 @@ from islandgp.bt.condition import OPERATORS, Condition
 from islandgp.bt.export.xml_reader import Element, read_xml
 from islandgp.bt.language import domain_of, parse
 from islandgp.bt.node import FAILURE, STATUS_NAMES, SUCCESS, asked_in
+from islandgp.bt.parameters import Parameter
 from islandgp.bt.source import shown
 from islandgp.bt.vocabulary import RESERVED, Action, Key, Vocabulary
 from islandgp.errors import DomainError
@@ -101,6 +102,23 @@ def _scripts(element: Element) -> Iterator[str]:
 _Condition = tuple[str, Literal["<", "<=", ">", ">=", "==", "!=", "is", "not"], FiniteFloat]
 
 
+class _Parameter(BaseModel, extra="forbid"):
+    """An entry of `arguments`."""
+
+    meaning: str = ""
+    sort: Literal["number", "integer", "word", "flag"]
+    default: FiniteFloat | str
+    low: FiniteFloat = 0.0
+    high: FiniteFloat = 1.0
+    step: FiniteFloat | None = None
+    logarithmic: bool = False
+    words: list[str] = []
+    unit: str = ""
+
+    def parameter(self) -> Parameter:
+        return Parameter(**{**dict(self), "words": tuple(self.words)})
+
+
 class _Action(BaseModel, extra="forbid"):
     """An entry of `actions`."""
 
@@ -112,6 +130,7 @@ class _Action(BaseModel, extra="forbid"):
     to_succeed: list[_Condition] = []
     changes: dict[str, Literal[-1, 1]] = {}
     after: list[str] = []
+    arguments: dict[str, _Parameter] = {}
 
     def action(self) -> Action:
         return Action(
@@ -121,6 +140,7 @@ class _Action(BaseModel, extra="forbid"):
             tuple(Condition(*each) for each in self.to_succeed),
             self.changes,
             tuple(self.after),
+            {name: each.parameter() for name, each in self.arguments.items()},
         )
 
 

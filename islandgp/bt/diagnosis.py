@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import pairwise, takewhile
 from typing import TYPE_CHECKING
 
 from islandgp.bt.condition import OPERATORS
-from islandgp.bt.node import KINDS
+from islandgp.bt.kinds import COUNTED, GUARDS, INNER
+from islandgp.bt.parameters import Parameter, value_range
 from islandgp.bt.source import Source, closest, shown
 from islandgp.bt.vocabulary import NOTHING, Vocabulary
 from islandgp.errors import TreeError, UnknownNameError
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from lark.exceptions import UnexpectedInput
 
 _NAMING = ("subtree", "use", "domain", "constant")  # a name of its own stands behind
-_NODE_WORDS = (*(kind for kind in KINDS if kind != "action"), "use")
+_NODE_WORDS = (*INNER, "use")
 
 # What the parser's terminals look like in a text.
 _SPELLING = {
@@ -29,6 +30,7 @@ _SPELLING = {
     "LPAR": "(",
     "RPAR": ")",
     "COMMA": ",",
+    "COLON": ":",
     "FILE": 'a file such as "lib.bt"',
     "$END": "the end of the text",
 }
@@ -41,6 +43,24 @@ def unknown_key(source: Source, token: Token, words: Vocabulary) -> TreeError:
         f"unknown blackboard key {shown(token)}",
         expected=f"a key: {', '.join(words.keys)}",
         guess=closest(token, words.keys),
+        kind=UnknownNameError,
+    )
+
+
+def unknown_argument(
+    source: Source, token: Token, action: Token, parameters: Mapping[str, Parameter]
+) -> TreeError:
+    """The error for an argument that an action does not have."""
+    if not parameters:
+        return source.error_at(
+            token, f"the action {action} takes no arguments", expected=f"`{action}` alone"
+        )
+    known = (f"{name}: {value_range(each)}" for name, each in parameters.items())
+    return source.error_at(
+        token,
+        f"unknown argument {shown(token)} of {action}",
+        expected="; ".join(known),
+        guess=closest(token, parameters),
         kind=UnknownNameError,
     )
 
@@ -90,7 +110,7 @@ def syntax_error(
         # in `slector { ... }` the parser takes offence at the brace.
         if word.type != "NAME" or previous in _NAMING or vocabulary is None or at in numbers:
             continue
-        asked = previous in ("when", "not", "and", "or", "(")
+        asked = previous in (*GUARDS, "not", "and", "or", "(")
         if asked and word not in vocabulary.keys:
             return unknown_key(source, word, vocabulary)
         if not asked and word not in vocabulary.actions:
@@ -100,22 +120,41 @@ def syntax_error(
         character = source.text[error.pos_in_stream or 0]
         message = f"unexpected character {character!r} (U+{ord(character):04X})"
         return source.error(message, error.line, error.column)
+    accepted = set(error.accepts)
+    if _takes_nothing(before, words):
+        accepted.discard("LPAR")
     if error.token.type == "$END":
-        return _unexpected_end(source, before, error.accepts, words)
-    return _unexpected_word(source, error.token, before, error.accepts, words)
+        return _unexpected_end(source, before, accepted, words)
+    return _unexpected_word(source, error.token, before, accepted, words)
+
+
+def _takes_nothing(before: Sequence[Token], words: Vocabulary) -> bool:
+    """Whether the last word is an action without arguments."""
+    if (
+        not before
+        or before[-1].type != "NAME"
+        or [*map(str, before[-2:-1])] in (["use"], ["subtree"])
+    ):
+        return False
+    return not words.action(str(before[-1])).arguments
 
 
 def _names_of_numbers(words: Sequence[Token]) -> set[int]:
-    """Which words stand for numbers: compared ones, counts, values, parameters and arguments."""
+    """Which words stand for numbers, or in brackets behind a name: no key or action is there."""
     found: set[int] = set()
-    inside = False  # the brackets behind the name of a subtree
+    inside = False  # the brackets behind the name of a subtree or an action
     for at, word in enumerate(words):
         before = [str(each) for each in words[max(0, at - 3) : at]]
-        if word == "(" and before[-2:-1] and before[-2] in ("use", "subtree"):
+        if word == "(" and at > 0 and words[at - 1].type == "NAME":
             inside = True
         inside = inside and word != ")"
         compared = at > 0 and words[at - 1].type == "OPERATOR"
-        if inside or compared or before[-1:] == ["repeater"] or before[:1] == ["constant"]:
+        if (
+            inside
+            or compared
+            or (at > 0 and words[at - 1] in COUNTED)
+            or before[:1] == ["constant"]
+        ):
             found.add(at)
     return found
 
@@ -139,10 +178,10 @@ def _unexpected_end(
 ) -> TreeError:
     """Points behind the last word."""
     if not before:
-        expected, _ = _expected(accepted, "", words)
+        expected, _ = _expected(accepted, (), words)
         return source.error("there is no tree in the text", 1, 1, expected=expected)
     last = before[-1]
-    expected, _ = _expected(accepted, str(last), words)
+    expected, _ = _expected(accepted, before, words)
     line, column = last.end_line or 1, last.end_column or 1
     return source.error("the text ends too early", line, column, expected=expected)
 
@@ -155,11 +194,12 @@ def _unexpected_word(
     words: Vocabulary,
 ) -> TreeError:
     previous = str(before[-1]) if before else ""
-    expected, spelled = _expected(accepted, previous, words)
+    expected, spelled = _expected(accepted, before, words)
     message = f"unexpected {shown(token)}"
-    if accepted == {"RBRACE"}:
+    only = set(accepted) - {"LPAR"}  # behind an action there may be its arguments
+    if only == {"RBRACE"}:
         message += "; this node takes one child, so wrap several in a sequence or a selector"
-    elif accepted == {"$END"}:
+    elif only == {"$END"}:
         message += "; a file holds one tree, after its subtrees"
     elif accepted == {"NAME"} and previous == "subtree":
         message += ", a word of the language, so it can't name a subtree"
@@ -168,9 +208,10 @@ def _unexpected_word(
 
 
 def _expected(
-    accepted: Collection[str], previous: str, vocabulary: Vocabulary
+    accepted: Collection[str], before: Sequence[str], vocabulary: Vocabulary
 ) -> tuple[str, tuple[str, ...]]:
     """What would have been taken: for people, and as words to guess from."""
+    previous = str(before[-1]) if before else ""
     if "SELECTOR" in accepted:
         first = [
             word
@@ -183,7 +224,8 @@ def _expected(
         return "a number, or the name of one", ()
     if "NAME" in accepted:
         if previous == "(" and len(accepted) == 1:
-            return "the name of a parameter", ()
+            defines = [*map(str, before[-3:-2])] == ["subtree"]
+            return f"the name of {'a parameter' if defines else 'an argument'}", ()
         if previous in _NAMING:
             return f"the name of a {'subtree' if previous == 'use' else previous}", ()
         flags = tuple(name for name, key in vocabulary.keys.items() if key.flag)

@@ -16,16 +16,8 @@ from typing import Final, TypeAlias
 from islandgp.bt import closures
 from islandgp.bt.closures import Observed, Stop, Tick
 from islandgp.bt.condition import Board, condition
-from islandgp.bt.node import (
-    AGAIN,
-    FAILURE,
-    RUNNING,
-    SUCCESS,
-    Node,
-    asked_in,
-    condition_of,
-    count_of,
-)
+from islandgp.bt.kinds import KINDS, count_of
+from islandgp.bt.node import AGAIN, RUNNING, SUCCESS, ActionArgs, Node, ParallelArgs, asked_in
 
 __all__ = ["ABORTED", "Board", "Tick", "Watch", "compile_tree", "condition", "thresholds"]
 
@@ -34,9 +26,12 @@ ABORTED: Final = 4  # told to a watch only: the node was running and has been st
 Watch: TypeAlias = Callable[[int, int], None]  # (node's place in document order, status)
 
 
+Actions: TypeAlias = Mapping[str, Tick] | Callable[[ActionArgs], Tick]
+
+
 def compile_tree(
     tree: Node,
-    actions: Mapping[str, Tick],
+    actions: Actions,
     board: Board,
     places: Mapping[str, int],
     *,
@@ -46,9 +41,9 @@ def compile_tree(
 
     Args:
         tree: what to run. A node that stands twice in it runs as two nodes.
-        actions: one per action name in the tree, looked up once for each leaf and called with
-            `fresh`: True when
-            the leaf starts now, False when it was RUNNING on the tick before.
+        actions: one per action name in the tree, looked up once for each leaf; or a function
+            that makes one from the arguments of a leaf. It is called with `fresh`: True when the
+            leaf starts now, False when it was RUNNING on the tick before.
         board: a value per key; the caller changes them between ticks, never within one.
         places: the index of each key on the board, as `Vocabulary.places`.
         watch: called for each node that is ticked, children before parents, and
@@ -86,7 +81,7 @@ class _Compiler:
 
     def __init__(
         self,
-        actions: Mapping[str, Tick],
+        actions: Actions,
         board: Board,
         places: Mapping[str, int],
         watch: Watch | None,
@@ -103,27 +98,17 @@ class _Compiler:
         """The closure of a node; `observed` belongs to the composite that holds its branch."""
         place = len(self._running)
         self._running.append(False)
-        kind = node.kind
-        if kind == "action":
-            tick = self._actions[str(node.args[0])]
-        elif kind == "when":
-            tick = self._when(node, observed)
-        elif kind == "sequence":
-            tick = self._composite(node, SUCCESS)
-        elif kind == "selector":
-            tick = self._composite(node, FAILURE)
-        elif kind == "parallel":
-            tick = self._parallel(node)
-        elif kind == "inverter":
-            tick = closures.inverter(self.compile(node.children[0], observed))
-        elif kind == "repeater":
-            tick = closures.repeater(self.compile(node.children[0], observed), count_of(node))
+        args = node.args
+        if isinstance(args, ActionArgs):
+            tick = self._actions(args) if callable(self._actions) else self._actions[args.name]
         else:
-            raise ValueError(f"Expected a kind of KINDS, found {kind!r}.")
+            tick = _MADE[node.kind](self, node, observed)
         return tick if self._watch is None else self._watched(tick, place, self._watch)
 
-    def _composite(self, node: Node, go_on: int) -> Tick:
-        """A selector or sequence: `go_on` is the status that hands over to the next branch."""
+    def _composite(self, node: Node, _: Observed | None) -> Tick:
+        """A selector or sequence."""
+        go_on = KINDS[node.kind].hands_over
+        assert go_on is not None
         observed = Observed()
         last = len(node.children) - 1
         branches, places = [], []
@@ -137,28 +122,40 @@ class _Compiler:
             return closures.observing_composite(branches, go_on, observed, places, self._stop)
         return closures.composite(branches, go_on)
 
-    def _parallel(self, node: Node) -> Tick:
+    def _parallel(self, node: Node, _: Observed | None) -> Tick:
+        assert isinstance(node.args, ParallelArgs)
         branches, places = [], []
         for child in node.children:
             places.append(len(self._running))
             branches.append(self.compile(child, None))
         places.append(len(self._running))
-        success, failure = (1 if policy == "one" else len(branches) for policy in node.args)
+        success, failure = node.args.needed(len(branches))
         return closures.parallel(branches, success, failure, places, self._cut_short)
 
+    def _inverter(self, node: Node, observed: Observed | None) -> Tick:
+        return closures.inverter(self.compile(node.children[0], observed))
+
+    def _repeater(self, node: Node, observed: Observed | None) -> Tick:
+        counted = KINDS[node.kind].counts
+        assert counted is not None
+        return closures.repeater(self.compile(node.children[0], observed), count_of(node), counted)
+
+    def _forced(self, node: Node, observed: Observed | None) -> Tick:
+        end = KINDS[node.kind].ends[SUCCESS]
+        return closures.forced(self.compile(node.children[0], observed), end)
+
     def _when(self, node: Node, observed: Observed | None) -> Tick:
-        holds = condition(condition_of(node), self._board, self._places)
-        abort = node.args[1]
+        assert node.guard is not None
+        holds = condition(node.guard.condition, self._board, self._places)
         truth: list[bool | None] = [None]
         slot = 0
-        if observed is not None and abort in ("lower", "both"):
+        if observed is not None and node.guard.interrupts:
             truth, slot = observed.truth, observed.add(holds)
         first = len(self._running)
         child = self.compile(node.children[0], observed)
         span = (first, len(self._running))
-        return closures.guard(
-            child, holds, abort in ("self", "both"), truth, slot, span, self._stop
-        )
+        stops = node.guard.checks_itself
+        return closures.guard(child, holds, stops, truth, slot, span, self._stop)
 
     def _watched(self, tick: Tick, place: int, watch: Watch) -> Tick:
         running = self._running
@@ -181,6 +178,20 @@ class _Compiler:
             if self._running[place]:
                 self._running[place] = False
                 self._watch(place, ABORTED)
+
+
+_MADE: Final[dict[str, Callable[[_Compiler, Node, Observed | None], Tick]]] = {
+    "selector": _Compiler._composite,
+    "sequence": _Compiler._composite,
+    "parallel": _Compiler._parallel,
+    "inverter": _Compiler._inverter,
+    "repeater": _Compiler._repeater,
+    "retry": _Compiler._repeater,
+    "force_success": _Compiler._forced,
+    "force_failure": _Compiler._forced,
+    "when": _Compiler._when,
+}
+"""How the closure of each kind of inner node is made."""
 
 
 def thresholds(tree: Node, key: str) -> tuple[float, ...]:

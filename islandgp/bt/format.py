@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from islandgp.bt.builder import Builder
 from islandgp.bt.includes import ParsedFile
+from islandgp.bt.kinds import KINDS
 from islandgp.bt.language import MAX_CHARACTERS, built, files_of, parse, words
-from islandgp.bt.node import KINDS, Node
+from islandgp.bt.node import Node
 from islandgp.bt.printer import INDENT, INLINE_LEVELS, WIDTH, head, inline, number_text
 from islandgp.errors import LimitError
 

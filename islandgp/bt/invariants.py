@@ -8,14 +8,13 @@ their observed guards turns true.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 from islandgp.bt.boards import ANY_BOARD, NO_BOARD, Boards
-from islandgp.bt.machine import Machine, Outcomes, judged, repeated
-from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, count_of
-from islandgp.bt.outcomes import HANDS_OVER
-from islandgp.bt.truth import checks_itself, interrupts
+from islandgp.bt.kinds import count_of, kind_of
+from islandgp.bt.machine import Machine, Outcomes, judged, repeated, turned
+from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, ParallelArgs
+from islandgp.bt.outcomes import hands_over
 
 
 class NodeBoards(NamedTuple):
@@ -67,14 +66,14 @@ class _Finder:
     def inside(self, place: int, own: NodeBoards) -> list[NodeBoards]:
         """The blackboards on which the children of a node can be ticked."""
         node, (starts, resumes) = self._machine.nodes[place], own
-        if node.kind in HANDS_OVER:
+        if kind_of(node).hands_over is not None:
             return [branch.ticked for branch in self._branches(place, own)]
-        if node.kind == "when":
+        if node.guard:
             holds = self._machine.holds[place]
             starts = self._sets.both(starts, holds)
-            if checks_itself(node):
+            if node.guard.checks_itself:
                 resumes = self._sets.both(resumes, holds)
-        if node.kind == "repeater" and count_of(node) > 1:
+        if kind_of(node).counts is not None and count_of(node) > 1:
             starts = self._sets.either(starts, resumes)
         return [NodeBoards(starts, resumes)] * len(self._machine.children[place])
 
@@ -99,11 +98,11 @@ class _Finder:
 
     def _branch(self, place: int, child: int, starts: Boards, resumes: Boards) -> _Branch:
         both, fresh = self._sets.both, self._machine.fresh(child)
-        hands_over = HANDS_OVER[self._machine.nodes[place].kind]
-        ended = both(starts, fresh[hands_over])
+        handing = hands_over(self._machine.nodes[place])
+        ended = both(starts, fresh[handing])
         if both(starts, fresh[RUNNING]) == NO_BOARD:
             return _Branch(NodeBoards(starts, NO_BOARD), NO_BOARD, ended)
-        later = both(resumes, self._resumed_outcomes(child)[hands_over])
+        later = both(resumes, self._resumed_outcomes(child)[handing])
         return _Branch(NodeBoards(starts, resumes), NO_BOARD, self._sets.either(ended, later))
 
     def _calls_back(self, place: int) -> dict[int, Boards]:
@@ -129,7 +128,8 @@ class _Finder:
         """
         together, one_fails = ANY_BOARD, NO_BOARD
         for guard in self._machine.guards(child):
-            if not interrupts(self._machine.nodes[guard]):
+            args = self._machine.nodes[guard].guard
+            if args is None or not args.interrupts:
                 break
             together = self._sets.both(together, self._machine.holds[guard])
             one_fails = self._sets.either(one_fails, self._machine.fails[guard])
@@ -146,25 +146,25 @@ class _Finder:
     def _outcomes(self, place: int) -> Outcomes:
         machine, node = self._machine, self._machine.nodes[place]
         children = machine.children[place]
-        if node.kind == "action":
+        kind = kind_of(node)
+        if node.action:
             return machine.fresh(place)
-        if node.kind in HANDS_OVER:
+        if kind.hands_over is not None:
             return self._of_composite(place)
-        if node.kind == "parallel":
+        if isinstance(node.args, ParallelArgs):
             each = [self._in_parallel(child, node.args) for child in children]
-            return judged(self._sets, node, each)
+            return judged(self._sets, node.args, each)
         inside = self._resumed_outcomes(children[0])
-        if node.kind == "when":
+        if node.guard:
             return machine.guarded(place, inside, fresh=False)
-        if node.kind == "inverter":
-            failure, success, running = inside
-            return success, failure, running
+        if kind.counts is None:
+            return turned(self._sets, node, inside)
         if count_of(node) == 1:
             return inside
         again = self._either(inside, machine.fresh(children[0]))
-        return self._either(again, repeated(self._sets, again, last=False))
+        return self._either(again, repeated(self._sets, node, again, last=False))
 
-    def _in_parallel(self, child: int, policies: Sequence[object]) -> Outcomes:
+    def _in_parallel(self, child: int, policies: ParallelArgs) -> Outcomes:
         """The outcomes of a child of a running parallel, which may have ended before."""
         fresh, resumed = self._machine.fresh(child), self._resumed_outcomes(child)
         found = list(resumed)
@@ -176,7 +176,7 @@ class _Finder:
 
     def _of_composite(self, place: int) -> Outcomes:
         both, either = self._sets.both, self._sets.either
-        hands_over = HANDS_OVER[self._machine.nodes[place].kind]
+        handing = hands_over(self._machine.nodes[place])
         branches = self._branches(place, NodeBoards(ANY_BOARD, ANY_BOARD))
         found = [NO_BOARD] * 3
         entered = NO_BOARD  # on these a branch starts in a tick in which its composite is resumed
@@ -188,10 +188,10 @@ class _Finder:
                     both(branch.ticked.resumes, boards) for boards in self._resumed_outcomes(child)
                 )
                 each = [either(*pair) for pair in zip(each, later, strict=True)]
-            entered = each[hands_over]
-            for status in (1 - hands_over, RUNNING):
+            entered = each[handing]
+            for status in (1 - handing, RUNNING):
                 found[status] = either(found[status], each[status])
-        found[hands_over] = entered  # by the last branch
+        found[handing] = entered  # by the last branch
         return found[0], found[1], found[2]
 
     def _either(self, one: Outcomes, other: Outcomes) -> Outcomes:

@@ -12,15 +12,15 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from islandgp.bt.condition import Asked, terms
+from islandgp.bt.kinds import kind_of
 from islandgp.bt.language import parse_placed, plain
-from islandgp.bt.node import FAILURE, Node, condition_of, size
-from islandgp.bt.outcomes import HANDS_OVER, dead_end, never
+from islandgp.bt.node import FAILURE, SUCCESS, GuardArgs, Node, size
+from islandgp.bt.outcomes import dead_end, hands_over, never
 from islandgp.bt.printer import condition_text, head
 from islandgp.bt.source import Source
 from islandgp.bt.truth import (
     Standing,
     below,
-    checks_itself,
     excludes,
     implies,
     may_interrupt,
@@ -113,21 +113,21 @@ def _unused(file: Any) -> Iterator[LintWarning]:
 def _about(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, str]]:
     """Warnings about one node: where, which of CODES, and in words."""
     node, standing, above = place
-    kind = node.kind
-    if kind in HANDS_OVER:
+    kind = kind_of(node)
+    if kind.hands_over is not None:
         yield from _never_goes_on(node, standing, at)
-    elif kind == "inverter" and node.children[0].kind == "inverter":
+    elif kind.inverts and kind_of(node.children[0]).inverts:
         yield at, "double-inverter", "double inverter: the two undo each other"
-    elif kind == "when":
-        yield from _guard(node, standing, above, at)
-    elif kind == "action":
+    elif node.guard:
+        yield from _guard(node.guard, standing, above, at)
+    elif node.action:
         yield from _action(place, at, course)
 
 
 def _never_goes_on(node: Node, standing: Standing, at: int) -> Iterator[tuple[int, str, str]]:
     index = dead_end(node, standing)
     if index is not None:
-        word = "fails" if HANDS_OVER[node.kind] == FAILURE else "succeeds"
+        word = "fails" if hands_over(node) == FAILURE else "succeeds"
         message = (
             f"this branch can never run: {head(node.children[index])} before it never {word},"
             f" so the {node.kind} never comes here"
@@ -135,29 +135,31 @@ def _never_goes_on(node: Node, standing: Standing, at: int) -> Iterator[tuple[in
         yield at + 1 + sum(map(size, node.children[: index + 1])), "unreachable", message
 
 
-def _guard(node: Node, standing: Standing, above: Above, at: int) -> Iterator[tuple[int, str, str]]:
-    asked = condition_of(node)
-    if never(node, standing):
+def _guard(
+    guard: GuardArgs, standing: Standing, above: Above, at: int
+) -> Iterator[tuple[int, str, str]]:
+    asked = guard.condition
+    if never(guard, standing):
         why = _why_not(asked, standing.at_start, above, standing.vocabulary)
         yield at + 1, "unreachable", f"this branch can never run: {why}"
         return
     if implies(standing.at_start, asked):
-        needless = not checks_itself(node) or implies(standing.always, asked)
-        if needless and not may_interrupt(node, standing):
+        needless = not guard.checks_itself or implies(standing.always, asked)
+        if needless and not may_interrupt(guard, standing):
             message = f"this guard says nothing new: {_why(asked, above)}"
             yield at, "needless-guard", message
             return
-    elif node.args[1] == "lower" and standing.observer is None:
+    elif guard.abort == "lower" and standing.observer is None:
         message = "abort lower is abort none here: no composite has a later branch to stop"
         yield at, "needless-abort", message
-    if (same := shorter(asked, whenever_asked(node, standing))) != asked:
+    if (same := shorter(asked, whenever_asked(guard, standing))) != asked:
         message = f"this condition is the same as a shorter one: {condition_text(same)}"
         yield at, "long-condition", message
 
 
 def _action(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, str]]:
     node, standing, above = place
-    name = str(node.args[0])
+    name = node.action
     known = standing.vocabulary.action(name)
     needs = [(needed, standing.at_start) for needed in known.to_start]
     needs += [(needed, standing.always) for needed in known.to_succeed]
@@ -202,8 +204,8 @@ class _Course:
             """Whether an action below changes the key, and one whose success may not pass up."""
             node, standing, _ = places[len(found)]
             found.append(before)
-            if node.kind == "action":
-                known = standing.vocabulary.action(str(node.args[0]))
+            if node.action:
+                known = standing.vocabulary.action(node.action)
                 return known.changes.get(key, 0) * sign < 0, False
             changes = stays = False
             for index in range(len(node.children)):
@@ -211,7 +213,7 @@ class _Course:
                 changes |= below_changes
                 stays |= below_stays or (below_changes and not _passes_up(node, index))
                 # Behind a success a selector does not go on.
-                before |= below_stays if node.kind == "selector" else below_changes
+                before |= below_stays if kind_of(node).hands_over == FAILURE else below_changes
             return changes, stays
 
         visit(False)
@@ -221,7 +223,10 @@ class _Course:
 def _passes_up(node: Node, index: int) -> bool:
     """Whether the success of that child is the success of the node, at once."""
     last = index == len(node.children) - 1
-    return node.kind in ("when", "selector", "repeater") or (node.kind == "sequence" and last)
+    kind = kind_of(node)
+    if kind.decorates:
+        return kind.ends[SUCCESS] == SUCCESS
+    return kind.hands_over == FAILURE or (kind.hands_over == SUCCESS and last)
 
 
 def _why_not(
@@ -257,4 +262,4 @@ def _why(asked: Asked, above: Above) -> str:
 
 
 def _guards(above: Above) -> list[Asked]:
-    return [condition_of(node) for node, _ in above if node.kind == "when"]
+    return [node.guard.condition for node, _ in above if node.guard]

@@ -15,9 +15,9 @@ from typing import Final, NamedTuple, TypeAlias
 
 from islandgp.bt.boards import ANY_BOARD, NO_BOARD, Boards, BoardSets
 from islandgp.bt.condition import opposite
-from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, condition_of, count_of
-from islandgp.bt.outcomes import HANDS_OVER
-from islandgp.bt.truth import checks_itself, interrupts
+from islandgp.bt.kinds import count_of, kind_of
+from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, ParallelArgs
+from islandgp.bt.outcomes import hands_over
 from islandgp.bt.vocabulary import STATUSES, Vocabulary
 
 Outcomes: TypeAlias = tuple[Boards, Boards, Boards]
@@ -53,7 +53,7 @@ class BranchMemory(NamedTuple):
 class RepeaterMemory(NamedTuple):
     """What a running repeater remembers."""
 
-    left: int  # successes still to come, >= 1
+    left: int  # ends of its child that count, still to come, >= 1
     memory: Memory | None  # of its child; None: the next tick starts it
 
 
@@ -64,7 +64,7 @@ class ParallelMemory(NamedTuple):
 
 
 Memory: TypeAlias = ActionMemory | BranchMemory | RepeaterMemory | ParallelMemory
-"""What a running node remembers. An inverter or a guard has the memory of its child."""
+"""What a running node remembers. A decorator that does not count has the memory of its child."""
 
 
 class TickTarget(NamedTuple):
@@ -92,23 +92,19 @@ class Machine:
         self.children: list[tuple[int, ...]] = []
         self.above: list[int] = []  # the place of the node above each node; of the root: -1
         self._number(tree, -1)
-        asked = {
-            place: condition_of(node)
-            for place, node in enumerate(self.nodes)
-            if node.kind == "when"
-        }
+        asked = {place: node.guard.condition for place, node in enumerate(self.nodes) if node.guard}
         self.holds = {place: sets.of(each) for place, each in asked.items()}
         self.fails = {place: sets.of(opposite(each)) for place, each in asked.items()}
         self.observed = {
             place: tuple(self._observed(place))
             for place, node in enumerate(self.nodes)
-            if node.kind in HANDS_OVER
+            if kind_of(node).hands_over is not None
         }
         """Of each composite: the guards that it observes, each with its branch."""
         self.statuses = {
-            place: vocabulary.action(str(node.args[0])).statuses or STATUSES
+            place: vocabulary.action(node.action).statuses or STATUSES
             for place, node in enumerate(self.nodes)
-            if node.kind == "action"
+            if node.action
         }
         self._fresh: list[Outcomes | None] = [None] * len(self.nodes)
         self._from: dict[int, list[Outcomes]] = {}
@@ -127,15 +123,16 @@ class Machine:
 
     def guards(self, place: int) -> Iterator[int]:
         """The guards of a branch, down to its first composite or action; as `truth.chain`."""
-        while self.nodes[place].kind in ("when", "inverter", "repeater"):
-            if self.nodes[place].kind == "when":
+        while kind_of(self.nodes[place]).decorates:
+            if self.nodes[place].guard:
                 yield place
             place = self.children[place][0]
 
     def _observed(self, place: int) -> Iterator[tuple[int, int]]:
         for branch, child in enumerate(self.children[place][:-1]):
             for guard in self.guards(child):
-                if interrupts(self.nodes[guard]):
+                args = self.nodes[guard].guard
+                if args and args.interrupts:
                     yield branch, guard
 
     def path(self, place: int) -> list[int]:
@@ -191,13 +188,14 @@ class Machine:
 
     def guarded(self, place: int, child: Outcomes, *, fresh: bool) -> Outcomes:
         """The outcomes of a guard, from those of its child."""
-        if not fresh and not checks_itself(self.nodes[place]):
+        guard = self.nodes[place].guard
+        if not fresh and guard and not guard.checks_itself:
             return child
         failure, success, running = self._and(self.holds[place], child)
         return self.sets.either(failure, self.fails[place]), success, running
 
     def repetition(self, place: int, memory: Memory | None) -> tuple[int, Memory | None]:
-        """The successes that a repeater has still to come to, and the memory of its child."""
+        """The ends that a node still has to count, and the memory of its child."""
         if memory is None:
             return count_of(self.nodes[place]), None
         assert isinstance(memory, RepeaterMemory)
@@ -212,20 +210,20 @@ class Machine:
 
     def _outcomes(self, place: int, memory: Memory | None) -> Outcomes:
         node, children = self.nodes[place], self.children[place]
-        if node.kind == "action":
+        kind = kind_of(node)
+        if node.action:
             can = self.statuses[place]
             return int(FAILURE in can), int(SUCCESS in can), int(RUNNING in can)
-        if node.kind == "when":
+        if node.guard:
             return self.guarded(place, self.now(children[0], memory), fresh=memory is None)
-        if node.kind == "inverter":
-            failure, success, running = self.now(children[0], memory)
-            return success, failure, running
-        if node.kind == "repeater":
+        if kind.counts is not None:
             left, inner = self.repetition(place, memory)
-            return repeated(self.sets, self.now(children[0], inner), last=left == 1)
-        if node.kind == "parallel":
+            return repeated(self.sets, node, self.now(children[0], inner), last=left == 1)
+        if kind.decorates:
+            return turned(self.sets, node, self.now(children[0], memory))
+        if isinstance(node.args, ParallelArgs):
             inside = zip(children, self.memories(place, memory), strict=True)
-            return judged(self.sets, node, [self.now(child, its) for child, its in inside])
+            return judged(self.sets, node.args, [self.now(child, its) for child, its in inside])
         if memory is None:
             return self.fresh_from(place, 0)
         assert isinstance(memory, BranchMemory)
@@ -242,9 +240,9 @@ class Machine:
 
     def _go_on(self, place: int, first: Outcomes, rest: Outcomes) -> Outcomes:
         """The outcomes of a composite from those of a child and of what is behind it."""
-        hands_over = HANDS_OVER[self.nodes[place].kind]
-        found = list(self._and(first[hands_over], rest))
-        for status in (1 - hands_over, RUNNING):
+        handing = hands_over(self.nodes[place])
+        found = list(self._and(first[handing], rest))
+        for status in (1 - handing, RUNNING):
             found[status] = self.sets.either(found[status], first[status])
         return found[0], found[1], found[2]
 
@@ -285,20 +283,21 @@ class Machine:
             return (NO_BOARD, NO_BOARD, running) if target.kept else (failure, success, running)
         node, branch = self.nodes[place], target.branches[place]
         child = self.children[place][branch]
-        if node.kind == "parallel":
+        kind = kind_of(node)
+        if kind.together:
             return self._aimed_together(place, self.memories(place, memory), target)
-        if node.kind in HANDS_OVER:
+        if kind.hands_over is not None:
             if memory is None:
                 return self.way(place, 0, target)
             assert isinstance(memory, BranchMemory)
             return self._aimed_branch(place, memory, target)
-        if node.kind == "repeater":
+        if kind.counts is not None:
             left, inner = self.repetition(place, memory)
-            return repeated(self.sets, self.aimed(child, inner, target), last=left == 1)
-        failure, success, running = inside = self.aimed(child, memory, target)
-        if node.kind == "inverter":
-            return success, failure, running
-        if memory is None or checks_itself(node):
+            return repeated(self.sets, node, self.aimed(child, inner, target), last=left == 1)
+        inside = self.aimed(child, memory, target)
+        if node.guard is None:
+            return turned(self.sets, node, inside)
+        if memory is None or node.guard.checks_itself:
             return self._and(self.holds[place], inside)
         return inside
 
@@ -306,7 +305,7 @@ class Machine:
         """The same of a selector or sequence whose child of index `at` starts now."""
         key = (place, target.place, target.kept)
         if key not in self._ways:
-            hands_over, branch = HANDS_OVER[self.nodes[place].kind], target.branches[place]
+            handing, branch = hands_over(self.nodes[place]), target.branches[place]
             *before, last = self.children[place][: branch + 1]
             self.spend(len(before))
             self._kept += len(before)
@@ -315,7 +314,7 @@ class Machine:
                 self._ways.clear()
             found = [self._behind(place, branch, self.aimed(last, None, target), target)]
             for child in reversed(before):
-                found.append(self._and(self.fresh(child)[hands_over], found[-1]))
+                found.append(self._and(self.fresh(child)[handing], found[-1]))
             self._ways[key] = found[::-1]
         return self._ways[key][at]
 
@@ -337,7 +336,7 @@ class Machine:
                 first = self.aimed(child, memory.memory, target)
                 reached = self._behind(place, at, first, target)
             else:
-                ended = self.now(child, memory.memory)[HANDS_OVER[self.nodes[place].kind]]
+                ended = self.now(child, memory.memory)[hands_over(self.nodes[place])]
                 reached = self._and(ended, self.way(place, at + 1, target))
             found = self._or(found, self._and(boards, reached))
         return found
@@ -346,24 +345,36 @@ class Machine:
         self, place: int, memories: Sequence[Memory | int | None], target: TickTarget
     ) -> Outcomes:
         children, branch = self.children[place], target.branches[place]
+        args = self.nodes[place].args
+        assert isinstance(args, ParallelArgs)
         self.spend(len(children))
         reached = self.aimed(children[branch], memories[branch], target)
         each = [self.now(child, its) for child, its in zip(children, memories, strict=True)]
         each[branch] = reached
         # Where the branch has no outcome, those of the others say nothing.
-        found = self._and(self.sets.either(*reached), judged(self.sets, self.nodes[place], each))
+        found = self._and(self.sets.either(*reached), judged(self.sets, args, each))
         return (NO_BOARD, NO_BOARD, found[RUNNING]) if target.kept else found
 
 
-def repeated(sets: BoardSets, child: Outcomes, *, last: bool) -> Outcomes:
-    """The outcomes of a repeater, from those of its child; `last`: one success is to come."""
-    if last:
+def repeated(sets: BoardSets, node: Node, child: Outcomes, *, last: bool) -> Outcomes:
+    """The outcomes of a node that counts, from those of its child; `last`: one more end decides."""
+    counted = kind_of(node).counts
+    if last or counted is None:
         return child
-    failure, success, running = child
-    return failure, NO_BOARD, sets.either(success, running)
+    found = list(child)
+    found[counted] = NO_BOARD
+    return found[0], found[1], sets.either(child[counted], child[RUNNING])
 
 
-def judged(sets: BoardSets, parallel: Node, each: Sequence[Outcomes]) -> Outcomes:
+def turned(sets: BoardSets, decorator: Node, child: Outcomes) -> Outcomes:
+    """The outcomes of a decorator that changes how its child ends, from those of its child."""
+    found = [NO_BOARD, NO_BOARD, child[RUNNING]]
+    for status, end in enumerate(kind_of(decorator).ends):
+        found[end] = sets.either(found[end], child[status])
+    return found[0], found[1], found[2]
+
+
+def judged(sets: BoardSets, parallel: ParallelArgs, each: Sequence[Outcomes]) -> Outcomes:
     """The outcomes of a parallel, from those of its children, as `judgement` gives them."""
 
     def some(status: int) -> Boards:
@@ -372,7 +383,7 @@ def judged(sets: BoardSets, parallel: Node, each: Sequence[Outcomes]) -> Outcome
     def only(*statuses: int) -> Boards:
         return sets.both(*(sets.either(*(its[s] for s in statuses)) for its in each))
 
-    success, failure = parallel.args
+    success, failure = parallel
     if failure == "one":
         fails = some(FAILURE)
         if success == "one":
@@ -383,9 +394,9 @@ def judged(sets: BoardSets, parallel: Node, each: Sequence[Outcomes]) -> Outcome
     return sets.both(only(FAILURE, SUCCESS), some(FAILURE)), only(SUCCESS), some(RUNNING)
 
 
-def judgement(parallel: Node, statuses: Sequence[int]) -> int:
+def judgement(parallel: ParallelArgs, statuses: Sequence[int]) -> int:
     """The status of a parallel whose children have these; as in `closures.parallel`."""
-    success, failure = (1 if policy == "one" else len(statuses) for policy in parallel.args)
+    success, failure = parallel.needed(len(statuses))
     succeeded, failed = statuses.count(SUCCESS), statuses.count(FAILURE)
     if failed < failure and succeeded < success and succeeded + failed < len(statuses):
         return RUNNING

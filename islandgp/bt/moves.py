@@ -8,6 +8,7 @@ from itertools import product
 from typing import Final, NamedTuple, TypeAlias
 
 from islandgp.bt.condition import condition
+from islandgp.bt.kinds import kind_of
 from islandgp.bt.machine import (
     ActionMemory,
     BranchMemory,
@@ -18,9 +19,8 @@ from islandgp.bt.machine import (
     TickTarget,
     judgement,
 )
-from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, condition_of
-from islandgp.bt.outcomes import HANDS_OVER
-from islandgp.bt.truth import checks_itself
+from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, ParallelArgs, guard_of
+from islandgp.bt.outcomes import hands_over
 
 ActionCalls: TypeAlias = tuple[tuple[int, int], ...]
 """The actions that are ticked, by place, and what they return."""
@@ -74,8 +74,11 @@ class _Tick:
     def _holds(self, guard: int) -> bool:
         """Whether the condition of a guard holds."""
         if guard not in self._truth:
-            asked = condition_of(self._machine.nodes[guard])
-            holds = condition(asked, self._board, self._machine.sets.places)
+            holds = condition(
+                guard_of(self._machine.nodes[guard]).condition,
+                self._board,
+                self._machine.sets.places,
+            )
             self._truth[guard] = holds()
         return self._truth[guard]
 
@@ -87,16 +90,17 @@ class _Tick:
             wanted = [status for status in wanted if status == RUNNING]
         if target is not None and place == target.place:
             target = None
-        kind = self._machine.nodes[place].kind
-        if kind == "action":
+        node = self._machine.nodes[place]
+        kind = kind_of(node)
+        if node.action:
             return self._action(place, wanted)
-        if kind == "inverter":
-            return self._inverter(place, memory, wanted, target)
-        if kind == "when":
+        if node.guard:
             return self._guard(place, memory, wanted, target)
-        if kind == "repeater":
+        if kind.counts is not None:
             return self._repeater(place, memory, wanted, target)
-        if kind == "parallel":
+        if kind.decorates:
+            return self._turned(place, memory, wanted, target)
+        if kind.together:
             return self._parallel(place, memory, wanted, target)
         return self._composite(place, memory, wanted, target)
 
@@ -106,18 +110,19 @@ class _Tick:
                 self._machine.spend()
                 yield Move(status, _RUNS if status == RUNNING else None, ((place, status),))
 
-    def _inverter(
+    def _turned(
         self, place: int, memory: Memory | None, wanted: Sequence[int], target: TickTarget | None
     ) -> Iterator[Move]:
-        inside = [_inverted(status) for status in wanted]
+        ends = (*kind_of(self._machine.nodes[place]).ends, RUNNING)
+        inside = [s for status in wanted for s in (RUNNING, SUCCESS, FAILURE) if ends[s] == status]
         for move in self.moves(self._machine.children[place][0], memory, inside, target):
-            yield move._replace(status=_inverted(move.status))
+            yield move._replace(status=ends[move.status])
 
     def _guard(
         self, place: int, memory: Memory | None, wanted: Sequence[int], target: TickTarget | None
     ) -> Iterator[Move]:
         asked = (place,) if memory is None else ()
-        checks = memory is None or checks_itself(self._machine.nodes[place])
+        checks = memory is None or guard_of(self._machine.nodes[place]).checks_itself
         if checks and not self._holds(place):
             if FAILURE in wanted and target is None:
                 yield Move(FAILURE, None, asked=asked)
@@ -129,11 +134,13 @@ class _Tick:
         self, place: int, memory: Memory | None, wanted: Sequence[int], target: TickTarget | None
     ) -> Iterator[Move]:
         left, inner = self._machine.repetition(place, memory)
-        again = RUNNING if left > 1 else SUCCESS
-        # Successes first: they get on.
-        inside = [SUCCESS] * (again in wanted) + [s for s in wanted if s != SUCCESS]
+        counted = kind_of(self._machine.nodes[place]).counts
+        assert counted is not None
+        again = RUNNING if left > 1 else counted
+        # What is counted comes first: it gets on.
+        inside = [counted] * (again in wanted) + [s for s in wanted if s != counted]
         for move in self.moves(self._machine.children[place][0], inner, inside, target):
-            if move.status == SUCCESS:
+            if move.status == counted:
                 after = RepeaterMemory(left - 1, None) if left > 1 else None
                 yield move._replace(status=again, memory=after)
             elif move.memory is None:
@@ -144,17 +151,18 @@ class _Tick:
     def _parallel(
         self, place: int, memory: Memory | None, wanted: Sequence[int], target: TickTarget | None
     ) -> Iterator[Move]:
-        machine, node = self._machine, self._machine.nodes[place]
+        machine, args = self._machine, self._machine.nodes[place].args
+        assert isinstance(args, ParallelArgs)
         children, inside = machine.children[place], machine.memories(place, memory)
         towards = -1 if target is None else target.branches[place]
         goals = [target if branch == towards else None for branch in range(len(children))]
         each = list(zip(children, inside, goals, strict=True))
         for status in wanted:
-            preferred = _preferred(node, status)
+            preferred = _preferred(args, status)
             options = [[s for s in preferred if self._can(*one, s)] for one in each]
             for statuses in product(*options):
                 machine.spend(len(statuses))
-                if judgement(node, statuses) != status:
+                if judgement(args, statuses) != status:
                     continue
                 makers = [
                     partial(self._child, *one, s) for one, s in zip(each, statuses, strict=True)
@@ -191,7 +199,7 @@ class _Tick:
         """The moves of a selector or sequence: one branch after the other, with what is behind."""
         machine = self._machine
         first, inner, known = self._first_branch(place, memory)
-        hands_over, last = HANDS_OVER[machine.nodes[place].kind], len(machine.children[place]) - 1
+        handing, last = hands_over(machine.nodes[place]), len(machine.children[place]) - 1
         towards = first if target is None else target.branches[place]
         stages = [self._branch(place, first, inner, wanted, target)]
         done: list[Move] = []  # by the branches before the one of the last stage
@@ -203,7 +211,7 @@ class _Tick:
                 del done[-1:]
                 continue
             done.append(move)
-            if move.status == hands_over and branch < last:
+            if move.status == handing and branch < last:
                 goal = target if branch < towards else None
                 stages.append(self._branch(place, branch + 1, None, wanted, goal))
                 continue
@@ -247,7 +255,7 @@ class _Tick:
     ) -> Iterator[Move]:
         """The moves of a branch that lead to a wanted status of its composite, and the target."""
         machine, children = self._machine, self._machine.children[place]
-        has, hands_over = machine.sets.has, HANDS_OVER[machine.nodes[place].kind]
+        has, handing = machine.sets.has, hands_over(machine.nodes[place])
         towards = branch if target is None else target.branches[place]
         if branch > towards:
             return iter(())
@@ -256,14 +264,14 @@ class _Tick:
             way = machine.way(place, branch + 1, target)
             if not any(has(way[status], self._board) for status in wanted):
                 return iter(())
-            return self.moves(children[branch], memory, (hands_over,), None)
-        inside = [status for status in wanted if status != hands_over]
+            return self.moves(children[branch], memory, (handing,), None)
+        inside = [status for status in wanted if status != handing]
         if branch == len(children) - 1:
             inside = list(wanted)
         else:
             behind = machine.fresh_from(place, branch + 1)
             if any(has(behind[status], self._board) for status in wanted):
-                inside.append(hands_over)
+                inside.append(handing)
         return self.moves(children[branch], memory, inside, target)
 
     def _known(
@@ -300,7 +308,7 @@ def _combined(makers: Sequence[Callable[[], Iterator[Move]]]) -> Iterator[tuple[
             going.append(makers[len(going)]())
 
 
-def _preferred(parallel: Node, wanted: int) -> tuple[int, int, int]:
+def _preferred(parallel: ParallelArgs, wanted: int) -> tuple[int, int, int]:
     """The statuses of children with which a parallel comes to the wanted one, the best first.
 
     If each child takes the first that it can, the parallel comes to it wherever that is possible.
@@ -309,8 +317,4 @@ def _preferred(parallel: Node, wanted: int) -> tuple[int, int, int]:
         return FAILURE, SUCCESS, RUNNING
     if wanted == SUCCESS:
         return SUCCESS, RUNNING, FAILURE
-    return (RUNNING, SUCCESS, FAILURE) if parallel.args[1] == "one" else (RUNNING, FAILURE, SUCCESS)
-
-
-def _inverted(status: int) -> int:
-    return status if status == RUNNING else SUCCESS - status
+    return (RUNNING, SUCCESS, FAILURE) if parallel.failure == "one" else (RUNNING, FAILURE, SUCCESS)

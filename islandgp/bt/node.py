@@ -1,6 +1,6 @@
-"""The nouns of the tree language: nodes, the table of their kinds, and how large a tree may be.
+"""The nouns of the tree language: nodes with their arguments, and how large a tree may be.
 
-Section 2.2.3 of the paper. A node kind is declared here and nowhere else; actions
+Section 2.2.3 of the paper. The kinds of nodes are declared in `kinds`; actions
 and blackboard keys are a domain's (`vocabulary`).
 """
 
@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.condition import Asked, Compound, Condition, terms
+from islandgp.bt.condition import Asked, Condition, terms
 from islandgp.errors import LimitError
 
 # Statuses are plain integers because a tick is the innermost loop of a run.
@@ -22,15 +22,106 @@ AGAIN: Final = 3  # running, and the very next tick will do something (a repetit
 STATUS_NAMES: Final = ("FAILURE", "SUCCESS", "RUNNING", "RUNNING")
 
 
-Argument: TypeAlias = str | float | Asked
+Value: TypeAlias = float | str
+"""What an argument of an action is: a number, or a word; a flag is `yes` or `no`."""
+
+
+class ActionArgs(NamedTuple):
+    """Arguments of a leaf."""
+
+    name: str  # of the action
+    values: tuple[tuple[str, Value], ...] = ()  # what the tree gives to the action's arguments
+
+
+class GuardArgs(NamedTuple):
+    """Arguments of a `when`."""
+
+    condition: Asked
+    abort: str = "both"  # a key of ABORTS
+
+    @property
+    def checks_itself(self) -> bool:
+        """Whether the guard stops its own child when its condition turns false."""
+        return self.abort in ("self", "both")
+
+    @property
+    def interrupts(self) -> bool:
+        """Whether the guard stops later branches, if a composite observes it."""
+        return self.abort in ("lower", "both")
+
+
+class CountArgs(NamedTuple):
+    """Arguments of a repeater or a retry."""
+
+    times: float  # a whole number within REPEATS
+
+
+class ParallelArgs(NamedTuple):
+    """Arguments of a parallel."""
+
+    success: str = "all"  # a key of POLICIES: how many children must succeed
+    failure: str = "one"  # a key of POLICIES: how many must fail
+
+    def needed(self, children: int) -> tuple[int, int]:
+        """How many successes, and how many failures, of that many children decide."""
+        return (
+            1 if self.success == "one" else children,
+            1 if self.failure == "one" else children,
+        )
+
+
+class UseArgs(NamedTuple):
+    """Arguments of a `use` as it is written; an expanded tree has no such node."""
+
+    name: str  # of the subtree
+    numbers: tuple[float, ...] = ()
+
+
+Args: TypeAlias = tuple[()] | ActionArgs | GuardArgs | CountArgs | ParallelArgs | UseArgs
 
 
 class Node(NamedTuple):
     """One node of a Behaviour Tree; a tree is its root. Equal nodes are equal trees."""
 
     kind: str  # a key of KINDS
-    args: tuple[Argument, ...] = ()  # as KINDS[kind].args tells
+    args: Args = ()  # an instance of KINDS[kind].args
     children: tuple[Node, ...] = ()
+
+    @property
+    def action(self) -> str:
+        """The name of a leaf's action; "" for an inner node."""
+        return self.args.name if isinstance(self.args, ActionArgs) else ""
+
+    @property
+    def guard(self) -> GuardArgs | None:
+        """The arguments of a `when`; None for any other node."""
+        return self.args if isinstance(self.args, GuardArgs) else None
+
+
+def guard_of(node: Node) -> GuardArgs:
+    """The arguments of a node that is a `when`."""
+    assert node.guard is not None
+    return node.guard
+
+
+def leaf(name: str) -> Node:
+    """A leaf; its action's arguments have their defaults."""
+    return Node("action", ActionArgs(name))
+
+
+def guarded(condition: Asked, child: Node, abort: str = "both") -> Node:
+    """A `when` above a node."""
+    return Node("when", GuardArgs(condition, abort), (child,))
+
+
+def selector(*children: Node) -> Node:
+    """A selector of these branches."""
+    return Node("selector", (), children)
+
+
+def sequence(*children: Node) -> Node:
+    """A sequence of these branches."""
+    return Node("sequence", (), children)
 
 
 class Used(Node):
@@ -53,46 +144,6 @@ def names_of(node: Node) -> tuple[str, ...]:
     return node.names if isinstance(node, Used) else ()
 
 
-@dataclass(frozen=True, slots=True)
-class Kind:
-    """What a node of a kind is made of."""
-
-    args: tuple[str, ...]  # names of Node.args, in order
-    children: tuple[int, int]  # fewest and most children
-    meaning: str  # one line for people
-
-
-ANY: Final = 1_000_000  # "as many children as the limits allow"
-
-KINDS: Final[dict[str, Kind]] = {
-    "selector": Kind((), (1, ANY), "tries its children in order until one succeeds"),
-    "sequence": Kind((), (1, ANY), "runs its children in order until one fails"),
-    "parallel": Kind(("success", "failure"), (1, ANY), "runs all its children at once"),
-    "inverter": Kind((), (1, 1), "turns success into failure and failure into success"),
-    "repeater": Kind(("count",), (1, 1), "runs its child until it has succeeded that often"),
-    "when": Kind(("condition", "abort"), (1, 1), "runs its child while a condition holds"),
-    "action": Kind(("name",), (0, 0), "acts on the world"),
-}
-
-ABORTS: Final = ("none", "self", "lower", "both")  # the last is the default
-POLICIES: Final = ("one", "all")  # how many children of a parallel decide
-REPEATS: Final = (1, 100)  # fewest and most repetitions
-
-
-def condition_of(guard: Node) -> Asked:
-    """The condition of a `when`."""
-    asked = guard.args[0]
-    assert isinstance(asked, Condition | Compound)
-    return asked
-
-
-def count_of(repeater: Node) -> int:
-    """The repetitions of a repeater."""
-    count = repeater.args[0]
-    assert isinstance(count, int | float)
-    return int(count)
-
-
 def walk(node: Node) -> Iterator[Node]:
     """The nodes of a tree in document order (a parent before its children)."""
     yield node
@@ -103,8 +154,8 @@ def walk(node: Node) -> Iterator[Node]:
 def asked_in(tree: Node) -> Iterator[Condition]:
     """The single conditions that the guards of a tree ask, in document order."""
     for node in walk(tree):
-        if node.kind == "when":
-            yield from terms(condition_of(node))
+        if node.guard:
+            yield from terms(node.guard.condition)
 
 
 def size(node: Node) -> int:

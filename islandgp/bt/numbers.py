@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from islandgp.bt.builder import Builder
+from islandgp.bt.kinds import COUNTED
 from islandgp.bt.language import built, files_of, plain
 from islandgp.bt.printer import number_text
 from islandgp.bt.vocabulary import Vocabulary
 
-REPEATS: Final = "repeater"
+COUNT: Final = "count"
 """The purpose of a count; other purposes are the keys that are compared with the number."""
 
 EQUAL: Final = "=="
@@ -29,7 +30,7 @@ class Number:
 
     label: str  # the words before it: `charge <`, `repeater`, `constant low =`, `use go: times`
     value: float
-    purposes: Purposes  # REPEATS, EQUAL and keys; several where a constant or a parameter has them
+    purposes: Purposes  # COUNT, EQUAL and keys; several where a constant or a parameter has them
     line: int  # from 1
     start: int  # its place in `plain(text)`
     end: int
@@ -47,7 +48,7 @@ def numbers_of(
     taken: dict[str, dict[str, Purposes]] = {}  # by subtree and parameter
     slots: list[_Slot] = []
     for part in parts:  # the text itself is the last
-        slots = [slot for tree in part.tree.children for slot in _slots(tree, taken)]
+        slots = [slot for tree in part.tree.children for slot in _slots(tree, taken, vocabulary)]
     of_constants: dict[str, Purposes] = {}
     found: list[Number] = []
     for label, purposes, word, constant in reversed(slots):  # defined before it is used
@@ -72,6 +73,11 @@ def with_numbers(text: str, numbers: Sequence[Number], values: Sequence[float]) 
     return "".join([*parts, text[end:]])
 
 
+def argument_purpose(action: str, argument: str) -> str:
+    """The purpose of a number that is an argument of an action."""
+    return f"{action}.{argument}"
+
+
 class _Slot(NamedTuple):
     """A place where a number is wanted."""
 
@@ -81,7 +87,7 @@ class _Slot(NamedTuple):
     constant: str = ""  # the constant whose value it is
 
 
-def _slots(tree: Any, taken: dict[str, dict[str, Purposes]]) -> Iterator[_Slot]:
+def _slots(tree: Any, taken: dict[str, dict[str, Purposes]], words: Vocabulary) -> Iterator[_Slot]:
     """The slots in a lark.Tree, in order, but those of a subtree's own parameters.
 
     The purposes of the latter are put into `taken`.
@@ -89,7 +95,7 @@ def _slots(tree: Any, taken: dict[str, dict[str, Purposes]]) -> Iterator[_Slot]:
     match str(tree.data), tree.children:
         case "subtree", [name, *parameters, body]:
             own = {str(word): _NONE for each in parameters for word in each.children}
-            for slot in list(_slots(body, taken)):
+            for slot in list(_slots(body, taken, words)):
                 if slot.word in own:
                     own[str(slot.word)] |= slot.purposes
                 else:
@@ -105,10 +111,16 @@ def _slots(tree: Any, taken: dict[str, dict[str, Purposes]]) -> Iterator[_Slot]:
                 taken[name].items(), given.children, strict=True
             ):
                 yield _Slot(f"use {name}: {parameter} =", purposes, word)
-        case "repeater", [_, word, child]:
-            yield _Slot("repeater", frozenset({REPEATS}), word)
-            yield from _slots(child, taken)
+        case "action", [name, values]:
+            arguments = words.action(str(name)).arguments
+            for key, word in (each.children for each in values.children):
+                if arguments[str(key)].numeric:
+                    purpose = argument_purpose(str(name), str(key))
+                    yield _Slot(f"{name}: {key}", frozenset({purpose}), word)
+        case kind, [_, word, child] if kind in COUNTED:
+            yield _Slot(kind, frozenset({COUNT}), word)
+            yield from _slots(child, taken, words)
         case _, parts:
             for part in parts:
                 if hasattr(part, "children"):  # no word
-                    yield from _slots(part, taken)
+                    yield from _slots(part, taken, words)

@@ -4,32 +4,29 @@ from __future__ import annotations
 
 from typing import Final, TypeAlias
 
-from islandgp.bt.node import FAILURE, SUCCESS, Node, condition_of
+from islandgp.bt.kinds import kind_of
+from islandgp.bt.node import FAILURE, SUCCESS, GuardArgs, Node, ParallelArgs
 from islandgp.bt.truth import Standing, below, excludes, may_interrupt
 
 Ends: TypeAlias = frozenset[int]  # of SUCCESS and FAILURE
 
 _FAILS: Final[Ends] = frozenset({FAILURE})
-HANDS_OVER: Final[dict[str, int]] = {"selector": FAILURE, "sequence": SUCCESS}
-"""The status of a child with which a composite goes on to the next one."""
 
 
 def ends(node: Node, standing: Standing) -> Ends:
     """The statuses with which a node can end, or more; never fewer."""
-    if node.kind == "action":
-        return standing.vocabulary.action(str(node.args[0])).statuses & {FAILURE, SUCCESS}
-    if node.kind == "when":
-        if never(node, standing):
-            return _FAILS
-        return ends(node.children[0], below(node, standing, 0)) | _FAILS
-    if node.kind == "inverter":
-        return frozenset(SUCCESS - end for end in ends(node.children[0], standing))
-    if node.kind == "repeater":
-        return ends(node.children[0], below(node, standing, 0))
+    if node.action:
+        return standing.vocabulary.action(node.action).statuses & {FAILURE, SUCCESS}
+    if node.guard and never(node.guard, standing):
+        return _FAILS
+    kind = kind_of(node)
     each = [ends(child, below(node, standing, i)) for i, child in enumerate(node.children)]
-    if node.kind == "parallel":
-        return _parallel(node, each)
-    go_on = HANDS_OVER[node.kind]
+    if kind.decorates:
+        found = frozenset(kind.ends[end] for end in each[0])
+        return found | _FAILS if node.guard else found
+    if isinstance(node.args, ParallelArgs):
+        return _parallel(node.args, each)
+    go_on = hands_over(node)
     reached: Ends = frozenset({go_on})
     for child in each:
         if go_on not in reached:
@@ -38,21 +35,27 @@ def ends(node: Node, standing: Standing) -> Ends:
     return reached
 
 
+def hands_over(node: Node) -> int:
+    """The status of a child with which a selector or sequence goes on to the next one."""
+    status = kind_of(node).hands_over
+    assert status is not None
+    return status
+
+
 def dead_end(node: Node, standing: Standing) -> int | None:
     """The first child of a selector or sequence behind which it never goes on; None: there is none.
 
     The last child does not count.
     """
-    go_on = HANDS_OVER[node.kind]
     for index, child in enumerate(node.children[:-1]):
-        if go_on not in ends(child, below(node, standing, index)):
+        if hands_over(node) not in ends(child, below(node, standing, index)):
             return index
     return None
 
 
-def never(guard: Node, standing: Standing) -> bool:
+def never(guard: GuardArgs, standing: Standing) -> bool:
     """Whether the condition of a `when` can't hold when the guard starts."""
-    return excludes(standing.at_start, condition_of(guard))
+    return excludes(standing.at_start, guard.condition)
 
 
 def idle(node: Node, standing: Standing) -> int | None:
@@ -60,22 +63,22 @@ def idle(node: Node, standing: Standing) -> int | None:
 
     Such a node calls no action and stops no other node.
     """
-    if node.kind == "inverter":
-        end = idle(node.children[0], standing)
-        return None if end is None else SUCCESS - end
-    if node.kind == "repeater":
-        end = idle(node.children[0], below(node, standing, 0))
-        return end if end == FAILURE else None
-    if node.kind != "when" or may_interrupt(node, standing):
+    kind = kind_of(node)
+    if not kind.decorates:
         return None
-    if never(node, standing):
-        # What it guards never starts, but guards in there could only be observed after a start.
-        return FAILURE
-    return FAILURE if idle(node.children[0], below(node, standing, 0)) == FAILURE else None
+    if node.guard:
+        if may_interrupt(node.guard, standing):
+            return None
+        if never(node.guard, standing):
+            # What it guards never starts, but guards in there could only be observed after a start.
+            return FAILURE
+        return FAILURE if idle(node.children[0], below(node, standing, 0)) == FAILURE else None
+    end = idle(node.children[0], below(node, standing, 0))
+    return None if end is None or end == kind.counts else kind.ends[end]
 
 
-def _parallel(node: Node, each: list[Ends]) -> Ends:
-    success, failure = node.args
+def _parallel(args: ParallelArgs, each: list[Ends]) -> Ends:
+    success, failure = args
     found = set()
     # Children that all ended without a decision fail it, so `failure all` can fail with one.
     if any(FAILURE in e for e in each) and (

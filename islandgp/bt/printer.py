@@ -8,10 +8,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from functools import lru_cache
-from typing import Self
+from typing import Any, Self
 
 from islandgp.bt.condition import Asked, Compound
-from islandgp.bt.node import ABORTS, Node, condition_of, names_of
+from islandgp.bt.kinds import KINDS, Argument, Sort
+from islandgp.bt.node import ActionArgs, Node, UseArgs, Value, names_of
 
 WIDTH = 80  # columns of a line
 INDENT = "  "
@@ -54,7 +55,7 @@ def with_subtrees(tree: Node) -> str:
                 bodies[name] = inner
                 texts.append(f"subtree {name} = {to_text(inner)}")
             if bodies[name] == inner:
-                inner = Node("use", (name,))
+                inner = Node("use", UseArgs(name))
         return inner
 
     root = define(tree)
@@ -77,29 +78,28 @@ def use_text(name: str, numbers: Sequence[float]) -> str:
 
 def head(node: Node) -> str:
     """What stands before a node's brace; the whole of a leaf: `when charge < 25`."""
-    if node.kind == "action":
-        return str(node.args[0])
-    if node.kind == "use":  # as it is written; no kind of a tree
-        name, *numbers = node.args
-        given = [value for value in numbers if isinstance(value, int | float)]
-        return f"use {use_text(str(name), given)}"
-    if node.kind == "repeater":
-        count = node.args[0]
-        assert isinstance(count, int | float)
-        return f"repeater {number_text(count)}"
-    if node.kind == "parallel":
-        success, failure = node.args
-        return (
-            "parallel"
-            + ("" if success == "all" else f" success {success}")
-            + ("" if failure == "one" else f" failure {failure}")
-        )
-    if node.kind == "when":
-        abort = node.args[1]
-        return f"when {condition_text(condition_of(node))}" + (
-            "" if abort == ABORTS[-1] else f" abort {abort}"
-        )
-    return node.kind
+    if isinstance(node.args, ActionArgs):
+        return call_text(*node.args)
+    if isinstance(node.args, UseArgs):
+        return f"use {use_text(*node.args)}"
+    pairs = zip(KINDS[node.kind].arguments, node.args, strict=True)
+    return " ".join([node.kind, *(t for arg, value in pairs if (t := _argument(arg, value)))])
+
+
+def call_text(action: str, values: Sequence[tuple[str, Value]]) -> str:
+    """An action with the values of its arguments: `MoveTo(goal: dock, speed: 0.5)`."""
+    given = (f"{name}: {v if isinstance(v, str) else number_text(v)}" for name, v in values)
+    return f"{action}({', '.join(given)})" if values else action
+
+
+def _argument(argument: Argument, value: Any) -> str:
+    """An argument as it stands behind the word of its node; "" for its default."""
+    if argument.sort is Sort.CONDITION:
+        return condition_text(value)
+    text = value if argument.sort is Sort.WORD else number_text(value)
+    if argument.default is None:
+        return text
+    return "" if value == argument.default else f"{argument.name} {text}"
 
 
 def condition_text(asked: Asked, *, brackets: bool = False) -> str:

@@ -11,39 +11,20 @@ from collections.abc import Iterator, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from islandgp.bt.node import KINDS, Node, walk
+from islandgp.bt.kinds import KINDS, kind_of
+from islandgp.bt.node import Node, walk
 from islandgp.bt.printer import head
 
 if TYPE_CHECKING:
     from rich.text import Text
 
 
-class Look(NamedTuple):
-    """How the nodes of a kind are drawn; kinds differ in shape and sign too."""
-
-    sign: str  # as the literature draws it
-    style: str  # of rich; a terminal without colours shows the same text
-    fill: str
-    line: str
-    dot: str = "box"  # shape of Graphviz
-    mermaid: tuple[str, str] = ("[", "]")  # brackets around its label
-
-
-LOOKS: Final[dict[str, Look]] = {
-    "selector": Look("?", "bold cyan", "#d7ecfa", "#0072b2"),
-    "sequence": Look("\N{RIGHTWARDS ARROW}", "bold blue", "#dfe6f7", "#3f5fa8"),
-    "parallel": Look("\N{RIGHTWARDS PAIRED ARROWS}", "bold magenta", "#f3e0ec", "#a8437e"),
-    "inverter": Look("\N{NOT SIGN}", "red", "#fbe3d6", "#d55e00"),
-    "repeater": Look("\N{CLOCKWISE OPEN CIRCLE ARROW}", "magenta", "#efe3f5", "#7f4fa3"),
-    "when": Look("\N{WHITE DIAMOND}", "yellow", "#fdf0cf", "#b57a00", "hexagon", ("{{", "}}")),
-    "action": Look("", "green", "#d6f1e6", "#00775a", "ellipse", ("([", "])")),
-}
-
-
 def label(node: Node) -> str:
     """One line that names a node: its sign and its canonical head."""
-    text = head(node).removeprefix("when ")
-    return f"{LOOKS[node.kind].sign} {text}".strip()
+    text = head(node)
+    if node.guard:  # its sign says what its word does
+        text = text.removeprefix(f"{node.kind} ")
+    return f"{kind_of(node).look.sign} {text}".strip()
 
 
 def branches(node: Node, before: str = "", below: str = "") -> Iterator[tuple[str, Node]]:
@@ -68,7 +49,7 @@ def to_rich(tree: Node, notes: Sequence[Text] | None = None) -> Text:
     from rich.text import Text
 
     drawn = [
-        Text().append(before, "dim").append(label(node), LOOKS[node.kind].style)
+        Text().append(before, "dim").append(label(node), kind_of(node).look.style)
         for before, node in branches(tree)
     ]
     if notes is not None:
@@ -138,7 +119,8 @@ def to_svg(tree: Node) -> str:
     """The picture as the text of an SVG file."""
     boxes, width, height = lay_out(tree)
     style = "".join(
-        f".{kind} path{{fill:{look.fill};stroke:{look.line}}}" for kind, look in LOOKS.items()
+        f".{name} path{{fill:{kind.look.fill};stroke:{kind.look.line}}}"
+        for name, kind in KINDS.items()
     )
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:g}" height="{height:g}"'
@@ -169,19 +151,19 @@ def _node(box: Box) -> str:
     node = box.node
     return (
         f'<g class="node {node.kind}" transform="translate({box.x:g} {box.y:g})">'
-        f"<title>{escape(label(node))}: {escape(KINDS[node.kind].meaning)}</title>"
-        f'<path d="{_outline(node.kind, box.width)}"/>'
+        f"<title>{escape(label(node))}: {escape(kind_of(node).meaning)}</title>"
+        f'<path d="{_outline(kind_of(node).look.ends, box.width)}"/>'
         f'<text x="{PADDING / 2:g}" y="4" textLength="{box.width - PADDING:g}"'
         f' xml:space="preserve">{escape(label(node))}</text></g>\n'
     )
 
 
-def _outline(kind: str, width: float) -> str:
-    """A box with the left edge at 0 and the middle at height 0: the shape tells the kind."""
+def _outline(ends: str, width: float) -> str:
+    """A box with the left edge at 0 and the middle at height 0; `ends` as in `Look`."""
     half = BOX / 2
-    if kind == "when":  # pointed ends
+    if ends == "pointed":
         return f"M6 {-half:g}H{width - 6:g}L{width:g} 0L{width - 6:g} {half:g}H6L0 0Z"
-    corner = half if kind == "action" else 4
+    corner = half if ends == "round" else 4
     arc = f"a{corner:g} {corner:g} 0 0 1"
     inner, side = width - 2 * corner, BOX - 2 * corner
     return (
@@ -203,7 +185,7 @@ def to_dot(tree: Node) -> str:
         "  edge [arrowhead=none]",
     ]
     for place, (node, parent, *_) in enumerate(lay_out(tree)[0]):
-        look = LOOKS[node.kind]
+        look = kind_of(node).look
         drawn = f'shape={look.dot}, fillcolor="{look.fill}", color="{look.line}"'
         lines.append(f'  n{place} [label="{label(node)}", {drawn}]')
         if parent >= 0:
@@ -215,10 +197,11 @@ def to_mermaid(tree: Node) -> str:
     """The text of a flowchart; nodes are n0, n1, ... in document order."""
     lines = ["flowchart TD"]
     for place, (node, parent, *_) in enumerate(lay_out(tree)[0]):
-        left, right = LOOKS[node.kind].mermaid
+        left, right = kind_of(node).look.mermaid
         lines.append(f'  n{place}{left}"{label(node).translate(_ESCAPES)}"{right}:::{node.kind}')
         if parent >= 0:
             lines.append(f"  n{parent} --- n{place}")
-    for kind, look in LOOKS.items():
-        lines.append(f"  classDef {kind} fill:{look.fill},stroke:{look.line},color:#1b2733")
+    for name, kind in KINDS.items():
+        fill, line = kind.look.fill, kind.look.line
+        lines.append(f"  classDef {name} fill:{fill},stroke:{line},color:#1b2733")
     return "\n".join(lines) + "\n"

@@ -26,7 +26,7 @@ from islandgp.bt.invariants import boards_of_nodes
 from islandgp.bt.language import parse
 from islandgp.bt.machine import Machine, Memory, SpentError
 from islandgp.bt.moves import ActionCalls, moves
-from islandgp.bt.node import Node, asked_in, condition_of, walk
+from islandgp.bt.node import Node, asked_in, leaf, walk
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.errors import TreeError
 
@@ -81,10 +81,9 @@ def read_rule(text: str, vocabulary: Vocabulary) -> Rule:
         raise TreeError(f"rule {text!r}: {message}") from None
     if re.search(r"\babort\b", asked):
         raise TreeError(f"rule {text!r}: expected a condition after while, found an abort rule")
-    leaves = [child for child in tree.children if child == Node("action", (action,))]
-    if tree.kind != "when" or not leaves:
+    if tree.guard is None or tree.children != (leaf(action),):
         raise TreeError(f"rule {text!r}: expected a condition after while, found more than that")
-    return Rule(" ".join(text.split()), action, condition_of(tree))
+    return Rule(" ".join(text.split()), action, tree.guard.condition)
 
 
 def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEPS) -> RuleResult:
@@ -99,7 +98,7 @@ def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEP
     sets = BoardSets(vocabulary.keys)
     machine = Machine(tree, vocabulary, sets)
     forbidden = sets.of(rule.condition)
-    places = [p for p in machine.statuses if machine.nodes[p].args[0] == rule.action]
+    places = [p for p in machine.statuses if machine.nodes[p].action == rule.action]
     if not places:
         return RuleResult(rule, "proven", f"there is no {rule.action} in the tree")
     if forbidden == NO_BOARD:
@@ -235,7 +234,7 @@ class _Scripted(dict[str, Callable[[bool], int]]):
     def __init__(self, tree: Node, returns: dict[int, int]) -> None:
         super().__init__()
         self._returns = returns
-        self._places = iter([p for p, node in enumerate(walk(tree)) if node.kind == "action"])
+        self._places = iter([p for p, node in enumerate(walk(tree)) if node.action])
 
     def __missing__(self, _: str) -> Callable[[bool], int]:
         return partial(self._act, next(self._places))

@@ -13,17 +13,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.node import FAILURE, REPEATS, SUCCESS, Node, condition_of, count_of
-from islandgp.bt.outcomes import HANDS_OVER, dead_end, ends, idle
+from islandgp.bt.kinds import KINDS, REPEATS, NodeKind, count_of, kind_of
+from islandgp.bt.node import FAILURE, SUCCESS, CountArgs, GuardArgs, Node, ParallelArgs, guard_of
+from islandgp.bt.outcomes import dead_end, ends, hands_over, idle
 from islandgp.bt.printer import condition_text, head
 from islandgp.bt.truth import (
     Standing,
     below,
-    checks_itself,
     exposes,
     hidden,
     implies,
-    interrupts,
     may_interrupt,
     root_of,
     shorter,
@@ -48,7 +47,7 @@ def _never_gets_there(node: Node, standing: Standing) -> Rewrite:
     index = dead_end(node, standing)
     if index is None:
         return None
-    word = "fails" if HANDS_OVER[node.kind] == FAILURE else "succeeds"
+    word = "fails" if hands_over(node) == FAILURE else "succeeds"
     reason = f"{head(node.children[index])} never {word}, so its {node.kind} never goes on"
     return node._replace(children=node.children[: index + 1]), reason
 
@@ -58,7 +57,7 @@ def _idle_branch(node: Node, standing: Standing) -> Rewrite:
     busy: list[Node] = []
     idling: list[Node] = []
     for index, child in enumerate(node.children):
-        found = idle(child, below(node, standing, index)) == HANDS_OVER[node.kind]
+        found = idle(child, below(node, standing, index)) == hands_over(node)
         (idling if found else busy).append(child)
     if not idling or len(node.children) == 1:
         return None
@@ -84,10 +83,10 @@ def _same_inside(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001 -- 
 
 def _same_parallel_inside(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001
     # One success (failure) decides both at once, and all failures (successes) are all of both.
-    if node.args not in (("all", "one"), ("one", "all")):
+    if node.args not in (ParallelArgs("all", "one"), ParallelArgs("one", "all")):
         return None
     for index, child in enumerate(node.children):
-        if child.kind == "parallel" and child.args == node.args:
+        if child.kind == node.kind and child.args == node.args:
             children = (*node.children[:index], *child.children, *node.children[index + 1 :])
             return node._replace(children=children), f"{head(node)} directly in the same"
     return None
@@ -95,52 +94,66 @@ def _same_parallel_inside(node: Node, standing: Standing) -> Rewrite:  # noqa: A
 
 def _double_inverter(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001
     child = node.children[0]
-    return (child.children[0], "double inverter") if child.kind == "inverter" else None
+    return (child.children[0], "double inverter") if kind_of(child).inverts else None
 
 
 def _inverted_composite(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001
     # De Morgan: a selector is a sequence with everything inverted. Guards are observed through
     # inverters, so nothing changes for them.
     child = node.children[0]
-    if child.kind not in HANDS_OVER:
+    if kind_of(child).hands_over is None:
         return None
-    inverted = sum(c.kind == "inverter" for c in child.children)
+    inverted = sum(kind_of(c).inverts for c in child.children)
     if len(child.children) - inverted > inverted:
         return None
     children = tuple(
-        c.children[0] if c.kind == "inverter" else Node("inverter", (), (c,))
+        c.children[0] if kind_of(c).inverts else node._replace(children=(c,))
         for c in child.children
     )
-    other = "sequence" if child.kind == "selector" else "selector"
-    return Node(other, (), children), f"{child.kind} between inverters"
+    return Node(kind_of(child).dual, (), children), f"{child.kind} between inverters"
 
 
 def _repeats_once(node: Node, standing: Standing) -> Rewrite:
     child = node.children[0]
-    if node.args[0] == 1:
-        return child, "repeater 1"
-    if SUCCESS not in ends(child, below(node, standing, 0)):
-        return child, f"{head(child)} never succeeds, so it is never repeated"
+    if count_of(node) == 1:
+        return child, head(node)
+    counted = kind_of(node).counts
+    if counted not in ends(child, below(node, standing, 0)):
+        word = "fails" if counted == FAILURE else "succeeds"
+        return child, f"{head(child)} never {word}, so it is never repeated"
     return None
 
 
 def _double_repeater(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001
     # Both take a tick a success, and a failure fails both.
     child = node.children[0]
-    if child.kind != "repeater":
+    if child.kind != node.kind:
         return None
     count = count_of(node) * count_of(child)
     if count > REPEATS[1]:
         return None
-    return Node("repeater", (count,), child.children), "repeater in a repeater"
+    return Node(node.kind, CountArgs(count), child.children), f"{node.kind} in a {node.kind}"
+
+
+def _forced(node: Node, standing: Standing) -> Rewrite:
+    # However what is below ends, the node ends with its one status, in the same tick.
+    child = node.children[0]
+    kind = kind_of(child)
+    if kind.inverts or kind.forces:
+        return node._replace(children=child.children), f"{node.kind} above {child.kind}"
+    end = kind_of(node).ends[SUCCESS]
+    if ends(child, below(node, standing, 0)) <= {end}:
+        word = "succeeds" if end == SUCCESS else "fails"
+        return child, f"{head(child)} {word} whenever it ends"
+    return None
 
 
 def _holds_anyway(node: Node, standing: Standing) -> Rewrite:
     # It lets every start through, stops nothing below it, and no later branch.
-    holds = condition_of(node)
-    if not implies(standing.at_start, holds) or may_interrupt(node, standing):
+    guard = guard_of(node)
+    if not implies(standing.at_start, guard.condition) or may_interrupt(guard, standing):
         return None
-    if checks_itself(node) and not implies(standing.always, holds):
+    if guard.checks_itself and not implies(standing.always, guard.condition):
         return None
     return node.children[0], f"{head(node)} always holds where it stands"
 
@@ -148,52 +161,66 @@ def _holds_anyway(node: Node, standing: Standing) -> Rewrite:
 def _guard_twice(node: Node, standing: Standing) -> Rewrite:
     # The inner guard is visited when the condition holds; so what it would see turn true, the
     # outer one sees too if it interrupts as well.
-    child = node.children[0]
-    if child.kind != "when" or condition_of(child) != condition_of(node):
+    guard, child = guard_of(node), node.children[0]
+    inner = child.guard
+    if inner is None or inner.condition != guard.condition:
         return None
-    if may_interrupt(child, below(node, standing, 0)) and not interrupts(node):
+    if may_interrupt(inner, below(node, standing, 0)) and not guard.interrupts:
         return None
-    stops = checks_itself(node) or checks_itself(child)
+    stops = guard.checks_itself or inner.checks_itself
     abort = {(0, 0): "none", (1, 0): "self", (0, 1): "lower", (1, 1): "both"}
-    args = (node.args[0], abort[(stops, interrupts(node))])
-    return Node("when", args, child.children), f"{head(node)} twice"
+    args = guard._replace(abort=abort[(stops, guard.interrupts)])
+    return Node(node.kind, args, child.children), f"{head(node)} twice"
 
 
 def _weaker_guard(node: Node, standing: Standing) -> Rewrite:
     # The inner condition holds only where the outer one does, so it alone lets through and stops.
-    child = node.children[0]
-    inner = below(node, standing, 0)
-    if child.kind != "when" or may_interrupt(node, standing) or may_interrupt(child, inner):
+    guard, child = guard_of(node), node.children[0]
+    inner = child.guard
+    if inner is None or may_interrupt(guard, standing):
         return None
-    if checks_itself(node) and not checks_itself(child):
+    if may_interrupt(inner, below(node, standing, 0)):
         return None
-    if not implies((*standing.always, condition_of(child)), condition_of(node)):
+    if guard.checks_itself and not inner.checks_itself:
+        return None
+    if not implies((*standing.always, inner.condition), guard.condition):
         return None
     return child, f"{head(node)} says less than the guard below it"
 
 
 def _shorter_condition(node: Node, standing: Standing) -> Rewrite:
     # It is the same in every tick in which it is asked, so the two behave alike.
-    asked = condition_of(node)
-    found = shorter(asked, whenever_asked(node, standing))
-    if found == asked:
+    guard = guard_of(node)
+    found = shorter(guard.condition, whenever_asked(guard, standing))
+    if found == guard.condition:
         return None
-    return node._replace(
-        args=(found, node.args[1])
-    ), f"{head(node)} is when {condition_text(found)}"
+    changed = node._replace(args=guard._replace(condition=found))
+    return changed, f"{head(node)} is {node.kind} {condition_text(found)}"
 
 
 _COMPOSITE: Final = (_only_child, _never_gets_there, _idle_branch, _same_inside)
-RULES: Final[dict[str, tuple[Callable[[Node, Standing], Rewrite], ...]]] = {
-    "selector": _COMPOSITE,
-    "sequence": _COMPOSITE,
-    "parallel": (_only_child, _same_parallel_inside),
-    "inverter": (_double_inverter, _inverted_composite),
-    "repeater": (_repeats_once, _double_repeater),
-    "when": (_holds_anyway, _guard_twice, _weaker_guard, _shorter_condition),
-    "action": (),
-}
-"""By kind of node, in the order in which they are tried."""
+_PARALLEL: Final = (_only_child, _same_parallel_inside)
+_INVERTER: Final = (_double_inverter, _inverted_composite)
+_REPEATER: Final = (_repeats_once, _double_repeater)
+_GUARD: Final = (_holds_anyway, _guard_twice, _weaker_guard, _shorter_condition)
+
+
+def _rules(kind: NodeKind) -> tuple[Callable[[Node, Standing], Rewrite], ...]:
+    """The rules for the nodes of a kind, in the order in which they are tried."""
+    if kind.hands_over is not None:
+        return _COMPOSITE
+    if kind.args is GuardArgs:
+        return _GUARD
+    if kind.counts is not None:
+        return _REPEATER
+    if kind.forces:
+        return (_forced,)
+    if kind.inverts:
+        return _INVERTER
+    return _PARALLEL if kind.together else ()
+
+
+RULES: Final = {name: _rules(kind) for name, kind in KINDS.items()}
 
 
 class Simplified(NamedTuple):

@@ -12,7 +12,8 @@ from math import inf, prod
 from typing import Final, NamedTuple, TypeAlias
 
 from islandgp.bt.condition import Asked, Condition, joined, opposite, spread, terms
-from islandgp.bt.node import Node, condition_of
+from islandgp.bt.kinds import kind_of
+from islandgp.bt.node import Args, GuardArgs, Node
 from islandgp.bt.vocabulary import NOTHING, Vocabulary
 
 Conditions: TypeAlias = tuple[Asked, ...]
@@ -35,21 +36,11 @@ def root_of(vocabulary: Vocabulary) -> Standing:
     return Standing(vocabulary.always, vocabulary.always, None, vocabulary)
 
 
-def checks_itself(guard: Node) -> bool:
-    """Whether a `when` stops its own child."""
-    return guard.args[1] in ("self", "both")
-
-
-def interrupts(guard: Node) -> bool:
-    """Whether a `when` stops later branches, if a composite observes it."""
-    return guard.args[1] in ("lower", "both")
-
-
 def chain(node: Node) -> list[Node]:
     """The guards of a branch, down to its first composite or action."""
     found = []
-    while node.kind in ("when", "inverter", "repeater"):
-        if node.kind == "when":
+    while kind_of(node).decorates:
+        if node.guard:
             found.append(node)
         node = node.children[0]
     return found
@@ -57,11 +48,11 @@ def chain(node: Node) -> list[Node]:
 
 def with_aborts(branch: Node, change: Mapping[str, str]) -> Node:
     """The branch with other abort rules on the guards of its `chain`: those that `change` names."""
-    if branch.kind not in ("when", "inverter", "repeater"):
+    if not kind_of(branch).decorates:
         return branch
-    args = branch.args
-    if branch.kind == "when":
-        args = (args[0], change.get(str(args[1]), args[1]))
+    args: Args = branch.args
+    if branch.guard:
+        args = branch.guard._replace(abort=change.get(branch.guard.abort, branch.guard.abort))
     child = with_aborts(branch.children[0], change)
     if args == branch.args and child is branch.children[0]:
         return branch  # it may be a subtree, which keeps its name
@@ -75,7 +66,7 @@ def hidden(branch: Node) -> Node:
 
 def exposes(branch: Node) -> bool:
     """Whether a composite would observe a guard of this branch."""
-    return any(map(interrupts, chain(branch)))
+    return any(each.guard and each.guard.interrupts for each in chain(branch))
 
 
 def implies(known: Conditions, asked: Asked) -> bool:
@@ -213,17 +204,18 @@ class _Range:
 def below(node: Node, standing: Standing, index: int) -> Standing:
     """Where the child of that index stands."""
     always, at_start, observer, vocabulary = standing
-    if node.kind == "when":
-        holds = condition_of(node)
-        if checks_itself(node):
+    kind = kind_of(node)
+    if node.guard:
+        holds = node.guard.condition
+        if node.guard.checks_itself:
             always = (*always, holds)
         return Standing(always, (*at_start, holds), observer, vocabulary)
-    if node.kind == "inverter":
-        return standing
-    if node.kind == "repeater":  # starts its child again in later ticks
-        return Standing(always, always, observer, vocabulary)
-    if node.kind == "parallel":
+    if kind.together:
         return Standing(always, at_start, None, vocabulary)
+    if kind.counts is not None:  # starts its child again in later ticks
+        return Standing(always, always, observer, vocabulary)
+    if kind.decorates:
+        return standing
     last = index == len(node.children) - 1
     # The first branch starts with its composite, unless its guard can call it back later.
     starts = index == 0 and (last or not exposes(node.children[0]))
@@ -231,17 +223,17 @@ def below(node: Node, standing: Standing, index: int) -> Standing:
     return Standing(always, at_start if starts else always, observer, vocabulary)
 
 
-def may_interrupt(guard: Node, standing: Standing) -> bool:
+def may_interrupt(guard: GuardArgs, standing: Standing) -> bool:
     """Whether a `when` can ever stop a later branch where it stands."""
-    if standing.observer is None or not interrupts(guard):
+    if standing.observer is None or not guard.interrupts:
         return False
-    holds = condition_of(guard)
     # What is never true, or true all the time, does not turn true.
-    return not (excludes(standing.observer, holds) or implies(standing.observer, holds))
+    never = excludes(standing.observer, guard.condition)
+    return not (never or implies(standing.observer, guard.condition))
 
 
-def whenever_asked(guard: Node, standing: Standing) -> Conditions:
+def whenever_asked(guard: GuardArgs, standing: Standing) -> Conditions:
     """What holds in each tick in which the condition of a `when` is asked."""
-    if standing.observer is not None and interrupts(guard):
+    if standing.observer is not None and guard.interrupts:
         return standing.observer
-    return standing.always if checks_itself(guard) else standing.at_start
+    return standing.always if guard.checks_itself else standing.at_start

@@ -16,15 +16,17 @@ from numbers import Real
 from typing import Final
 
 from islandgp.bt.condition import Condition as Condition  # for those who declare actions
-from islandgp.bt.node import FAILURE, RUNNING, SUCCESS
+from islandgp.bt.kinds import INNER, KINDS
+from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, Value
+from islandgp.bt.parameters import Parameter, check_parameters, leaf_of
 from islandgp.errors import DomainError
 
 NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 RESERVED: Final = frozenset((
-    "domain", "include", "constant", "subtree", "selector", "sequence", "parallel", "success",
-    "failure", "inverter", "repeater", "when", "and", "or", "not", "abort", "use", "one", "all",
-    "none", "self", "lower", "both",
+    "domain", "include", "constant", "subtree", "and", "or", "not", "use", *INNER,
+    *(a.name for kind in KINDS.values() for a in kind.arguments if a.default is not None),
+    *(word for kind in KINDS.values() for a in kind.arguments for word in a.words),
 ))  # fmt: skip
 """Words of the grammar: no action or key can have such a name."""
 
@@ -47,6 +49,8 @@ class Action:
     """Keys that its success changes: -1 makes the value smaller, 1 larger."""
     after: tuple[str, ...] = ()
     """Actions whose success often comes right before it. Random trees put some of them in front."""
+    arguments: Mapping[str, Parameter] = field(default_factory=dict)
+    """By name, in the order in which trees are written."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +82,11 @@ def number(
 ) -> Key:
     """A key that is a number of at least `low`; random thresholds lie on a grid up to `high`."""
     return Key(meaning, flag=False, low=low, high=high, step=step, most=most, noise=noise)
+
+
+def _is_name(word: str) -> bool:
+    """Whether a domain may give a word a meaning."""
+    return NAME.fullmatch(word) is not None and word not in RESERVED
 
 
 def must_be(kind: type, entries: Mapping[str, object], what: str) -> None:
@@ -125,7 +134,7 @@ class Vocabulary:
     def __post_init__(self) -> None:
         """Refuses what the language cannot say."""
         for name in (self.domain, *self.actions, *self.keys):
-            if not NAME.fullmatch(name) or name in RESERVED:
+            if not _is_name(name):
                 raise DomainError(
                     f"Expected a name of letters, digits and _ that is no word of the language,"
                     f" found {name!r} in the domain {self.domain!r}; rename it."
@@ -138,7 +147,9 @@ class Vocabulary:
                 " action and as a key; rename one."
             )
         for name, action in self.actions.items():
-            _must_be_known(action, f"the action {name} of the domain {self.domain}", self.keys)
+            where = f"the action {name} of the domain {self.domain}"
+            _must_be_known(action, where, self.keys)
+            check_parameters(action.arguments, where, _is_name)
             for before in action.after:
                 if before not in self.actions or before == name:
                     raise DomainError(
@@ -177,6 +188,10 @@ class Vocabulary:
             *(Condition(name, ">=", key.low) for name, key in numbers.items()),
             *(Condition(n, "<=", key.most) for n, key in numbers.items() if key.most is not None),
         )
+
+    def leaf(self, name: str, values: Mapping[str, Value]) -> Node:
+        """A leaf in its canonical form."""
+        return leaf_of(name, values, self.action(name).arguments)
 
     def action(self, name: str) -> Action:
         """What is known of an action; UNKNOWN where it is not declared."""

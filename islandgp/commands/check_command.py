@@ -55,7 +55,7 @@ def command(
     for file in files:
         text, name, folder = read_text(file), called(file), folder_of(file)
         try:
-            vocabulary = vocabulary_of(text, chosen, name=name, folder=folder)
+            vocabulary = vocabulary_of(text, chosen, name=name, folder=folder, in_world=True)
             tree, found = checked(text, vocabulary, name, folder, limits)
         except TreeError as error:
             wrong += 1

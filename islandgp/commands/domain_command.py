@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from islandgp.bt.node import STATUS_NAMES, Node
+from islandgp.bt.parameters import described, signature
 from islandgp.commands.domain_trees import own_trees
 from islandgp.commands.files import FILE, STDIN, called, read_text, read_tree
 from islandgp.commands.setting import (
@@ -109,7 +110,13 @@ def _lines(schema: Schema) -> Iterator[str]:
     yield f"Domain {words.domain}"
     yield schema.task
     for heading, entries in (
-        ("Actions", {name: action.meaning for name, action in words.actions.items()}),
+        (
+            "Actions",
+            {
+                signature(name, action.arguments): described(action.meaning, action.arguments)
+                for name, action in words.actions.items()
+            },
+        ),
         ("Keys that are yes or no", {n: k.meaning for n, k in words.keys.items() if k.flag}),
         ("Keys that are numbers", {n: k.meaning for n, k in words.keys.items() if not k.flag}),
         ("Events", {name: event.meaning for name, event in schema.events.items()}),
@@ -126,6 +133,8 @@ def _plain(schema: Schema) -> dict[str, Any]:
     """The schema as JSON values; statuses by name."""
     found = asdict(schema)
     for action in found["vocabulary"]["actions"].values():
+        if not action["arguments"]:
+            del action["arguments"]
         action["statuses"] = [STATUS_NAMES[status] for status in sorted(action["statuses"])]
     return found
 

@@ -15,11 +15,9 @@ from islandgp.bt.language import parse
 from islandgp.bt.node import Node
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.errors import IslandError
+from islandgp.text_files import MAX_BYTES, decoded, read_text_file
 
 STDIN: Final = "-"
-
-MAX_BYTES: Final = 2**24
-"""Of a file; the largest tree as XML or JSON has less."""
 
 FILE: Final = click.Path(exists=True, dir_okay=False, allow_dash=True)
 """An argument that names a file; `-` is the standard input."""
@@ -107,23 +105,10 @@ def read_text(file: str) -> str:
             "Expected text on the standard input, found that it is closed; pipe a file into it or"
             " name one."
         )
+    if file != STDIN:
+        return read_text_file(Path(file))
     try:
-        if file == STDIN:
-            data = sys.stdin.buffer.read(MAX_BYTES + 1)
-        else:
-            with Path(file).open("rb") as opened:
-                data = opened.read(MAX_BYTES + 1)
-        if len(data) > MAX_BYTES:
-            raise IslandError(
-                f"Expected at most {MAX_BYTES:,} bytes in {called(file)}, found more; no tree, and"
-                " no form of one, is as long."
-            )
-        return data.decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise IslandError(
-            f"Expected UTF-8 text in {called(file)}, found the byte 0x{data[error.start]:02x}"
-            f" at position {error.start}; save it as UTF-8."
-        ) from None
+        return decoded(sys.stdin.buffer.read(MAX_BYTES + 1), called(file))
     except OSError as error:
         raise IslandError(f"Expected to read {called(file)}: {error.strerror}.") from None
 

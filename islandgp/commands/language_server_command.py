@@ -39,7 +39,7 @@ def command(chosen: Chosen) -> None:
     from islandgp.commands.language_server import Server
 
     def words(text: str, name: str, folder: Path) -> Vocabulary:
-        return vocabulary_of(text, chosen, name=name, folder=folder)
+        return vocabulary_of(text, chosen, name=name, folder=folder, in_world=True)
 
     server = Server(words, configured_domains(chosen.config_dir))
     stream = sys.stdout.buffer

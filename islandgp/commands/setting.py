@@ -7,7 +7,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache, wraps
-from importlib import import_module
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -16,7 +15,8 @@ import click
 
 from islandgp.bt.language import domain_of, domain_place, parse, plain
 from islandgp.commands.files import called, folder_of, read_text
-from islandgp.errors import ConfigError, OtherDomainError
+from islandgp.domain_files import domain_class, domain_files
+from islandgp.errors import ConfigError, IslandError, OtherDomainError
 from islandgp.resources import resource
 
 if TYPE_CHECKING:
@@ -174,11 +174,17 @@ def read_in_domain(
 
 
 def vocabulary_of(
-    text: str, chosen: Chosen, *, name: str, folder: Path | None = None
+    text: str,
+    chosen: Chosen,
+    *,
+    name: str,
+    folder: Path | None = None,
+    in_world: bool = False,
 ) -> Vocabulary:
     """The words of the domain that the options choose, or the text of a tree.
 
-    `folder`: of the tree's file.
+    `folder`: of the tree's file. `in_world`: with the conditions of actions that hold in the
+    configured worlds, beside those that hold in every world.
 
     Raises:
         ConfigError, DomainError: the domain is not configured so, or the file declares none.
@@ -188,7 +194,7 @@ def vocabulary_of(
         from islandgp.bt.declared import declared
 
         return declared(read_text(file), text, name=file, tree_name=name, folder=folder)
-    return _vocabulary(_for_tree(text, chosen, name), chosen.config_dir)
+    return _vocabulary(_for_tree(text, chosen, name), chosen.config_dir, in_world)
 
 
 def _for_tree(text: str, chosen: Chosen, name: str) -> tuple[str, ...]:
@@ -201,7 +207,7 @@ def _for_tree(text: str, chosen: Chosen, name: str) -> tuple[str, ...]:
     domain = domain_of(text)
     if not domain or _given(chosen.overrides) & _CHOOSES:
         return chosen.overrides
-    if domain not in _domain_files(chosen.config_dir):
+    if domain not in domain_files(chosen.config_dir):
         known, (line, column) = ", ".join(configured_domains(chosen.config_dir)), domain_place(text)
         raise OtherDomainError(
             f"{name}:{line}:{column}: expected a tree for a domain that is configured"
@@ -216,7 +222,7 @@ def _for_tree(text: str, chosen: Chosen, name: str) -> tuple[str, ...]:
 
 def configured_domains(config_dir: str | None) -> list[str]:
     """The domains that a tree can be for."""
-    return sorted(_domain_files(config_dir))
+    return sorted(domain_files(config_dir))
 
 
 def domain_file(name: str, chosen: Chosen) -> Path:
@@ -227,7 +233,7 @@ def domain_file(name: str, chosen: Chosen) -> Path:
     given = [word.lstrip("+").partition("=") for word in chosen.overrides]
     named = [value for key, _, value in given if key == "domain"]
     name = name or (named[-1] if named else default_domain())
-    files = _domain_files(chosen.config_dir)
+    files = domain_files(chosen.config_dir)
     if name not in files:
         near = get_close_matches(name, files, 1, 0.5)
         hint = f"did you mean {near[0]}? " if near else ""
@@ -254,32 +260,33 @@ def _given(overrides: Sequence[str]) -> set[str]:
     return {override.lstrip("+").partition("=")[0] for override in overrides}
 
 
-def _domain_files(config_dir: str | None) -> dict[str, Path]:
-    """The files of domains by name: of two, the one that Hydra finds first."""
-    folders = [*([Path(config_dir)] if config_dir else []), resource("conf")]
-    return {file.stem: file for folder in folders for file in folder.glob("domain/*.yaml")}
-
-
 @cache
-def _vocabulary(overrides: tuple[str, ...], config_dir: str | None) -> Vocabulary:
+def _vocabulary(overrides: tuple[str, ...], config_dir: str | None, in_world: bool) -> Vocabulary:
     if _given(overrides) <= {"domain"}:
         name = overrides[-1].partition("=")[2] if overrides else default_domain()
         # Whatever is wrong with the class or its file, the whole configuration tells it better.
         with suppress(Exception):
-            return _declared(name, config_dir)
-    return configured(overrides, config_dir).make_domain().schema.vocabulary
+            kind = domain_class(name, config_dir)
+            declared: Vocabulary = kind.schema.vocabulary
+            if not in_world or not hasattr(kind, "vocabulary_in"):
+                return declared
+            with suppress(IslandError):  # what is wrong with a world does not concern a tree's text
+                return _configured_vocabulary(overrides, config_dir, in_world)
+            return declared
+    return _configured_vocabulary(overrides, config_dir, in_world)
 
 
-def _declared(domain: str, config_dir: str | None) -> Vocabulary:
-    """The vocabulary that the class of a domain declares, without composing a configuration.
+def _configured_vocabulary(
+    overrides: Sequence[str], config_dir: str | None, in_world: bool
+) -> Vocabulary:
+    """The vocabulary of a composed configuration's domain, as `vocabulary_of` has it."""
+    from islandgp.evaluation.worlds import staged
 
-    Raises:
-        AttributeError: its schema depends on settings.
-    """
-    import yaml
-
-    file = _domain_files(config_dir)[domain]
-    found = yaml.safe_load(file.read_text(encoding="utf-8"))
-    module, _, attribute = found.get("domain", found)["factory"].partition(":")
-    vocabulary: Vocabulary = getattr(import_module(module), attribute).schema.vocabulary
-    return vocabulary
+    settings = configured(overrides, config_dir)
+    domain = settings.make_domain()
+    words_in = getattr(domain, "vocabulary_in", None) if in_world else None
+    if words_in is None:
+        return domain.schema.vocabulary
+    stages = settings.curriculum.stages
+    words: Vocabulary = words_in([staged(settings.world, stage.world) for stage in stages])
+    return words

@@ -40,12 +40,13 @@ def command(run: Path, opened: bool | None) -> None:
 
 
 def _page(path: Path) -> Path:
-    """The page as the run is now, made again where it is missing or of an earlier state.
+    """The page as the run is now, made again where it is missing, changed or of an earlier state.
 
     Raises:
         RunError: there is no run in the folder, or it is damaged.
     """
     from islandgp.records.folder import RunFolder, Status
+    from islandgp.records.manifest import is_as_written
     from islandgp.running.page_writer import write_page
     from islandgp.viewer.run_page import NAME_OF_PAGE
 
@@ -59,7 +60,10 @@ def _page(path: Path) -> Path:
             f"Expected a run in {path}, found {inside}; give a run's own folder, {example}."
         )
     status, page = folder.status(), path / NAME_OF_PAGE
-    if page.exists() and (status is Status.RUNNING or _status_of(page) == status):
+    if status is Status.FINISHED:
+        folder.must_be_sound(page=False)
+    sound = status is not Status.FINISHED or is_as_written(path, NAME_OF_PAGE)
+    if sound and page.exists() and (status is Status.RUNNING or _status_of(page) == status):
         return page
     return write_page(folder, status)
 

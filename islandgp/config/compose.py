@@ -21,7 +21,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
-from islandgp.config.errors import MISTAKES, explain, parsed, unresolved
+from islandgp.config.errors import MISTAKES, check_packages, explain, parsed, unresolved
 from islandgp.config.settings import Settings, read_settings, with_generations
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError
@@ -328,9 +328,11 @@ def _steps(sweep: Override, found: RangeSweep) -> int:
 
 def _composed(overrides: list[str], source: ConfigSource) -> DictConfig:
     try:
-        return source.compose(overrides)
+        composed = source.compose(overrides)
     except MISTAKES as error:
         raise ConfigError(explain(error, overrides, source)) from None
+    check_packages(composed, source)
+    return composed
 
 
 def _must_change_something(overrides: Sequence[str], composed: DictConfig) -> None:

@@ -18,10 +18,10 @@ from hydra.core.config_loader import ConfigLoader
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from islandgp.config.settings import keys_at, unknown_key
+from islandgp.config.settings import Settings, keys_at, unknown_key
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError
 from islandgp.records.parameters import flatten, is_secret
@@ -160,6 +160,29 @@ def explain(error: Exception, overrides: Sequence[str], source: ConfigSource) ->
     if text.startswith("Error merging override ") and isinstance(error.__cause__, Exception):
         return f"{text.removeprefix('Error merging override ')}: {_short(error.__cause__)}"
     return _short(error)
+
+
+GLOBAL: Final = re.compile(r"^\s*#\s*@package\s+_global_\s*$", re.MULTILINE)
+"""The line by which Hydra reads a group's file as one of the whole configuration."""
+
+
+def check_packages(composed: DictConfig, source: ConfigSource) -> None:
+    """Raises ConfigError for a domain or an experiment without the line `# @package _global_`.
+
+    Hydra then puts all of its keys below the group, e.g. `world` at `domain.world`.
+    """
+    for group, own in (("domain", {"factory"}), ("experiment", set[str]())):
+        choice, below = composed.hydra.runtime.choices.get(group), composed.get(group)
+        if choice is None or not isinstance(below, DictConfig):
+            continue
+        if not set(map(str, below)) & (Settings.model_fields.keys() - own):
+            continue
+        for file in source.files(f"{group}/{choice}"):
+            if not GLOBAL.search(file.read_text(encoding="utf-8")):
+                raise ConfigError(
+                    f"{group}={choice}: expected `# @package _global_` as the first line of {file},"
+                    " whose keys are those of the whole configuration, found none; add it."
+                )
 
 
 def unresolved(error: OmegaConfBaseException) -> str:

@@ -319,7 +319,8 @@ def _staged_worlds(settings: Settings, schema: Schema) -> Iterator[str]:
         try:
             world = staged(settings.world, stage.world)
         except ValidationError as error:
-            yield from (f"{path}.{line}" for line in _lines(error, {**before, **stage.world}))
+            given = {**before, **stage.world}
+            yield from _lines(error, given, model=type(settings.world), at=(path,))
             continue
         with blaming(path_of(settings.domain.factory)):
             found = settings.domain.factory.make(world, settings.rewards).schema
@@ -360,7 +361,14 @@ def setting_at(settings: Any, key: int | str) -> Any:
     return getattr(settings, str(key), None)
 
 
-def _lines(error: ValidationError, config: Mapping[str, Any]) -> Iterator[str]:
+def _lines(
+    error: ValidationError,
+    config: Mapping[str, Any],
+    *,
+    model: type[BaseModel] = Settings,
+    at: tuple[str, ...] = (),
+) -> Iterator[str]:
+    """A line for each error of `model`, which was made of `config` and stands at the path `at`."""
     found = error.errors()
     inside = {e["loc"][:n] for e in found for n in range(len(e["loc"]))}
     for e in found:
@@ -371,24 +379,26 @@ def _lines(error: ValidationError, config: Mapping[str, Any]) -> Iterator[str]:
             given = f"{name}={e['input']!r}"
             yield f"{given}: expected text, a number, true or false; give one of these"
             continue
-        path = ".".join(str(part) for part in e["loc"])
+        path = ".".join(str(part) for part in (*at, *e["loc"]))
         message = e["msg"].removeprefix("Value error, ")
         if e["type"] == "extra_forbidden":
-            yield unknown_key(path, keys_at(config, e["loc"][:-1]))
+            yield unknown_key(path, keys_at(config, e["loc"][:-1], model))
         elif (words := IN_WORDS.get(e.get("ctx", {}).get("pattern", ""))) is not None:
             yield f"{path.removesuffix('.[key]')}: expected {words}, found {e['input']!r}"
         elif e["type"] == "missing":
             yield f"{path}: expected a value, found none"
         elif e["type"] == "value_error":
-            colon = "." if re.match(r"[a-z_.]+: ", message) else ": "  # it begins with a key
+            colon = "." if re.match(r"[a-z0-9_.]+: ", message) else ": "  # it begins with a key
             yield f"{path}{colon}{message}" if path else message
         else:
             yield f"{path}={e['input']!r}: {message[0].lower()}{message[1:]}"
 
 
-def keys_at(config: Mapping[str, Any], path: Sequence[int | str]) -> list[str]:
-    """The keys that may stand at a path: a model's fields, else those that are given there."""
-    kind: Any = Settings
+def keys_at(
+    config: Mapping[str, Any], path: Sequence[int | str], model: type[BaseModel] = Settings
+) -> list[str]:
+    """The keys that may be at a path below `model`: a model's fields, else those of `config`."""
+    kind: Any = model
     found: Any = config
     for part in path:
         kind = _kind_below(kind, part, found)

@@ -69,6 +69,11 @@ class ConfigSource:
         """The names of a group's files; none where there is no such group."""
         return sorted(self.loader().get_group_options(group, ObjectType.CONFIG))
 
+    def files(self, option: str) -> list[Path]:
+        """The files of an option such as `domain/island` that there are."""
+        folders = [self.folder, *([self.own] if self.own else [])]
+        return [file for folder in folders if (file := folder / f"{option}.yaml").is_file()]
+
 
 def _must_hide_nothing(own: Path, folder: Path) -> None:
     """Raises ConfigError for a file of the user's that has the name of one that is read first."""

@@ -15,13 +15,30 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from islandgp.bt.condition import Asked, joined, terms, with_term
-from islandgp.bt.node import ABORTS, Limits, Node, condition_of, depth, replace_at, size, walk
+from islandgp.bt.kinds import ABORTS, kind_of
+from islandgp.bt.node import (
+    FAILURE,
+    ActionArgs,
+    GuardArgs,
+    Limits,
+    Node,
+    depth,
+    guard_of,
+    guarded,
+    replace_at,
+    selector,
+    sequence,
+    size,
+    walk,
+)
+from islandgp.bt.parameters import leaf_of, written
 from islandgp.bt.simplify import simplify
 from islandgp.bt.vocabulary import Key
 from islandgp.evolution.random_trees import (
     TreeSpace,
+    moved_number,
     random_abort,
-    random_action,
+    random_leaf,
     random_term,
 )
 
@@ -49,16 +66,16 @@ def random_branch(rng: np.random.Generator, space: TreeSpace) -> Node:
     body = _random_body(rng, space, 1 + int(rng.choice(len(BODY), p=list(BODY.values()))))
     if not space.keys:
         return body
-    declared = space.vocabulary.action(str(next(_actions(body)).args[0])).to_start
+    declared = space.vocabulary.action(next(_actions(body)).action).to_start
     if declared and rng.random() < DECLARED:
         condition: Asked = joined("and", declared)
     else:
         condition = _random_condition(rng, space)
-    return Node("when", (condition, random_abort(rng, space)), (body,))
+    return guarded(condition, body, random_abort(rng, space))
 
 
 def _actions(tree: Node) -> Iterator[Node]:
-    return (node for node in walk(tree) if node.kind == "action")
+    return (node for node in walk(tree) if node.action)
 
 
 def _random_body(rng: np.random.Generator, space: TreeSpace, n: int) -> Node:
@@ -69,9 +86,9 @@ def _random_body(rng: np.random.Generator, space: TreeSpace, n: int) -> Node:
     names: list[str] = []
     for _ in range(n):
         if len(names) < LONG:
-            names += _prepared(rng, str(random_action(rng, space).args[0]), space)
-    actions = tuple(Node("action", (name,)) for name in names)
-    return actions[0] if len(actions) == 1 else Node("sequence", (), actions)
+            names += _prepared(rng, space.actions[rng.integers(len(space.actions))], space)
+    actions = [random_leaf(rng, name, space) for name in names]
+    return actions[0] if len(actions) == 1 else sequence(*actions)
 
 
 def _prepared(rng: np.random.Generator, name: str, space: TreeSpace) -> list[str]:
@@ -87,7 +104,7 @@ def _prepared(rng: np.random.Generator, name: str, space: TreeSpace) -> list[str
 def random_list(rng: np.random.Generator, space: TreeSpace) -> Node:
     """A random priority list: two to five guarded branches, and a last one without a guard."""
     branches = [random_branch(rng, space) for _ in range(int(rng.integers(2, 6)))]
-    return Node("selector", (), (*branches, _random_body(rng, space, 1)))
+    return selector(*branches, _random_body(rng, space, 1))
 
 
 def _random_condition(rng: np.random.Generator, space: TreeSpace) -> Asked:
@@ -100,7 +117,12 @@ def _random_condition(rng: np.random.Generator, space: TreeSpace) -> Asked:
 
 
 def _selectors(tree: Node) -> list[tuple[int, Node]]:
-    return [(i, node) for i, node in enumerate(walk(tree)) if node.kind == "selector"]
+    return [(i, node) for i, node in enumerate(walk(tree)) if kind_of(node).hands_over == FAILURE]
+
+
+def _guards(tree: Node) -> list[tuple[int, Node, GuardArgs]]:
+    """The guards of a tree with their places in document order and their arguments."""
+    return [(i, node, node.guard) for i, node in enumerate(walk(tree)) if node.guard]
 
 
 def branches_of(tree: Node) -> list[Node]:
@@ -116,7 +138,7 @@ def with_branch(rng: np.random.Generator, tree: Node, branch: Node) -> Node:
     """
     selectors = _selectors(tree)
     if not selectors:
-        return Node("selector", (), (branch, tree))
+        return selector(branch, tree)
     i, node = selectors[0 if rng.random() < 0.6 else int(rng.integers(len(selectors)))]
     at = int(rng.integers(len(node.children)))  # never last: behind an action nothing is reached
     children = (*node.children[:at], branch, *node.children[at:])
@@ -134,8 +156,8 @@ def wrap(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSett
         return tree
     nodes = list(walk(tree))
     i = int(rng.integers(len(nodes)))
-    args = (_random_condition(rng, space), random_abort(rng, space))
-    return replace_at(tree, i, Node("when", args, (nodes[i],)))
+    asked = _random_condition(rng, space)
+    return replace_at(tree, i, guarded(asked, nodes[i], random_abort(rng, space)))
 
 
 def extend(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
@@ -143,27 +165,29 @@ def extend(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSe
 
     It may come with its preparations, as in a random branch.
     """
-    leaves = [(i, node) for i, node in enumerate(walk(tree)) if node.kind == "action"]
+    leaves = [(i, node) for i, node in enumerate(walk(tree)) if node.action]
     i, old = leaves[rng.integers(len(leaves))]
     new = _random_body(rng, space, 1)
     where = rng.random()
     if where < 0.5:
         return replace_at(tree, i, new)
-    return replace_at(tree, i, Node("sequence", (), (old, new) if where < 0.75 else (new, old)))
+    return replace_at(tree, i, sequence(old, new) if where < 0.75 else sequence(new, old))
 
 
 def condition(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
     """One guard with another abort rule, or with a term more, less, or another one."""
-    guards = [(i, node) for i, node in enumerate(walk(tree)) if node.kind == "when"]
+    guards = _guards(tree)
     if not guards:
         return tree
-    i, old = guards[rng.integers(len(guards))]
-    asked = condition_of(old)
+    i, old, args = guards[rng.integers(len(guards))]
+    asked = args.condition
     parts = list(terms(asked))
     at, what = int(rng.integers(len(parts))), rng.random()
     if what < 0.25:
-        others = [abort for abort in ABORTS if abort != old.args[1]]
-        return replace_at(tree, i, old._replace(args=(asked, others[rng.integers(len(others))])))
+        others = [abort for abort in ABORTS if abort != args.abort]
+        return replace_at(
+            tree, i, old._replace(args=args._replace(abort=others[rng.integers(len(others))]))
+        )
     new: Asked | None = random_term(rng, space)
     if what < 0.5 and len(parts) < space.settings.conditions.terms:
         word = "or" if rng.random() < 0.3 else "and"
@@ -174,7 +198,7 @@ def condition(rng: np.random.Generator, tree: Node, space: TreeSpace, _: Mutatio
     changed = with_term(asked, at, new)
     if changed is None:  # the only term is gone, and the guard with it
         return replace_at(tree, i, old.children[0])
-    return replace_at(tree, i, old._replace(args=(changed, old.args[1])))
+    return replace_at(tree, i, old._replace(args=args._replace(condition=changed)))
 
 
 def fulfil(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
@@ -185,12 +209,12 @@ def fulfil(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSe
     needy = [
         (i, node, conditions)
         for i, node in enumerate(walk(tree))
-        if node.kind == "action" and (conditions := _declared(str(node.args[0]), space))
+        if node.action and (conditions := _declared(node.action, space))
     ]
     if not needy:
         return tree
     i, node, conditions = needy[rng.integers(len(needy))]
-    return replace_at(tree, i, Node("when", (joined("and", conditions), "none"), (node,)))
+    return replace_at(tree, i, guarded(joined("and", conditions), node, "none"))
 
 
 def _declared(action: str, space: TreeSpace) -> tuple[Asked, ...]:
@@ -222,27 +246,35 @@ def tune(rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSe
 
 
 def numbers_of(tree: Node, space: TreeSpace) -> list[tuple[int, int]]:
-    """Where a tree's conditions hold numbers: (index of the node, index of the term)."""
+    """Where a tree holds numbers: (index of the node, index of the term or of the argument)."""
     keys = space.vocabulary.keys
-    return [
-        (i, k)
-        for i, node in enumerate(walk(tree))
-        if node.kind == "when"
-        for k, term in enumerate(terms(condition_of(node)))
-        if not keys[term.key].flag
-    ]
+    found: list[tuple[int, int]] = []
+    for i, node in enumerate(walk(tree)):
+        if node.guard:
+            compared = [not keys[term.key].flag for term in terms(node.guard.condition)]
+        else:
+            arguments = space.vocabulary.action(node.action).arguments.values()
+            compared = [each.numeric for each in arguments]
+        found += [(i, k) for k, number in enumerate(compared) if number]
+    return found
 
 
 def _moved(tree: Node, i: int, k: int, by: float, space: TreeSpace) -> Node:
-    """The tree with term `k` of node `i` moved by a share of its key's range."""
-    node = next(n for at, n in enumerate(walk(tree)) if at == i)
-    asked = condition_of(node)
-    term = list(terms(asked))[k]
+    """The tree with the number `k` of node `i` moved by a share of its range."""
+    node = next(node for at, node in enumerate(walk(tree)) if at == i)
+    if isinstance(node.args, ActionArgs):
+        arguments = space.vocabulary.action(node.action).arguments
+        values = written(node.args, arguments)
+        name = list(arguments)[k]
+        values[name] = moved_number(arguments[name], float(values[name]), by)
+        return replace_at(tree, i, leaf_of(node.action, values, arguments))
+    args = guard_of(node)
+    term = list(terms(args.condition))[k]
     key = space.vocabulary.keys[term.key]
     new = term._replace(number=fine(term.number + by * (key.high - key.low), key))
-    changed = with_term(asked, k, new)
+    changed = with_term(args.condition, k, new)
     assert changed is not None
-    return replace_at(tree, i, node._replace(args=(changed, node.args[1])))
+    return replace_at(tree, i, node._replace(args=args._replace(condition=changed)))
 
 
 def fine(value: float, key: Key) -> float:

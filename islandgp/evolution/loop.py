@@ -336,7 +336,7 @@ def _must_be_individual(found: object, name: str, plan: Plan) -> None:
             f" gp.max_depth={plan.gp.max_depth} levels in {name},"
             f" found {size(tree)} and {depth(tree)}"
         )
-    words = {str(node.args[0]) for node in walk(tree) if node.kind == "action"}
+    words = {node.action for node in walk(tree) if node.action}
     for used, known in (
         (words, plan.vocabulary.actions),
         ({term.key for term in asked_in(tree)}, plan.vocabulary.keys),

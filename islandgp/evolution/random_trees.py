@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from math import inf
+from math import floor, inf, log10
 from typing import Final
 
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
 from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS, Asked, Condition, joined
-from islandgp.bt.node import ABORTS, KINDS, POLICIES, Argument, Limits, Node, within
+from islandgp.bt.kinds import ABORTS, INNER, KINDS, Argument, Sort
+from islandgp.bt.node import Args, GuardArgs, Limits, Node, Value, within
+from islandgp.bt.parameters import Parameter, leaf_of
 from islandgp.bt.vocabulary import Key, Vocabulary
 from islandgp.domain import total
 
@@ -40,7 +42,7 @@ class TreeSettings(BaseModel, frozen=True, extra="forbid"):
 
     @model_validator(mode="after")
     def _sound(self) -> TreeSettings:
-        check_weights("kinds", self.kinds, [kind for kind in KINDS if kind != "action"])
+        check_weights("kinds", self.kinds, INNER)
         check_weights("operators", self.operators, OPERATORS)
         check_weights("aborts", self.aborts, ABORTS)
         if not 1 <= self.children[0] <= self.children[1]:
@@ -70,9 +72,11 @@ class TreeSpace:
 
     @cached_property
     def kinds(self) -> dict[str, float]:
-        """The weight of each inner node kind; without keys there is no `when`."""
+        """The weight of each inner node kind; without keys there is no guard."""
         weights = self.settings.kinds
-        return weights if self.keys else {k: w for k, w in weights.items() if k != "when"}
+        if self.keys:
+            return weights
+        return {k: w for k, w in weights.items() if KINDS[k].args is not GuardArgs}
 
 
 def check_weights(key: str, weights: Mapping[str, float], names: Iterable[str]) -> None:
@@ -99,28 +103,79 @@ def weighted(rng: np.random.Generator, weights: Mapping[str, float]) -> str:
 
 def random_action(rng: np.random.Generator, space: TreeSpace) -> Node:
     """A leaf."""
-    return Node("action", (space.actions[rng.integers(len(space.actions))],))
+    return random_leaf(rng, space.actions[rng.integers(len(space.actions))], space)
 
 
-def random_args(rng: np.random.Generator, kind: str, space: TreeSpace) -> tuple[Argument, ...]:
+def random_leaf(rng: np.random.Generator, name: str, space: TreeSpace) -> Node:
+    """A leaf of that action, with random arguments where the action takes some."""
+    arguments = space.vocabulary.action(name).arguments
+    return leaf_of(
+        name, {key: random_value(rng, each) for key, each in arguments.items()}, arguments
+    )
+
+
+def random_value(rng: np.random.Generator, parameter: Parameter) -> Value:
+    """A value of an action's argument, evenly from its range or its logarithm, or of its words."""
+    if parameter.words:
+        return parameter.words[rng.integers(len(parameter.words))]
+    low, high = parameter.low, parameter.high
+    if parameter.logarithmic:
+        return rounded(float(np.exp(rng.uniform(np.log(low), np.log(high)))), parameter)
+    if parameter.step is None:
+        return rounded(float(rng.uniform(low, high)), parameter)
+    steps = floor((high - low) / parameter.step + 1e-9)
+    return rounded(low + float(rng.integers(steps + 1)) * parameter.step, parameter)
+
+
+def moved_value(rng: np.random.Generator, parameter: Parameter, value: Value, by: float) -> Value:
+    """A number moved by a share of its range, or of its logarithm's; another one of the words."""
+    if not isinstance(value, str):
+        return moved_number(parameter, value, by)
+    others = [word for word in parameter.words if word != value]
+    return others[rng.integers(len(others))] if others else value
+
+
+def moved_number(parameter: Parameter, value: float, by: float) -> float:
+    """A number moved by a share of its range, or of its logarithm's."""
+    low, high = parameter.low, parameter.high
+    moved = value * (high / low) ** by if parameter.logarithmic else value + by * (high - low)
+    if parameter.sort == "integer" and round(moved) == value:
+        moved = value + (1 if by > 0 else -1)
+    return rounded(moved, parameter)
+
+
+def rounded(value: float, parameter: Parameter) -> float:
+    """The nearest value within a parameter's range, in about three digits."""
+    if parameter.sort == "integer":
+        value = float(round(value))
+    else:
+        size = abs(value) if parameter.logarithmic else parameter.high - parameter.low
+        digits = 2 - floor(log10(size)) if size > 0 else 0
+        value = round(value, min(9, digits if parameter.logarithmic else digits + 1))
+    return min(parameter.high, max(parameter.low, value)) + 0.0  # no -0
+
+
+def random_args(rng: np.random.Generator, kind: str, space: TreeSpace) -> Args:
     """The arguments of an inner node."""
-    if kind == "when":
-        return _random_condition(rng, space)
-    if kind == "repeater":
-        return (float(rng.integers(1, space.settings.repeats + 1)),)
-    if kind == "parallel":
-        return POLICIES[rng.integers(2)], POLICIES[rng.integers(2)]
-    return ()
+    if KINDS[kind].args is GuardArgs:
+        return _random_guard(rng, space)
+    return KINDS[kind].made([_drawn(rng, each, space) for each in KINDS[kind].arguments])
 
 
-def _random_condition(rng: np.random.Generator, space: TreeSpace) -> tuple[Asked, str]:
+def _drawn(rng: np.random.Generator, argument: Argument, space: TreeSpace) -> float | str:
+    if argument.sort is Sort.COUNT:
+        return float(rng.integers(1, space.settings.repeats + 1))
+    return list(argument.words)[rng.integers(len(argument.words))]
+
+
+def _random_guard(rng: np.random.Generator, space: TreeSpace) -> GuardArgs:
     how = space.settings.conditions
     if how.joined and rng.random() < how.joined:
         asked = _random_joined(rng, space, int(rng.integers(2, how.terms + 1)))
-        return asked, random_abort(rng, space)
+        return GuardArgs(asked, random_abort(rng, space))
     name = space.keys[rng.integers(len(space.keys))]
     abort = random_abort(rng, space)
-    return _about(rng, name, space), abort
+    return GuardArgs(_about(rng, name, space), abort)
 
 
 def random_abort(rng: np.random.Generator, space: TreeSpace) -> str:

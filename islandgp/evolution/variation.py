@@ -14,13 +14,13 @@ import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
 from islandgp.bt.condition import Asked, Condition, joined, terms, with_term
+from islandgp.bt.kinds import KINDS, REPEATS
 from islandgp.bt.node import (
-    KINDS,
-    REPEATS,
+    ActionArgs,
+    CountArgs,
+    GuardArgs,
     Limits,
     Node,
-    condition_of,
-    count_of,
     levels,
     measured,
     replace_at,
@@ -28,6 +28,7 @@ from islandgp.bt.node import (
     walk,
     within,
 )
+from islandgp.bt.parameters import leaf_of, written
 from islandgp.bt.vocabulary import Key
 from islandgp.evolution import branches
 from islandgp.evolution.random_trees import (
@@ -35,10 +36,12 @@ from islandgp.evolution.random_trees import (
     check_weights,
     grow,
     inner_node,
+    moved_value,
     on_grid,
     random_action,
     random_args,
     random_term,
+    random_value,
     weighted,
 )
 from islandgp.plugin import function
@@ -113,7 +116,7 @@ def _node(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSet
     nodes = list(walk(tree))
     i = int(rng.integers(len(nodes)))
     old = nodes[i]
-    if old.kind == "action":
+    if old.action:
         return replace_at(tree, i, random_action(rng, space))
     n = len(old.children)
     kinds = [
@@ -132,27 +135,46 @@ def _parameter(
 ) -> Node:
     """A nudged number, or a new argument, of one node that has arguments."""
     nodes = [
-        (i, node) for i, node in enumerate(walk(tree)) if KINDS[node.kind].args and node.children
+        (i, node)
+        for i, node in enumerate(walk(tree))
+        if (node.args and node.children) or space.vocabulary.action(node.action).arguments
     ]
     if not nodes:
         return tree
     i, old = nodes[rng.integers(len(nodes))]
+    if isinstance(old.args, ActionArgs):
+        return replace_at(tree, i, _other_argument(rng, old.args, space, how))
     args = random_args(rng, old.kind, space)
     nudge = rng.normal(0, how.number_sd)
-    if old.kind == "repeater":
+    if isinstance(old.args, CountArgs):
         least, most = REPEATS
-        args = (
-            float(min(most, max(least, round(count_of(old) + nudge * space.settings.repeats)))),
-        )
-    elif old.kind == "when":
-        asked = condition_of(old)
+        moved = round(old.args.times + nudge * space.settings.repeats)
+        args = CountArgs(float(min(most, max(least, moved))))
+    elif isinstance(old.args, GuardArgs):
+        asked = old.args.condition
         if not isinstance(asked, Condition) or (
             space.settings.conditions.joined and rng.random() < space.settings.conditions.joined
         ):
-            args = (_rejoined(rng, asked, nudge, space), old.args[1])
+            args = old.args._replace(condition=_rejoined(rng, asked, nudge, space))
         elif not space.vocabulary.keys[asked.key].flag and rng.random() < 0.5:
-            args = (_nudged(asked, space.vocabulary.keys[asked.key], nudge), old.args[1])
+            key = space.vocabulary.keys[asked.key]
+            args = old.args._replace(condition=_nudged(asked, key, nudge))
     return replace_at(tree, i, old._replace(args=args))
+
+
+def _other_argument(
+    rng: np.random.Generator, args: ActionArgs, space: TreeSpace, how: MutationSettings
+) -> Node:
+    """A leaf with one of its arguments moved, or drawn anew."""
+    arguments = space.vocabulary.action(args.name).arguments
+    values = written(args, arguments)
+    key = list(arguments)[rng.integers(len(arguments))]
+    if rng.random() < 0.5:
+        values[key] = random_value(rng, arguments[key])
+    else:
+        by = rng.normal(0, how.number_sd)
+        values[key] = moved_value(rng, arguments[key], values[key], by)
+    return leaf_of(args.name, values, arguments)
 
 
 def _nudged(asked: Condition, key: Key, nudge: float) -> Condition:
@@ -242,9 +264,13 @@ MUTATIONS: Final[dict[str, Mutation]] = {
 
 def _must_be_mutant(made: object, _: object, __: object, space: TreeSpace, ___: object) -> None:
     for node in walk(_tree(made)):
-        if node.kind == "action" and node.args[0] not in space.vocabulary.actions:
+        if node.action and node.action not in space.vocabulary.actions:
             known = ", ".join(space.vocabulary.actions)
-            raise ValueError(f"expected actions of the domain ({known}), found {node.args[0]}")
+            raise ValueError(f"expected actions of the domain ({known}), found {node.action}")
+        if node.kind not in KINDS or not isinstance(node.args, KINDS[node.kind].args):
+            raise TypeError(
+                f"expected nodes as the functions of islandgp.bt.node make them, found {node!r:.80}"
+            )
 
 
 def mutate(

@@ -15,6 +15,24 @@ AGAIN: Final = 0.05
 """Seconds until a signal that was lost comes again."""
 
 
+def stop_at_once(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 -- a handler's
+    """Ends the process with one line and exit code 130, whatever it is at."""
+    os.write(2, b"islandgp: stopped\n")
+    os._exit(130)
+
+
+def stop_before_work(*names: str) -> None:
+    """Ctrl-C and the signals of these names end the process at once, until `as_ctrl_c`.
+
+    For the start of a command: an exception would be lost in an import, or end in a traceback.
+    A signal that is ignored, or has a handler already, keeps it.
+    """
+    for name in ("SIGINT", *names):
+        number = getattr(signal, name, None)
+        if number and signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+            signal.signal(number, stop_at_once)
+
+
 @contextmanager
 def as_ctrl_c(*names: str) -> Iterator[None]:
     """These signals, by name, raise KeyboardInterrupt while the context lasts, as SIGINT does.
@@ -46,8 +64,8 @@ def as_ctrl_c(*names: str) -> Iterator[None]:
 
     numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
     old = {n: signal.getsignal(n) for n in numbers if signal.getsignal(n) is not signal.SIG_IGN}
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        old[signal.SIGINT] = signal.default_int_handler
+    if signal.getsignal(signal.SIGINT) in (signal.default_int_handler, stop_at_once):
+        old[signal.SIGINT] = signal.getsignal(signal.SIGINT)
     for number in old:
         signal.signal(number, stop)
     sys.unraisablehook = lost
@@ -61,22 +79,3 @@ def as_ctrl_c(*names: str) -> Iterator[None]:
         sys.unraisablehook = tell
         for number, handler in old.items():
             signal.signal(number, handler)
-
-
-@contextmanager
-def nothing_begun() -> Iterator[None]:
-    """Ctrl-C ends the process at once: for imports, in which an exception may be lost."""
-    old = signal.getsignal(signal.SIGINT)
-    if old is not signal.default_int_handler:  # ignored, or replaced
-        yield
-        return
-
-    def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 -- a handler's
-        os.write(2, b"islandgp: stopped\n")
-        os._exit(130)
-
-    signal.signal(signal.SIGINT, stop)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, old)

@@ -13,7 +13,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Final
 
-from pydantic import BaseModel, Field, FiniteFloat, StringConstraints, model_validator
+from pydantic import (
+    BaseModel,
+    Field,
+    FiniteFloat,
+    StringConstraints,
+    field_validator,
+    model_validator,
+)
 
 from islandgp.domain import Outcome, Schema
 from islandgp.scoring.rewards import unknown
@@ -44,6 +51,7 @@ class Tier(BaseModel, frozen=True, extra="forbid"):
     at_least: dict[str, FiniteFloat] = Field(default_factory=dict)  # the least of each
     above: dict[str, FiniteFloat] = Field(default_factory=dict)  # what each must exceed
     also: Name | None = None  # a tier that must be reached as well
+    better_than: Name | None = None  # the tier that comes next; None: the place in the table
 
     def values_hold(self, o: Outcome) -> bool:
         """Whether an outcome has the values of this row."""
@@ -63,6 +71,25 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
     hardest: tuple[Name, ...] = ()
     """Behaviours, the hardest to find first: supervisors that go by rules decide between equals by
     it. Behaviours that are not named follow, the last one first."""
+
+    @field_validator("tiers")
+    @classmethod
+    def _best_first(cls, tiers: dict[str, Tier]) -> dict[str, Tier]:
+        """The tiers in their order: each with `better_than` right before the tier that it names."""
+        order = [name for name, tier in tiers.items() if tier.better_than is None]
+        waiting = {name: tier.better_than for name, tier in tiers.items() if tier.better_than}
+        for name, other in waiting.items():
+            for line in unknown(f"{name}.better_than", other, tiers):
+                raise ValueError(line)
+        while ready := [name for name, other in waiting.items() if other in order]:
+            for name in ready:
+                order.insert(order.index(waiting.pop(name)), name)
+        for name, other in waiting.items():
+            raise ValueError(
+                f"{name}.better_than: expected a tier with a place of its own, found {other},"
+                " which is better than it; leave out one of the two"
+            )
+        return {name: tiers[name] for name in order}
 
     @model_validator(mode="after")
     def _fits_together(self) -> Classes:

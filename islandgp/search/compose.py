@@ -15,7 +15,8 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import BaseModel, Field
 
-from islandgp.bt.node import Limits, Node, within
+from islandgp.bt.kinds import kind_of
+from islandgp.bt.node import FAILURE, Limits, Node, selector, within
 from islandgp.errors import ConfigError
 from islandgp.evolution.plan import Plan
 from islandgp.evolution.population import Evaluated, Individual, Origin, Tree
@@ -36,9 +37,11 @@ def library_branches(library: Sequence[Node]) -> tuple[list[Node], list[Node]]:
     """
     found, fallbacks = [], Counter[Node]()
     for tree in library:
-        guarded = [c for c in tree.children if c.kind == "when"] if tree.kind == "selector" else []
+        guarded = (
+            [c for c in tree.children if c.guard] if kind_of(tree).hands_over == FAILURE else []
+        )
         found.append(guarded[0] if guarded else tree)
-        if guarded and tree.children[-1].kind != "when":
+        if guarded and not tree.children[-1].guard:
             fallbacks[tree.children[-1]] += 1
     return list(dict.fromkeys(found)), [node for node, _ in fallbacks.most_common(1)]
 
@@ -61,7 +64,7 @@ def priority_lists(
     else:
         drawn = (tuple(int(k) for k in rng.permutation(n)) for _ in range(20 * most))
         orders = list(islice(dict.fromkeys(drawn), most))
-    lists = (Node("selector", (), (*(branches[k] for k in order), *fallback)) for order in orders)
+    lists = (selector(*(branches[k] for k in order), *fallback) for order in orders)
     return [tree for tree in lists if within(tree, limits)]
 
 

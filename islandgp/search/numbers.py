@@ -22,7 +22,7 @@ import numpy as np
 
 from islandgp.bt.builder import MAX_NUMBER
 from islandgp.bt.language import parse, to_text
-from islandgp.bt.numbers import EQUAL, REPEATS, Number, numbers_of, with_numbers
+from islandgp.bt.numbers import COUNT, EQUAL, Number, argument_purpose, numbers_of, with_numbers
 from islandgp.bt.vocabulary import Key, Vocabulary, number
 from islandgp.errors import ConfigError
 from islandgp.evolution.branches import fine
@@ -163,11 +163,22 @@ def thresholds_of(
     Raises:
         TreeError: the text is no tree of the vocabulary.
     """
+    arguments = {
+        argument_purpose(name, key): number(
+            "", p.low, p.high, p.step or p.high - p.low, most=p.high
+        )
+        for name, action in vocabulary.actions.items()
+        for key, p in action.arguments.items()
+        if p.sort == "number"
+    }
     found = []
     for each in numbers_of(text, vocabulary, name=name, folder=folder):
-        if not each.purposes or each.purposes & {REPEATS, EQUAL}:
+        if not each.purposes or each.purposes & {COUNT, EQUAL}:
             continue
-        keys = [vocabulary.keys[purpose] for purpose in each.purposes]
+        known = {**vocabulary.keys, **arguments}
+        keys = [known[purpose] for purpose in each.purposes if purpose in known]
+        if len(keys) < len(each.purposes):  # a whole number
+            continue
         low = max(-MAX_NUMBER, *(key.low for key in keys))
         high = min(MAX_NUMBER, *(key.high for key in keys))
         if high - low < LEAST_RANGE:  # also where keys have no range in common

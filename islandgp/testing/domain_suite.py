@@ -25,7 +25,18 @@ import yaml
 
 from islandgp.bt.engine import ABORTED
 from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import AGAIN, FAILURE, STATUS_NAMES, SUCCESS, Limits, Node, size, walk
+from islandgp.bt.node import (
+    AGAIN,
+    FAILURE,
+    STATUS_NAMES,
+    SUCCESS,
+    Limits,
+    Node,
+    leaf,
+    sequence,
+    size,
+    walk,
+)
 from islandgp.domain import Domain, Observer, Outcome, Scene, Schema
 from islandgp.errors import IslandError, TimeLimitError
 from islandgp.evolution.random_trees import TreeSettings, TreeSpace, random_tree
@@ -64,10 +75,10 @@ class DomainSuite:
     def trees(self, domain: Domain) -> Iterator[Node]:
         """`own_trees`, each action alone and behind the one before it, and random trees."""
         words = domain.schema.vocabulary
-        leaves = [Node("action", (name,)) for name in words.actions]
+        leaves = [leaf(name) for name in words.actions]
         yield from self.own_trees(domain)
         yield from leaves
-        yield from (Node("sequence", (), pair) for pair in pairwise((leaves[-1], *leaves)))
+        yield from (sequence(*pair) for pair in pairwise((leaves[-1], *leaves)))
         grown = yaml.safe_load(resource("conf/gp/paper.yaml").read_bytes())["trees"]
         how = TreeSettings.model_validate({**grown, "depth": (2, 4)})
         space = TreeSpace(how, words, Limits(max_depth=5, max_nodes=30))
@@ -136,7 +147,7 @@ class DomainSuite:
 
     def _grow(self, survey: _Survey) -> None:
         """Looks at sequences of actions: longer ones of those that reached something new."""
-        actions = [Node("action", (name,)) for name in survey.domain.schema.vocabulary.actions]
+        actions = [leaf(name) for name in survey.domain.schema.vocabulary.actions]
         reached: set[Hashable] = set()
         number = count()
         waiting: list[tuple[int, int, int, tuple[Node, ...]]] = [(0, 0, next(number), ())]
@@ -148,7 +159,7 @@ class DomainSuite:
                     return
                 left -= 1
                 longer = (*chain, action)
-                run = self._look(survey, Node("sequence", (), longer))
+                run = self._look(survey, sequence(*longer))
                 if run is None:
                     continue
                 firsts, states = run.seen.firsts() - reached, run.seen.states - reached
@@ -396,7 +407,7 @@ class _Seen(Observer):
         self.events: set[str] = set()
         self.wrong_board = self.wrong_credit = self.wrong_scene = ""
         self._schema = schema
-        self._actions = [str(n.args[0]) if n.kind == "action" else "" for n in walk(tree)]
+        self._actions = [n.action for n in walk(tree)]
         self._board: tuple[float, ...] | None = None  # of the last tick
         self._low: list[float] = []  # by key
         self._high: list[float] = []

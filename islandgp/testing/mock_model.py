@@ -16,8 +16,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from islandgp.bt.kinds import kind_of
 from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import Limits, Node, walk, within
+from islandgp.bt.node import FAILURE, Limits, Node, selector, walk, within
 from islandgp.errors import TreeError
 from islandgp.testing.faults import Fault, spoiled
 
@@ -176,17 +177,17 @@ def _grafted(example: Node, traced: str, limits: Limits) -> Node:
         best = parse(traced)
     except TreeError:  # it was cut off
         return example
-    if {example.kind, best.kind} != {"selector"}:
+    if any(kind_of(tree).hands_over != FAILURE for tree in (example, best)):
         return example
     *urgent, last = example.children
     known = _actions(*urgent)
-    more = [c for c in best.children if c.kind == "when" and not _actions(c) <= known]
-    grafted = Node("selector", (), (*urgent, *more, last))
+    more = [c for c in best.children if c.guard and not _actions(c) <= known]
+    grafted = selector(*urgent, *more, last)
     return grafted if within(grafted, limits) else example
 
 
 def _actions(*nodes: Node) -> set[str]:
-    return {str(n.args[0]) for node in nodes for n in walk(node) if n.kind == "action"}
+    return {n.action for node in nodes for n in walk(node) if n.action}
 
 
 def _varied(tree: Node, rng: np.random.Generator) -> Node:

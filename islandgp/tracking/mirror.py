@@ -38,8 +38,6 @@ if TYPE_CHECKING:
 
 MARK: Final = "fitness/max"  # a metric that every generation has
 TABLES: Final = json.dumps([{"path": TABLE, "type": "table"}])  # so that the UI shows a table
-PARAMETERS: Final = 100  # MLflow's limit of parameters a call
-LONGEST: Final = 6000  # MLflow's limit of characters a parameter
 PAGE_PERIOD: Final = 30.0  # s between two copies of the page of a run that goes on
 
 
@@ -122,11 +120,7 @@ class Mirror:
         )
 
     def _begin(self, run: str) -> None:
-        from mlflow.entities import Param
-
-        pairs = flat(self.folder.configuration())
-        while batch := [Param(k, v[:LONGEST]) for k, v in islice(pairs, PARAMETERS)]:
-            self.store.client.log_batch(run, params=batch)
+        self.store.log_parameters(run, flat(self.folder.configuration()))
         self.store.client.log_text(run, self.folder.config() or "", "config.yaml")
 
     def _generations(self, sent: Sent) -> Sent:

@@ -11,8 +11,8 @@ from typing import Final
 
 from filelock import FileLock
 
-from islandgp.records.folder import Status
-from islandgp.records.parameters import ending_in_digest
+from islandgp.records.folder import RunFolder, Status
+from islandgp.records.parameters import ending_in_digest, flat
 from islandgp.records.sweep_folder import SweepFile, SweepFolder
 from islandgp.tracking.chart import svg
 from islandgp.tracking.sent import LOCK, Sent, read_sent, write_sent
@@ -58,6 +58,7 @@ def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> str | None:
         store.client.set_terminated(sent.run, status, ended)
         if status is Status.FINISHED and sent.identity != key:
             _curves(sent.run, store, found, ended)
+            store.log_parameters(sent.run, _parameters(sweep, file))
             sent = replace(sent, identity=key)
         client = store.client
         client.set_tag(sent.run, "mlflow.note.content", sweep_note(sweep, file, found, status))
@@ -98,6 +99,15 @@ def _digest(found: list[ArmSummary]) -> str:
     """Of the runs that the curves are made from; "" while there are none."""
     names = sorted(run.folder for arm in found for run in arm.finished)
     return hashlib.sha256("\n".join(names).encode()).hexdigest()[:12] if names else ""
+
+
+def _parameters(sweep: SweepFolder, file: SweepFile) -> Iterator[tuple[str, str]]:
+    """The configuration of the sweep: the value of each key, or its values in the jobs' order."""
+    values: dict[str, dict[str, None]] = {}
+    for job in file.jobs:
+        for key, value in flat(RunFolder(sweep.path / job.folder).configuration()):
+            values.setdefault(key, {})[value] = None
+    return ((key, ", ".join(found)) for key, found in values.items())
 
 
 def _curves(run: str, store: Store, found: list[ArmSummary], at: int) -> None:

@@ -10,11 +10,12 @@ import gc
 import logging
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from errno import EACCES, EISDIR, ENOSPC
 from getpass import getuser
 from importlib import import_module
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 from urllib.parse import unquote, urlsplit
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 
 SQLITE: Final = "sqlite:///"
 POINTS: Final = 1000  # MLflow's limit of metrics a call
+PARAMETERS: Final = 100  # MLflow's limit of parameters a call
+LONGEST: Final = 6000  # MLflow's limit of characters a parameter
 KEY: Final = "islandgp.id"  # the tag by which a run is found again
 
 Preparing = Callable[[str], None]
@@ -172,6 +175,14 @@ class Store:
             self.experiment, start_time=started, tags={**tags, **own}, run_name=name
         )
         return str(run.info.run_id)
+
+    def log_parameters(self, run: str, pairs: Iterable[tuple[str, str]]) -> None:
+        """Sends keys with values, as many in a call as MLflow takes; long values are cut."""
+        from mlflow.entities import Param
+
+        waiting = iter(pairs)
+        while batch := [Param(k, v[:LONGEST]) for k, v in islice(waiting, PARAMETERS)]:
+            self.client.log_batch(run, params=batch)
 
     def find(self, key: str, known: str = "") -> Run | None:
         """The run whose tag `KEY` is `key`: the one with the id `known`, or else the fullest.

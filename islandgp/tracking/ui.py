@@ -45,7 +45,8 @@ def share_view(store: Store) -> None:
 
 def _milestones(store: Store) -> list[str]:
     runs = store.client.search_runs([store.experiment], max_results=RECENT)
-    named = [json.loads(run.data.params.get("classes.milestones", "[]")) for run in runs]
+    jobs = [run for run in runs if run.data.tags.get("kind") != "sweep"]
+    named = [json.loads(run.data.params.get("classes.milestones", "[]")) for run in jobs]
     return list(dict.fromkeys(tier for milestones in named for tier in milestones))[:MOST]
 
 
@@ -84,8 +85,13 @@ def served(place: Place, port: int) -> Iterator[Pages]:
     """A server of the store while the context lasts; a tracking server is there already.
 
     Raises:
-        TrackingError: the port is taken, or the server does not start.
+        TrackingError: there is no such file, the port is taken, or the server does not start.
     """
+    if place.file is not None and not place.file.is_file():
+        raise TrackingError(
+            f"Expected an MLflow store in {place.file}, found no such file; give --uri of one that"
+            " is there, or leave it out for that of the last run."
+        )
     store = _opened(place)
     share_view(store)
     if place.file is None:
@@ -95,7 +101,7 @@ def served(place: Place, port: int) -> Iterator[Pages]:
     address = f"http://127.0.0.1:{port}"
     with tempfile.TemporaryFile() as log:
         process = subprocess.Popen(
-            _command(place, port),
+            server_command(place, port),
             # Without its job runner the server takes 0.5 GB in place of 3.5 GB.
             env={**os.environ, "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"},
             stdout=log,
@@ -128,7 +134,8 @@ def _opened(place: Place) -> Store:
         ) from error
 
 
-def _command(place: Place, port: int) -> list[str]:
+def server_command(place: Place, port: int) -> list[str]:
+    """The command of an MLflow server of the store, on a port of this machine alone."""
     return [
         *(sys.executable, "-m", "mlflow", "server"),
         *("--backend-store-uri", place.uri),

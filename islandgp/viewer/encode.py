@@ -9,7 +9,8 @@ from math import inf, isfinite
 from typing import Any, Final
 
 from islandgp.bt.engine import thresholds
-from islandgp.bt.node import walk
+from islandgp.bt.kinds import kind_of
+from islandgp.bt.node import SUCCESS, walk
 from islandgp.bt.render import label, lay_out
 from islandgp.bt.vocabulary import Key
 from islandgp.domain import Thing
@@ -133,14 +134,13 @@ def _paints(recording: Recording) -> dict[str, int]:
         of_action[place] = of_action.get(place, 0.0) + abs(credit.points)
     paints: dict[str, int] = {}
     for node in walk(recording.tree):
-        if node.kind == "action":
-            action = str(node.args[0])
-            points = earned.get(action) or {-1: 0.0}
-            paints[action] = max(points, key=lambda place: points[place])
+        if node.action:
+            points = earned.get(node.action) or {-1: 0.0}
+            paints[node.action] = max(points, key=lambda place: points[place])
     for node in walk(recording.tree):
-        if node.kind == "sequence":
-            names = [str(c.args[0]) if c.kind == "action" else "" for c in node.children]
-            for name, behind in reversed([*pairwise(names)]):
+        if kind_of(node).hands_over == SUCCESS:
+            names = pairwise(child.action for child in node.children)
+            for name, behind in reversed([*names]):
                 if paints.get(name) == -1:
                     paints[name] = paints.get(behind, -1)
     return paints

@@ -11,7 +11,7 @@ from itertools import islice
 from math import ceil, inf, isfinite
 from typing import TYPE_CHECKING, Final
 
-from islandgp.bt.node import Node, condition_of, walk
+from islandgp.bt.node import Node, walk
 from islandgp.bt.printer import condition_text
 from islandgp.bt.render import to_rich
 from islandgp.viewer.recording import FAILED, IDLE, RUNS, STOPPED, SUCCEEDED, Credit, Recording
@@ -60,7 +60,7 @@ def stints(recording: Recording, begin: int = 0) -> Iterator[Stint]:
     earned: dict[str, list[Credit]] = {}
     for credit in sorted(recording.credits, key=lambda credit: credit.tick):
         earned.setdefault(credit.action, []).append(credit)
-    names = [(p, str(n.args[0])) for p, n in enumerate(walk(recording.tree)) if n.kind == "action"]
+    names = [(p, n.action) for p, n in enumerate(walk(recording.tree)) if n.action]
     of_actions = [
         _of_action(recording.statuses[place], place, name, earned.get(name, []), begin)
         for place, name in names
@@ -126,7 +126,7 @@ def timeline(recording: Recording, begin: float = 0.0, end: float = inf) -> Iter
 
     step, digits = recording.step_s, recording.digits
     guards = _guards(recording.tree)
-    actions = [str(node.args[0]) for node in walk(recording.tree) if node.kind == "action"]
+    actions = [node.action for node in walk(recording.tree) if node.action]
     wide = max([6, *map(len, actions)])
     yield Text(f"{'start':>9}  {'lasted':>8}  {'action':<{wide}}  {'result':<20}{'points':>9}")
     first = min(ceil(begin / step - 1e-9), recording.ticks)
@@ -155,8 +155,8 @@ def _guards(tree: Node) -> list[str]:
 
     def visit(node: Node, above: tuple[str, ...], text: str) -> None:
         found.append(text)
-        if node.kind == "when":
-            above = (*above, condition_text(condition_of(node)))
+        if node.guard:
+            above = (*above, condition_text(node.guard.condition))
             shown = above if len(above) <= MOST_GUARDS else (ELLIPSIS, *above[-MOST_GUARDS:])
             text = " & ".join(shown)  # once for all that is below
         for child in node.children:

@@ -15,9 +15,21 @@ from tests.architecture.sources import PACKAGE, ROOT, imports, module_name, modu
 
 LAYERS: list[tuple[str, ...]] = [
     # A module imports from its own layer and those above it in this list, never from below.
-    ("errors", "plain", "seeding", "resources", "plugin", "redaction", "time_limit", "trust"),
-    ("bt",),
-    ("domain", "sensors"),
+    (
+        "errors",
+        "plain",
+        "seeding",
+        "resources",
+        "plugin",
+        "redaction",
+        "time_limit",
+        "trust",
+        "text_files",
+    ),
+    ("bt", "domain_files"),
+    ("leaves",),
+    ("domain", "sensors", "binding"),
+    ("ros2",),
     ("scoring",),
     ("ticking", "domains"),
     (
@@ -71,6 +83,7 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "pygls": ("commands.language_server",),
     "lsprotocol": ("commands.language_server",),
     "sklearn": ("study.distill",),
+    "rclpy": ("ros2",),
 }
 
 SLOW = (
@@ -87,6 +100,7 @@ SLOW = (
     "gymnasium",
     "minigrid",
     "cmaes",
+    "rclpy",
 )
 
 DISTRIBUTIONS = {
@@ -94,6 +108,10 @@ DISTRIBUTIONS = {
     "hydra": "hydra-core",
     "yaml": "pyyaml",
     "sklearn": "scikit-learn",
+    "rclpy": "ros-rclpy",
+    "std_msgs": "ros-std-msgs",
+    "action_msgs": "ros-action-msgs",
+    "unique_identifier_msgs": "ros-unique-identifier-msgs",
 }
 
 
@@ -179,6 +197,22 @@ def test_starting_is_quick() -> None:
         "cli",
     )
     assert loaded_after("\n".join(f"import islandgp.{module}" for module in (*rim, "cli"))) == set()
+
+
+@pytest.mark.process
+def test_a_robot_loads_little() -> None:
+    """A tree in a program of one's own brings no simulator and nothing that evolves or reports."""
+    code = (
+        "import islandgp\n"
+        "tree = islandgp.load_tree('grammar/examples/all_rounder.bt')\n"
+        "leaves = dict.fromkeys(tree.actions(), lambda: False)\n"
+        "robot_tree = tree.bind(leaves, dict.fromkeys(tree.keys(), 0))\n"
+        "assert robot_tree.tick() == islandgp.NodeStatus.FAILURE\n"
+        "import sys\n"
+        "heavy = {'pymunk', 'hydra', 'omegaconf', 'numpy', 'mlflow', 'pandas', 'matplotlib'}\n"
+        "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
+    )
+    assert loaded_after(code) <= {"lark"}
 
 
 @pytest.mark.process

@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 
 from islandgp.bt.condition import Asked, condition, terms
 from islandgp.bt.engine import compile_tree
-from islandgp.bt.node import Node, condition_of, walk
+from islandgp.bt.node import Node, guard_of, walk
 from islandgp.bt.vocabulary import Key, Vocabulary
 
 State: TypeAlias = tuple[tuple[Any, ...], tuple[tuple[Any, ...], ...]]
@@ -29,7 +29,7 @@ class Engine:
         self.board = [0.0] * len(vocabulary.places)
         self.calls: list[int] = []  # places of the actions that were ticked in the last tick
         self.script: Callable[[int], int] = int
-        places = (place for place, node in enumerate(walk(tree)) if node.kind == "action")
+        places = (place for place, node in enumerate(walk(tree)) if node.action)
         engine = self
 
         class Leaves(dict[str, Callable[[bool], int]]):
@@ -86,9 +86,9 @@ def every_tick(
     """
     engine = Engine(tree, vocabulary)
     statuses = {
-        place: sorted(vocabulary.action(str(node.args[0])).statuses)
+        place: sorted(vocabulary.action(node.action).statuses)
         for place, node in enumerate(walk(tree))
-        if node.kind == "action"
+        if node.action
     }
     found: Ticked = set()
     first = engine.state()
@@ -146,7 +146,7 @@ def all_boards(tree: Node, vocabulary: Vocabulary, *also: Asked) -> list[list[fl
     There is one of each kind: for each key that is asked, values at, between, below and above the
     numbers that it is compared with, as far as they are in its range.
     """
-    asked = [*(condition_of(node) for node in walk(tree) if node.kind == "when"), *also]
+    asked = [*(guard_of(node).condition for node in walk(tree) if node.guard), *also]
     numbers: dict[str, set[float]] = {}
     for term in (term for each in asked for term in terms(each)):
         numbers.setdefault(term.key, set()).add(term.number)

@@ -24,7 +24,7 @@ from islandgp.bt.export.behaviortree_cpp import _script
 from islandgp.bt.export.json import from_json, to_json
 from islandgp.bt.export.scripts import read_condition
 from islandgp.bt.language import parse, parse_condition, to_text
-from islandgp.bt.node import Limits, Node, condition_of, walk
+from islandgp.bt.node import Limits, guard_of, guarded, leaf, walk
 from islandgp.bt.printer import condition_text
 from islandgp.bt.truth import excludes, implies, shorter
 from islandgp.domains.island.vocabulary import VOCABULARY
@@ -134,7 +134,7 @@ def test_shorter_examples(text: str, short: str) -> None:
 @given(asked=conditions())
 def test_ways_out_and_back(asked: Asked) -> None:
     """Text, JSON and scripts of BehaviorTree.CPP bring a condition back."""
-    tree = Node("when", (asked, "both"), (Node("action", ("PatrolWaypoint",)),))
+    tree = guarded(asked, leaf("PatrolWaypoint"))
     assert parse(to_text(tree), VOCABULARY) == tree
     assert from_json(to_json(tree)) == tree
     assert parse_condition(condition_text(asked), VOCABULARY) == asked
@@ -173,11 +173,11 @@ def test_evolution_joins_conditions_where_it_may() -> None:
         tree = random_tree(rng, space)
         for _ in range(5):
             tree, _ = mutate(rng, tree, rate=1.0, space=space, how=gp.mutation)
-        asked = [condition_of(node) for node in walk(tree) if node.kind == "when"]
+        asked = [guard_of(node).condition for node in walk(tree) if node.guard]
         sizes.update(len(list(terms(each))) for each in asked)
         assert parse(to_text(tree), VOCABULARY) == tree
         plain = random_tree(np.random.default_rng(seed), usual)
-        assert all(isinstance(n.args[0], Condition) for n in walk(plain) if n.kind == "when")
+        assert all(isinstance(n.args[0], Condition) for n in walk(plain) if n.guard)
     assert sizes == {1, 2, 3, 4}
 
 
@@ -191,6 +191,6 @@ def test_mutation_of_joined_conditions_without_configuration() -> None:
     for seed in range(200):
         rng = np.random.default_rng(seed)
         new, _ = mutate(rng, tree, rate=1.0, space=space, how=only)
-        sizes.add(len(list(terms(condition_of(new)))))
+        sizes.add(len(list(terms(guard_of(new).condition))))
         assert parse(to_text(new), VOCABULARY) == new
     assert sizes == {2, 3}

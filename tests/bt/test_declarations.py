@@ -1,4 +1,4 @@
-"""The table of `node.py` and the words of vocabularies against the grammar and its parser."""
+"""The table of `kinds.py` and the words of vocabularies against the grammar and its parser."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from lark import Lark
 
 from islandgp.bt import node
 from islandgp.bt.condition import OPERATORS, Condition
+from islandgp.bt.kinds import ABORTS, KINDS, POLICIES
 from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import ABORTS, KINDS, POLICIES, Node
+from islandgp.bt.node import leaf
 from islandgp.bt.vocabulary import RESERVED, Action, Vocabulary, number
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import UnknownNameError
@@ -26,7 +27,7 @@ NAMES = (*VOCABULARY.actions, *VOCABULARY.keys)
 def grammar_words() -> set[str]:
     grammar = Lark((resource("grammar") / "bt.lark").read_text(encoding="utf-8"), parser="lalr")
     patterns = (terminal.pattern for terminal in grammar.terminals)
-    return {p.value for p in patterns if p.type == "str" and p.value.isalpha()}
+    return {p.value for p in patterns if p.type == "str" and p.value.isidentifier()}
 
 
 def test_grammar_has_the_words_of_the_tables() -> None:
@@ -79,12 +80,14 @@ def test_arguments_are_as_declared(kind: str) -> None:
     examples = {
         "action": "PatrolWaypoint",
         "repeater": "repeater 2 { PatrolWaypoint }",
+        "retry": "retry 2 { PatrolWaypoint }",
         "when": "when lap > 1 { PatrolWaypoint }",
     }
     parsed = parse(examples.get(kind, f"{kind} {{ PatrolWaypoint }}"))
     fewest, most = KINDS[kind].children
     assert parsed.kind == kind
-    assert len(parsed.args) == len(KINDS[kind].args)
+    assert len(parsed.args) == len(KINDS[kind].arguments)
+    assert isinstance(parsed.args, KINDS[kind].args)
     assert fewest <= len(parsed.children) <= most
 
 
@@ -93,4 +96,4 @@ def test_walk_size_and_depth() -> None:
     tree = parse("selector { inverter { PatrolWaypoint } PickupGarbage }")
     assert [n.kind for n in node.walk(tree)] == ["selector", "inverter", "action", "action"]
     assert (node.size(tree), node.depth(tree)) == (4, 3)
-    assert (node.size(Node("action", ("x",))), node.depth(Node("action", ("x",)))) == (1, 1)
+    assert (node.size(leaf("x")), node.depth(leaf("x"))) == (1, 1)

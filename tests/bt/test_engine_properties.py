@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from islandgp.bt.condition import condition
 from islandgp.bt.engine import compile_tree
-from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, condition_of, walk
+from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, guard_of, leaf, walk
 from islandgp.domains.island.vocabulary import VOCABULARY
 from tests.bt.reference import Reference
 from tests.profiles import examples
@@ -31,7 +31,7 @@ class Actions:
         self.frozen = False  # every action stays RUNNING, and no result is used up
         self._results = results
         self._next = 0
-        names = [str(node.args[0]) for node in walk(tree) if node.kind == "action"]
+        names = [node.action for node in walk(tree) if node.action]
         self.table = {name: self._leaf(name) for name in names}
 
     def _leaf(self, name: str) -> Callable[[bool], int]:
@@ -52,8 +52,8 @@ class Actions:
 
 def with_own_names(node: Node, numbers: Iterator[int]) -> Node:
     """The tree with a name of its own for each leaf, so that calls tell leaves apart."""
-    if node.kind == "action":
-        return Node("action", (f"leaf {next(numbers)}",))
+    if node.action:
+        return leaf(f"leaf {next(numbers)}")
     return node._replace(children=tuple(with_own_names(child, numbers) for child in node.children))
 
 
@@ -95,7 +95,7 @@ def test_quiet_ticks_change_nothing(
     """
     tree = with_own_names(tree, iter(range(100)))
     board, other_board = list(boards[0]), list(boards[0])
-    asked = [condition_of(node) for node in walk(tree) if node.kind == "when"]
+    asked = [guard_of(node).condition for node in walk(tree) if node.guard]
     guards = [condition(each, board, PLACES) for each in asked]
     actions, other_actions = Actions(tree, results), Actions(tree, results)
     tick = compile_tree(tree, actions.table, board, PLACES)

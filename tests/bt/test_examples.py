@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from islandgp.bt.condition import terms
+from islandgp.bt.kinds import KINDS
 from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import KINDS, Limits, check_limits, condition_of, depth, size, walk
+from islandgp.bt.node import Limits, check_limits, depth, guard_of, size, walk
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.resources import resource
 
@@ -75,8 +76,8 @@ def test_figure_9() -> None:
 def test_diverse_shows_everything() -> None:
     """The diverse tree has every kind of node and asks for every key."""
     nodes = list(walk(parse(tree("diverse"))))
-    assert {node.kind for node in nodes} == set(KINDS)
-    asked = [condition_of(node) for node in nodes if node.kind == "when"]
+    assert {node.kind for node in nodes} == {name for name, kind in KINDS.items() if kind.paper}
+    asked = [guard_of(node).condition for node in nodes if node.guard]
     assert {term.key for each in asked for term in terms(each)} == set(VOCABULARY.keys)
 
 
@@ -84,5 +85,5 @@ def test_charging_is_not_cut_short() -> None:
     """Wherever a good example charges on a low battery, the guard can't stop the charging."""
     for path in EXAMPLES:
         for node in walk(parse(path.read_text(encoding="utf-8"))):
-            if node.kind == "when" and condition_of(node)[:2] == ("batteryLevel", "<"):
+            if node.guard and guard_of(node).condition[:2] == ("batteryLevel", "<"):
                 assert (node.args[1] in ("lower", "none")) == (path.stem != "poor")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from islandgp.bt.condition import Condition
 from islandgp.bt.language import MAX_CHARACTERS, MAX_LEVELS, MAX_NODES, parse, to_text
-from islandgp.bt.node import Node, depth, size
+from islandgp.bt.node import CountArgs, GuardArgs, Node, ParallelArgs, depth, leaf, size
 from islandgp.bt.printer import WIDTH, number_text
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.domains.island.vocabulary import VOCABULARY
@@ -20,8 +20,12 @@ from islandgp.errors import LimitError, TreeError
 from tests.profiles import examples
 from tests.strategies import nodes
 
-PATROL = Node("action", ("PatrolWaypoint",))
-PICKUP = Node("action", ("PickupGarbage",))
+PATROL = leaf("PatrolWaypoint")
+PICKUP = leaf("PickupGarbage")
+
+
+def parallel(success: str, failure: str) -> Node:
+    return Node("parallel", ParallelArgs(success, failure), (PICKUP,))
 
 
 # Printing
@@ -119,27 +123,33 @@ def test_numbers(value: float, text: str) -> None:
         ("PatrolWaypoint", PATROL),
         ("selector { PatrolWaypoint }", Node("selector", (), (PATROL,))),
         ("sequence { PatrolWaypoint PickupGarbage }", Node("sequence", (), (PATROL, PICKUP))),
-        ("parallel { PatrolWaypoint }", Node("parallel", ("all", "one"), (PATROL,))),
-        ("parallel success one { PickupGarbage }", Node("parallel", ("one", "one"), (PICKUP,))),
-        ("parallel failure all { PickupGarbage }", Node("parallel", ("all", "all"), (PICKUP,))),
+        ("parallel { PickupGarbage }", parallel("all", "one")),
+        (
+            "parallel success one { PickupGarbage }",
+            parallel("one", "one"),
+        ),
+        (
+            "parallel failure all { PickupGarbage }",
+            parallel("all", "all"),
+        ),
         ("inverter { PatrolWaypoint }", Node("inverter", (), (PATROL,))),
-        ("repeater 3 { PatrolWaypoint }", Node("repeater", (3,), (PATROL,))),
+        ("repeater 3 { PatrolWaypoint }", Node("repeater", CountArgs(3), (PATROL,))),
         (
             "when lap >= 2 { PatrolWaypoint }",
-            Node("when", (Condition("lap", ">=", 2), "both"), (PATROL,)),
+            Node("when", GuardArgs(Condition("lap", ">=", 2), "both"), (PATROL,)),
         ),
         ("when lap<-.5{PatrolWaypoint}", None),
         (
             "when lap <-0.5 { PatrolWaypoint }",
-            Node("when", (Condition("lap", "<", -0.5), "both"), (PATROL,)),
+            Node("when", GuardArgs(Condition("lap", "<", -0.5), "both"), (PATROL,)),
         ),
         (
             "when foundGarbage abort self { PatrolWaypoint }",
-            Node("when", (Condition("foundGarbage", "is", 0), "self"), (PATROL,)),
+            Node("when", GuardArgs(Condition("foundGarbage", "is", 0), "self"), (PATROL,)),
         ),
         (
             "when not foundGarbage abort none { PatrolWaypoint }",
-            Node("when", (Condition("foundGarbage", "not", 0), "none"), (PATROL,)),
+            Node("when", GuardArgs(Condition("foundGarbage", "not", 0), "none"), (PATROL,)),
         ),
     ],
 )
@@ -286,7 +296,7 @@ def tree_or_error(text: str, words: Vocabulary | None = VOCABULARY) -> Node | Tr
 
 def actions(node: Node) -> list[str]:
     """The names of the actions, from left to right."""
-    own = [str(node.args[0])] if node.kind == "action" else []
+    own = [node.action] if node.kind == "action" else []
     return [*own, *(name for child in node.children for name in actions(child))]
 
 

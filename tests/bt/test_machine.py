@@ -21,7 +21,7 @@ from islandgp.bt.machine import (
     SpentError,
 )
 from islandgp.bt.moves import moves
-from islandgp.bt.node import Node, condition_of
+from islandgp.bt.node import Node, guard_of
 from islandgp.domains.island.vocabulary import VOCABULARY
 from tests.bt.every_tick import all_boards, every_tick
 from tests.bt.stage import short_tree
@@ -140,7 +140,7 @@ def never_on(text: str, action: str, condition: str) -> bool:
     tree = short_tree(text)
     name = short_tree(action).args[0]
     machine = machine_of(tree)
-    forbidden = machine.sets.of(condition_of(short_tree(f"when {condition} {{ A }}")))
+    forbidden = machine.sets.of(guard_of(short_tree(f"when {condition} {{ A }}")).condition)
     sets = boards_of_nodes(machine)
     places = [place for place in machine.statuses if machine.nodes[place].args[0] == name]
     return all(machine.sets.both(sets[place], forbidden) == NO_BOARD for place in places)

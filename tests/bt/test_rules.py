@@ -13,7 +13,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from islandgp.bt.condition import Asked, condition
-from islandgp.bt.node import Node, walk
+from islandgp.bt.node import Node, leaf, walk
 from islandgp.bt.rules import Rule, RuleResult, check_rule, read_rule
 from islandgp.cli import islandgp
 from islandgp.domains.island.vocabulary import VOCABULARY
@@ -45,7 +45,7 @@ def compare(tree: Node, action: str, asked: Asked) -> None:
     ticked = every_tick(tree, boards, VOCABULARY, MOST_TICKS)
     assume(ticked is not None)
     assert ticked is not None
-    mine = {p for p, node in enumerate(walk(tree)) if node == Node("action", (action,))}
+    mine = {p for p, node in enumerate(walk(tree)) if node == leaf(action)}
     broken = {place for place, at in ticked if place in mine and holds(asked, boards[at])}
     found = check(tree, action, asked)
     assert found.result == ("refuted" if broken else "proven")
@@ -65,7 +65,7 @@ ACTIONS = st.sampled_from(list(VOCABULARY.actions))
 @given(SMALL, st.data(), conditions(few_numbers()))
 def test_results_are_those_of_all_ticks(tree: Node, data: st.DataObject, asked: Asked) -> None:
     """A rule is refuted if, and only if, some sequence of ticks of the engine breaks it."""
-    names = sorted({str(node.args[0]) for node in walk(tree) if node.kind == "action"})
+    names = sorted({node.action for node in walk(tree) if node.action})
     compare(tree, data.draw(st.sampled_from(names)), asked)
 
 

@@ -8,7 +8,7 @@ from math import inf, nan
 import pytest
 
 from islandgp.bt.language import parse
-from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node
+from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, leaf
 from islandgp.bt.vocabulary import (
     NOTHING,
     RESERVED,
@@ -103,7 +103,7 @@ def test_a_tree_of_one_domain_is_not_one_of_another() -> None:
     """Names are those of the vocabulary that is given, and of no other."""
     text = "when wall { Step }"
     assert parse(text, MAZE) == Node(
-        "when", (Condition("wall", "is", 0.0), "both"), (Node("action", ("Step",)),)
+        "when", (Condition("wall", "is", 0.0), "both"), (leaf("Step"),)
     )
     with pytest.raises(UnknownNameError, match="a key: batteryLevel"):
         parse(text, VOCABULARY)

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from islandgp.bt.language import parse
-from islandgp.bt.node import Node, within
+from islandgp.bt.node import Node, leaf, within
 from islandgp.bt.vocabulary import Action, Vocabulary, flag
 from islandgp.config.settings import Settings
 from islandgp.errors import ConfigError
@@ -216,7 +216,7 @@ def test_small_vocabularies(case: Case, words: Vocabulary, overrides: tuple[str,
     plan = replace(settings.plan(settings.make_domain()), vocabulary=words)
 
     def library() -> Mapping[str, Node]:
-        return {name: Node("action", (name,)) for name in words.actions}
+        return {name: leaf(name) for name in words.actions}
 
     part = settings.search
     search = part.factory.make(part.settings(), SearchContext(plan, library))

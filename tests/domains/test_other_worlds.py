@@ -42,6 +42,7 @@ BY_HAND = {
     "minigrid": DOMAINS / "minigrid" / "trees" / "by_hand.bt",
     "cartpole": DOMAINS / "gymnasium" / "trees" / "cartpole.bt",
     "lunarlander": DOMAINS / "gymnasium" / "trees" / "lunarlander.bt",
+    "pendulum": DOMAINS / "gymnasium" / "trees" / "pendulum.bt",
 }
 SHORT = ("world.ticks=40",)
 TINY = (*SHORT, "gp.population=6", "gp.generations=4", "gp.episodes=1", "supervisor=baseline")
@@ -89,6 +90,16 @@ class TestLunarLander(DomainSuite):
 
     def make_domain(self) -> Domain:
         return short("lunarlander")
+
+
+class TestPendulum(DomainSuite):
+    """A third one, whose action is a number that trees give as an argument."""
+
+    random_trees = 4
+    texts = (BY_HAND["pendulum"].read_text(encoding="utf-8"),)
+
+    def make_domain(self) -> Domain:
+        return short("pendulum")
 
 
 @every_world
@@ -390,7 +401,10 @@ def test_values_beyond_the_range_are_cut() -> None:
         (("domain=cartpole", "world.environment=CartPool-v1"), "world.environment: expected one"),
         (("domain=cartpole", "world.actions.PushLeft.do=7"), "world.actions.PushLeft.do: expected"),
         (("domain=cartpole", "world.observations.speed.at=9"), "world.observations.speed.at: exp"),
-        (("domain=cartpole", "world.environment=Pendulum-v1"), "world.environment: expected act"),
+        (
+            ("domain=cartpole", "world.environment=Pendulum-v1"),
+            "world.observations.turning.at: expe",
+        ),
         (("domain=cartpole", "world.observations.speed.range=[2,1]"), "world.observations.speed.r"),
         (("domain=cartpole", "world.signals.lasting.of=hight"), "world.signals.lasting.of: expec"),
         (("domain=cartpole", "world.name=when"), "Expected a name of letters"),

@@ -11,11 +11,14 @@ import pytest
 import yaml
 
 from islandgp import plugin
+from islandgp.bt.language import parse
 from islandgp.bt.vocabulary import NOTHING
+from islandgp.config.compose import only_job
 from islandgp.domain import Schema
 from islandgp.errors import DomainError, EvaluationError
+from islandgp.resources import resource
 from islandgp.running.app import main
-from tests.domains.test_tutorial import EXAMPLE
+from tests.domains.test_tutorial import EXAMPLE, ROOT
 from tests.running.commands import TINY
 from tests.trees.shell import shell
 
@@ -92,6 +95,62 @@ def test_another_reward_is_put_on_top_of_the_domains_file(
     rewards = yaml.safe_load(capsys.readouterr().out)["rewards"]
     assert rewards["events"]["picked"] == {"component": "progress", "base": 12.5}
     assert rewards["events"]["placed"] == {"component": "progress", "base": 200}
+
+
+def test_a_tier_put_on_top_says_its_place(here: Path) -> None:
+    """`better_than` names the tier that comes next; without it a new tier is the last."""
+    (here / "conf/classes").mkdir()
+    file = here / "conf/classes/own.yaml"
+    for place, order in ((", better_than: placed_one", [0, 2, 1]), ("", [0, 1, 2])):
+        file.write_text(f"tiers: {{two: {{at_least: {{placed: 2}}{place}}}}}", encoding="utf-8")
+        tiers = [*only_job(["domain=pick_place", "+classes=own"], "conf").settings.classes.tiers]
+        assert tiers == [["finished", "placed_one", "two"][k] for k in order]
+
+
+@pytest.mark.parametrize("group", ["domain", "experiment"])
+def test_a_file_without_its_package_is_one_line(
+    here: Path, capsys: pytest.CaptureFixture[str], group: str
+) -> None:
+    """It names the file and the line to add, in place of a line for each key that it misplaces."""
+    file = here / f"conf/{group}/pick_place.yaml"
+    file.parent.mkdir(exist_ok=True)
+    own = here / "conf/domain/pick_place.yaml"
+    head, _, text = own.read_text(encoding="utf-8").partition("\n")
+    assert head == "# @package _global_"
+    file.write_text(text, encoding="utf-8")
+    assert main([*OWN, *([] if group == "domain" else ["experiment=pick_place"])]) == 2
+    assert capsys.readouterr().err == (
+        f"islandgp: {group}=pick_place: expected `# @package _global_` as the first line of {file},"
+        " whose keys are those of the whole configuration, found none; add it.\n"
+    )
+
+
+def test_a_counter_may_be_measured(here: Path) -> None:
+    """The page's second domain measures a distance, and its ticks take half a second."""
+    page = (ROOT / "docs/domains.md").read_text(encoding="utf-8")
+    code = page.partition("```python\nfrom dataclasses")[2].partition("```")[0]
+    (here / "measured.py").write_text(f"from dataclasses{code}", encoding="utf-8")
+    settings = only_job(["domain=pick_place", "domain.factory=measured:Measured"], "conf").settings
+    domain = settings.make_domain()
+    text = (here / "carry.bt").read_text(encoding="utf-8")
+    outcome = domain.run_episode(parse(text, domain.schema.vocabulary), 0, {})
+    assert outcome.counters["driven"] == 6.0 * outcome.counters["moved"] > 0
+    assert outcome.seconds == 0.5 * outcome.counters["tick"]
+    sys.modules.pop("measured", None)
+
+
+def test_a_domains_file_is_printed(
+    here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`islandgp domain NAME --yaml`: a file to begin with, also where there is only a wheel."""
+    islandgp = shell(monkeypatch, capsys)
+    shipped = (resource("conf") / "domain/cartpole.yaml").read_text(encoding="utf-8")
+    assert islandgp("domain", "cartpole", "--yaml").out == shipped
+    own = (here / "conf/domain/pick_place.yaml").read_text(encoding="utf-8")
+    assert islandgp("domain", "pick_place", "--yaml", "--config-dir", "conf").out == own
+    wrong = islandgp("domain", "cartpol", "--yaml")
+    assert (wrong.code, wrong.out) == (2, "")
+    assert "did you mean cartpole?" in wrong.err
 
 
 def test_a_domain_s_file_may_set_how_its_robots_evolve(

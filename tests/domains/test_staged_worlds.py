@@ -53,7 +53,15 @@ def test_without_changes_there_is_one_domain() -> None:
     ("world", "line"),
     [
         ({"episode": {"length": -1}}, "curriculum.stages.0.world.episode.length=-1: input should"),
-        ({"episde": {}}, "curriculum.stages.0.world.episde: unknown key"),
+        (
+            {"episde": {}},
+            "curriculum.stages.0.world.episde: unknown key; did you mean"
+            " curriculum.stages.0.world.episode?",
+        ),
+        (
+            {"episode": {"bloks": 1}},
+            "curriculum.stages.0.world.episode.bloks: unknown key; there are length, low_battery,",
+        ),
     ],
 )
 def test_a_world_that_cannot_be(world: dict[str, Any], line: str) -> None:

@@ -18,6 +18,7 @@ from islandgp.domains.island import Island
 from islandgp.domains.island.actions import IslandAction, drive
 from islandgp.evaluation.base import Problem
 from islandgp.testing.domain_suite import DomainSuite, run_suite
+from islandgp.trust import trust, trusting
 from tests.composed import plain
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -50,7 +51,9 @@ def pick_place() -> Domain:
     if str(folder) not in sys.path:
         sys.path.append(str(folder))
     config = yaml.safe_load((folder / "conf/domain/pick_place.yaml").read_text(encoding="utf-8"))
-    return Problem.recorded(config).domain
+    with trusting():
+        trust([config["domain"]["factory"]])
+        return Problem.recorded(config).domain
 
 
 def test_the_suite_tells_where_a_domain_failed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,7 +21,8 @@ pytestmark = pytest.mark.process
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "pick_place"
 PAGE = (ROOT / "docs" / "domains.md").read_text(encoding="utf-8")
-MADE_UP = "library:\n  folder: trees"  # the one snippet that is not part of the example
+MADE_UP = ("library:\n  folder: trees", "from dataclasses import replace")
+"""How the snippets begin that are not part of the example; test_outside runs the second."""
 CALL = "from islandgp.cli import main; main()"  # what the command `islandgp` does
 QUICK = ("tracking=off", "progress=off", "evaluator=serial")
 

@@ -13,14 +13,15 @@ from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from islandgp.bt.condition import joined, terms
+from islandgp.bt.kinds import ABORTS
 from islandgp.bt.language import parse, to_text
 from islandgp.bt.node import (
-    ABORTS,
     Limits,
     Node,
     asked_in,
-    condition_of,
     depth,
+    guard_of,
+    leaf,
     replace_at,
     size,
     walk,
@@ -117,9 +118,7 @@ def test_wrap_puts_one_guard_above_a_node(tree: Node, seed: int) -> None:
     """Without that guard it is the tree that it was."""
     new = changed("wrap", tree, seed)
     assert size(new) == size(tree) + 1
-    assert tree in [
-        replace_at(new, i, node.children[0]) for i, node in places(new) if node.kind == "when"
-    ]
+    assert tree in [replace_at(new, i, node.children[0]) for i, node in places(new) if node.guard]
 
 
 @examples(max_examples=150)
@@ -129,8 +128,8 @@ def test_extend_changes_one_action(tree: Node, seed: int) -> None:
     new = changed("extend", tree, seed)
     back = []
     for i, node in places(new):
-        if node.kind == "action" or actions_alone(node):
-            back += [replace_at(new, i, old) for old in walk(tree) if old.kind == "action"]
+        if node.action or actions_alone(node):
+            back += [replace_at(new, i, old) for old in walk(tree) if old.action]
         if node.kind == "sequence" and len(node.children) == 2:
             back += [replace_at(new, i, child) for child in node.children]
     assert tree in back
@@ -138,7 +137,7 @@ def test_extend_changes_one_action(tree: Node, seed: int) -> None:
 
 def actions_alone(node: Node) -> bool:
     """Whether the node is a sequence of actions, each behind one that it is declared to follow."""
-    names = [str(child.args[0]) for child in node.children if child.kind == "action"]
+    names = [child.action for child in node.children if child.action]
     if node.kind != "sequence" or len(names) != len(node.children):
         return False
     return all(
@@ -152,7 +151,7 @@ def actions_alone(node: Node) -> bool:
 def test_condition_changes_one_guard(tree: Node, seed: int) -> None:
     """Another abort rule; a term more, less or another one; or the guard is gone."""
     new = changed("condition", tree, seed)
-    guards = [(i, node) for i, node in places(tree) if node.kind == "when"]
+    guards = [(i, node) for i, node in places(tree) if node.guard]
     if not guards:
         assert new == tree
         return
@@ -160,14 +159,14 @@ def test_condition_changes_one_guard(tree: Node, seed: int) -> None:
         assert new in [
             replace_at(tree, i, node.children[0])
             for i, node in guards
-            if len(list(terms(condition_of(node)))) == 1
+            if len(list(terms(guard_of(node).condition))) == 1
         ]
         return
     different = [(a, b) for a, b in zip(walk(tree), walk(new), strict=True) if a.args != b.args]
     assert len(different) <= 1  # none: the new term is the old one
     for old, other in different:
         assert old.kind == other.kind == "when"
-        before, after = (Counter(terms(condition_of(n))) for n in (old, other))
+        before, after = (Counter(terms(guard_of(n).condition)) for n in (old, other))
         if old.args[1] != other.args[1]:
             assert old.args[0] == other.args[0]
             assert other.args[1] in ABORTS
@@ -185,7 +184,7 @@ def test_condition_joins_no_more_terms_than_there_may_be() -> None:
         tree = changed("condition", tree, seed)
         if tree.kind != "when":
             tree = parse("when foundGarbage { PatrolWaypoint }")
-        seen.add(len(list(terms(condition_of(tree)))))
+        seen.add(len(list(terms(guard_of(tree).condition))))
     assert seen == set(range(1, most + 1))
 
 
@@ -202,7 +201,7 @@ def test_fulfil_asks_what_the_action_declares(tree: Node, seed: int) -> None:
     [guard] = [
         node
         for i, node in places(new)
-        if node.kind == "when"
+        if node.guard
         and node.children[0].kind == "action"
         and replace_at(new, i, node.children[0]) == tree
         and node.args == (_needed(str(node.children[0].args[0])), "none")
@@ -245,8 +244,8 @@ def test_shrink_changes_nothing_that_is_done(
 def shape(tree: Node) -> Node:
     """The tree with 0 for each number of a condition."""
     for i, node in places(tree):
-        if node.kind == "when":
-            asked = condition_of(node)
+        if node.guard:
+            asked = guard_of(node).condition
             for k, term in enumerate(terms(asked)):
                 zero = branches.with_term(asked, k, term._replace(number=0.0))
                 assert zero is not None
@@ -301,7 +300,7 @@ def test_other_vocabularies(operator: str, domain: str) -> None:
     space = replace(SPACE, vocabulary=VOCABULARIES[domain])
     action = next(iter(space.actions))
     for seed in range(60):
-        tree = Node("selector", (), (Node("action", (action,)), Node("action", (action,))))
+        tree = Node("selector", (), (leaf(action), leaf(action)))
         for step in range(8):
             tree = changed(operator, tree, 8 * seed + step, space)
             check_words(tree, space.vocabulary)
@@ -319,7 +318,7 @@ def test_tight_limits(domain: str) -> None:
     """As `mutate` uses them, no operator breaks gp.max_depth=2 and gp.max_nodes=3."""
     tight = Limits(2, 3)
     space = TreeSpace(SPACE.settings, VOCABULARIES[domain], tight)
-    tree = Node("action", (next(iter(space.actions)),))
+    tree = leaf(next(iter(space.actions)))
     for seed in range(300):
         for operator in NEW:
             how = MutationSettings(operators={operator: 1}, subtree_depth=1, number_sd=0.2)
@@ -376,7 +375,7 @@ def test_random_lists(domain: str, seed: int) -> None:
     assert 2 <= len(guarded) <= 5
     for branch in guarded:
         assert (branch.kind == "when") == bool(space.keys)
-        body = branch.children[0] if branch.kind == "when" else branch
+        body = branch.children[0] if branch.guard else branch
         actions = [body] if body.kind == "action" else list(body.children)
         assert {node.kind for node in actions} == {"action"}
         assert 1 <= len(actions) <= 6
@@ -387,8 +386,8 @@ def test_random_lists_act() -> None:
     declared = guards = 0
     for seed in range(300):
         for branch in random_list(np.random.default_rng(seed), SPACE).children[:-1]:
-            first = next(node for node in walk(branch) if node.kind == "action")
-            needed = VOCABULARY.action(str(first.args[0])).to_start
+            first = next(node for node in walk(branch) if node.action)
+            needed = VOCABULARY.action(first.action).to_start
             if needed:
                 guards += 1
                 declared += branch.args[0] == joined("and", needed)
@@ -400,9 +399,9 @@ def test_random_lists_prepare_their_actions() -> None:
     pickups = prepared = 0
     for seed in range(300):
         names = [
-            str(node.args[0])
+            node.action
             for node in walk(random_list(np.random.default_rng(seed), SPACE))
-            if node.kind == "action"
+            if node.action
         ]
         for before, name in zip(["", *names], names, strict=False):
             pickups += name == "PickupGarbage"

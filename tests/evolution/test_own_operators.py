@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from islandgp.bt.node import Limits, Node
+from islandgp.bt.node import Limits, Node, leaf
 from islandgp.errors import PartError
 from islandgp.evolution.population import Evaluated
 from islandgp.evolution.random_trees import TreeSpace
@@ -15,7 +15,7 @@ from islandgp.evolution.variation import MutationSettings
 from tests.evolution.runs import plan, run
 
 HERE = __name__
-LEAF = Node("action", ("PatrolWaypoint",))
+LEAF = leaf("PatrolWaypoint")
 
 
 def two_children(_: np.random.Generator, mother: Node, father: Node, __: Limits) -> object:
@@ -35,7 +35,7 @@ def text(_: np.random.Generator, __: Node, ___: TreeSpace, ____: MutationSetting
 
 def foreign(_: np.random.Generator, __: Node, ___: TreeSpace, ____: MutationSettings) -> Node:
     """An action of another domain."""
-    return Node("action", ("PushLeft",))
+    return leaf("PushLeft")
 
 
 def tree_of_the_first(_: np.random.Generator, population: Sequence[Evaluated], __: int) -> object:

@@ -47,7 +47,6 @@ def test_numbers_of_purposes() -> None:
         "SUPERVISION": 7,
         "NETWORK": 8,
         "UNSEEN": 9,
-        "RESAMPLING": 100,
         "LIBRARY": 10,
         "VALIDATION": 11,
         "TRIAL": 12,
@@ -55,6 +54,9 @@ def test_numbers_of_purposes() -> None:
         "TUNING": 14,
         "SEARCH": 15,
         "ARCHIVE": 16,
+        "EDIT": 17,
+        "PERTURBATION": 18,
+        "RESAMPLING": 100,
     }
 
 

@@ -111,7 +111,7 @@ def searched() -> tuple[dict[str, Node], list[Job]]:
 
 def words(tree: Node) -> list[str]:
     """The actions of a tree, sorted."""
-    return sorted(str(node.args[0]) for node in walk(tree) if node.kind == "action")
+    return sorted(node.action for node in walk(tree) if node.action)
 
 
 def test_each_behaviour_has_its_smallest_tree() -> None:

@@ -10,8 +10,10 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
 import islandgp
+from islandgp.cli import islandgp as group
 from islandgp.errors import RunError, UntrustedError
 from islandgp.records.archive_file import read_archive
 from islandgp.records.folder import RunFolder, run_folders
@@ -117,6 +119,18 @@ def test_what_follows_from_sound_records_is_made_again(run: Path) -> None:
     assert main([*TINY]) == 0
     assert {name: (run / name).read_bytes() for name in before} == before
     assert damaged_files(run) == []
+
+
+def test_watch_opens_no_page_of_another(run: Path) -> None:
+    """A changed page is made again; a damaged run is refused."""
+    (run / "run.html").write_text("<script>")
+    result = CliRunner().invoke(group, ["watch", str(run), "--no-open"])
+    assert result.exit_code == 0, result.output
+    assert (run / "run.html").read_bytes().startswith(b"<!doctype html>")
+    assert damaged_files(run) == []
+    change(run / "generations.jsonl")
+    result = CliRunner().invoke(group, ["watch", str(run), "--no-open"])
+    assert "found a damaged file (changed)" in str(result.exception)
 
 
 READERS: dict[str, Callable[[Path], object]] = {

@@ -18,6 +18,7 @@ from islandgp.errors import ConfigError
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
 from islandgp.records.lines import Lines
+from islandgp.records.manifest import add_to_manifest
 from islandgp.records.parameters import shape
 from islandgp.resources import resource
 from islandgp.running.app import main
@@ -185,6 +186,7 @@ def test_resume_force_does_not_touch_a_finished_run(
     (folder,) = leaf(here)
     config = here / "runs/default" / folder / "config.yaml"
     config.write_text(config.read_text().replace("tournament: 3", "tournament: 4"))
+    add_to_manifest(config.parent, "config.yaml")
     assert main([*INSTANT, "resume=force"]) == 2
     assert "the finished run" in capsys.readouterr().err
 

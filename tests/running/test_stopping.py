@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import subprocess
 import sys
 import time
+from collections.abc import Iterator
 
 import pytest
 
-from islandgp.running.stopping import as_ctrl_c
+from islandgp.running import stopping
+from islandgp.running.stopping import as_ctrl_c, stop_before_work
+from tests.running.commands import ROOT
 
 
 class Finalized:
@@ -46,3 +51,68 @@ def test_other_faults_of_finalizers_are_told_as_before(monkeypatch: pytest.Monke
     with as_ctrl_c("SIGTERM"):
         Faulty()
     assert [str(fault) for fault in told] == ["no"]
+
+
+@pytest.fixture
+def handlers() -> Iterator[None]:
+    """Puts the handlers of the signals back that the test sets."""
+    old = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    yield
+    for number, handler in old.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs SIGHUP")
+@pytest.mark.usefixtures("handlers")
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_before_the_work_ends_the_process_with_a_line(
+    name: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 130, before `as_ctrl_c` and after it; within it there is an exception."""
+    codes: list[int] = []
+    monkeypatch.setattr(stopping.os, "_exit", codes.append)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    number = getattr(signal, name)
+    stop_before_work("SIGTERM", "SIGHUP")
+    signal.raise_signal(number)
+    with pytest.raises(KeyboardInterrupt), as_ctrl_c("SIGTERM", "SIGHUP"):
+        signal.raise_signal(number)
+    signal.raise_signal(number)
+    assert codes == [130, 130]
+    assert capfd.readouterr().err == "islandgp: stopped\n" * 2
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs SIGHUP")
+@pytest.mark.usefixtures("handlers")
+def test_an_ignored_signal_stays_ignored_from_the_start() -> None:
+    """As under `nohup`."""
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    stop_before_work("SIGTERM", "SIGHUP")
+    assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+
+
+AT_AN_IMPORT = """
+import os, runpy, signal, sys
+class Sends:
+    def find_spec(self, name, *_):
+        if name == {module!r}:
+            os.kill(os.getpid(), signal.{signal})
+sys.meta_path.insert(0, Sends())
+sys.argv[0] = "islandgp"
+runpy.run_module("islandgp", run_name="__main__", alter_sys=True)
+"""
+
+
+@pytest.mark.process
+@pytest.mark.skipif(os.name != "posix", reason="needs SIGTERM")
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("module", ["islandgp.running.app", "hydra.errors"])
+def test_a_signal_while_a_command_starts(name: str, module: str) -> None:
+    """A line and exit code 130 while modules are imported, in place of a traceback or -15."""
+    done = subprocess.run(
+        [sys.executable, "-c", AT_AN_IMPORT.format(module=module, signal=name), "--version"],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "islandgp: stopped\n")

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from islandgp.bt.language import parse, to_text
-from islandgp.bt.numbers import EQUAL, REPEATS, numbers_of, with_numbers
+from islandgp.bt.numbers import COUNT, EQUAL, numbers_of, with_numbers
 from islandgp.bt.vocabulary import Action, Vocabulary, flag, number
 from islandgp.errors import ConfigError
 from islandgp.search.numbers import NumberSettings, Tuned, thresholds_of, tuned
@@ -49,9 +49,9 @@ def test_each_number_has_its_purposes() -> None:
     found = [(n.label, n.value, set(n.purposes), n.line) for n in numbers_of(FILE, WORDS)]
     assert found == [
         ("constant low =", 20.0, {"charge", "lap"}, 2),
-        ("constant n =", 3.0, {REPEATS}, 4),
+        ("constant n =", 3.0, {COUNT}, 4),
         ("constant nobody =", 9.0, set(), 5),
-        ("use inner: t =", 2.0, {REPEATS}, 7),
+        ("use inner: t =", 2.0, {COUNT}, 7),
         ("use outer: low =", 15.5, {"charge"}, 9),
         ("use outer: unused =", 8.0, set(), 9),
         ("charge <", -3.0, {"charge"}, 11),
@@ -75,7 +75,7 @@ def test_included_numbers_are_left_out(tmp_path: Path) -> None:
     )
     text = 'include "lib.bt"\nsequence { use s(5) repeater m { Go } }'
     found = numbers_of(text, WORDS, folder=tmp_path)
-    assert [(n.label, n.value, set(n.purposes)) for n in found] == [("use s: t =", 5.0, {REPEATS})]
+    assert [(n.label, n.value, set(n.purposes)) for n in found] == [("use s: t =", 5.0, {COUNT})]
 
 
 def test_equality_is_a_purpose() -> None:

@@ -65,9 +65,36 @@ def test_a_tier_needs_all_that_those_need_which_it_needs() -> None:
     assert tiers(outcome(pickups=3), chain) == ("a", "b", "c")
 
 
+def between(**others: str) -> dict[str, Any]:
+    """Tiers a, b, c; those named are better than another one."""
+    return {
+        "tiers": {name: {**row(), "better_than": others.get(name)} for name in ("a", "b", "c")},
+        "milestones": ["a"],
+    }
+
+
+@pytest.mark.parametrize(
+    ("others", "order"),
+    [
+        ({}, "abc"),
+        ({"c": "a"}, "cab"),
+        ({"c": "b", "b": "a"}, "cba"),
+        ({"b": "a", "c": "a"}, "bca"),
+        ({"a": "c"}, "bac"),
+    ],
+)
+def test_a_tier_may_say_which_one_it_is_better_than(others: dict[str, str], order: str) -> None:
+    """It then comes right before that one."""
+    made = Classes.model_validate({**CLASSES.model_dump(), **between(**others)})
+    assert [*made.tiers] == [*order]
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
+        (between(a="b", b="a"), "a.better_than: expected a tier with a place of its own, found b"),
+        (between(a="a"), "a.better_than: expected a tier with a place of its own, found a"),
+        (between(a="x"), "a.better_than: expected one of a, b, c, found 'x'"),
         ({"tiers": {"a": row("a")}, "milestones": ["a"]}, "expected an end, found a needs a"),
         (
             {"tiers": {"a": row("b"), "b": row("a")}, "milestones": ["a"]},

@@ -137,7 +137,7 @@ ONE_LINE = [
      "search.factory: expected a class with Settings, make, start, ask and tell, found"),
     (["search.factory=tests.settings.searches:Unsaid"],
      "search.factory: expected <class 'tests.settings.searches.Unsaid'> with a class attribute"
-     " uses, a frozenset of some of 'rate', 'tree', found None"),
+     " uses, a frozenset of some of 'edits', 'rate', 'tree', found None"),
     (["search.factory=tests.settings.searches:Forgetful"],
      "search.factory: expected <class 'tests.settings.searches.Forgetful'> with a class attribute"
      " Memory,"),

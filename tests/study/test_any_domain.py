@@ -18,6 +18,7 @@ from islandgp.study.generalise import Generalisation, generalise
 from islandgp.study.library import library_names
 from islandgp.study.report import Report, build
 from islandgp.study.writing import runs_csv, to_markdown, to_page
+from islandgp.trust import trust, trusting
 from tests.made import CLASSES
 from tests.study.made_runs import config, guidance, individual, made_arm, made_run
 
@@ -110,8 +111,10 @@ def test_no_paper_is_quoted_where_there_is_none(report: Report) -> None:
 
 def test_unseen_worlds_need_the_domain() -> None:
     """Where its class cannot be imported the message names it, and what to do."""
-    with pytest.raises(StudyError, match=r"domain nowhere\.maze:Maze here, .* --worlds 0"):
-        generalise(compare_arms(_arms()), Serial, worlds=1, yardsticks={})
+    with trusting():
+        trust(["nowhere.maze:Maze"])
+        with pytest.raises(StudyError, match=r"domain nowhere\.maze:Maze here, .* --worlds 0"):
+            generalise(compare_arms(_arms()), Serial, worlds=1, yardsticks={})
 
 
 def test_no_word_of_the_island_is_in_the_report(report: Report) -> None:

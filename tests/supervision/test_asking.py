@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from islandgp.bt.language import parse
-from islandgp.bt.node import Node
+from islandgp.bt.node import Node, leaf
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import SupervisionError
 from islandgp.running.app import main
@@ -40,7 +40,7 @@ WRONG: list[tuple[Any, str]] = [
     (Guidance(None, "PatrolWaypoint", "x"), "a Guidance whose tree is a tree of the language"),  # type: ignore[arg-type]
     (Guidance(None, Node("leap"), "x"), "a Guidance whose tree is"),
     (
-        Guidance(None, Node("action", ("Fly",)), "x"),
+        Guidance(None, leaf("Fly"), "x"),
         "a Guidance whose tree is of the domain island",
     ),
     (Guidance(None, Node("inverter", (), (TREE, TREE)), "x"), "a Guidance whose tree is"),

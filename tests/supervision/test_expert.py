@@ -337,7 +337,7 @@ def test_trees_do_what_they_are_for(target: str, action: str) -> None:
     """A tree for a missing behaviour holds the action that shows it."""
 
     def actions(tree: Node) -> set[str]:
-        return {str(node.args[0]) for node in walk(tree) if node.kind == "action"}
+        return {node.action for node in walk(tree) if node.action}
 
     assert all(action in actions(library().trees[n]) for n in library().targets[target])
 

@@ -30,9 +30,9 @@ PYTHONS: Final = ("3.12", "3.13")
 
 
 def digest(home: Path) -> str:
-    """Of the records of the run below a folder: generations.jsonl, best.bt, lineage.csv."""
+    """Of what `records` returns for the run below a folder."""
     found = records(home)
-    assert len(found) == 3, sorted(found)
+    assert len(found) == 4, sorted(found)
     whole = b"".join(found[name] for name in sorted(found, key=lambda n: n.rpartition("/")[2]))
     return hashlib.sha256(whole).hexdigest()
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from tests.torture import clusters, disks, stops, surroundings
+from tests.torture import clusters, damage, disks, stops, surroundings
 from tests.torture.lab import Lab
 
 
@@ -77,8 +77,17 @@ FAULTS: Final = {
     "MLflow's database locked, damaged, empty, a folder": Fault(
         surroundings.database, "the run ends as usual and tells of `islandgp sync`, or exit code 2"
     ),
+    "MLflow's server killed in mid-run": Fault(
+        surroundings.dying_server, "exit code 0, and a line that tells of `islandgp sync`"
+    ),
     "killed while records go to MLflow": Fault(
         surroundings.killed_between_run_and_store, "the same command sends each point once"
+    ),
+    "files of a finished run cut, changed, emptied, deleted": Fault(
+        damage.finished_run, "exit code 2, and the name of the file"
+    ),
+    "files of an unfinished run cut, changed, emptied, deleted": Fault(
+        damage.unfinished_run, "the run ends as usual, or exit code 2 with the reason in words"
     ),
     "Ray's workers killed": Fault(clusters.lost_workers, "Ray runs their episodes again"),
     "Ray's head or node killed": Fault(

@@ -46,6 +46,15 @@ def outcome(row: dict[str, Any]) -> str:
     return f"not tried: {row['missing']}" if row["missing"] else "held"
 
 
+def counts(rows: Sequence[dict[str, Any]]) -> str:
+    """How many rows held, were broken and could not be tried."""
+    broken = sum(bool(row["failure"]) for row in rows)
+    untried = sum(bool(row["missing"]) for row in rows if not row["failure"])
+    held = len(rows) - broken - untried
+    others = [f"{n} {what}" for n, what in ((broken, "broken"), (untried, "not tried")) if n]
+    return ", ".join([f"{held} of {len(rows)} rows held", *others])
+
+
 def when(rows: Sequence[dict[str, Any]]) -> str:
     """When and where a table was made."""
     if not rows:
@@ -53,7 +62,7 @@ def when(rows: Sequence[dict[str, Any]]) -> str:
     cases, minutes = sum(row["cases"] for row in rows), sum(row["seconds"] for row in rows) / 60
     first, days = rows[0], sorted({row["date"] for row in rows})
     return (
-        f"{len(rows)} rows, {cases} commands, {minutes:.0f} minutes in all; {' and '.join(days)},"
+        f"{counts(rows)}; {cases} commands, {minutes:.0f} minutes in all; {' and '.join(days)},"
         f" Python {first['python']}, {first['cores']} cores."
     )
 

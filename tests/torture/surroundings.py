@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import sqlite3
+import subprocess
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -13,7 +15,9 @@ from pathlib import Path
 from time import sleep
 from typing import Final
 
+from islandgp.tracking.store import Place
 from islandgp.tracking.sync import sync
+from islandgp.tracking.ui import server_command
 from tests.running.commands import ROOT
 from tests.running.histories import store, tracked
 from tests.torture.lab import (
@@ -24,6 +28,7 @@ from tests.torture.lab import (
     communicate,
     start,
     under_way,
+    until,
 )
 from tests.tracking import servers
 
@@ -158,6 +163,41 @@ def tracking_server(lab: Lab) -> None:
         assert "Traceback" not in done.said, done.said
         lab.assert_same(home, SLOW)
         assert_sent(home)
+
+
+def dying_server(lab: Lab) -> None:
+    """MLflow's server killed while a run sends to it: the run goes on, and `sync` catches up."""
+    home = lab.folder()
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    place = Place(f"sqlite:///{home / 'server.db'}", str(home / "kept"), "islandgp")
+    server = subprocess.Popen(
+        server_command(place, port),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    try:
+        until(lambda: answers(port), "MLflow's server answers")
+        uri = f"tracking.policy.uri=http://127.0.0.1:{port}"
+        process = start(home, *TRACKED, IMPATIENT, uri)
+        under_way(home, process, 2)
+    finally:
+        os.killpg(server.pid, signal.SIGKILL)
+        server.wait()
+    done = lab.end(process)
+    assert done.code == 0, done
+    assert "islandgp sync" in done.said
+    assert "Traceback" not in done.said, done.said
+    lab.assert_same(home, SLOW)
+    assert_sent(home)
+
+
+def answers(port: int) -> bool:
+    """Whether somebody listens at a port of loopback."""
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
 def assert_sent(home: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import signal
 import sys
@@ -12,10 +13,11 @@ import pytest
 
 from islandgp.running.app import shortage
 from islandgp.running.stopping import as_ctrl_c
+from tests.torture import __main__ as torture
 from tests.torture import page
 from tests.torture.__main__ import PARTS, main, rows
 from tests.torture.disks import limited
-from tests.torture.lab import QUICK, Lab, assert_refused
+from tests.torture.lab import QUICK, Lab, Missing, assert_refused, records
 
 
 def test_the_page_holds_the_results() -> None:
@@ -34,6 +36,44 @@ def test_a_broken_promise_is_told_in_the_page() -> None:
     row = {**page.results()[0], "failure": "AssertionError: lost"}
     assert "**broken**" in page.faults([row])
     assert "not tried: no disk" in page.faults([{**row, "failure": "", "missing": "no disk"}])
+
+
+def test_a_row_that_could_not_be_tried_did_not_hold(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is counted by itself, and the exit code is 3; a broken promise comes first."""
+
+    def lacking(_: Lab) -> None:
+        raise Missing("no disk")
+
+    def broken(_: Lab) -> None:
+        raise AssertionError("lost")
+
+    monkeypatch.setattr(torture, "save", lambda _: None)
+    monkeypatch.setattr(torture, "write_page", lambda: None)
+    monkeypatch.setattr(torture, "with_own_mounts", lambda: None)
+    monkeypatch.setattr(torture.signal, "signal", lambda *_: None)
+    rows = {"a": lambda _: None, "b": lacking, "c": broken}
+    for names, code, line in (
+        ("a", 0, "1 of 1 rows held"),
+        ("ab", 3, "1 of 2 rows held, 1 not tried"),
+        ("abc", 1, "1 of 3 rows held, 1 broken, 1 not tried"),
+    ):
+        monkeypatch.setitem(PARTS, "faults", {name: rows[name] for name in names})
+        assert main(["faults"]) == code
+        assert capsys.readouterr().out.splitlines()[-1] == line
+
+
+def test_a_summary_is_compared_without_its_seconds(tmp_path: Path) -> None:
+    """Another best robot is a difference; another duration is none."""
+    file = tmp_path / "runs/a/one/summary.json"
+    file.parent.mkdir(parents=True)
+
+    def of(**summary: object) -> dict[str, bytes]:
+        file.write_text(json.dumps(summary), encoding="utf-8")
+        return records(tmp_path)
+
+    assert of(best=1, seconds=2.0) == of(best=1, seconds=3.0) != of(best=2, seconds=2.0)
 
 
 def test_an_unknown_part(capsys: pytest.CaptureFixture[str]) -> None:

@@ -176,7 +176,7 @@ def test_the_command_tells_a_damaged_folder_in_a_line(home: Path, islandgp: Cli)
     said = islandgp("sync", home / "runs")
     assert said.code == 2
     assert "0 sent, 0 were there already, 0 without tracking, 1 not sent" in said.out
-    assert f"Expected what a run says of itself in {bad.path / 'about.json'}" in said.err
+    assert f"{bad.path / 'about.json'}, found a damaged file (changed)" in said.err
     assert "Traceback" not in said.err
 
 

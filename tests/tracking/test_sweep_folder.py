@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 
 from islandgp.errors import RunError
-from islandgp.records.folder import Status
+from islandgp.records.folder import RunFolder, Status
+from islandgp.records.manifest import add_to_manifest
 from islandgp.records.sweep_folder import SweepFile, SweepFolder, SweepJob
 from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.parent import metric_names, parent_run, send_sweep
@@ -151,6 +153,8 @@ def test_a_finished_sweep_is_described_and_drawn(home: Path, store: Store) -> No
     points = store.client.get_metric_history(parent, "sweep/baseline best fitness mean")
     assert [m.step for m in points] == [0, 1, 2, 3, 4]
     assert points[0].value == pytest.approx(sum(firsts) / 2)
+    assert found.data.params["seed"] == "1, 2"
+    assert found.data.params["supervisor.name"] == "baseline"
     names = {file.path for file in store.client.list_artifacts(parent)}
     assert names == {"arms.md", "curves.svg", "sweep.json"}
     for entry in file_of(sweep).jobs:
@@ -203,6 +207,13 @@ def test_more_seeds_make_a_new_parent(home: Path, store: Store) -> None:
     assert len(store.client.get_metric_history(second, deviation)) == 5
 
 
+def with_summary(folder: RunFolder, **changes: object) -> None:
+    """Change values of a finished run's summary, as if it had ended with them."""
+    file = folder.path / "summary.json"
+    file.write_text(json.dumps({**folder.summary(), **changes}))
+    add_to_manifest(folder.path, file.name)
+
+
 def test_the_table_says_how_many_answers_were_the_fallbacks(tmp_path: Path) -> None:
     """In a column of its own, over an arm's finished runs, and only where any were."""
     sweep = opened(tmp_path / "s", job("one"), job("two", seed=1), job("three", seed=2))
@@ -211,7 +222,7 @@ def test_the_table_says_how_many_answers_were_the_fallbacks(tmp_path: Path) -> N
     assert "fallback" not in arm_table(arms(sweep, file_of(sweep)))
     folder = sweep.run(job("one"))
     assert folder.summary()["answers"] == {"total": 4, "fallback": 0, "in_part": 0}
-    folder.finish({**folder.summary(), "answers": {"total": 4, "fallback": 3, "in_part": 1}})
+    with_summary(folder, answers={"total": 4, "fallback": 3, "in_part": 1})
     head, _, row = arm_table(arms(sweep, file_of(sweep))).splitlines()
     assert head.endswith("| diversity | fallback's answers |")
     assert row.endswith("| 3 of 8, 1 of them in part |")
@@ -248,7 +259,7 @@ def test_a_milestone_of_another_domain_s_arm_is_no_cell_of_this_one(tmp_path: Pa
     for name in ("here", "there"):
         written(tmp_path / "s" / name, tmp_path)
     folder = sweep.run(job("there", "domain=there"))
-    folder.finish({**folder.summary(), "first": {"solved": 3}})
+    with_summary(folder, first={"solved": 3})
     rows = arm_table(arms(sweep, file_of(sweep))).splitlines()
     assert rows[0].endswith("| Solved | diversity |")
     assert [row.split(" | ")[-2] for row in rows[2:]] == ["", "3 (1 of 1)"]

@@ -30,6 +30,7 @@ from islandgp.tracking.sync import sync
 from islandgp.tracking.ui import Pages, runs_page, served, share_view
 from tests.running.commands import ROOT
 from tests.tracking.folders import history, place, written
+from tests.trees.shell import shell
 from tests.viewer.browser import Browser, chromium
 
 
@@ -74,6 +75,18 @@ def test_a_taken_port_is_named(store: Store) -> None:
             served(store.place, port).__enter__()
 
 
+def test_a_store_that_is_not_there_is_not_made(
+    home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A typo in --uri: exit code 2, one line, and no file."""
+    monkeypatch.chdir(home)
+    said = shell(monkeypatch, capsys)("ui", "--uri", "sqlite:///mlflwo.db")
+    line = f"islandgp: Expected an MLflow store in {home / 'mlflwo.db'}, found no such file;"
+    assert (said.code, said.out) == (2, "")
+    assert said.err.splitlines()[-1].startswith(line)
+    assert not (home / "mlflwo.db").exists()
+
+
 def test_a_server_that_is_away_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """`islandgp ui --uri` for a server that does not answer."""
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
@@ -108,7 +121,7 @@ from islandgp.tracking import ui
 def stand_in(place, port):
     return [sys.executable, "-m", "http.server", str(port), "--bind", "127.0.0.1"]
 
-ui._command = stand_in
+ui.server_command = stand_in
 main()
 """
 

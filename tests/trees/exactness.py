@@ -21,18 +21,21 @@ from typing import Final, NamedTuple
 
 from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS, Asked, Condition, denied, joined
 from islandgp.bt.engine import ABORTED
+from islandgp.bt.kinds import ABORTS, POLICIES
 from islandgp.bt.language import parse
 from islandgp.bt.node import (
-    ABORTS,
     AGAIN,
     FAILURE,
-    POLICIES,
     RUNNING,
     STATUS_NAMES,
     SUCCESS,
-    Argument,
+    Args,
+    CountArgs,
+    GuardArgs,
     Node,
+    ParallelArgs,
     Used,
+    leaf,
     walk,
 )
 from islandgp.domain import Scene
@@ -84,20 +87,21 @@ def random_condition(rng: Random, terms: int) -> Asked:
 def random_tree(rng: Random, levels: int) -> Node:
     """A tree rich in guards that interrupt; Hypothesis makes few of them."""
     kinds = ["action"] * 2 + ["selector", "when"] * 3 + ["sequence", "parallel", "inverter"]
-    kind = rng.choice([*kinds, "repeater"]) if levels > 1 else "action"
+    kinds += ["force_success", "force_failure"]
+    kind = rng.choice([*kinds, "repeater", "retry"]) if levels > 1 else "action"
     if kind == "action":
-        return Node("action", ("A",))
+        return leaf("A")
     several = kind in ("selector", "sequence", "parallel")
-    args: tuple[Argument, ...] = ()
+    args: Args = ()
     if kind == "when":
-        args = (
+        args = GuardArgs(
             random_condition(rng, rng.choice([1, 1, 1, 2, 3])),
             rng.choice(["lower", "both", *ABORTS]),
         )
     elif kind == "parallel":
-        args = (rng.choice(POLICIES), rng.choice(POLICIES))
-    elif kind == "repeater":
-        args = (rng.randint(1, 4),)
+        args = ParallelArgs(rng.choice([*POLICIES]), rng.choice([*POLICIES]))
+    elif kind in ("repeater", "retry"):
+        args = CountArgs(rng.randint(1, 4))
     children = range(rng.randint(1, 4) if several else 1)
     return Node(kind, args, tuple(random_tree(rng, levels - 1) for _ in children))
 
@@ -152,7 +156,7 @@ class Calls:
 
     def __init__(self, tree: Node) -> None:
         """For an episode of this tree, whose leaves have the names of `named`."""
-        places = [place for place, node in enumerate(walk(tree)) if node.kind == "action"]
+        places = [place for place, node in enumerate(walk(tree)) if node.action]
         self.boards: list[tuple[float, ...]] = []
         self.results: list[int] = []
         self.trace: Trace = []

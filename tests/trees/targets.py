@@ -18,7 +18,7 @@ import pytest
 from islandgp.bt.engine import ABORTED, compile_tree
 from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.export.import_cpp import read_tree
-from islandgp.bt.node import FAILURE, RUNNING, STATUS_NAMES, SUCCESS, Node, walk
+from islandgp.bt.node import FAILURE, RUNNING, STATUS_NAMES, SUCCESS, Node, leaf, walk
 from islandgp.bt.vocabulary import Vocabulary
 
 Boards: TypeAlias = Sequence[Sequence[float]]
@@ -35,13 +35,13 @@ def main_tree(text: str, vocabulary: Vocabulary, *, name: str = "<xml>") -> Node
 
 def with_own_names(node: Node, numbers: Iterator[int]) -> Node:
     """The tree with a name of its own for each leaf, so that calls tell leaves apart."""
-    if node.kind == "action":
-        return Node("action", (f"Leaf{next(numbers)}",))
+    if node.action:
+        return leaf(f"Leaf{next(numbers)}")
     return node._replace(children=tuple(with_own_names(child, numbers) for child in node.children))
 
 
 def leaves(tree: Node) -> list[str]:
-    return [str(node.args[0]) for node in walk(tree) if node.kind == "action"]
+    return [node.action for node in walk(tree) if node.action]
 
 
 class Script:
@@ -68,7 +68,7 @@ class Script:
 def ours(tree: Node, boards: Boards, results: Sequence[int], places: dict[str, int]) -> Trace:
     """What our engine does."""
     script, board = Script(results), list(boards[0])
-    names = {i: str(n.args[0]) for i, n in enumerate(walk(tree)) if n.kind == "action"}
+    names = {i: n.action for i, n in enumerate(walk(tree)) if n.action}
 
     def action(name: str) -> Callable[[bool], int]:
         return lambda fresh: script.call(name, fresh)

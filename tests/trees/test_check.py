@@ -201,7 +201,7 @@ class Facts:
     """An observer that holds what the vocabulary says of actions against what they do."""
 
     def __init__(self, tree: Node, seen: Counter[tuple[str, int]]) -> None:
-        self.names = [str(n.args[0]) if n.kind == "action" else "" for n in walk(tree)]
+        self.names = [n.action for n in walk(tree)]
         self.told: list[tuple[str, int]] = []
         self.seen = seen
 
@@ -244,6 +244,32 @@ def test_facts_about_actions_hold_on_the_island() -> None:
     }
 
 
+HALF = "when batteryLevel >= {level} abort self {{ sequence {{ SeekCharger ExecuteCharge }} }}"
+EARLY = "+curriculum.stages.0.world={robot: {charge_below: 80}}"
+
+
+@pytest.mark.parametrize(
+    ("level", "words", "warned"),
+    [
+        (60, [], True),  # conf/world/island.yaml has 50
+        (45, [], False),
+        (60, ["--set", "world=dense"], False),
+        (95, ["--set", "world=dense"], True),
+        (60, ["--set", EARLY], False),  # one stage's world is enough
+        (80, ["--set", EARLY], True),
+    ],
+)
+def test_where_the_robot_cannot_charge_follows_the_world(
+    islandgp: Cli, tmp_path: Path, level: int, words: list[str], warned: bool
+) -> None:
+    """A charge that can never start is pointed out, by `charge_below` of the configured worlds."""
+    file = tmp_path / "t.bt"
+    file.write_text(HALF.format(level=level), encoding="utf-8")
+    said = islandgp("check", file, *words)
+    assert (said.code, said.err) == (0, "")
+    assert ("ExecuteCharge can never succeed here: it needs batteryLevel < " in said.out) == warned
+
+
 DOMAIN = """\
 # @package _global_
 defaults: [island]
@@ -279,7 +305,7 @@ def test_a_domain_that_is_not_there(islandgp: Cli, tmp_path: Path, words: tuple[
     file.write_text("domain maze\nForward\n")
     said = islandgp(*words, file)
     assert (said.code, said.out) == (2, "")
-    known = "cartpole, island, lunarlander, minigrid"
+    known = "cartpole, island, lunarlander, minigrid, pendulum"
     assert f"for a domain that is configured ({known}), found one for 'maze'" in said.err
     assert "--config-dir" in said.err
     assert len(said.err.splitlines()) == 1

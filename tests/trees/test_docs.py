@@ -19,8 +19,8 @@ import pytest
 from click.shell_completion import ShellComplete
 
 from islandgp.bt.format import format_text
+from islandgp.bt.kinds import KINDS
 from islandgp.bt.language import parse, words
-from islandgp.bt.node import KINDS
 from islandgp.cli import COMMANDS
 from islandgp.cli import islandgp as group
 from islandgp.domains.island.vocabulary import VOCABULARY

@@ -15,12 +15,7 @@ from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.export.import_cpp import read_tree
 from islandgp.bt.format import format_text
 from islandgp.bt.language import parse
-from islandgp.bt.node import (
-    FAILURE,
-    RUNNING,
-    SUCCESS,
-    Node,
-)
+from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, CountArgs, Node, leaf
 from islandgp.bt.vocabulary import Action, Vocabulary, flag
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import DomainError
@@ -333,7 +328,7 @@ REPEATS = {
 @pytest.mark.parametrize("letters", REPEATS)
 def test_repeat_and_the_tick_function(cpp: BehaviorTreeCpp, letters: str) -> None:
     """What docs/exports.md says of Repeat is so for both tick functions."""
-    tree = Node("repeater", (3,), (Node("action", ("A",)),))
+    tree = Node("repeater", CountArgs(3), (leaf("A"),))
     results = ["FSR".index(letter) for letter in letters]
     exactly, once = REPEATS[letters]
     xml = behaviortree_cpp.to_xml(tree, plain=True)
@@ -345,8 +340,8 @@ def test_repeat_and_the_tick_function(cpp: BehaviorTreeCpp, letters: str) -> Non
 def test_names_of_the_library() -> None:
     """An action with the name of a node over there is refused; one called Robot is not."""
     with pytest.raises(DomainError, match="found 'Fallback'; rename"):
-        behaviortree_cpp.to_xml(Node("action", ("Fallback",)))
-    assert 'ID="RobotTree"' in behaviortree_cpp.to_xml(Node("action", ("Robot",)))
+        behaviortree_cpp.to_xml(leaf("Fallback"))
+    assert 'ID="RobotTree"' in behaviortree_cpp.to_xml(leaf("Robot"))
 
 
 def test_files_without_our_nodes() -> None:

@@ -272,9 +272,7 @@ def agreement(name: str, *, plain: bool) -> float:
     library: Any = pytest.importorskip("py_trees", reason="extra `pytrees` is not installed")
     recording = recorded(name)
     tree = with_own_names(recording.tree, iter(range(100)))  # an action may stand in several places
-    place = {
-        str(node.args[0]): place for place, node in enumerate(walk(tree)) if node.kind == "action"
-    }
+    place = {node.action: place for place, node in enumerate(walk(tree)) if node.action}
     statuses = library.common.Status
     theirs = {FAILURE: statuses.FAILURE, SUCCESS: statuses.SUCCESS, RUNNING: statuses.RUNNING}
     now = same = 0
@@ -321,7 +319,7 @@ WRONG_XML = {
 WRONG_NODES = {
     "<Sequence/>": "expected children",
     "<Sequenc><SeekCharger/></Sequenc>": "did you mean Sequence?",
-    "<RetryUntilSuccessful num_attempts='3'><SeekCharger/></RetryUntilSuccessful>": "no node",
+    "<Delay delay_msec='3'><SeekCharger/></Delay>": "no node",
     "<ScriptCondition code='lap &lt; 1'/>": "must stand before something",
     "<Sequence><ScriptCondition code='lap + 1'/><SeekCharger/></Sequence>": "lap is a number",
     "<Sequence><ScriptCondition code='!lap == 1'/><SeekCharger/></Sequence>": "such as level",

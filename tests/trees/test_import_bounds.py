@@ -17,7 +17,7 @@ from islandgp.bt.export.json import from_json, to_json
 from islandgp.bt.format import format_text
 from islandgp.bt.language import parse, to_text
 from islandgp.bt.lint import warnings
-from islandgp.bt.node import Node, walk
+from islandgp.bt.node import Node, leaf, walk
 from islandgp.cli import main
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import LimitError, TreeError
@@ -86,7 +86,7 @@ def test_guards_that_nobody_observes() -> None:
     behind = f"<Sequence><ScriptCondition code='lap &lt; 1'/>{guard}</Sequence>"
     text = short_xml(xml_of(f"<InterruptibleFallback>{behind}<B/></InterruptibleFallback>"))
     tree = main_tree(text, VOCABULARY)
-    assert [n.args[1] for n in walk(tree) if n.kind == "when"] == ["none", "self"]
+    assert [n.args[1] for n in walk(tree) if n.guard] == ["none", "self"]
 
 
 def test_a_parallel_that_fails_at_the_first_failure() -> None:
@@ -244,7 +244,7 @@ def test_json_with_thousands_of_digits() -> None:
 
 def test_byte_order_marks(islandgp: Cli, tmp_path: Path) -> None:
     """Files as some editors write them are read in both forms."""
-    tree = Node("action", (A,))
+    tree = leaf(A)
     for name, text in (("t.json", to_json(tree)), ("t.xml", to_xml(tree))):
         (tmp_path / name).write_text("\ufeff" + text, encoding="utf-8")
         assert islandgp("import", tmp_path / name).out == f"{A}\n"

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from islandgp.bt.engine import ABORTED, compile_tree
 from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, condition_of, size, walk
+from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, guard_of, size, walk
 from islandgp.bt.printer import condition_text
 from islandgp.bt.simplify import simplify
 from islandgp.domains.island.vocabulary import VOCABULARY
@@ -32,7 +32,7 @@ def trace(tree: Node, boards: list[list[float]], results: list[int]) -> Trace:
     An action takes the next result, or if it can't return that one, RUNNING or SUCCESS.
     """
     board = list(boards[0])
-    leaves = {i: str(n.args[0]) for i, n in enumerate(walk(tree)) if n.kind == "action"}
+    leaves = {i: n.action for i, n in enumerate(walk(tree)) if n.action}
     calls: list[tuple[str, bool, int]] = []
     aborted: list[str] = []
     taken = 0
@@ -89,7 +89,7 @@ def test_simplifying_twice_changes_nothing(tree: Node) -> None:
 
 def _length(tree: Node) -> int:
     """Nodes, and what is asked in guards."""
-    asked = [condition_of(node) for node in walk(tree) if node.kind == "when"]
+    asked = [guard_of(node).condition for node in walk(tree) if node.guard]
     return size(tree) + sum(len(condition_text(each).split()) for each in asked)
 
 

@@ -31,7 +31,7 @@ class Follower:
     """An observer that keeps what a domain tells it, tick by tick."""
 
     def __init__(self, tree: Node) -> None:
-        self.leaves = {i: str(n.args[0]) for i, n in enumerate(walk(tree)) if n.kind == "action"}
+        self.leaves = {i: n.action for i, n in enumerate(walk(tree)) if n.action}
         self.ticks: list[list[tuple[str, int]]] = []  # actions with their statuses
         self.events: list[Event] = []
         self._called: list[tuple[str, int]] = []

@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from islandgp.bt.node import Node, walk
+from islandgp.bt.node import leaf, walk
 from islandgp.domain import Form, Scene, Thing
 from islandgp.study.figures.drawing import Picture
 from islandgp.study.report import Report, Section
@@ -130,7 +130,7 @@ def test_keys(opened: Browser) -> None:
     codes = [
         recorded().statuses[place]
         for place, node in enumerate(walk(recorded().tree))
-        if node.kind == "action"
+        if node.action
     ]
     assert any(line[first] != IDLE for line in codes)
     opened.press(",")
@@ -156,7 +156,7 @@ def test_scrubbing(opened: Browser) -> None:
 
 def test_click_on_a_node_goes_to_its_next_start(opened: Browser) -> None:
     """A click on MoveToHumanoid shows the next time that it starts."""
-    actions = [str(n.args[0]) if n.kind == "action" else "" for n in walk(recorded().tree)]
+    actions = [n.action for n in walk(recorded().tree)]
     place = actions.index("MoveToHumanoid")
     start = next(t for t, code in enumerate(recorded().statuses[place]) if code != IDLE)
     opened.click(*centre(opened, f"[data-place='{place}']"))
@@ -491,9 +491,7 @@ def test_many_actions_scroll(browser: Browser, tmp_path: Path) -> None:
     actions = {f"Action{i}": schema.vocabulary.actions["Stay"] for i in range(40)}
     words = dataclasses.replace(schema.vocabulary, actions={**schema.vocabulary.actions, **actions})
     recording = small(schema=dataclasses.replace(schema, vocabulary=words))
-    tree = recording.tree._replace(
-        children=tuple(Node("action", (name,)) for name in ("Go", *actions))
-    )
+    tree = recording.tree._replace(children=tuple(leaf(name) for name in ("Go", *actions)))
     statuses = (recording.statuses[0], *[recording.statuses[1]] * 41)
     recording = dataclasses.replace(
         recording, tree=tree, statuses=statuses, counts=(recording.counts[0],) * 42

@@ -266,6 +266,7 @@ def test_a_long_run_has_a_page_of_some_size(tmp_path: Path, monkeypatch: Any) ->
     )
     archive, _ = read_archive(folder.path)
     (folder.path / NAME).write_bytes(replace(archive, elites=elites).to_bytes())
+    add_to_manifest(folder.path, NAME)
     text = run_page(folder, Status.FINISHED, replay="x" * 1_000_000)
     found = Parsed(text)
     shown = found.data["archive"]["elites"]

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 from xml.sax.saxutils import escape, quoteattr
 
-from islandgp.bt.condition import Compound, Condition, terms
+from islandgp.bt.condition import Asked, Compound, Condition, terms
 from islandgp.bt.export.plan import (
     OWN,
     Loss,
@@ -25,8 +25,18 @@ from islandgp.bt.export.plan import (
     parts,
     plan,
     separated,
+    subtree_of,
 )
-from islandgp.bt.node import Argument, Node, asked_in, condition_of, walk
+from islandgp.bt.node import (
+    ActionArgs,
+    CountArgs,
+    GuardArgs,
+    Node,
+    ParallelArgs,
+    asked_in,
+    walk,
+)
+from islandgp.bt.parameters import Parameter
 from islandgp.bt.printer import condition_text, number_text
 from islandgp.bt.vocabulary import NOTHING, Vocabulary
 from islandgp.errors import DomainError
@@ -52,12 +62,16 @@ NODES: Final[dict[str, NodeType]] = {
     "parallel": NodeType("Parallel", ("success_count", "failure_count")),
     "inverter": NodeType("Inverter"),
     "repeat": NodeType("Repeat", ("num_cycles",)),
+    "retry": NodeType("RetryUntilSuccessful", ("num_attempts",)),
+    "force_success": NodeType("ForceSuccess"),
+    "force_failure": NodeType("ForceFailure"),
     "check": NodeType("ScriptCondition", ("code",)),
     "when": NodeType("When", ("condition", "abort"), "Decorator"),
     "interruptible_fallback": NodeType("InterruptibleFallback", (), "Control"),
     "interruptible_sequence": NodeType("InterruptibleSequence", (), "Control"),
     "judged_parallel": NodeType("JudgedParallel", ("success", "failure"), "Control"),
     "repeat_per_tick": NodeType("RepeatPerTick", ("num_cycles",), "Decorator"),
+    "retry_per_tick": NodeType("RetryPerTick", ("num_attempts",), "Decorator"),
 }
 """By our names of `plan`."""
 
@@ -77,9 +91,9 @@ BUILT_IN: Final = frozenset((
 
 REPEAT = Loss(
     "repeat",
-    "Repeat begins the next repetition in the tick in which one ends; where a repetition ended in"
-    " its first tick, tickExactlyOnce leaves the next one to its next call, tickOnce does not. A"
-    " repeater here always takes the next tick",
+    "Repeat and RetryUntilSuccessful begin the next repetition in the tick in which one ends;"
+    " where a repetition ended in its first tick, tickExactlyOnce leaves the next one to its next"
+    " call, tickOnce does not. A repeater or a retry here always takes the next tick",
 )
 JUDGED = Loss(
     "judged",
@@ -98,23 +112,24 @@ def losses(tree: Node) -> list[Loss]:
     """What does not mean the same in a plain file, each kind once."""
     found = guard_losses(tree)
     for node in walk(tree):
-        if node.kind == "repeater" and differs(node):
+        if isinstance(node.args, CountArgs) and differs(node):
             found.add(REPEAT)
-        if node.kind == "parallel" and len(node.children) > 1:
+        if isinstance(node.args, ParallelArgs) and len(node.children) > 1:
             found.add(POLICY if node.args == ("all", "all") else JUDGED)
-        if node.kind == "when" and differs(node):
+        if node.guard and differs(node):
             found.add(EQUAL)
     return sorted(found)
 
 
 def differs(node: Node) -> bool:
     """Whether the library's own node for a parallel, a repeater or a `when` does something else."""
-    if node.kind == "repeater":
-        return node.args[0] != 1
-    if node.kind == "parallel":
+    if isinstance(node.args, CountArgs):
+        return node.args.times != 1
+    if isinstance(node.args, ParallelArgs):
         # With one child only the words differ; they come back when the file is read.
         return len(node.children) > 1 or node.args != ("all", "one")
-    return any(term.operator in ("==", "!=") for term in terms(condition_of(node)))
+    guard = node.guard
+    return guard is not None and any(t.operator in ("==", "!=") for t in terms(guard.condition))
 
 
 def to_xml(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = False) -> str:
@@ -128,7 +143,7 @@ def to_xml(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = False)
     Raises:
         DomainError: an action has the name of a node of the library.
     """
-    used = sorted({str(node.args[0]) for node in walk(tree) if node.kind == "action"})
+    used = sorted({node.action for node in walk(tree) if node.action})
     if taken := BUILT_IN.intersection(used):
         raise DomainError(
             f"Expected action names that are no nodes of BehaviorTree.CPP, found {min(taken)!r};"
@@ -150,7 +165,10 @@ def to_xml(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = False)
     for name in used:
         words = vocabulary.action(name).meaning.replace("--", "-")
         meaning = f"<!-- {escape(words)} -->" if words else ""
-        lines.append(f"    <Action ID={quoteattr(name)}/> {meaning}".rstrip())
+        ports = vocabulary.action(name).arguments
+        lines.append(f"    <Action ID={quoteattr(name)}{'' if ports else '/'}> {meaning}".rstrip())
+        lines += (f"      {_port(port, each)}" for port, each in ports.items())
+        lines += ["    </Action>"] if ports else []
     lines += (line for kind in sorted(own) for line in _model(kind))
     return "\n".join([*lines, "  </TreeNodesModel>", "</root>", ""])
 
@@ -166,14 +184,15 @@ def header() -> str:
 
 
 def _lines(part: TargetNode, indent: str) -> Iterator[str]:
-    if part.kind == "action":
-        yield f"{indent}<{part.args[0]}/>"
+    if isinstance(part.args, ActionArgs):
+        ports = (f" {name}={quoteattr(_word(value))}" for name, value in part.args.values)
+        yield f"{indent}<{part.args.name}{''.join(ports)}/>"
         return
     if part.kind == "subtree":
-        yield f'{indent}<SubTree ID="{part.args[0]}" _autoremap="true"/>'
+        yield f'{indent}<SubTree ID="{subtree_of(part)}" _autoremap="true"/>'
         return
-    if part.kind == "check":
-        yield f"{indent}<ScriptCondition code={quoteattr(_script(part.args[0]))}/>"
+    if part.kind == "check" and isinstance(part.args, GuardArgs):
+        yield f"{indent}<ScriptCondition code={quoteattr(_script(part.args.condition))}/>"
         return
     tag = NODES[part.kind].tag
     yield f"{indent}<{tag}{_attributes(part)}>"
@@ -183,21 +202,27 @@ def _lines(part: TargetNode, indent: str) -> Iterator[str]:
 
 
 def _attributes(part: TargetNode) -> str:
-    if part.kind == "parallel":
+    if part.kind == "parallel" and isinstance(part.args, ParallelArgs):
         success, failure = part.args
         # With success all, the first failure fails it, whatever stands here.
         fails = 1 if failure == "one" or success == "all" else len(part.children)
         return f' success_count="{1 if success == "one" else -1}" failure_count="{fails}"'
     if part.rest:
         return f' name="{REST}"'
-    values = zip(NODES[part.kind].attributes, map(_word, part.args), strict=False)
-    return "".join(f" {name}={quoteattr(value)}" for name, value in values)
+    values = zip(NODES[part.kind].attributes, part.args, strict=False)
+    return "".join(f" {name}={quoteattr(_word(value))}" for name, value in values)
 
 
-def _word(value: Argument) -> str:
+def _word(value: object) -> str:
     if isinstance(value, Condition | Compound):
         return condition_text(value)
-    return value if isinstance(value, str) else number_text(value)
+    return number_text(value) if isinstance(value, int | float) else str(value)
+
+
+def _port(name: str, parameter: Parameter) -> str:
+    sort = {"number": "double", "integer": "int", "flag": "bool"}.get(parameter.sort, "std::string")
+    given = quoteattr(_word(parameter.default))
+    return f'<input_port name="{name}" type="{sort}" default={given}/>'
 
 
 def _model(kind: str) -> Iterator[str]:
@@ -212,9 +237,8 @@ def _model(kind: str) -> Iterator[str]:
     yield f"    </{sort}>"
 
 
-def _script(asked: Argument) -> str:
+def _script(asked: Asked) -> str:
     """A condition in the library's script language, in which && and || bind equally."""
-    assert isinstance(asked, Condition | Compound)
     if isinstance(asked, Condition):
         flag = {"is": asked.key, "not": f"!{asked.key}"}.get(asked.operator)
         return flag or f"{asked.key} {asked.operator} {number_text(asked.number)}"

@@ -16,8 +16,9 @@ from islandgp.bt.export.behaviortree_cpp import EQUAL, JUDGED, NODES, REPEAT, RE
 from islandgp.bt.export.plan import LEVEL, ORDER, RESUMED, Loss, fresh_name, hands_over
 from islandgp.bt.export.scripts import read_condition
 from islandgp.bt.export.xml_reader import Element, read_xml
+from islandgp.bt.kinds import ABORTS, POLICIES, REPEATS
 from islandgp.bt.language import MAX_LEVELS, MAX_NODES, parse, parse_condition
-from islandgp.bt.node import ABORTS, POLICIES, REPEATS, Node, Used
+from islandgp.bt.node import CountArgs, Node, ParallelArgs, Used, guarded, leaf
 from islandgp.bt.printer import with_subtrees
 from islandgp.bt.source import closest, shown
 from islandgp.bt.truth import hidden, with_aborts
@@ -33,6 +34,18 @@ _COMPOSITES: Final = {
     tag: "selector" if tag.endswith("Fallback") else "sequence"
     for tag in TAGS
     if tag.endswith(("Fallback", "Sequence"))
+}
+
+_DECORATORS: Final = {
+    "Inverter": "inverter",
+    "ForceSuccess": "force_success",
+    "ForceFailure": "force_failure",
+}
+_COUNTED: Final = {
+    "Repeat": ("repeater", "num_cycles"),
+    "RepeatPerTick": ("repeater", "num_cycles"),
+    "RetryUntilSuccessful": ("retry", "num_attempts"),
+    "RetryPerTick": ("retry", "num_attempts"),
 }
 
 SCOPE = Loss(
@@ -228,11 +241,11 @@ class _Importer:
             return self._own_guard(element)
         if tag == "JudgedParallel":
             defaults = (("success", "all"), ("failure", "one"))
-            policies = tuple(self._policy(element, *each) for each in defaults)
+            policies = ParallelArgs(*(self._policy(element, *each) for each in defaults))
             return Node("parallel", policies, self._nodes_of(element))
-        if tag == "Inverter":
-            return Node("inverter", (), (self._node(self._only_child(element)),))
-        if tag in ("Repeat", "RepeatPerTick"):
+        if tag in _DECORATORS:
+            return Node(_DECORATORS[tag], (), (self._node(self._only_child(element)),))
+        if tag in _COUNTED:
             return self._repeat(element, tag)
         if tag == "Parallel":
             return self._parallel(element)
@@ -243,7 +256,7 @@ class _Importer:
             )
         if element.children:
             self._fail(element, f"the action {tag} has no children")
-        return Node("action", (tag,))
+        return leaf(tag)
 
     def _with_memory(self, element: Element, elements: Sequence[Element]) -> Node:
         """A condition guards all that stands behind it."""
@@ -318,15 +331,15 @@ class _Importer:
         if any(term.operator in ("==", "!=") for term in terms(asked)):
             self._differs(element, EQUAL)
         if not inverted:
-            return Node("when", (asked, abort), (child,))
+            return guarded(asked, child, abort)
         against = denied(asked) if isinstance(asked, Compound) else opposite(asked)
-        guard = Node("when", (against, abort), (Node("inverter", (), (child,)),))
+        guard = guarded(against, Node("inverter", (), (child,)), abort)
         return Node("inverter", (), (guard,))
 
     def _own_guard(self, element: Element) -> Node:
         self._asks = True
         given = element.attributes
-        abort = given.get("abort", ABORTS[-1])
+        abort = given.get("abort", "both")
         if abort not in ABORTS:
             self._fail(
                 element, f"expected abort {', '.join(ABORTS)}, found {shown(abort)}; choose one"
@@ -336,18 +349,19 @@ class _Importer:
         except TreeError as error:
             said = [line.strip() for line in str(error).splitlines()]
             self._fail(element, "; ".join(["in the condition, place " + said[0], *said[3:]]))
-        return Node("when", (asked, abort), (self._node(self._only_child(element)),))
+        return guarded(asked, self._node(self._only_child(element)), abort)
 
     def _repeat(self, element: Element, tag: str) -> Node:
-        count = element.attributes.get("num_cycles", "")
+        kind, attribute = _COUNTED[tag]
+        count = element.attributes.get(attribute, "")
         fewest, most = REPEATS
         if not (count.isdecimal() and len(count) < 10 and fewest <= int(count) <= most):
             self._fail(
-                element, f"expected num_cycles from {fewest} to {most}, found {shown(count)}"
+                element, f"expected {attribute} from {fewest} to {most}, found {shown(count)}"
             )
-        if tag == "Repeat" and int(count) != 1:
+        if not tag.endswith("PerTick") and int(count) != 1:
             self._differs(element, REPEAT)
-        return Node("repeater", (int(count),), (self._node(self._only_child(element)),))
+        return Node(kind, CountArgs(int(count)), (self._node(self._only_child(element)),))
 
     def _policy(self, element: Element, attribute: str, default: str) -> str:
         found = element.attributes.get(attribute, default)
@@ -363,7 +377,7 @@ class _Importer:
             failure = "one"  # it fails when it can't succeed any more: at the first failure
         if len(children) > 1:
             self._differs(element, JUDGED)
-        return Node("parallel", (success, failure), tuple(map(self._node, children)))
+        return Node("parallel", ParallelArgs(success, failure), tuple(map(self._node, children)))
 
     def _threshold(self, element: Element, attribute: str, default: str, count: int) -> str:
         value = element.attributes.get(attribute, default)

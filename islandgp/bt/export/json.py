@@ -8,12 +8,22 @@ subtrees are not part of a tree, so they are not in here.
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from typing import Any, Final, NoReturn
 
 from islandgp.bt.builder import MAX_NESTED
-from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS, Asked, Condition, denied, joined
+from islandgp.bt.condition import (
+    FLAG_OPERATORS,
+    OPERATORS,
+    Asked,
+    Compound,
+    Condition,
+    denied,
+    joined,
+)
+from islandgp.bt.kinds import KINDS, Argument, Sort
 from islandgp.bt.language import MAX_LEVELS, MAX_NODES, MAX_NUMBER, parse, to_text
-from islandgp.bt.node import ABORTS, KINDS, POLICIES, Argument, Node, condition_of
+from islandgp.bt.node import Node, Value
 from islandgp.bt.source import closest
 from islandgp.bt.vocabulary import NAME, RESERVED, Vocabulary
 from islandgp.errors import LimitError, TreeError
@@ -23,9 +33,7 @@ VERSION: Final = 1
 
 WORDS: Final[dict[str, tuple[str, ...]]] = {
     "op": (*OPERATORS, *FLAG_OPERATORS),
-    "abort": ABORTS,
-    "success": POLICIES,
-    "failure": POLICIES,
+    **{a.name: (*a.words,) for kind in KINDS.values() for a in kind.arguments if a.words},
 }
 """Arguments that are one of a few words."""
 
@@ -70,13 +78,16 @@ def from_json(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<
 
 def _plain(node: Node) -> dict[str, Any]:
     found: dict[str, Any] = {"kind": node.kind}
-    for argument, value in zip(KINDS[node.kind].args, node.args, strict=True):
-        if argument != "condition":
-            found[argument] = _number(value) if isinstance(value, float) else value
-        elif isinstance(asked := condition_of(node), Condition):
-            found |= _plain_condition(asked)
-        else:
-            found[argument] = _plain_condition(asked)
+    values: Iterable[Any] = node.args
+    for argument, value in zip(KINDS[node.kind].arguments, values, strict=True):
+        if isinstance(value, Condition):
+            found |= _plain_condition(value)
+        elif isinstance(value, Compound):
+            found[argument.name] = _plain_condition(value)
+        elif argument.sort is not Sort.VALUES:
+            found[argument.name] = _plain_value(value)
+        elif value:
+            found[argument.name] = {name: _plain_value(each) for name, each in value}
     if node.children:
         found["children"] = [_plain(child) for child in node.children]
     return found
@@ -87,6 +98,10 @@ def _plain_condition(asked: Asked) -> dict[str, Any]:
         return {"key": asked.key, "op": asked.operator, "number": _number(asked.number)}
     parts = [_plain_condition(part) for part in asked.parts]
     return {asked.word: parts[0] if asked.word == "not" else parts}
+
+
+def _plain_value(value: Any) -> Any:
+    return _number(value) if isinstance(value, float) else value
 
 
 def _number(value: float) -> float:
@@ -115,9 +130,10 @@ class _Reader:
             guess = closest(str(kind), KINDS)
             hint = f"; did you mean {guess!r}?" if guess else ""
             self._fail(at, f"expected a kind ({', '.join(KINDS)}), found {kind!r:.40}{hint}")
-        names = KINDS[kind].args
-        if kind == "when" and "condition" not in value:
-            names = ("key", "op", "number", "abort")
+        arguments = KINDS[kind].arguments
+        names = {argument.name for argument in arguments}
+        if "condition" in names and "condition" not in value:
+            names = {"key", "op", "number", *names} - {"condition"}
         extra = value.keys() - {"kind", "children", *names}
         if extra:
             self._fail(at, f"unknown entry {min(extra)!r:.40} of {kind}")
@@ -126,24 +142,35 @@ class _Reader:
         if not isinstance(children, list) or not least <= len(children) <= most:
             wanted = least if least == most else f"at least {least}"
             self._fail(at, f"expected {wanted} children of {kind}")
-        args: tuple[Argument, ...]
-        if kind == "when":
-            asked = (
-                self._condition(value["condition"], f"{at}.condition", 1)
-                if "condition" in value
-                else self._single(value, at)
-            )
-            args = (asked, str(self._argument(value, "abort", at)))
-        else:
-            args = tuple(self._argument(value, argument, at) for argument in names)
+        values = [self._value(value, argument, at) for argument in arguments]
         return Node(
             kind,
-            args,
+            KINDS[kind].made(values),
             tuple(
                 self.node(child, f"{at}.children[{i}]", level + 1)
                 for i, child in enumerate(children)
             ),
         )
+
+    def _values(self, found: Any, at: str) -> tuple[tuple[str, Value], ...]:
+        """The values of an action's arguments."""
+        if not isinstance(found, dict):
+            self._fail(at, f"expected values by argument, found {found!r:.40}")
+        for name in found:
+            self._argument({"name": name}, "name", at)
+        kinds = {
+            name: "number" if isinstance(v, int | float) else "word" for name, v in found.items()
+        }
+        return tuple((n, self._argument({k: found[n]}, k, f"{at}.{n}")) for n, k in kinds.items())
+
+    def _value(self, value: dict[str, Any], argument: Argument, at: str) -> Any:
+        if argument.sort is Sort.VALUES:
+            return self._values(value.get(argument.name, {}), f"{at}.{argument.name}")
+        if argument.sort is not Sort.CONDITION:
+            return self._argument(value, argument.name, at)
+        if "condition" in value:
+            return self._condition(value["condition"], f"{at}.condition", 1)
+        return self._single(value, at)
 
     def _condition(self, value: Any, at: str, level: int) -> Asked:
         if not isinstance(value, dict):

@@ -21,19 +21,21 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.node import Argument, Node, names_of
-from islandgp.bt.truth import chain, checks_itself, exposes, interrupts
+from islandgp.bt.kinds import KINDS, count_of, kind_of
+from islandgp.bt.node import FAILURE, Args, Node, UseArgs, names_of
+from islandgp.bt.truth import chain, exposes
 
 
 class TargetNode(NamedTuple):
     """A node of the other libraries, under our names.
 
     Kinds: fallback, sequence (with memory), reactive_fallback, reactive_sequence, parallel,
-    inverter, repeat, check (a condition), action, and subtree: around the root of a named one.
+    inverter, repeat, retry, force_success, force_failure, check (a condition), action, and subtree:
+    around the root of a named one.
     """
 
     kind: str
-    args: tuple[Argument, ...] = ()  # of the node of ours that it comes from
+    args: Args = ()  # of the node of ours that it comes from
     children: tuple[TargetNode, ...] = ()
     rest: bool = False  # holds the branches behind reactive ones; no node of ours
 
@@ -74,7 +76,7 @@ INNER = Loss(
 
 OWN: Final = frozenset({
     "when", "interruptible_fallback", "interruptible_sequence", "judged_parallel",
-    "repeat_per_tick",
+    "repeat_per_tick", "retry_per_tick",
 })  # fmt: skip
 """Kinds of parts that are nodes of ours, beside those of `plan`."""
 
@@ -84,6 +86,9 @@ Differs: TypeAlias = Callable[[Node], bool]
 _KINDS: Final = {
     "inverter": ("inverter", "inverter"),
     "repeater": ("repeat", "repeat_per_tick"),
+    "retry": ("retry", "retry_per_tick"),
+    "force_success": ("force_success", "force_success"),
+    "force_failure": ("force_failure", "force_failure"),
     "parallel": ("parallel", "judged_parallel"),
 }
 """By kind the library's node and ours."""
@@ -99,24 +104,24 @@ def plan(node: Node, differs: Differs | None = None, *, observed: bool = False) 
     """
     part = _part(node, differs, observed)
     for name in reversed(names_of(node)):
-        part = TargetNode("subtree", (name,), (part,))
+        part = TargetNode("subtree", UseArgs(name), (part,))
     return part
 
 
 def _part(node: Node, differs: Differs | None, observed: bool) -> TargetNode:
     """The same without the names of subtrees."""
     kind, args = node.kind, node.args
-    if kind == "action":
+    if node.action:
         return TargetNode("action", args)
     if kind in ("selector", "sequence"):
         return _composite(node) if differs is None else _observing(node, differs)
     observed = observed and kind != "parallel"
     children = tuple(plan(child, differs, observed=observed) for child in node.children)
-    if kind == "when":
+    if node.guard:
         if differs is not None and (observed or exposes(node) or differs(node)):
             return TargetNode("when", args, children)
-        kind = "reactive_sequence" if checks_itself(node) else "sequence"
-        return TargetNode(kind, args, (TargetNode("check", args[:1]), *children))
+        kind = "reactive_sequence" if node.guard.checks_itself else "sequence"
+        return TargetNode(kind, args, (TargetNode("check", args), *children))
     theirs, ours = _KINDS[kind]
     exact = differs is not None and theirs != ours and differs(node)
     return TargetNode(ours if exact else theirs, args, children)
@@ -172,14 +177,20 @@ def separated(
             return part._replace(children=children)
         if not keep:
             return children[0]
-        name = str(part.args[0])
+        name = subtree_of(part)
         if (name, children[0]) not in found:
             found[name, children[0]] = fresh_name(name, unfit)
             unfit.add(found[name, children[0]])
-        return TargetNode("subtree", (found[name, children[0]],))
+        return TargetNode("subtree", UseArgs(found[name, children[0]]))
 
     root = visit(whole)
     return root, {name: body for (_, body), name in found.items()}
+
+
+def subtree_of(part: TargetNode) -> str:
+    """The name of a part of the kind subtree."""
+    assert isinstance(part.args, UseArgs)
+    return part.args.name
 
 
 def fresh_name(name: str, unfit: set[str]) -> str:
@@ -201,7 +212,9 @@ def guard_losses(tree: Node) -> set[Loss]:
             if exposes(branch):
                 reacts = _reacts(branch, tree.kind)
                 found |= {LEVEL, ORDER, RESUMED} if reacts else {DROPPED}
-                if reacts and not all(map(interrupts, chain(branch))):
+                if reacts and not all(
+                    each.guard and each.guard.interrupts for each in chain(branch)
+                ):
                     found.add(INNER)
     for child in tree.children:
         found |= guard_losses(child)
@@ -214,27 +227,31 @@ def _kind(plain: str, reactive: bool) -> str:
 
 def _reacts(branch: Node, composite: str) -> bool:
     """Whether a reactive composite says what an interrupting guard of this branch says."""
-    guards = chain(branch)
-    # The outermost guard decides: below one that does not interrupt, nothing can.
-    return bool(guards) and interrupts(guards[0]) and hands_over(branch, composite)
+    outermost = next((each.guard for each in chain(branch)), None)
+    # It decides: below one that does not interrupt, nothing can.
+    return outermost is not None and outermost.interrupts and hands_over(branch, composite)
 
 
 def hands_over(branch: Node, composite: str) -> bool:
     """Whether a branch with a guard hands over to those behind it while its guard is false.
 
-    A failing guard does so in a selector, an inverted one in a sequence. One whose success a
-    repeater counts does not: it would hand over after several ticks only, each time anew.
+    A failing guard does so in a selector, an inverted one in a sequence. One whose end a
+    repeater or a retry counts does not: it would hand over after several ticks only.
     """
-    failure_does = composite == "selector"
-    counted = False  # whether a repeater above counts what comes up here as the handing over
-    while branch.kind in ("when", "inverter", "repeater"):
-        if branch.kind == "when":
-            return failure_does and not counted
-        failure_does ^= branch.kind == "inverter"
-        # Through a repeater a failure passes at once, a success in the last repetition.
-        counted |= branch.kind == "repeater" and branch.args[0] != 1 and not failure_does
+    decorators = []
+    while kind_of(branch).decorates and not branch.guard:
+        decorators.append(branch)
         branch = branch.children[0]
-    return False
+    if not branch.guard:
+        return False
+    status = FAILURE  # that comes up where the guard is false
+    for each in reversed(decorators):
+        kind = kind_of(each)
+        # What is counted passes in the last repetition, anything else at once.
+        if status == kind.counts and count_of(each) != 1:
+            return False
+        status = kind.ends[status]
+    return status == KINDS[composite].hands_over
 
 
 def parts(part: TargetNode) -> Iterator[TargetNode]:

@@ -26,9 +26,18 @@ from islandgp.bt.export.plan import (
     parts,
     plan,
     separated,
+    subtree_of,
 )
 from islandgp.bt.language import to_text
-from islandgp.bt.node import Node, asked_in, walk
+from islandgp.bt.node import (
+    ActionArgs,
+    CountArgs,
+    GuardArgs,
+    Node,
+    ParallelArgs,
+    asked_in,
+    walk,
+)
 from islandgp.bt.printer import condition_text, head, number_text
 from islandgp.bt.vocabulary import NOTHING, Vocabulary
 
@@ -46,14 +55,15 @@ _COMPARE: Final = {"<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "!=
 def losses(tree: Node) -> list[Loss]:
     """What does not mean the same in a plain module, each kind once."""
     found = guard_losses(tree)
-    if any(node.kind == "parallel" and differs(node) for node in walk(tree)):
+    if any(differs(node) for node in walk(tree)):
         found.add(POLICY)
     return sorted(found)
 
 
 def differs(node: Node) -> bool:
     """Whether the library's own node for a parallel, a repeater or a `when` does something else."""
-    return node.kind == "parallel" and node.args[1] == "all" and len(node.children) > 1
+    args = node.args
+    return isinstance(args, ParallelArgs) and args.failure == "all" and len(node.children) > 1
 
 
 def to_python(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = False) -> str:
@@ -91,7 +101,7 @@ def _own() -> str:
 
 def _lines(part: TargetNode, indent: str) -> Iterator[str]:
     if part.kind == "check":
-        yield f"{indent}{_check(_asked(part))},"
+        yield f"{indent}{_check(_guard(part).condition)},"
         return
     before, behind = _around(part)
     if not part.children:
@@ -115,6 +125,8 @@ _AROUND: Final = {
     "sequence": "Sequence('sequence', memory=True, children=[",
     "reactive_sequence": "Sequence('sequence', memory=False, children=[",
     "inverter": "Inverter('inverter', child=",
+    "force_success": "FailureIsSuccess('force_success', child=",
+    "force_failure": "SuccessIsFailure('force_failure', child=",
 }
 """What stands before the children of nodes without arguments."""
 
@@ -123,29 +135,34 @@ def _around(part: TargetNode) -> tuple[str, str]:
     """The Python text before and behind a node's children."""
     kind, args = part.kind, part.args
     if kind == "subtree":
-        return f"{args[0]}(action", ")"
-    if kind == "action":
-        return f"action({str(args[0])!r}", ")"
+        return f"{subtree_of(part)}(action", ")"
+    if isinstance(args, ActionArgs):
+        given = "".join(f", {name}={value!r}" for name, value in args.values)
+        return f"action({args.name!r}{given}", ")"
     if _is_guard(part):
         return f"EternalGuard({_condition(part)}, child=", ")"
     if kind == "when":
-        return f"When({_condition(part)}, abort={str(args[1])!r}, child=", ")"
-    if kind == "judged_parallel":
-        return f"JudgedParallel('parallel', {args[0]!r}, {args[1]!r}, children=[", "])"
-    if kind == "parallel":
-        policy = "SuccessOnOne()" if args[0] == "one" else "SuccessOnAll(synchronise=True)"
+        return f"When({_condition(part)}, abort={_guard(part).abort!r}, child=", ")"
+    if isinstance(args, ParallelArgs):
+        if kind == "judged_parallel":
+            return (
+                f"JudgedParallel('parallel', {args.success!r}, {args.failure!r}, children=[",
+                "])",
+            )
+        policy = "SuccessOnOne()" if args.success == "one" else "SuccessOnAll(synchronise=True)"
         name = head(Node("parallel", args))
         return f"Parallel({name!r}, ParallelPolicy.{policy}, children=[", "])"
-    if kind == "repeat":
-        return f"Repeat('repeater', num_success={args[0]:.0f}, child=", ")"
+    if isinstance(args, CountArgs):
+        if kind == "retry":
+            return f"Retry('retry', num_failures={args.times:.0f}, child=", ")"
+        return f"Repeat('repeater', num_success={args.times:.0f}, child=", ")"
     before = _AROUND[kind]
     return before, "])" if before.endswith("[") else ")"
 
 
-def _asked(part: TargetNode) -> Asked:
-    asked = part.args[0]
-    assert isinstance(asked, Condition | Compound)
-    return asked
+def _guard(part: TargetNode) -> GuardArgs:
+    assert isinstance(part.args, GuardArgs)
+    return part.args
 
 
 def _check(asked: Asked) -> str:
@@ -162,7 +179,7 @@ def _check(asked: Asked) -> str:
 
 def _condition(part: TargetNode) -> str:
     """A guard's name, keys and condition, as arguments of When and EternalGuard."""
-    asked = _asked(part)
+    asked = _guard(part).condition
     keys = ", ".join(repr(key) for key in dict.fromkeys(term.key for term in terms(asked)))
     return (
         f"{condition_text(asked)!r}, blackboard_keys=[{keys}],"

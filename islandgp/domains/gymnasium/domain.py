@@ -14,6 +14,7 @@ from pydantic import BaseModel
 
 from islandgp.domain import Scene, png
 from islandgp.domains.gymnasium import world as settings
+from islandgp.domains.gymnasium.spaces import Spaces
 from islandgp.errors import ConfigError
 from islandgp.scoring.rewards import RewardTable
 from islandgp.ticking import EventLog, Leaf, Stepped, once_a_thread
@@ -81,37 +82,58 @@ class Gymnasium(Stepped):
 
     def begin(self, seed: int, log: EventLog, *, watched: bool) -> tuple[Any, Mapping[str, Leaf]]:
         """See `Stepped`."""
-        episode = _Episode(self.world, self.environment(render=watched), seed, log)
-        return episode, {n: episode.leaf(c.do, n) for n, c in self.world.actions.items()}
+        env = self.environment(render=watched)
+        episode = _Episode(self.world, env, _spaces(env), seed, log)
+        return episode, {n: episode.leaf(choice, n) for n, choice in self.world.actions.items()}
+
+
+@once_a_thread
+def _spaces(env: Any) -> Spaces:
+    return Spaces.of(env, "the environment")
 
 
 class _Episode:
     """One episode; points go to the tree's action that chose the environment's."""
 
-    def __init__(self, world: settings.World, env: Any, seed: int, log: EventLog) -> None:
+    def __init__(
+        self, world: settings.World, env: Any, spaces: Spaces, seed: int, log: EventLog
+    ) -> None:
         self.env, self.log, self.shrink = env, log, world.shrink
         self.total, self.steps = 0.0, 0
-        self._values = env.reset(seed=seed)[0].tolist()
+        self._read, self._act = spaces.read, spaces.act
+        self._values = self._read(env.reset(seed=seed)[0])
         size = len(self._values)  # behind the observation's numbers stand OWN's
         places = {name: size + i for i, name in enumerate(settings.OWN)}
-        places |= {name: observation.at for name, observation in world.observations.items()}
+        ats = {name: spaces.places[seen.at] for name, seen in world.observations.items()}
+        places |= ats
         self._signals = [(n, places[s.of], s.above, s.below) for n, s in world.signals.items()]
-        self._none = self._chosen = (world.otherwise, "")
-        self._keys = [(n, o.at, o.flag, *o.range) for n, o in world.observations.items()]
+        none = spaces.none if world.otherwise is None else world.otherwise
+        self._none: tuple[Any, str] = (none, "")
+        self._chosen: tuple[Any, str] = self._none
+        self._keys = [(n, ats[n], o.flag, *o.range) for n, o in world.observations.items()]
 
-    def leaf(self, action: int, name: str) -> Leaf:
+    def leaf(self, choice: settings.Choice, name: str) -> Leaf:
         """Chooses an action of the environment, and succeeds at once."""
+        places = {key: each.at for key, each in choice.arguments.items()}
 
         def choose() -> bool:
-            self._chosen = (action, name)
+            self._chosen = (choice.do, name)
             return True
 
-        return choose
+        def fill(**values: float) -> bool:
+            begin: Any = self._chosen[0] if choice.do is None else choice.do
+            numbers = [*begin]
+            for key, value in values.items():
+                numbers[places[key]] = value
+            self._chosen = (numbers, name)
+            return True
+
+        return fill if places else choose
 
     def sense(self) -> Mapping[str, float]:
         """See `Simulation`."""
         self._chosen = self._none
-        found = {}
+        found: dict[str, float] = {}
         for name, at, flag, low, high in self._keys:
             value = self._values[at]
             if flag:
@@ -123,8 +145,8 @@ class _Episode:
     def step(self) -> str:
         """See `Simulation`: one step of the environment."""
         action, self.log.action = self._chosen
-        observation, reward, terminated, truncated, _ = self.env.step(action)
-        self._values, reward = observation.tolist(), float(reward)
+        observation, reward, terminated, truncated, _ = self.env.step(self._act(action))
+        self._values, reward = self._read(observation), float(reward)
         self.steps += 1
         self.total += reward
         self.log("reward", reward)
@@ -153,28 +175,35 @@ class _Episode:
 
 def _check(world: settings.World, env: Any) -> None:
     """Raises ConfigError where the environment has not what the configuration names."""
-    observed, actions = env.observation_space, env.action_space
-    shape = getattr(observed, "shape", None)
-    if type(observed).__name__ != "Box" or shape is None or len(shape) != 1:
-        raise ConfigError(
-            f"world.environment: expected observations that are a row of numbers (Box), found"
-            f" {observed} in {world.environment}."
-        )
-    if type(actions).__name__ != "Discrete":
-        raise ConfigError(
-            f"world.environment: expected actions to choose from (Discrete), found {actions} in"
-            f" {world.environment}."
-        )
+    spaces = Spaces.of(env, world.environment)
     for name, observation in world.observations.items():
-        if observation.at >= shape[0]:
+        if observation.at not in spaces.places:
             raise ConfigError(
-                f"world.observations.{name}.at: expected 0 to {shape[0] - 1}, as"
-                f" {world.environment} observes {shape[0]} numbers, found {observation.at}"
+                f"world.observations.{name}.at: expected {spaces.named()}, as"
+                f" {world.environment} observes {spaces.observed} numbers, found"
+                f" {observation.at!r}"
             )
-    numbers = {f"actions.{name}.do": choice.do for name, choice in world.actions.items()}
-    for path, number in {**numbers, "otherwise": world.otherwise}.items():
-        if number >= actions.n:
+    chosen = {f"actions.{name}.do": choice.do for name, choice in world.actions.items()}
+    for path, action in {**chosen, "otherwise": world.otherwise}.items():
+        if action is not None and (fault := spaces.fault(action)):
             raise ConfigError(
-                f"world.{path}: expected 0 to {actions.n - 1}, the actions of"
-                f" {world.environment}, found {number}"
+                f"world.{path}: expected {fault}, the actions of {world.environment}, found"
+                f" {[*action] if isinstance(action, tuple) else action}"
             )
+    for name, choice in world.actions.items():
+        for key, filled in choice.arguments.items():
+            _check_filled(f"world.actions.{name}.arguments.{key}", filled, spaces)
+
+
+def _check_filled(path: str, filled: settings.Filled, spaces: Spaces) -> None:
+    if not spaces.bounds or not 0 <= filled.at < len(spaces.bounds):
+        most = (
+            f"0 to {len(spaces.bounds) - 1}" if spaces.bounds else "an environment with Box actions"
+        )
+        raise ConfigError(f"{path}.at: expected {most}, found {filled.at}")
+    low, high = spaces.bounds[filled.at]
+    if not low <= filled.range[0] < filled.range[1] <= high:
+        raise ConfigError(
+            f"{path}.range: expected two rising numbers from {low:g} to {high:g}, found"
+            f" {list(filled.range)}"
+        )

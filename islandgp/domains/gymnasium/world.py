@@ -8,10 +8,13 @@ from typing import Annotated, Any, Final, Self
 from pydantic import BaseModel, Field, FiniteFloat, StringConstraints, model_validator
 
 from islandgp.bt.node import SUCCESS
+from islandgp.bt.parameters import Parameter, real
 from islandgp.bt.vocabulary import NAME, Action, Key, Vocabulary, flag, number
 from islandgp.domain import MOST_DELAY, Counter, Event, Schema
 
 Word = Annotated[str, StringConstraints(pattern=f"^{NAME.pattern}$")]
+
+EnvironmentAction = Annotated[int, Field(ge=0)] | tuple[FiniteFloat, ...]
 
 OWN: Final = {
     "reward": Event("the environment's own reward of a step", "reward"),
@@ -23,7 +26,7 @@ OWN: Final = {
 class Observation(BaseModel, frozen=True, extra="forbid"):
     """A number of the observation as a key."""
 
-    at: int = Field(ge=0)  # its place in the observation
+    at: Annotated[int, Field(ge=0)] | str  # its place in the observation; of a Dict `key.place`
     meaning: str  # one line, with the unit
     flag: bool = False  # yes or no: above one half or not
     range: tuple[FiniteFloat, FiniteFloat] = (0.0, 1.0)  # values beyond it are cut to it
@@ -44,11 +47,47 @@ class Observation(BaseModel, frozen=True, extra="forbid"):
         return number(self.meaning, low, high, self.step, most=high, noise=self.noise)
 
 
+class Filled(BaseModel, frozen=True, extra="forbid"):
+    """A number of the environment's action as an argument of an action of the tree."""
+
+    at: int = Field(default=0, ge=0)  # its place in the environment's action
+    meaning: str  # one line
+    range: tuple[FiniteFloat, FiniteFloat]
+    default: FiniteFloat | None = None  # None: the middle of the range
+    step: float | None = Field(default=None, gt=0)  # of random numbers; None: any number
+    logarithmic: bool = False
+    unit: str = ""
+
+    @model_validator(mode="after")
+    def _within(self) -> Self:
+        low, high = self.range
+        if low >= high or (self.logarithmic and low <= 0):
+            above = " above 0" if self.logarithmic else ""
+            raise ValueError(f"range: expected two rising numbers{above}, found {[low, high]}")
+        if self.default is not None and not low <= self.default <= high:
+            raise ValueError(f"default: expected {low:g} to {high:g}, found {self.default:g}")
+        return self
+
+    def parameter(self) -> Parameter:
+        """The argument that it becomes."""
+        low, high = self.range
+        return real(
+            self.meaning,
+            low,
+            high,
+            default=self.default,
+            step=self.step,
+            logarithmic=self.logarithmic,
+            unit=self.unit,
+        )
+
+
 class Choice(BaseModel, frozen=True, extra="forbid"):
     """An action of the environment."""
 
-    do: int = Field(ge=0)  # its number
+    do: EnvironmentAction | None = None  # a number, or a list; None: its arguments fill `otherwise`
     meaning: str  # one line
+    arguments: dict[Word, Filled] = Field(default_factory=dict)
 
 
 class Signal(BaseModel, frozen=True, extra="forbid"):
@@ -72,11 +111,24 @@ class World(BaseModel, frozen=True, extra="forbid"):
     habits: tuple[str, ...] = ()
     observations: dict[Word, Observation] = Field(min_length=1)
     actions: dict[Word, Choice] = Field(min_length=1)
-    otherwise: int = Field(default=0, ge=0)  # the number of the action where a tree chooses none
+    otherwise: EnvironmentAction | None = None
+    """The action where a tree chooses none: a number, or a list of as many as the environment
+    takes; None: 0, or zeros."""
     signals: dict[Word, Signal] = Field(default_factory=dict)
     delay: int = Field(default=0, ge=0, le=MOST_DELAY)
     """Ticks by which perturbed worlds may delay what the tree sees, at most."""
     shrink: int = Field(default=1, ge=1, le=64)  # of frames each so many-th pixel is kept
+
+    @model_validator(mode="after")
+    def _actions_do_something(self) -> Self:
+        for name, choice in self.actions.items():
+            if choice.do is None and not choice.arguments:
+                raise ValueError(f"actions.{name}: expected do, or arguments, found neither")
+            if isinstance(choice.do, int) and choice.arguments:
+                raise ValueError(
+                    f"actions.{name}: expected a list as do beside arguments, found {choice.do}"
+                )
+        return self
 
     @model_validator(mode="after")
     def _signals_of_something(self) -> Self:
@@ -118,4 +170,10 @@ class World(BaseModel, frozen=True, extra="forbid"):
 
 
 def _action(choice: Choice) -> Action:
-    return Action(f"{choice.meaning}; of several in a step the last counts", frozenset({SUCCESS}))
+    several = (
+        "of several in a step the last counts"
+        if choice.do is not None or not choice.arguments
+        else "it leaves the other numbers of a step as they are"
+    )
+    arguments = {name: each.parameter() for name, each in choice.arguments.items()}
+    return Action(f"{choice.meaning}; {several}", frozenset({SUCCESS}), arguments=arguments)

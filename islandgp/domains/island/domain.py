@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
+from dataclasses import replace
 from functools import lru_cache
 from traceback import walk_tb
 from typing import ClassVar, Final, Self
@@ -11,6 +12,7 @@ from typing import ClassVar, Final, Self
 from pydantic import BaseModel
 
 from islandgp.bt.node import Node
+from islandgp.bt.vocabulary import Condition, Vocabulary
 from islandgp.domain import Observer, Outcome, Scene, Schema, Thing
 from islandgp.domains.island import world as settings
 from islandgp.domains.island.actions import ACTIONS, IslandAction
@@ -64,6 +66,16 @@ class Island:
     def make(cls, world: settings.World, rewards: RewardTable) -> Self:
         """See `Domain`."""
         return cls(world, rewards)
+
+    @classmethod
+    def vocabulary_in(cls, worlds: Sequence[settings.World]) -> Vocabulary:
+        """See `Domain`: ExecuteCharge starts below the greatest `charge_below` of the worlds."""
+        words = cls.schema.vocabulary
+        if (charge := words.actions.get("ExecuteCharge")) is None:
+            return words
+        most = max(world.robot.charge_below for world in worlds)
+        starts = replace(charge, to_start=(Condition("batteryLevel", "<", most),))
+        return replace(words, actions={**words.actions, "ExecuteCharge": starts})
 
     def with_sensors(self, faults: SensorFaults) -> Self:
         """See `Domain`."""

@@ -213,7 +213,7 @@ def _bound(
 
     All leaves of one action share its goal: one that starts may change it for another that runs.
     """
-    leaves = Counter(node.args[0] for node in walk(tree) if node.kind == "action")
+    leaves = Counter(node.action for node in walk(tree) if node.action)
     return {
         name: partial(_shared, island, action) if leaves[name] > 1 else partial(action, island)
         for name, action in actions.items()

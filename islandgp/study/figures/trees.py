@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from islandgp.bt.kinds import kind_of
 from islandgp.bt.language import parse
 from islandgp.bt.node import Node, depth, size
-from islandgp.bt.render import LOOKS, branches, label
+from islandgp.bt.render import branches, label
 from islandgp.study.arms import Arm, Comparison, Run
 from islandgp.study.figures.drawing import COLUMN, FAINT, WIDTH, Picture, picture
 from islandgp.study.library import library_names
@@ -176,7 +177,7 @@ def _node(axes: Axes, node: Node, left: float, place: int, scale: float) -> None
             0.8,
             boxstyle="round,pad=0,rounding_size=0.04",
             mutation_aspect=0.8 / LINE,
-            facecolor=LOOKS[node.kind].fill,  # its line has an arm's colour
+            facecolor=kind_of(node).look.fill,  # its line has an arm's colour
             edgecolor=FAINT,
             linewidth=0.7,
             zorder=2,

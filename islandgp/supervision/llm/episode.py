@@ -36,7 +36,7 @@ class EpisodeLog:
     """An observer that keeps what the description needs."""
 
     def __init__(self, tree: Node) -> None:
-        self.actions = [str(n.args[0]) if n.kind == "action" else "" for n in walk(tree)]
+        self.actions = [n.action for n in walk(tree)]
         self.doing: list[str] = []  # by tick: the action that ran, else the last that ended, or ""
         self.boards: list[tuple[float, ...]] = []  # by tick
         self.credits: list[tuple[int, str, float]] = []  # tick, event, points

@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Final
 
 from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS
-from islandgp.bt.node import KINDS, REPEATS
+from islandgp.bt.kinds import KINDS, REPEATS
+from islandgp.bt.parameters import described, signature
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.errors import SupervisionError
 from islandgp.resources import resource
@@ -109,9 +110,16 @@ def _fill(template: str, name: str, values: Mapping[str, str]) -> str:
 _FILES: Final = ("domain:", "include:", "library:")
 """Rules of the grammar that are of use in files only."""
 
+_OF_ARGUMENTS: Final = re.compile(r"^values?: .*\n|(?<=^action: NAME) values\?", re.MULTILINE)
+"""The rules of the grammar for arguments of actions."""
 
-def shown_grammar() -> str:
-    """The grammar without what only files can have, and without references to files."""
+
+def shown_grammar(*, arguments: bool) -> str:
+    """The grammar without what only files can have, and with the paper's kinds of nodes alone.
+
+    Args:
+        arguments: whether actions can have arguments.
+    """
     text = (resource("grammar") / "bt.lark").read_text(encoding="utf-8").strip()
     parts = [
         part
@@ -119,21 +127,25 @@ def shown_grammar() -> str:
         if "docs/" not in part and not any(line.startswith(_FILES) for line in part.splitlines())
     ]
     shown = "\n\n".join(parts).replace("domain? include* ", "")
-    return re.sub(r"^FILE: .*\n", "", shown, flags=re.MULTILINE)
+    shown = re.sub(r"^FILE: .*\n", "", shown, flags=re.MULTILINE)
+    more = "|".join(name for name, kind in KINDS.items() if not kind.paper)
+    shown = re.sub(rf"^ *\|? *({more})\b.*\n", "", shown, flags=re.MULTILINE | re.IGNORECASE)
+    return shown if arguments else _OF_ARGUMENTS.sub("", shown)
 
 
 def language(vocabulary: Vocabulary) -> str:
     """The language's reference, made from the grammar and the domain's vocabulary."""
+    arguments = any(action.arguments for action in vocabulary.actions.values())
     numbers = [name for name, key in vocabulary.keys.items() if not key.flag]
     flags = [name for name, key in vocabulary.keys.items() if key.flag]
     return "\n".join(
         (
             "The grammar, in Lark's notation:",
             "",
-            f"```lark\n{shown_grammar()}\n```",
+            f"```lark\n{shown_grammar(arguments=arguments)}\n```",
             "",
             "Nodes:",
-            *(f"- {name}: {kind.meaning}" for name, kind in KINDS.items()),
+            *(f"- {name}: {kind.meaning}" for name, kind in KINDS.items() if kind.paper),
             "",
             "How a tree goes on from tick to tick:",
             *(f"- {name}: {rule}" for name, rule in words("ticks").items()),
@@ -142,7 +154,11 @@ def language(vocabulary: Vocabulary) -> str:
             *(f"- abort {name}: {rule}" for name, rule in words("abort_rules").items()),
             "",
             "Actions:",
-            *(f"- {name}: {action.meaning}" for name, action in vocabulary.actions.items()),
+            *(
+                f"- {signature(name, action.arguments)}:"
+                f" {described(action.meaning, action.arguments)}"
+                for name, action in vocabulary.actions.items()
+            ),
             "",
             f"Keys that are numbers, compared with one of {' '.join(OPERATORS)}:",
             *(f"- {name}: {vocabulary.keys[name].meaning}" for name in numbers),

@@ -1,0 +1,310 @@
+"""A tree in a program of your own: its leaves are your functions, and your program ticks it.
+
+    tree = islandgp.load_tree("patrol.bt")
+    with tree.bind({"Dock": dock, "Patrol": patrol, "battery": read_battery}) as robot_tree:
+        while robot_tree.tick() == islandgp.NodeStatus.RUNNING:
+            time.sleep(0.1)
+
+No configuration, run or simulator is needed.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import partial
+from inspect import iscoroutinefunction, signature
+from pathlib import Path
+from typing import Any, Final, Self
+
+from islandgp.bt.engine import ABORTED, compile_tree
+from islandgp.bt.language import domain_of, domain_place, parse, plain
+from islandgp.bt.node import AGAIN, FAILURE, RUNNING, SUCCESS, ActionArgs, Node, asked_in, walk
+from islandgp.bt.parameters import bound
+from islandgp.bt.source import Source, closest
+from islandgp.bt.vocabulary import Vocabulary
+from islandgp.domain_files import class_vocabulary, domain_files
+from islandgp.errors import DomainError, OtherDomainError
+from islandgp.leaves import Leaf, is_flag, is_number, status_of, steps
+from islandgp.plugin import defined_in, shown
+from islandgp.text_files import read_text_file
+
+
+class NodeStatus(IntEnum):
+    """How a node ended a tick."""
+
+    FAILURE = FAILURE
+    SUCCESS = SUCCESS
+    RUNNING = RUNNING
+    ABORTED = ABORTED  # it was running and has been stopped; no tick of a whole tree ends so
+
+
+_STATUSES: Final = {**{int(status): status for status in NodeStatus}, AGAIN: NodeStatus.RUNNING}
+
+
+@dataclass(frozen=True, slots=True)
+class Tree:
+    """A tree from a file, made by `load_tree`."""
+
+    node: Node  # the root, with every `use` expanded
+    vocabulary: Vocabulary | None  # None: the file names no domain
+    name: str  # what messages call it: its file
+
+    def actions(self) -> tuple[str, ...]:
+        """The actions of the tree, in document order, each once."""
+        return tuple(dict.fromkeys(args.name for _, args in _leaves(self.node)))
+
+    def keys(self) -> tuple[str, ...]:
+        """The blackboard keys that its conditions ask, in document order, each once."""
+        return tuple(dict.fromkeys(term.key for term in asked_in(self.node)))
+
+    def bind(self, leaves: object, keys: object = None) -> RobotTree:
+        """The tree with functions of yours as its leaves.
+
+        Args:
+            leaves: a function for each action, by name: a mapping, or an object with methods of
+                these names. It gets the action's arguments by name. Functions and generator
+                functions are as in `islandgp.leaves`. When an action is aborted, its generator is
+                closed, and its function's method `stop()`, where it has one, is called.
+            keys: a value for each blackboard key, by name: a number, True or False, or a function
+                that returns one; a mapping or an object as well. They are read once a tick. None:
+                `leaves` has them, too.
+
+        Raises:
+            DomainError: an action or a key of the tree is missing, an entry is no function or
+                takes other arguments, or a mapping has a name that the vocabulary does not.
+        """
+        sources = {"action": leaves, "key": leaves if keys is None else keys}
+        if faults := dict.fromkeys([*self._faults(sources), *self._unknown(sources)]):
+            lines = "".join(f"\n  {fault}" for fault in faults)
+            raise DomainError(
+                f"Expected a function for each action and a value for each key of {self.name},"
+                f" found:{lines}"
+            )
+        functions: dict[str, Leaf] = {name: _entry(leaves, name) for name in self.actions()}
+        return RobotTree(self, functions, sources["key"])
+
+    def _faults(self, sources: Mapping[str, object]) -> Iterator[str]:
+        """What is missing, or cannot be called."""
+        for args in dict.fromkeys(args for _, args in _leaves(self.node)):
+            entry = _entry(sources["action"], args.name)
+            if entry is None:
+                yield f"nothing for the action {args.name}"
+            elif why := _uncallable(entry, _arguments(args, self.vocabulary)):
+                yield f"for the action {args.name}, {why}{defined_in(entry)}"
+        for key in self.keys():
+            entry = _entry(sources["key"], key)
+            if entry is None:
+                yield f"nothing for the key {key}"
+            elif callable(entry) and (why := _uncallable(entry, {})):
+                yield f"for the key {key}, {why}{defined_in(entry)}"
+
+    def _unknown(self, sources: Mapping[str, object]) -> Iterator[str]:
+        """Names that the vocabulary does not have."""
+        words = self.vocabulary
+        if words is None:
+            return
+        known = {"action": {*words.actions}, "key": {*words.keys}}
+        if sources["action"] is sources["key"]:
+            known["action"] = known["key"] = {*words.actions, *words.keys}
+        given = {id(source): (source, what) for what, source in sources.items()}
+        for source, what in given.values():
+            for name in source if isinstance(source, Mapping) else ():
+                if name not in known[what]:
+                    near = closest(str(name), known[what])
+                    hint = f"; perhaps {near} is meant" if near else ""
+                    yield f"{shown(name)}, which the domain {words.domain} does not have{hint}"
+
+
+class RobotTree:
+    """A tree at work, made by `Tree.bind`. At the end of a `with` block it is stopped."""
+
+    def __init__(self, tree: Tree, leaves: Mapping[str, Leaf], keys: object) -> None:
+        self.tree = tree
+        self.statuses: list[NodeStatus | None] = []
+        """Of each node in document order, in the last tick; None: it was not ticked."""
+        self._leaves, self._keys = leaves, keys
+        self._asked = tree.keys()
+        self._board = [0.0] * len(self._asked)
+        self._start()
+
+    def tick(self) -> NodeStatus:
+        """Reads the keys, and ticks the tree once: SUCCESS, FAILURE or RUNNING.
+
+        After SUCCESS or FAILURE the next tick starts the tree again. Where a leaf or a key
+        raises an exception, all running actions are stopped before it goes on to you.
+
+        Raises:
+            DomainError: a leaf returned no status, or a key is no number.
+        """
+        try:
+            for place, name in enumerate(self._asked):
+                self._board[place] = _value(self._keys, name)
+            self.statuses = [None] * len(self.statuses)
+            return _STATUSES[self._tick()]
+        except BaseException:
+            self.stop()
+            raise
+
+    def stop(self) -> None:
+        """Stops all running actions; the next tick starts the tree again."""
+        try:
+            with ExitStack() as stops:  # each is called, also where one raises
+                for leaf in reversed(self._by_place.values()):
+                    if leaf.running:
+                        stops.callback(leaf.stop)
+        finally:
+            ended = {NodeStatus.RUNNING: NodeStatus.ABORTED}
+            self.statuses = [ended.get(s, s) if s is not None else None for s in self.statuses]
+            self._start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def _start(self) -> None:
+        """Compiles the tree, so that the next tick starts it."""
+        made: list[_RunningLeaf] = []
+
+        def leaf_of(args: ActionArgs) -> _RunningLeaf:
+            arguments = _arguments(args, self.tree.vocabulary)
+            made.append(_RunningLeaf(args.name, self._leaves[args.name], arguments))
+            return made[-1]
+
+        node = self.tree.node
+        places = {name: place for place, name in enumerate(self._asked)}
+        self._tick = compile_tree(node, leaf_of, self._board, places, watch=self._watch)
+        self._by_place = dict(zip([place for place, _ in _leaves(node)], made, strict=True))
+        self.statuses = self.statuses or [None] * sum(1 for _ in walk(node))
+
+    def _watch(self, place: int, status: int) -> None:
+        self.statuses[place] = _STATUSES[status]
+        if status == ABORTED and (leaf := self._by_place.get(place)) is not None:
+            leaf.stop()
+
+
+class _RunningLeaf:
+    """One leaf of a tree: its action's function, with a generator of its own."""
+
+    def __init__(self, name: str, leaf: Leaf, arguments: Mapping[str, object]) -> None:
+        self._name, self._leaf = name, leaf
+        self._steps = steps(partial(leaf, **arguments) if arguments else leaf)
+        self.running = False  # its function is called, raised an exception, or goes on
+
+    def __call__(self, fresh: bool) -> int:
+        self.running = True
+        status = status_of(self._steps(fresh), self._name, self._leaf)
+        self.running = status == RUNNING
+        return status
+
+    def stop(self) -> None:
+        """Closes the generator, and calls the function's own `stop`."""
+        self.running = False
+        for stopped in (self._steps, self._leaf):
+            if callable(stop := getattr(stopped, "stop", None)):
+                stop()
+
+
+def load_tree(
+    file: str | os.PathLike[str], vocabulary: Vocabulary | str | os.PathLike[str] | None = None
+) -> Tree:
+    """The tree in a file, to be bound to your functions by `Tree.bind`.
+
+    Args:
+        file: a tree in the language. What it includes is in its folder or below.
+        vocabulary: the actions and keys that there are: a `Vocabulary`, or a file with JSON of
+            `islandgp domain NAME --json` or a TreeNodesModel. None: those of the installed domain
+            that the file names (`domain NAME`), or any words where it names none.
+
+    Raises:
+        TreeError: the file is not a tree in these words.
+        DomainError: the file names a domain that is not installed, or the vocabulary's file
+            declares none.
+        IslandError: a file cannot be read.
+    """
+    path = Path(file)
+    text = read_text_file(path)
+    words = _words(text, path, vocabulary)
+    return Tree(parse(text, words, name=str(path), folder=path.parent), words, str(path))
+
+
+def _words(
+    text: str, file: Path, vocabulary: Vocabulary | str | os.PathLike[str] | None
+) -> Vocabulary | None:
+    """The vocabulary of a tree's text. Raises as `load_tree`."""
+    if isinstance(vocabulary, Vocabulary):
+        return vocabulary
+    if vocabulary is not None:
+        from islandgp.bt.declared import declared
+
+        declaration, tree = Path(vocabulary), str(file)
+        given = read_text_file(declaration)
+        return declared(given, text, name=str(declaration), tree_name=tree, folder=file.parent)
+    if not (domain := domain_of(text)):
+        return None
+    if domain in domain_files():
+        try:
+            return class_vocabulary(domain)
+        except (AttributeError, ImportError):  # it depends on settings, or on an extra
+            pass
+    line, column = domain_place(text)
+    raise Source(plain(text), str(file)).error(
+        f"nothing declares the words of the domain {domain!r}",
+        line=line,
+        column=column,
+        expected="the argument vocabulary: a Vocabulary, or a file that `islandgp domain"
+        f" {domain} --json` prints",
+        kind=OtherDomainError,
+    )
+
+
+def _leaves(tree: Node) -> Iterator[tuple[int, ActionArgs]]:
+    """The leaves of a tree, with their places in document order."""
+    for place, node in enumerate(walk(tree)):
+        if isinstance(node.args, ActionArgs):
+            yield place, node.args
+
+
+def _arguments(args: ActionArgs, vocabulary: Vocabulary | None) -> Mapping[str, object]:
+    """What the function of a leaf gets; without a vocabulary, what the tree says."""
+    if vocabulary is None:
+        return dict(args.values)
+    return bound(args, vocabulary.action(args.name).arguments)
+
+
+def _entry(source: object, name: str) -> Any:
+    """What a mapping or an object has under a name; None: nothing."""
+    return source.get(name) if isinstance(source, Mapping) else getattr(source, name, None)
+
+
+def _uncallable(entry: object, arguments: Mapping[str, object]) -> str:
+    """Why something cannot be called with these arguments; "" where it can."""
+    if not callable(entry) or isinstance(entry, type):
+        return f"{shown(entry)}, which is no function"
+    if iscoroutinefunction(entry):
+        return "a coroutine; write `def` in place of `async def`"
+    try:
+        signature(entry).bind(**arguments)
+    except TypeError as why:
+        given = f"with {', '.join(arguments)}" if arguments else "without arguments"
+        return f"a function that cannot be called {given}: {why}"
+    except ValueError:  # it has no signature
+        pass
+    return ""
+
+
+def _value(source: object, name: str) -> float:
+    """The value of a key now. Raises DomainError where it is no number."""
+    entry = _entry(source, name)
+    found = entry() if callable(entry) else entry
+    if not is_number(found) and not is_flag(found):
+        raise DomainError(
+            f"Expected a finite number, True or False as the value of the key {name}, found"
+            f" {shown(found)}{defined_in(entry)}."
+        )
+    return float(found)

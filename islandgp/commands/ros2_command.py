@@ -1,0 +1,65 @@
+"""`islandgp ros2`: a tree as a node of ROS 2."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import click
+
+from islandgp.errors import ConfigError
+
+_FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
+
+
+@click.command()
+@click.argument("tree", type=_FILE)
+@click.option(
+    "--map",
+    "map_file",
+    type=_FILE,
+    required=True,
+    help="YAML that says which action server, service or topic is behind each action and key.",
+)
+@click.option(
+    "--rate",
+    type=click.FloatRange(0.1, 1000),
+    default=10.0,
+    show_default=True,
+    help="Ticks a second.",
+)
+@click.option(
+    "--vocabulary",
+    type=_FILE,
+    help="The words of the robot, as of `islandgp check`; default: the domain that TREE names.",
+)
+@click.option("--once", is_flag=True, help="End when the tree succeeds, or fails: exit code 0, 1.")
+def command(tree: Path, map_file: Path, rate: float, vocabulary: Path | None, once: bool) -> None:
+    """Tick the tree in the file TREE as a node of ROS 2 (docs/ros2.md).
+
+    Ctrl-C cancels all goals.
+    """
+    from islandgp.ros2.robot_map import read_map
+
+    robot_map = read_map(map_file)
+    if sys.path and sys.path[0] in ("", str(Path.cwd())):
+        del sys.path[0]  # a map names interfaces of ROS, and no modules of the current folder
+    if find_spec("rclpy") is None:
+        raise ConfigError(
+            "Expected rclpy, found it not installed; pip install 'islandgp[ros2]', or source the"
+            " setup file of your ROS 2"
+        )
+    from islandgp.binding import NodeStatus
+    from islandgp.ros2.node import TreeNode, ros_node, run
+
+    signals: list[int] = []  # an exception inside of rclpy would leave it half done
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _: signals.append(number))
+    with ros_node(robot_map.node) as (node, spin):
+        tree_node = TreeNode(node, tree, robot_map, vocabulary)
+        status = run(spin, tree_node, rate, lambda: bool(signals), once=once)
+    if status is None:
+        raise click.Abort
+    sys.exit(0 if status is NodeStatus.SUCCESS else 1)

@@ -1,0 +1,42 @@
+"""The domains that are configured, and the words that their classes declare."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from islandgp.resources import resource
+
+if TYPE_CHECKING:
+    from islandgp.bt.vocabulary import Vocabulary
+
+
+def domain_files(config_dir: str | None = None) -> dict[str, Path]:
+    """The files of domains by name: of two, the one that Hydra finds first.
+
+    `config_dir`: the user's own folder of configuration, beside the project's.
+    """
+    folders = [*([Path(config_dir)] if config_dir else []), resource("conf")]
+    return {file.stem: file for folder in folders for file in folder.glob("domain/*.yaml")}
+
+
+def class_vocabulary(domain: str, config_dir: str | None = None) -> Vocabulary:
+    """The vocabulary that the class of a domain declares, without composing a configuration.
+
+    Raises:
+        KeyError: there is no such domain.
+        AttributeError: its schema depends on settings.
+    """
+    vocabulary: Vocabulary = domain_class(domain, config_dir).schema.vocabulary
+    return vocabulary
+
+
+def domain_class(domain: str, config_dir: str | None = None) -> Any:
+    """The class that the file of a domain names. Raises KeyError if there is no such domain."""
+    import yaml
+
+    file = domain_files(config_dir)[domain]
+    found = yaml.safe_load(file.read_text(encoding="utf-8"))
+    module, _, attribute = found.get("domain", found)["factory"].partition(":")
+    return getattr(import_module(module), attribute)

@@ -1,0 +1,92 @@
+"""Leaf functions: what an action of a tree does in a tick.
+
+A leaf is a function that gets the action's arguments by name. It is called once a tick while its
+node runs, and returns True (success), False (failure) or RUNNING. Or it is a generator function:
+each `yield` is a tick in which it runs, and what it returns, True or False, is how it ends. A
+generator that is stopped is closed, so its `finally` runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from inspect import iscoroutine, isgenerator, isgeneratorfunction
+from math import isfinite
+from numbers import Real
+from typing import Any, TypeAlias
+
+from islandgp.bt.node import RUNNING
+from islandgp.errors import DomainError
+from islandgp.plugin import defined_in, shown
+
+Leaf: TypeAlias = Callable[..., int] | Callable[..., Generator[None, None, bool]]
+
+
+def steps(leaf: Leaf) -> Callable[[bool], Any]:
+    """The leaf as a function of `fresh`: True when its node starts. It returns what the leaf does.
+
+    Each call makes one of its own, with its own generator.
+    """
+    if isgeneratorfunction(leaf) or isgeneratorfunction(type(leaf).__call__):
+        return GeneratorSteps(leaf)
+    return lambda _fresh: leaf()
+
+
+class GeneratorSteps:
+    """A leaf that is a generator function; it begins again when its node starts."""
+
+    __slots__ = ("_leaf", "_running")
+
+    def __init__(self, leaf: Callable[[], Any]) -> None:
+        self._leaf = leaf
+        self._running: Generator[None, None, bool] | None = None
+
+    def __call__(self, fresh: bool) -> Any:
+        """Goes on to the next `yield`: RUNNING there, else what the generator returned."""
+        running = self._running
+        if fresh or running is None:
+            running = self._running = self._leaf()
+        try:
+            next(running)
+        except StopIteration as end:
+            self._running = None
+            return end.value
+        return RUNNING
+
+    def stop(self) -> None:
+        """Closes the generator, if it runs. Raises RuntimeError where it yields once more."""
+        running, self._running = self._running, None
+        if running is not None:
+            running.close()
+
+
+def status_of(found: object, name: str, leaf: object) -> int:
+    """What the leaf of an action returned, as a status. Raises DomainError where it is none."""
+    if isinstance(found, int) and 0 <= found <= RUNNING:
+        return int(found)
+    if is_flag(found):
+        return int(bool(found))
+    raise DomainError(
+        f"Expected True, False or RUNNING from the action {name}, found"
+        f" {shown(found)}{_hint(found)}{defined_in(leaf)}."
+    )
+
+
+def is_number(value: object) -> bool:
+    """Whether a value is a finite number: not text, and no array."""
+    if isinstance(value, float | int):  # the usual ones, quickly
+        return isfinite(value)
+    return isinstance(value, Real) and isfinite(value)
+
+
+def is_flag(value: object) -> bool:
+    """Whether it is a truth value of NumPy's, which is none of Python's numbers."""
+    return type(value).__module__ == "numpy" and type(value).__name__ in ("bool", "bool_")
+
+
+def _hint(found: object) -> str:
+    if isgenerator(found):
+        return "; write `return (yield from ...)` to run a generator of another method"
+    if iscoroutine(found):
+        found.close()
+        return "; write `def` in place of `async def`"
+    return "; return one in each branch" if found is None else ""

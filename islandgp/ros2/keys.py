@@ -1,0 +1,91 @@
+"""Blackboard keys of a tree as fields of topics and of responses of services."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from math import isfinite
+from time import monotonic
+from typing import Any
+
+from islandgp.errors import ConfigError
+from islandgp.ros2.messages import filled, interface, must_have, value_of
+from islandgp.ros2.robot_map import ServiceKey, TopicKey
+
+
+class RosKey:
+    """The last value of one key."""
+
+    def __init__(self, name: str, entry: TopicKey | ServiceKey) -> None:
+        self.name, self.entry = name, entry
+        self._value: Any = None
+        self._at = 0.0  # s, monotonic; when the value came
+
+    def take(self, message: Any) -> None:
+        """A message came. NaN is no value: sensors say so what they have not measured."""
+        value = value_of(message, self.entry.field)
+        self._value = None if isinstance(value, float) and not isfinite(value) else value
+        self._at = monotonic()
+
+    def read(self) -> Any:
+        """The value now; None: there is none, or it is too old."""
+        if self._value is None:
+            return self.entry.default
+        if self.entry.max_age is not None and monotonic() - self._at > self.entry.max_age:
+            return None
+        return self._value
+
+
+def ros_keys(
+    node: Any, entries: Mapping[str, TopicKey | ServiceKey]
+) -> dict[str, Callable[[], Any]]:
+    """A function for each key that returns its value now, or None. Raises ConfigError.
+
+    `node`: an rclpy Node, whose executor has to spin.
+    """
+    keys = [RosKey(name, entry) for name, entry in entries.items()]
+    for key in keys:
+        if isinstance(key.entry, TopicKey):
+            _subscribe(node, key, key.entry)
+        else:
+            _ask(node, key, key.entry)
+    return {key.name: key.read for key in keys}
+
+
+def _subscribe(node: Any, key: RosKey, entry: TopicKey) -> None:
+    from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+    kind = interface(entry.type)
+    _check(kind(), entry.field, f"keys.{key.name}.field")
+    policy = ReliabilityPolicy.RELIABLE if entry.reliable else ReliabilityPolicy.BEST_EFFORT
+    node.create_subscription(kind, entry.topic, key.take, QoSProfile(depth=1, reliability=policy))
+
+
+def _ask(node: Any, key: RosKey, entry: ServiceKey) -> None:
+    kind = interface(entry.type)
+    request = filled(kind.Request(), entry.request, f"keys.{key.name}.request")
+    _check(kind.Response(), entry.field, f"keys.{key.name}.field")
+    client = node.create_client(kind, entry.service)
+    waiting: list[Any] = []
+
+    def ask() -> None:
+        if waiting and not waiting[0].done() and client.service_is_ready():
+            return
+        for asked in waiting:
+            client.remove_pending_request(asked)
+        waiting.clear()
+        if client.service_is_ready():
+            waiting.append(client.call_async(request))
+            waiting[0].add_done_callback(lambda done: key.take(done.result()))
+
+    node.create_timer(entry.every, ask)
+
+
+def _check(message: Any, field: str, place: str) -> None:
+    """Raises ConfigError for a field that is not there, or no number."""
+    must_have(message, field, place)
+    value = value_of(message, field)
+    if "[" not in field and not isinstance(value, bool | int | float):
+        raise ConfigError(
+            f"{place}: expected a number or a truth value, found {type(value).__name__}; name a"
+            " field of it"
+        )

@@ -1,0 +1,159 @@
+"""Actions of a tree as goals of action servers and calls of services."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Mapping
+from time import monotonic
+from typing import Any, Final
+from uuid import uuid4
+
+from islandgp.ros2.messages import filled, interface, must_have, value_of
+from islandgp.ros2.robot_map import ActionServer, ServiceCall
+
+RosLeaf = Callable[..., Generator[None, None, bool]]
+
+
+_ENDS: Final = {4: "succeeded with", 5: "cancelled", 6: "aborted"}
+"""What became of a goal, by action_msgs/msg/GoalStatus."""
+
+
+class RosLeaves:
+    """The leaves of a map, by action. Goals of aborted actions are cancelled."""
+
+    def __init__(self, node: Any, entries: Mapping[str, ActionServer | ServiceCall]) -> None:
+        """Makes a client for each entry of `node`, an rclpy Node. Raises ConfigError."""
+        self._node = node
+        self._log = node.get_logger()
+        self.cancelling: list[Any] = []
+        """Futures of cancellations that have not been answered."""
+        self.leaves = {name: self._leaf(name, entry) for name, entry in entries.items()}
+
+    def _leaf(self, name: str, entry: ActionServer | ServiceCall) -> RosLeaf:
+        if isinstance(entry, ActionServer):
+            return self._goal(name, entry)
+        return self._call(name, entry)
+
+    def _goal(self, name: str, entry: ActionServer) -> RosLeaf:
+        from action_msgs.msg import GoalStatus
+        from action_msgs.srv import CancelGoal
+        from rclpy.action import ActionClient
+        from unique_identifier_msgs.msg import UUID
+
+        kind = interface(entry.type)
+        place = f"actions.{name}.goal"
+        filled(kind.Goal(), entry.goal, place)
+        client = ActionClient(self._node, kind, entry.action)
+        canceller = self._node.create_client(CancelGoal, f"{entry.action}/_action/cancel_goal")
+
+        def run(**arguments: object) -> Generator[None, None, bool]:
+            goal = filled(kind.Goal(), {**entry.goal, **arguments}, place)
+            clock = _Clock(entry.timeout, entry.server_timeout)
+            while not client.server_is_ready():
+                if why := clock.late(server_is_there=False):
+                    return self._failed(name, f"{entry.action}: {why}")
+                yield
+            handle = result = None
+            clock.seen()
+            identity = UUID(uuid=list(uuid4().bytes))
+            accepting = client.send_goal_async(goal, goal_uuid=identity)
+            self._log.info(f"{name}: goal sent to {entry.action}")
+            ended = False
+            try:
+                while not ended:
+                    if handle is None and accepting.done():
+                        handle = accepting.result()
+                        if not handle.accepted:
+                            ended = True
+                            return self._failed(name, f"{entry.action} rejected the goal")
+                        result = handle.get_result_async()
+                    if result is not None and result.done():
+                        status = result.result().status
+                    else:  # the topic of statuses knows it as well, where an answer is lost
+                        status = GoalStatus.STATUS_UNKNOWN if handle is None else handle.status
+                    ended = status in _ENDS
+                    there = handle is not None and client.server_is_ready()
+                    if not ended and (why := clock.late(server_is_there=there)):
+                        return self._failed(name, f"{entry.action}: {why}")
+                    if not ended:
+                        yield
+                if status == GoalStatus.STATUS_SUCCEEDED:
+                    self._log.info(f"{name}: succeeded")
+                    return True
+                return self._failed(name, f"{entry.action} {_ENDS[status]} the goal")
+            finally:
+                if not ended:
+                    request = CancelGoal.Request()
+                    request.goal_info.goal_id = identity
+                    self._log.info(f"{name}: goal cancelled")
+                    self._cancel(canceller, request)
+                    if handle is None:  # it may be accepted later
+                        accepting.add_done_callback(lambda _: self._cancel(canceller, request))
+
+        return run
+
+    def _cancel(self, canceller: Any, request: Any) -> None:
+        """Cancels a goal by its id: the answer that accepts it may be lost, and it runs."""
+        waiting = [future for future in self.cancelling if not future.done()]
+        self.cancelling = [*waiting, canceller.call_async(request)]
+
+    def _call(self, name: str, entry: ServiceCall) -> RosLeaf:
+        kind = interface(entry.type)
+        place = f"actions.{name}.request"
+        filled(kind.Request(), entry.request, place)
+        response = kind.Response()
+        field = entry.success
+        if field is not None:
+            must_have(response, field, f"actions.{name}.success")
+        elif hasattr(response, "success"):
+            field = "success"
+        client = self._node.create_client(kind, entry.service)
+
+        def run(**arguments: object) -> Generator[None, None, bool]:
+            request = filled(kind.Request(), {**entry.request, **arguments}, place)
+            clock = _Clock(entry.timeout, entry.timeout)
+            while not client.service_is_ready():
+                if why := clock.late(server_is_there=False):
+                    return self._failed(name, f"{entry.service}: {why}")
+                yield
+            answer = client.call_async(request)
+            try:
+                while not answer.done():
+                    if why := clock.late(server_is_there=client.service_is_ready()):
+                        return self._failed(name, f"{entry.service}: {why}")
+                    yield
+                if field is None or bool(value_of(answer.result(), field)):
+                    self._log.info(f"{name}: succeeded")
+                    return True
+                return self._failed(name, f"{entry.service} answered {field}: false")
+            finally:
+                if not answer.done():
+                    client.remove_pending_request(answer)
+
+        return run
+
+    def _failed(self, name: str, why: str) -> bool:
+        self._log.warning(f"{name}: failed, {why}")
+        return False
+
+
+class _Clock:
+    """How long a leaf runs, and for how long its server has been away."""
+
+    def __init__(self, timeout: float | None, server_timeout: float) -> None:
+        self._timeout, self._server_timeout = timeout, server_timeout
+        self._start = self._seen = monotonic()
+
+    def seen(self) -> None:
+        """The server is there now."""
+        self._seen = monotonic()
+
+    def late(self, *, server_is_there: bool) -> str:
+        """Why the leaf has to fail now, or ""."""
+        now = monotonic()
+        if server_is_there:
+            self._seen = now
+        if now - self._seen >= self._server_timeout:
+            return f"no server, or no answer of it, for {self._server_timeout:g} s"
+        if self._timeout is not None and now - self._start >= self._timeout:
+            return f"not done within {self._timeout:g} s"
+        return ""

@@ -1,0 +1,76 @@
+"""Messages of ROS 2: their classes by name, filled from a map and read by fields."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from contextlib import suppress
+from importlib import import_module
+from typing import Any
+
+from islandgp.bt.source import closest
+from islandgp.errors import ConfigError
+
+
+def interface(name: str) -> Any:
+    """The class of an interface, e.g. of "std_srvs/srv/Trigger". Raises ConfigError."""
+    package, kind, word = name.split("/")
+    try:
+        found = getattr(import_module(f"{package}.{kind}"), word)
+        found.__class__.__import_type_support__()
+    except (ImportError, AttributeError) as error:
+        raise ConfigError(
+            f"Expected the interface {name}, found it not installed ({error}); install the"
+            f" package {package}, or source the workspace that has it"
+        ) from None
+    return found
+
+
+def filled(made: Any, values: Mapping[str, Any], what: str) -> Any:
+    """A message with these fields. Raises ConfigError for a field that there is not."""
+    known = made.get_fields_and_field_types()
+    with suppress(AttributeError):  # newer versions check types only where they are asked to
+        made._check_fields = True
+    for name, value in values.items():
+        if name not in known:
+            near = closest(str(name), known)
+            hint = f"; perhaps {near} is meant" if near else ""
+            raise ConfigError(
+                f"{what}: expected fields among {', '.join(known) or 'none'}, found {name!r}{hint}"
+            )
+        before = getattr(made, name)
+        if isinstance(value, Mapping) and hasattr(before, "get_fields_and_field_types"):
+            filled(before, value, f"{what}.{name}")
+            continue
+        if isinstance(before, float) and isinstance(value, int) and not isinstance(value, bool):
+            value = float(value)
+        try:
+            setattr(made, name, value)
+        except (AssertionError, TypeError, ValueError, OverflowError):
+            raise ConfigError(
+                f"{what}.{name}: expected a value of {known[name]}, found {str(value)[:60]!r}"
+            ) from None
+    return made
+
+
+def must_have(made: Any, field: str, what: str) -> None:
+    """Raises ConfigError where a message has no such field; elements of lists may come later."""
+    for name in re.findall(r"[a-z][a-z0-9_]*", re.sub(r"\[.*", "", field)):
+        if not hasattr(made, "get_fields_and_field_types") or not hasattr(made, name):
+            known: dict[str, str] = getattr(made, "get_fields_and_field_types", dict)()
+            raise ConfigError(
+                f"{what}: expected fields among {', '.join(known) or 'none'}, found {name!r}"
+            )
+        made = getattr(made, name)
+
+
+def value_of(message: Any, field: str) -> Any:
+    """The value of a field such as `pose.position.x` or `ranges[0]`; None where it is not there."""
+    for name, index in re.findall(r"([a-z][a-z0-9_]*)(?:\[(\d+)\])?", field):
+        message = getattr(message, name, None)
+        if index:
+            try:
+                message = message[int(index)]
+            except (IndexError, TypeError):
+                return None
+    return message

@@ -1,0 +1,184 @@
+"""The node of ROS 2 that ticks a tree, publishes its state and loads it again when it changes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import monotonic
+from typing import Any, Final
+
+from islandgp.binding import NodeStatus, RobotTree, Tree, load_tree
+from islandgp.bt.includes import mentioned
+from islandgp.bt.node import walk
+from islandgp.bt.printer import head
+from islandgp.errors import IslandError
+from islandgp.ros2.keys import ros_keys
+from islandgp.ros2.leaves import RosLeaves
+from islandgp.ros2.robot_map import RobotMap
+
+RELOAD_S: Final = 0.5  # between two looks at the files
+STOP_S: Final = 0.1  # between two looks at whether to stop, at most
+CANCEL_S: Final = 2.0  # that the end waits for answers to cancellations, at most
+
+
+class TreeNode:
+    """A tree at work in a node of ROS 2."""
+
+    def __init__(
+        self, node: Any, file: Path, robot_map: RobotMap, vocabulary: Path | None = None
+    ) -> None:
+        """Makes clients and subscriptions of `node`, an rclpy Node.
+
+        Raises:
+            ConfigError: the map names an interface or a field that there is not.
+            TreeError, DomainError: the file is no tree, or the map lacks an action or a key.
+        """
+        from std_msgs.msg import String
+
+        self._log = node.get_logger()
+        self._file, self._vocabulary = file, vocabulary
+        self._message = String
+        self._actions = RosLeaves(node, robot_map.actions)
+        self._keys = ros_keys(node, robot_map.keys)
+        self._stamp = _stamp(file)
+        self._looked = monotonic()
+        self.robot_tree = self._load()
+        self._publisher = node.create_publisher(String, "~/status", 10)
+        self._missing: tuple[str, ...] = ()
+
+    @property
+    def cancelling(self) -> bool:
+        """Whether a cancellation has not been answered yet."""
+        return any(not future.done() for future in self._actions.cancelling)
+
+    def tick(self) -> NodeStatus | None:
+        """Ticks the tree once, unless a key has no value: then all is stopped, and None returned.
+
+        Raises:
+            DomainError: a key is no number.
+        """
+        self._reload()
+        tree = self.robot_tree.tree
+        missing = tuple(filter(self._has_no_value, tree.keys()))
+        if missing:
+            if missing != self._missing:
+                self._log.warning(f"waiting for a value of {', '.join(missing)}")
+                self.robot_tree.stop()
+            self._missing = missing
+            self._publish(tree, None)
+            return None
+        self._missing = ()
+        status = self.robot_tree.tick()
+        self._publish(tree, status)
+        return status
+
+    def stop(self) -> None:
+        """Cancels all goals, and publishes that."""
+        self.robot_tree.stop()
+        self._publish(self.robot_tree.tree, None)
+
+    def _has_no_value(self, key: str) -> bool:
+        return self._keys[key]() is None
+
+    def _load(self) -> RobotTree:
+        return load_tree(self._file, self._vocabulary).bind(self._actions.leaves, self._keys)
+
+    def _reload(self) -> None:
+        """Loads the tree again where a file has changed; a file with errors changes nothing."""
+        if monotonic() - self._looked < RELOAD_S:
+            return
+        self._looked = monotonic()
+        if (stamp := _stamp(self._file)) == self._stamp:
+            return
+        self._stamp = stamp
+        try:
+            changed = self._load()
+        except IslandError as error:
+            self._log.error(f"the tree stays as it was: {error}")
+            return
+        self.robot_tree.stop()
+        self.robot_tree = changed
+        self._log.info(f"{self._file} loaded again")
+
+    def _publish(self, tree: Tree, status: NodeStatus | None) -> None:
+        nodes = [
+            {"node": head(node), "status": None if found is None else found.name}
+            for node, found in zip(walk(tree.node), self.robot_tree.statuses, strict=True)
+        ]
+        root = None if status is None else status.name
+        state = {"tree": tree.name, "status": root, "waits_for": self._missing, "nodes": nodes}
+        self._publisher.publish(self._message(data=json.dumps(state)))
+
+
+def _stamp(file: Path) -> tuple[object, ...]:
+    """What changes when the tree's file, or one that it includes, is written."""
+    try:
+        text = file.read_text(encoding="utf-8")
+        others = mentioned(text, file.parent)
+    except (OSError, ValueError):
+        return ()
+    return (text, *others.items())
+
+
+@contextmanager
+def ros_node(name: str) -> Iterator[tuple[Any, Callable[[float], None]]]:
+    """A node, and a function that lets its callbacks run for some seconds.
+
+    Ctrl-C stays Python's, so that goals can still be cancelled when it comes.
+    """
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.signals import SignalHandlerOptions
+
+    context = rclpy.Context()
+    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node = rclpy.create_node(name, context=context)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+
+        def spin(seconds: float) -> None:
+            end = monotonic() + seconds
+            executor.spin_once(timeout_sec=max(seconds, 0))
+            while (left := end - monotonic()) > 0:
+                executor.spin_once(timeout_sec=left)
+
+        yield node, spin
+        executor.shutdown()
+        node.destroy_node()
+    finally:
+        rclpy.shutdown(context=context)
+
+
+def run(
+    spin: Callable[[float], None],
+    tree_node: TreeNode,
+    rate: float,
+    stopping: Callable[[], bool],
+    *,
+    once: bool = False,
+) -> NodeStatus | None:
+    """Ticks a tree at a rate, in Hz, until `stopping()`; `once`: until it succeeds or fails.
+
+    All goals are cancelled at the end, also that by an exception. `spin`: of `ros_node`.
+
+    Returns:
+        How the tree ended; None if it was stopped.
+    """
+    due = monotonic()
+    try:
+        while not stopping():
+            status = tree_node.tick()
+            if once and status in (NodeStatus.SUCCESS, NodeStatus.FAILURE):
+                return status
+            due = max(due + 1 / rate, monotonic())  # a late tick is not caught up
+            while not stopping() and (left := due - monotonic()) > 0:
+                spin(min(left, STOP_S))
+        return None
+    finally:
+        tree_node.stop()
+        end = monotonic() + CANCEL_S
+        while tree_node.cancelling and monotonic() < end:
+            spin(0.02)

@@ -1,0 +1,144 @@
+"""The file that says which action server, service or topic is behind each action and key."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+from pydantic import BaseModel, Field, FiniteFloat, ValidationError
+
+from islandgp.errors import ConfigError
+from islandgp.text_files import read_text_file
+
+_MOST: Final = 100_000  # characters
+_NAME: Final = Field(pattern=r"^~?/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$")
+_PART: Final = r"[a-z][a-z0-9_]*(\[[0-9]{1,6}\])?"
+_FIELD: Final = Field(pattern=rf"^{_PART}(\.{_PART})*$")
+_Seconds = Annotated[float, Field(gt=0, le=86_400)]
+_Value = FiniteFloat | bool
+
+
+def _type(kind: str) -> Any:
+    return Field(pattern=rf"^[a-z][a-z0-9_]*/{kind}/[A-Z][A-Za-z0-9]*$")
+
+
+class _Entry(BaseModel, extra="forbid", strict=True):
+    """One entry of the file."""
+
+
+class ActionServer(_Entry):
+    """An action of the tree that sends a goal to an action server."""
+
+    action: Annotated[str, _NAME]
+    type: Annotated[str, _type("action")]
+    goal: dict[str, Any] = {}  # fields of the goal; the others have their defaults
+    timeout: _Seconds | None = None  # s; after that the goal is cancelled and the action fails
+    server_timeout: _Seconds = 5.0  # s that the server may be away before the action fails
+
+
+class ServiceCall(_Entry):
+    """An action of the tree that calls a service."""
+
+    service: Annotated[str, _NAME]
+    type: Annotated[str, _type("srv")]
+    request: dict[str, Any] = {}
+    success: Annotated[str, _FIELD] | None = None
+    """Field of the response that says how the action ends; None: `success` where there is such a
+    field, else the action succeeds with any response."""
+    timeout: _Seconds = 5.0  # s, the service's absence included
+
+
+class TopicKey(_Entry):
+    """A key that is a field of the last message of a topic."""
+
+    topic: Annotated[str, _NAME]
+    type: Annotated[str, _type("msg")]
+    field: Annotated[str, _FIELD]  # e.g. pose.pose.position.x or ranges[0]
+    default: _Value | None = None  # before the first message; None: the tree waits for it
+    max_age: _Seconds | None = None  # s; an older message is as none
+    reliable: bool = False  # whether to ask the publisher for reliable delivery
+
+
+class ServiceKey(_Entry):
+    """A key that is a field of a service's response, asked again and again."""
+
+    service: Annotated[str, _NAME]
+    type: Annotated[str, _type("srv")]
+    request: dict[str, Any] = {}
+    field: Annotated[str, _FIELD] = "success"
+    every: _Seconds = 1.0  # s between a response and the next request
+    default: _Value | None = None  # before the first response
+    max_age: _Seconds | None = None  # s; an older response is as none
+
+
+class RobotMap(_Entry):
+    """The whole file."""
+
+    node: Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")] = "islandgp"
+    actions: dict[str, ActionServer | ServiceCall]
+    keys: dict[str, TopicKey | ServiceKey] = {}
+
+
+_KINDS: Final[dict[str, dict[str, type[_Entry]]]] = {
+    "actions": {"action": ActionServer, "service": ServiceCall},
+    "keys": {"topic": TopicKey, "service": ServiceKey},
+}
+"""The class of an entry by the word that it has."""
+
+
+def read_map(file: Path) -> RobotMap:
+    """The map in a YAML file. Raises ConfigError with a line for each error."""
+    import yaml
+
+    text = read_text_file(file)
+    if len(text) > _MOST or re.search(r"(^|[\s:,\[{-])[&*][A-Za-z0-9_]", text):
+        raise ConfigError(
+            f"{file}: expected a short file without anchors (&name, *name); write each entry out"
+        )
+    try:
+        found = yaml.safe_load(text)
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        first = " ".join(str(error).split())[:200]
+        raise ConfigError(f"{file}: expected YAML, found: {first}") from None
+    if not isinstance(found, dict):
+        raise ConfigError(f"{file}: expected `actions:` and `keys:`, found {str(found)[:40]!r}")
+    faults: list[str] = []
+    parts = {**found}
+    for part, kinds in _KINDS.items():
+        if isinstance(entries := found.get(part), dict):
+            parts[part] = {
+                name: _entry(f"{part}.{name}", entry, kinds, faults)
+                for name, entry in entries.items()
+            }
+    if not faults:
+        try:
+            return RobotMap.model_validate(parts)
+        except ValidationError as error:
+            faults += _lines("", error)
+    raise ConfigError("\n".join(f"{file}: {fault}" for fault in faults))
+
+
+def _entry(
+    place: str, entry: Any, kinds: dict[str, type[_Entry]], faults: list[str]
+) -> _Entry | None:
+    """An entry by the word that says its kind; what is wrong with it is added to `faults`."""
+    words = [word for word in kinds if isinstance(entry, dict) and word in entry]
+    if len(words) != 1:
+        known = " or ".join(f"`{word}: NAME`" for word in kinds)
+        faults.append(f"{place}: expected {known}, found {str(entry)[:60]!r}")
+        return None
+    try:
+        return kinds[words[0]].model_validate(entry)
+    except ValidationError as error:
+        faults += _lines(f"{place}.", error)
+        return None
+
+
+def _lines(place: str, error: ValidationError) -> list[str]:
+    """A line for each error of pydantic's."""
+    return [
+        f"{place}{'.'.join(map(str, each['loc']))}: {each['msg'][0].lower()}{each['msg'][1:]},"
+        f" found {str(each['input'])[:60]!r}"
+        for each in error.errors(include_url=False, include_context=False)
+    ]

@@ -1,0 +1,59 @@
+"""Lines of code by folder, without blank lines, comments and docstrings: `make lines`.
+
+python -m tests.architecture.code_lines [FOLDER]
+"""
+
+from __future__ import annotations
+
+import ast
+import io
+import sys
+import tokenize
+from collections import Counter
+from pathlib import Path
+from typing import Final
+
+NO_CODE: Final = {
+    tokenize.COMMENT,
+    tokenize.NL,
+    tokenize.NEWLINE,
+    tokenize.INDENT,
+    tokenize.DEDENT,
+    tokenize.ENCODING,
+    tokenize.ENDMARKER,
+}
+
+
+def code_lines(source: str) -> int:
+    """The number of lines of Python source on which there is code."""
+    lines = {
+        line
+        for token in tokenize.generate_tokens(io.StringIO(source).readline)
+        if token.type not in NO_CODE
+        for line in range(token.start[0], token.end[0] + 1)
+    }
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):  # a docstring
+            lines -= set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
+    return len(lines)
+
+
+def by_folder(package: Path) -> Counter[str]:
+    """The lines of code of each folder right below a package; its own modules are "."."""
+    counted: Counter[str] = Counter()
+    for path in sorted(package.rglob("*.py")):
+        parts = path.relative_to(package).parts
+        folder = parts[0] if len(parts) > 1 else "."
+        counted[folder] += code_lines(path.read_text(encoding="utf-8"))
+    return counted
+
+
+def main(package: Path) -> None:
+    """Print a line for each folder, and the sum."""
+    counted = by_folder(package)
+    for folder, lines in [*sorted(counted.items()), ("in all", counted.total())]:
+        print(f"{folder:12}{lines:8,}")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1] if len(sys.argv) > 1 else "islandgp"))

@@ -1,0 +1,177 @@
+"""Arguments of actions: how they are declared, written, read, drawn and moved."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from islandgp.bt.engine import compile_tree
+from islandgp.bt.export.json import from_json, to_json
+from islandgp.bt.format import format_text
+from islandgp.bt.language import parse, to_text
+from islandgp.bt.node import SUCCESS, ActionArgs, Limits, Node, walk
+from islandgp.bt.numbers import numbers_of, with_numbers
+from islandgp.bt.parameters import bound, fits, one_of, real, switch, whole
+from islandgp.bt.vocabulary import Action, Vocabulary, flag, number
+from islandgp.errors import DomainError, TreeError
+from islandgp.evolution.random_trees import TreeSettings, TreeSpace, random_tree
+from islandgp.evolution.variation import MUTATIONS, MutationSettings, mutate
+from tests.profiles import examples
+
+ARGUMENTS = {
+    "goal": one_of("where to", ("dock", "door", "bin")),
+    "speed": real("how fast", 0.1, 1.0, default=0.5, unit="m/s"),
+    "gain": real("of the controller", 0.001, 100, logarithmic=True),
+    "tries": whole("how often", 1, 5),
+    "loud": switch("with the horn"),
+}
+WORDS = Vocabulary(
+    "bot",
+    {"MoveTo": Action("goes there", arguments=ARGUMENTS), "Stop": Action("stops")},
+    {"near": flag("at the goal"), "range": number("m", 0, 5)},
+)
+SPACE = TreeSpace(
+    TreeSettings(
+        depth=(2, 3),
+        leaf=0.3,
+        children=(2, 3),
+        repeats=3,
+        kinds={"selector": 1, "sequence": 1, "when": 1},
+        operators={"<": 1, ">": 1},
+        aborts={"both": 1},
+    ),
+    WORDS,
+    Limits(8, 50),
+)
+
+
+def read(text: str) -> Node:
+    return parse(text, WORDS)
+
+
+def test_written_in_the_declared_order_without_defaults() -> None:
+    """Trees that mean the same are equal and have one text."""
+    tree = read("MoveTo(speed: 0.8, tries: 1, goal: door)")
+    assert to_text(tree) == "MoveTo(goal: door, speed: 0.8)\n"
+    assert tree == read("MoveTo(goal: door, speed: 0.8)")
+    assert read("MoveTo(speed: 0.5)") == read("MoveTo")
+
+
+def test_constants_and_parameters_are_values() -> None:
+    """A number may be a constant or a parameter of a subtree, whatever its range."""
+    text = """
+    constant slow = 0.2
+    subtree go(v) = MoveTo(speed: v)
+    sequence { use go(0.8) use go(slow) MoveTo(speed: slow, loud: yes) }
+    """
+    leaves = [to_text(node) for node in walk(read(text)) if node.action]
+    assert leaves == [
+        "MoveTo(speed: 0.8)\n",
+        "MoveTo(speed: 0.2)\n",
+        "MoveTo(speed: 0.2, loud: yes)\n",
+    ]
+    with pytest.raises(TreeError, match="'v' is no value of speed"):
+        read("subtree go(v) = MoveTo(speed: v) use go(3)")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("MoveTo(goal: dor)", "Expected dock | door | bin.\nDid you mean door"),
+        ("MoveTo(sped: 1)", "Did you mean speed"),
+        ("MoveTo(speed: 3)", "Expected 0.1 to 1 m/s"),
+        ("MoveTo(speed: fast)", "unknown constant 'fast'"),
+        ("MoveTo(tries: 1.5)", "a whole number from 1 to 5"),
+        ("MoveTo(tries: 1, tries: 2)", "each argument once"),
+        ("MoveTo(loud: maybe)", "no | yes"),
+        ("Stop(speed: 1)", "takes no arguments"),
+        ("MoveTo(goal dock)", "Expected :"),
+        ("MoveTo()", "Expected the name of an argument"),
+        ("sequence { MoveTo(goal: door) Fly }", "unknown action 'Fly'"),
+    ],
+)
+def test_wrong_arguments(text: str, message: str) -> None:
+    """Each mistake has its place, and what is right there."""
+    with pytest.raises(TreeError) as error:
+        read(text)
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("argument", "message"),
+    [
+        (real("", 1, 1), "low < high"),
+        (real("", 0, 1, logarithmic=True), "above 0"),
+        (real("", 0, 1, default=2), "default"),
+        (real("", 0, 1, step=0), "step above 0"),
+        (real("", 0, float("inf")), "at most 1,000,000"),
+        (one_of("", ()), "words"),
+        (one_of("", ("both",)), "no word of the language"),
+        (one_of("", ("a", "a")), "different words"),
+        (3, "real, whole, one_of or switch"),
+    ],
+)
+def test_wrong_declarations(argument: object, message: str) -> None:
+    """A domain's author reads what is wrong, and of which argument."""
+    actions = {"Go": Action("goes", arguments={"v": argument})}  # type: ignore[dict-item]
+    with pytest.raises(DomainError, match="argument v of the action Go") as error:
+        Vocabulary("bot", actions, {})
+    assert message in str(error.value)
+
+
+@examples(100)
+@given(st.integers(0, 10**6), st.sampled_from([*MUTATIONS]))
+def test_random_trees_keep_their_ranges(seed: int, operator: str) -> None:
+    """What evolution draws and moves can be written, read and sent as JSON."""
+    rng = np.random.default_rng(seed)
+    how = MutationSettings(operators={operator: 1}, subtree_depth=2, number_sd=0.5)
+    tree, _ = mutate(rng, random_tree(rng, SPACE), rate=1.0, space=SPACE, how=how)
+    assert read(to_text(tree)) == tree == parse(to_text(tree))
+    assert from_json(to_json(tree), WORDS) == tree
+    for node in walk(tree):
+        if isinstance(node.args, ActionArgs):
+            assert all(fits(ARGUMENTS[key], value) for key, value in node.args.values)
+
+
+def test_numbers_leave_any_grid_and_spread_by_their_logarithm() -> None:
+    """A third of the values of a logarithmic argument lies in each third of its decades."""
+    rng = np.random.default_rng(1)
+    found: dict[str, list[float]] = {"speed": [], "gain": []}
+    for _ in range(1000):
+        for node in walk(random_tree(rng, SPACE)):
+            if isinstance(node.args, ActionArgs):
+                for key, value in node.args.values:
+                    if key in found:
+                        found[key].append(float(value))
+    assert len(set(found["speed"])) > 300
+    low = sum(value < 0.0464 for value in found["gain"]) / len(found["gain"])
+    assert 0.25 < low < 0.42
+
+
+def test_leaves_get_their_arguments() -> None:
+    """The engine asks for one tick a leaf; flags become True or False, whole numbers int."""
+    seen: list[dict[str, object]] = []
+
+    def tick_of(args: ActionArgs) -> object:
+        seen.append(dict(bound(args, ARGUMENTS)))
+        return lambda _fresh: SUCCESS
+
+    tree = read("sequence { MoveTo(speed: 0.7, loud: yes, tries: 2) MoveTo }")
+    assert compile_tree(tree, tick_of, [0.0, 0.0], WORDS.places)() == SUCCESS  # type: ignore[arg-type]
+    assert seen[0]["speed"] == 0.7
+    assert seen[0]["loud"] is True
+    assert type(seen[0]["tries"]) is int
+    assert seen[1]["goal"] == "dock"
+
+
+def test_format_and_tune_know_arguments() -> None:
+    """`fmt` keeps comments and names; `tune` finds the numbers, with what they are for."""
+    text = "constant v = 0.75\nsequence{MoveTo(speed:v, # fast\n loud:yes)Stop}"
+    assert format_text(text) == (
+        "constant v = 0.75\n\nsequence {\n  # fast\n  MoveTo(speed: v, loud: yes)\n  Stop\n}\n"
+    )
+    found = numbers_of(text, WORDS)
+    assert [(each.value, each.purposes) for each in found] == [(0.75, {"MoveTo.speed"})]
+    assert with_numbers(text, found, [0.25]).startswith("constant v = 0.25\n")

@@ -1,0 +1,100 @@
+"""Which spaces of Gymnasium are read and filled, and how."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from islandgp.domains.gymnasium.spaces import Spaces
+from islandgp.errors import ConfigError
+from tests.composed import composed
+
+spaces = pytest.importorskip("gymnasium.spaces", reason="extra `gymnasium` is not installed")
+
+
+def of(observed: Any, actions: Any) -> Spaces:
+    return Spaces.of(SimpleNamespace(observation_space=observed, action_space=actions), "Toy-v0")
+
+
+def test_a_dict_is_read_by_key_and_place() -> None:
+    """Its numbers stand in the order of its keys; `key.place` names one of them."""
+    whole = spaces.Dict(
+        {
+            "arm": spaces.Box(-1, 1, (2,)),
+            "cell": spaces.Discrete(5),
+            "inner": spaces.Dict({"lights": spaces.MultiBinary(2)}),
+        }
+    )
+    found = of(whole, spaces.Discrete(2))
+    seen = {
+        "arm": np.array([0.25, -0.5], np.float32),
+        "cell": np.int64(3),
+        "inner": {"lights": np.array([0, 1], np.int8)},
+    }
+    assert found.read(seen) == [0.25, -0.5, 3, 0, 1]
+    assert found.places["arm.1"] == 1
+    assert found.places["cell"] == 2
+    assert found.places["inner.lights.1"] == 4
+    assert found.places[4] == 4
+
+
+@pytest.mark.parametrize(
+    ("space", "value", "numbers"),
+    [
+        (spaces.Discrete(4), np.int64(2), [2]),
+        (spaces.MultiDiscrete([3, 4]), np.array([1, 3]), [1, 3]),
+        (spaces.Box(0, 1, (3,)), np.array([0.5, 0, 1]), [0.5, 0, 1]),
+    ],
+)
+def test_rows_and_single_numbers_are_read(space: Any, value: Any, numbers: list[float]) -> None:
+    """An observation becomes a list of its numbers."""
+    assert of(space, spaces.Discrete(2)).read(value) == numbers
+
+
+def test_actions_are_made_of_the_space_s_type() -> None:
+    """A Box gets an array of its type; zeros are cut to its bounds."""
+    box = of(spaces.Discrete(2), spaces.Box(np.float32([-1, 0.5]), np.float32([1, 2])))
+    assert box.none == (0.0, 0.5)
+    made = box.act([0.25, 1.5])
+    assert (made.tolist(), made.dtype) == ([0.25, 1.5], np.float32)
+    several = of(spaces.Discrete(2), spaces.MultiDiscrete([3, 2]))
+    assert several.act((2, 1)).tolist() == [2, 1]
+    assert several.fault((3, 0)) != ""
+    assert several.fault((2, 1)) == ""
+    assert of(spaces.Discrete(2), spaces.Discrete(3)).fault(3) == "0 to 2"
+
+
+@pytest.mark.parametrize(
+    ("observed", "actions", "message"),
+    [
+        (spaces.Box(0, 1, (8, 8, 3)), spaces.Discrete(2), "expected observations that are numbers"),
+        (spaces.Text(5), spaces.Discrete(2), "expected observations that are numbers"),
+        (spaces.Discrete(2), spaces.Text(5), "expected actions to choose from"),
+    ],
+)
+def test_other_spaces_are_refused(observed: Any, actions: Any, message: str) -> None:
+    """Pictures, texts and the like are no keys, and no actions."""
+    with pytest.raises(ConfigError, match=message):
+        of(observed, actions)
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        ("actions.Turn.arguments.torque.at=1", "actions.Turn.arguments.torque.at: expected 0 to 0"),
+        ("actions.Turn.arguments.torque.range=[-3,3]", "actions.Turn.arguments.torque.range: exp"),
+        ("actions.Turn.arguments.torque.range=[2,1]", "actions.Turn.arguments.torque.range: expec"),
+        ("actions.Turn.arguments.torque.default=9", "actions.Turn.arguments.torque.default: expec"),
+        ("otherwise=[3]", "otherwise: expected a list of 1 numbers within"),
+        ("otherwise=1", "otherwise: expected a list of 1 numbers"),
+        ("observations.up.at=cosine", "observations.up.at: expected 0 to 2"),
+    ],
+)
+def test_wrong_configuration_is_told_in_a_line(words: str, line: str) -> None:
+    """Key, what was expected and found."""
+    with pytest.raises(ConfigError) as found:
+        composed("domain=pendulum", f"++world.{words}")
+    assert str(found.value).startswith(f"world.{line}")

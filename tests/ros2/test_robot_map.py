@@ -1,0 +1,78 @@
+"""What `islandgp ros2` reads before ROS 2 is needed."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from islandgp.errors import ConfigError
+from islandgp.ros2.robot_map import ActionServer, ServiceCall, ServiceKey, TopicKey, read_map
+from tests.trees.shell import Cli, shell
+
+PAGE = (Path(__file__).parents[2] / "docs" / "ros2.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def islandgp(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Cli:
+    """Runs `islandgp ARGUMENTS...`; see `shell`."""
+    return shell(monkeypatch, capsys)
+
+
+@pytest.fixture
+def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the files of docs/ros2.md, where the test runs."""
+    for name, text in re.findall(r"^```(?:bt|yaml) (\S+)\n(.*?)^```$", PAGE, re.S | re.M):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_the_pages_map(page: Path) -> None:
+    """It is read, each entry as its kind."""
+    found = read_map(page / "robot.yaml")
+    assert isinstance(found.actions["Drive"], ActionServer)
+    assert isinstance(found.actions["Dock"], ServiceCall)
+    assert isinstance(found.keys["battery"], TopicKey)
+    assert isinstance(found.keys["person"], ServiceKey)
+    assert found.keys["person"].default is False
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "expected `actions:` and `keys:`"),
+        ("actions: [", "expected YAML"),
+        ("actions: []", "actions: "),
+        ("keys: {}", "actions: field required"),
+        ("actions: {Go: 5}", "actions.Go: expected `action: NAME` or `service: NAME`, found '5'"),
+        ("actions: {Go: {action: /a, service: /b}}", "actions.Go: expected `action: NAME` or"),
+        ("actions: {Go: {action: /a}}", "actions.Go.type: field required"),
+        ("actions: {Go: {action: /a, type: os/system}}", "actions.Go.type: string should match"),
+        ("actions: {Go: {action: /a b, type: p/action/T}}", "actions.Go.action: string should"),
+        ("actions: {Go: {action: /a, type: p/action/T, timeout: 0}}", "actions.Go.timeout: "),
+        ("actions: {Go: {action: /a, type: p/action/T, timeuot: 1}}", "actions.Go.timeuot: extra"),
+        ("actions: {}\nkeys: {k: {topic: /t, type: p/msg/T, field: _x}}", "keys.k.field: "),
+        ("actions: &a {Go: 5}\nkeys: *a", "without anchors"),
+        ("actions: !!python/object/apply:os.system [ls]", "expected YAML"),
+    ],
+)
+def test_mistakes(tmp_path: Path, text: str, message: str) -> None:
+    """Each is one line with its place."""
+    file = tmp_path / "my robot.yaml"
+    file.write_text(text)
+    with pytest.raises(ConfigError) as raised:
+        read_map(file)
+    assert message in str(raised.value)
+    assert str(raised.value).startswith(str(file))
+
+
+def test_without_rclpy(islandgp: Cli, page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The remedy is told, after the map has been read."""
+    monkeypatch.setattr("islandgp.commands.ros2_command.find_spec", lambda _: None)
+    said = islandgp("ros2", "patrol.bt", "--map", "robot.yaml", "--rate", "10")
+    assert said.code == 2
+    assert "pip install 'islandgp[ros2]'" in said.err
+    (page / "robot.yaml").write_text("{")
+    assert "expected YAML" in islandgp("ros2", "patrol.bt", "--map", "robot.yaml").err

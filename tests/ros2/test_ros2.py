@@ -1,0 +1,280 @@
+"""`islandgp ros2` against servers of its own, by the real middleware on this machine."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy", reason="pip install 'islandgp[ros2]'")
+pytest.importorskip("test_msgs", reason="pip install ros-test-msgs")
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+
+from std_msgs.msg import Float32, String
+
+from islandgp.binding import NodeStatus
+from islandgp.errors import IslandError
+from islandgp.ros2.node import TreeNode, ros_node
+from islandgp.ros2.robot_map import read_map
+from tests.ros2.servers import FAILS, HANGS, REJECTED, SUCCEEDS, Servers
+
+pytestmark = [pytest.mark.slow, pytest.mark.process, pytest.mark.filterwarnings("default")]
+
+DRIVE = "{{action: /drive, type: test_msgs/action/Fibonacci, goal: {{order: {}}}{}}}"
+MAP = f"""
+node: robot
+actions:
+  Drive: {DRIVE.format(SUCCEEDS, "")}
+  Crash: {DRIVE.format(FAILS, "")}
+  Hang: {DRIVE.format(HANGS, ", timeout: 0.6")}
+  Wait: {DRIVE.format(HANGS, ", server_timeout: 3")}
+  Refused: {DRIVE.format(REJECTED, "")}
+  Nowhere: {{action: /nowhere, type: test_msgs/action/Fibonacci, server_timeout: 0.3}}
+  Dock: {{service: /dock, type: std_srvs/srv/Trigger}}
+  Lost: {{service: /lost, type: std_srvs/srv/Trigger, timeout: 0.3}}
+keys:
+  battery: {{topic: /battery, type: std_msgs/msg/Float32, field: data, max_age: 60}}
+  person: {{service: /near, type: std_srvs/srv/SetBool, every: 0.05, default: false}}
+"""
+
+
+@pytest.fixture
+def servers() -> Iterator[Servers]:
+    """Servers in threads of this process."""
+    made = Servers()
+    yield made
+    made.close()
+
+
+def eventually(holds: Callable[[], bool]) -> bool:
+    """Whether it holds within 5 s."""
+    end = time.monotonic() + 5
+    while not holds() and time.monotonic() < end:
+        time.sleep(0.02)
+    return holds()
+
+
+class Robot:
+    """A tree at work in a folder, with the states that it publishes."""
+
+    def __init__(self, folder: Path, text: str) -> None:
+        self.file = folder / "my tree.bt"
+        self.file.write_text(text)
+        (folder / "robot.yaml").write_text(MAP)
+        robot_map = read_map(folder / "robot.yaml")
+        self._ros = ros_node(robot_map.node)
+        self.node, self.spin = self._ros.__enter__()
+        self.states: list[dict[str, Any]] = []
+        self.node.create_subscription(
+            String, "/robot/status", lambda m: self.states.append(json.loads(m.data)), 10
+        )
+        self.tree_node = TreeNode(self.node, self.file, robot_map)
+
+    def until(self, holds: Callable[[NodeStatus | None], bool], seconds: float = 15) -> bool:
+        """Ticks at 50 Hz until it holds of a status."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            if holds(self.tree_node.tick()):
+                return True
+            self.spin(0.02)
+        return False
+
+    def ended(self) -> NodeStatus | None:
+        """How the tree ended."""
+        found: list[NodeStatus | None] = []
+        self.until(lambda s: found.append(s) or s in (NodeStatus.SUCCESS, NodeStatus.FAILURE))  # type: ignore[func-returns-value]
+        return found[-1]
+
+    def close(self) -> None:
+        """Ends the node."""
+        self.tree_node.stop()
+        self.spin(0.3)
+        self._ros.__exit__(None, None, None)
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Iterator[Callable[[str], Robot]]:
+    """Starts a robot with the tree of a text."""
+    made: list[Robot] = []
+
+    def start(text: str) -> Robot:
+        made.append(Robot(tmp_path, text))
+        return made[-1]
+
+    yield start
+    for each in made:
+        each.close()
+
+
+@pytest.mark.parametrize(
+    ("text", "status", "cancelled"),
+    [
+        ("sequence { Drive Dock }", NodeStatus.SUCCESS, []),
+        ("Crash", NodeStatus.FAILURE, []),
+        ("Hang", NodeStatus.FAILURE, [HANGS]),
+        ("Refused", NodeStatus.FAILURE, []),
+        ("Nowhere", NodeStatus.FAILURE, []),
+        ("Lost", NodeStatus.FAILURE, []),
+        ("parallel success one { Drive Wait }", NodeStatus.SUCCESS, [HANGS]),
+    ],
+)
+def test_goals(
+    servers: Servers,
+    robot: Callable[[str], Robot],
+    text: str,
+    status: NodeStatus,
+    cancelled: list[int],
+) -> None:
+    """They succeed, fail, take too long, are refused, or have no server; the rest is cancelled."""
+    made = robot(text)
+    assert made.ended() == status
+    made.spin(0.3)
+    assert eventually(lambda: servers.cancelled == cancelled)
+
+
+def test_an_abort_cancels_the_goal(servers: Servers, robot: Callable[[str], Robot]) -> None:
+    """A key that changes takes over; the server gets the cancellation; the states are published."""
+    made = robot("selector { when battery < 20 { Dock } Wait }")
+    assert made.tree_node.tick() is None  # no message yet
+    servers.battery.publish(Float32(data=80.0))
+
+    def goes(_: object) -> bool:
+        servers.battery.publish(Float32(data=80.0))
+        return servers.goals == [HANGS]
+
+    assert made.until(goes)
+
+    def docks(_: object) -> bool:
+        servers.battery.publish(Float32(data=10.0))
+        return bool(servers.said)
+
+    assert made.until(docks)
+    made.spin(0.3)
+    assert eventually(lambda: servers.cancelled == [HANGS])
+    assert any({"node": "Wait", "status": "ABORTED"} in state["nodes"] for state in made.states)
+    assert made.states[0]["waits_for"] == ["battery"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("std_msgs/msg/Float32", "std_msgs/msg/Flaot32", "Flaot32, found it not installed"),
+        ("std_msgs/msg/Float32", "no_msgs/msg/Float32", "install the package no_msgs"),
+        ("field: data", "field: dat", "keys.battery.field: expected fields among data"),
+        ("std_msgs/msg/Float32", "std_msgs/msg/String", "keys.battery.field: expected a number"),
+        ("order: 1", "ordre: 1", "found 'ordre'; perhaps order is meant"),
+        ("order: 1", "order: far", "actions.Drive.goal.order: expected a value of int32"),
+        ("Drive:", "Drvie:", "nothing for the action Drive"),
+    ],
+)
+def test_maps_that_do_not_fit(
+    robot: Callable[[str], Robot],
+    monkeypatch: pytest.MonkeyPatch,
+    old: str,
+    new: str,
+    message: str,
+) -> None:
+    """An interface, a field, a value or an action that there is not is one clear error."""
+    monkeypatch.setattr("tests.ros2.test_ros2.MAP", MAP.replace(old, new))
+    with pytest.raises(IslandError) as raised:
+        robot("selector { when battery < 20 { Dock } Drive }")
+    assert message in str(raised.value)
+
+
+def test_a_service_is_a_key(servers: Servers, robot: Callable[[str], Robot]) -> None:
+    """It is asked again and again."""
+    made = robot("selector { when person { Dock } Wait }")
+    assert made.until(lambda _: servers.goals == [HANGS])
+    servers.near = True
+    assert made.until(lambda _: bool(servers.said))
+
+
+def test_a_changed_file_is_loaded(servers: Servers, robot: Callable[[str], Robot]) -> None:
+    """Goals of the old tree are cancelled; a file with errors changes nothing."""
+    made = robot("Wait")
+    assert made.until(lambda _: servers.goals == [HANGS])
+    for wrong in ("selector {", "Fly", ""):
+        made.file.write_text(wrong)
+        assert not made.until(lambda _: bool(servers.cancelled), 1.2)
+    made.file.write_text("Dock")
+    assert made.until(lambda _: bool(servers.said))
+    made.spin(0.3)
+    assert eventually(lambda: servers.cancelled == [HANGS])
+
+
+def start(*words: object, folder: Path) -> subprocess.Popen[str]:
+    """A process of its own."""
+    root = str(Path(__file__).parents[2])
+    code = f"import sys; sys.path[:] = {[root, *sys.path]!r}; " + str(words[0])
+    return subprocess.Popen(
+        [sys.executable, "-c", code, *map(str, words[1:])],
+        cwd=folder,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+SERVERS = "import runpy; runpy.run_module('tests.ros2.servers', run_name='__main__')"
+COMMAND = "from islandgp.cli import main; main()"
+
+
+def test_a_server_that_dies(tmp_path: Path, robot: Callable[[str], Robot]) -> None:
+    """A goal fails soon after its server was killed."""
+    server = start(SERVERS, folder=tmp_path)
+    assert server.stdout is not None
+    assert server.stdout.readline() == "ready\n"
+    made = robot("Wait")
+    assert made.until(lambda s: s is NodeStatus.RUNNING)
+    made.until(lambda _: False, 1.5)
+    server.kill()
+    server.communicate(timeout=20)
+    begin = time.monotonic()
+    assert made.until(lambda s: s is NodeStatus.FAILURE, 60)
+    assert time.monotonic() - begin < 45  # s; the middleware notices a killed process late
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_cancels(tmp_path: Path, servers: Servers, number: int) -> None:
+    """The command ends with code 130, without a traceback, and its goal is cancelled."""
+    (tmp_path / "wait.bt").write_text("Wait")
+    (tmp_path / "robot.yaml").write_text(MAP)
+    words = ("ros2", "wait.bt", "--map", "robot.yaml")
+    process = start(COMMAND, *words, folder=tmp_path)
+    end = time.monotonic() + 30
+    while servers.goals != [HANGS] and time.monotonic() < end:
+        time.sleep(0.05)
+    time.sleep(0.3)
+    process.send_signal(number)
+    said, _ = process.communicate(timeout=30)
+    assert process.returncode == 130, said
+    assert "Traceback" not in said
+    assert eventually(lambda: servers.cancelled == [HANGS]), said
+
+
+def test_the_pages_command(tmp_path: Path, servers: Servers) -> None:
+    """The command of docs/ros2.md runs on the files that the page shows."""
+    page = (Path(__file__).parents[2] / "docs" / "ros2.md").read_text(encoding="utf-8")
+    for name, text in re.findall(r"^```(?:bt|yaml) (\S+)\n(.*?)^```$", page, re.S | re.M):
+        (tmp_path / name).write_text(text)
+    (command,) = re.findall(r"^```sh\n(.*)\n```$", page, re.M)
+    process = start(COMMAND, *shlex.split(command)[1:], "--once", folder=tmp_path)
+    end = time.monotonic() + 40
+    while process.poll() is None and time.monotonic() < end:
+        servers.battery.publish(Float32(data=80.0))
+        time.sleep(0.1)
+    process.kill()
+    said, _ = process.communicate()
+    assert process.returncode == 0, said
+    assert servers.goals == [SUCCEEDS]
