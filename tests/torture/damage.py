@@ -1,4 +1,4 @@
-"""Files of a run's folder that are damaged: reported, or without effect; never a wrong record."""
+"""Files of a run's folder that are damaged: reported in words, or without effect on its records."""
 
 from __future__ import annotations
 
