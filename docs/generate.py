@@ -58,6 +58,7 @@ _WRITTEN = {
     "parallel": "`parallel success one failure all { ... }`",
     "inverter": "`inverter { x }`",
     "repeater": "`repeater 3 { x }`",
+    "retry": "`retry 3 { x }`",
     "when": "`when KEY < 25 abort lower { x }`",
     "action": "its name",
 }
@@ -100,7 +101,7 @@ def tables() -> dict[str, str]:
                 ("between conditions", _codes(["and", "or", "not"])),
                 ("`abort`, the default last", _codes(ABORTS)),
                 ("`success`, `failure` of a parallel", _codes(POLICIES)),
-                ("`repeater`", f"a whole number from {REPEATS[0]} to {REPEATS[1]}"),
+                (_codes(COUNTED), f"a whole number from {REPEATS[0]} to {REPEATS[1]}"),
             ],
         ),
         "limits": _table(

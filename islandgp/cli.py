@@ -48,7 +48,7 @@ COMMANDS: Final[dict[str, str]] = {
 EXAMPLES: Final[dict[str, str]] = {
     "run": "experiment=smoke",
     "check": "tree.bt",
-    "verify-tree": 'tree.bt "never PushLeft while angle > 0.1"',
+    "verify-tree": 'tree.bt "never Drive while energy < 10"',
     "fmt": "tree.bt",
     "show": "tree.bt",
     "simplify": "tree.bt",

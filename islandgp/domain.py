@@ -72,6 +72,8 @@ class Schema:
     counters: Mapping[str, Counter] = field(default_factory=dict)
     """What an episode counts; where nothing is given, how often each event happened."""
     habits: Sequence[str] = ()  # what good trees do, a sentence each; for prompts
+    endings: Mapping[str, str] = field(default_factory=dict)
+    """Words for why an episode ended (`Outcome.endings`), with a meaning each; for prompts."""
     forms: Mapping[str, Form] = field(default_factory=dict)  # by Thing.form; empty: not drawn
     delay: int = 0  # ticks by which perturbed worlds may delay what the tree sees, at most
 
@@ -88,6 +90,7 @@ class Schema:
         must_be(Event, self.events, f"the event {{}} {of_domain}")
         must_be(Counter, self.counters, f"the counter {{}} {of_domain}")
         must_be(Form, self.forms, f"the form {{}} {of_domain}")
+        must_be(str, self.endings, f"the ending {{}} {of_domain}")
         if isinstance(self.habits, str):
             raise DomainError(
                 f"Expected a tuple of sentences as the habits {of_domain}, found one text; write"
@@ -193,7 +196,9 @@ class Domain(Protocol):
     which returns it with the `sensors.SensorFaults` between the world and the blackboard. Where
     `to_start` or `to_succeed` of an action follow from settings of the world, a class method
     `vocabulary_in(worlds)` returns the vocabulary with the conditions that hold in all of these
-    worlds; `check` warns by it.
+    worlds; `check` warns by it. It may have a method `about(seed=None)`, which returns sentences
+    for prompts: how long an episode is and what its world is like, of one seed or as the settings
+    have it.
 
     `World` and `Rewards` are pydantic models of the configuration groups `world` and
     `rewards`; `scoring.rewards.RewardTable` serves most domains as the latter.

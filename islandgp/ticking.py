@@ -148,6 +148,10 @@ class Stepped:
         changed.faults = faults
         return changed
 
+    def about(self, seed: int | None = None) -> str:  # noqa: ARG002 -- for domains of many worlds
+        """See `Domain`."""
+        return f"An episode has at most {self.world.ticks:,} ticks of {self.step_s:g} s."
+
     def begin(
         self,
         seed: int,
@@ -193,8 +197,8 @@ class Stepped:
         log = EventLog(self.rewards, self.schema, weights, observer)
         episode, leaves = self.begin(seed, log, watched=observer is not None)
         try:
-            ticked = _Leaves(leaves, self.schema.vocabulary, log)
-            return self._run(episode, ticked, tree, log, observer, self._see(seed))
+            made = _Leaves(leaves, self.schema.vocabulary, log)
+            return self._run(episode, made, tree, log, observer, self._see(seed))
         except TypeError as error:
             for name in ("sense", "step", "measures", "scene", *leaves):
                 if (method := leaves.get(name, getattr(episode, name, None))) is not None:

@@ -14,6 +14,7 @@ from islandgp.scoring.state import PopulationState
 from tests.made import CLASSES, state
 
 _KEYS = VOCABULARY.keys
+TURNS = ["inverter", "inverter", "force_success", "force_failure"]
 _FLAGS = [name for name, key in _KEYS.items() if key.flag]
 _NUMBERS = [name for name, key in _KEYS.items() if not key.flag]
 
@@ -81,8 +82,8 @@ def nodes(
             st.builds(Node, composite, st.just(()), several),
             st.builds(Node, st.just("when"), guard, one),
             st.builds(Node, st.just("parallel"), st.builds(ParallelArgs, policy, policy), several),
-            st.builds(Node, st.just("inverter"), st.just(()), one),
-            st.builds(Node, st.just("repeater"), count, one),
+            st.builds(Node, st.sampled_from(TURNS), st.just(()), one),
+            st.builds(Node, st.sampled_from(["repeater", "retry"]), count, one),
         )
 
     action = st.sampled_from(list(VOCABULARY.actions)).map(leaf)

@@ -51,6 +51,7 @@ SCHEMA = Schema(
         "tick": Event("ticks"),
     },
     task="A mobile robot with an arm carries blocks from one table to another. Skills may fail.",
+    endings={"task done": "all blocks are placed", "time": "its ticks were over"},
     habits=("Check what has been reached before acting.", "Tuck the arm before driving."),
     forms={
         "robot": Form("robot", "R", "triangle", "#1a73e8"),

@@ -233,7 +233,9 @@ class Builder:
         rest = list(parts[1:])
         for argument in KINDS[kind].arguments:
             given = argument.default is None or _is(rest[0], argument.name)
-            values.append(self._argument(argument, rest.pop(0)) if given else argument.default)
+            values.append(
+                self._argument(kind, argument, rest.pop(0)) if given else argument.default
+            )
         return Node(kind, KINDS[kind].made(values)), rest
 
     def _leaf(self, name: _Token, given: Sequence[tuple[_Token, _Token]]) -> Node:
@@ -272,12 +274,12 @@ class Builder:
             )
         return value
 
-    def _argument(self, argument: Argument, tree: _Tree) -> Asked | float | str:
+    def _argument(self, kind: str, argument: Argument, tree: _Tree) -> Asked | float | str:
         """The value of an argument, from what stands for it."""
         if argument.sort is Sort.CONDITION:
             return self.condition(tree)
         if argument.sort is Sort.COUNT:
-            return self._count_of(argument, tree)
+            return self._count_of(kind, argument, tree)
         return str(tree.children[0])
 
     def written(self, tree: _Tree, parameters: Sequence[str]) -> Node:
@@ -382,7 +384,7 @@ class Builder:
             )
         return value
 
-    def _count_of(self, argument: Argument, token: _Token) -> float:
+    def _count_of(self, kind: str, argument: Argument, token: _Token) -> float:
         fewest, most = argument.range
         count = 0.0
         if token.type == "NAME":
@@ -392,7 +394,7 @@ class Builder:
         if count != int(count) or not fewest <= count <= most:
             raise self._source.error_at(
                 token,
-                f"a repeater can't repeat {shown(token)} times",
+                f"a {kind} can't repeat {shown(token)} times",
                 expected=f"a whole number from {fewest} to {most}",
             )
         return count if isinstance(count, Named) else int(count)

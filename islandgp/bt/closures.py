@@ -76,9 +76,19 @@ def inverter(child: Tick) -> Tick:
     return tick
 
 
-def repeater(child: Tick, count: int) -> Tick:
-    """One repetition a tick, until the child has succeeded `count` times."""
-    left = 0  # successes still to come
+def forced(child: Tick, end: int) -> Tick:
+    """Ends with one status however the child ends."""
+
+    def tick(fresh: bool) -> int:
+        status = child(fresh)
+        return status if status >= RUNNING else end
+
+    return tick
+
+
+def repeater(child: Tick, count: int, counted: int) -> Tick:
+    """One repetition a tick, until the child has ended `count` times with the status `counted`."""
+    left = 0  # such ends still to come
     due = False  # the next tick starts a repetition
 
     def tick(fresh: bool) -> int:
@@ -87,7 +97,7 @@ def repeater(child: Tick, count: int) -> Tick:
             left = count
         status = child(fresh or due)
         due = False
-        if status == SUCCESS:
+        if status == counted:
             left -= 1
             due = left > 0
         return AGAIN if due else status

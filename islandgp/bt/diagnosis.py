@@ -120,9 +120,23 @@ def syntax_error(
         character = source.text[error.pos_in_stream or 0]
         message = f"unexpected character {character!r} (U+{ord(character):04X})"
         return source.error(message, error.line, error.column)
+    accepted = set(error.accepts)
+    if _takes_nothing(before, words):
+        accepted.discard("LPAR")
     if error.token.type == "$END":
-        return _unexpected_end(source, before, error.accepts, words)
-    return _unexpected_word(source, error.token, before, error.accepts, words)
+        return _unexpected_end(source, before, accepted, words)
+    return _unexpected_word(source, error.token, before, accepted, words)
+
+
+def _takes_nothing(before: Sequence[Token], words: Vocabulary) -> bool:
+    """Whether the last word is an action without arguments."""
+    if (
+        not before
+        or before[-1].type != "NAME"
+        or [*map(str, before[-2:-1])] in (["use"], ["subtree"])
+    ):
+        return False
+    return not words.action(str(before[-1])).arguments
 
 
 def _names_of_numbers(words: Sequence[Token]) -> set[int]:

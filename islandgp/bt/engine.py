@@ -17,7 +17,7 @@ from islandgp.bt import closures
 from islandgp.bt.closures import Observed, Stop, Tick
 from islandgp.bt.condition import Board, condition
 from islandgp.bt.kinds import KINDS, count_of
-from islandgp.bt.node import AGAIN, RUNNING, ActionArgs, Node, ParallelArgs, asked_in
+from islandgp.bt.node import AGAIN, RUNNING, SUCCESS, ActionArgs, Node, ParallelArgs, asked_in
 
 __all__ = ["ABORTED", "Board", "Tick", "Watch", "compile_tree", "condition", "thresholds"]
 
@@ -136,7 +136,13 @@ class _Compiler:
         return closures.inverter(self.compile(node.children[0], observed))
 
     def _repeater(self, node: Node, observed: Observed | None) -> Tick:
-        return closures.repeater(self.compile(node.children[0], observed), count_of(node))
+        counted = KINDS[node.kind].counts
+        assert counted is not None
+        return closures.repeater(self.compile(node.children[0], observed), count_of(node), counted)
+
+    def _forced(self, node: Node, observed: Observed | None) -> Tick:
+        end = KINDS[node.kind].ends[SUCCESS]
+        return closures.forced(self.compile(node.children[0], observed), end)
 
     def _when(self, node: Node, observed: Observed | None) -> Tick:
         assert node.guard is not None
@@ -180,6 +186,9 @@ _MADE: Final[dict[str, Callable[[_Compiler, Node, Observed | None], Tick]]] = {
     "parallel": _Compiler._parallel,
     "inverter": _Compiler._inverter,
     "repeater": _Compiler._repeater,
+    "retry": _Compiler._repeater,
+    "force_success": _Compiler._forced,
+    "force_failure": _Compiler._forced,
     "when": _Compiler._when,
 }
 """How the closure of each kind of inner node is made."""

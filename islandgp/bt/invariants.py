@@ -162,7 +162,7 @@ class _Finder:
         if count_of(node) == 1:
             return inside
         again = self._either(inside, machine.fresh(children[0]))
-        return self._either(again, repeated(self._sets, again, last=False))
+        return self._either(again, repeated(self._sets, node, again, last=False))
 
     def _in_parallel(self, child: int, policies: ParallelArgs) -> Outcomes:
         """The outcomes of a child of a running parallel, which may have ended before."""

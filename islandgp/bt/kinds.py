@@ -91,10 +91,18 @@ class NodeKind:
         made: Args = self.args(*values) if values else ()
         return made
 
+    paper: bool = True
+    """One of the paper's node types, section 2.2.3; prompts describe these."""
+
     @property
     def decorates(self) -> bool:
         """Whether it has exactly one child; a composite observes guards through it."""
         return self.children == (1, 1)
+
+    @property
+    def forces(self) -> bool:
+        """Whether it ends with one status only."""
+        return self.ends[FAILURE] == self.ends[SUCCESS]
 
     @property
     def inverts(self) -> bool:
@@ -155,6 +163,29 @@ KINDS: Final[dict[str, NodeKind]] = {
         arguments=(Argument("count", Sort.COUNT, "successes of the child", range=REPEATS),),
         look=Look("\N{CLOCKWISE OPEN CIRCLE ARROW}", "magenta", "#efe3f5", "#7f4fa3"),
         counts=SUCCESS,
+    ),
+    "retry": NodeKind(
+        meaning="runs its child until it succeeds, or has failed that often",
+        children=(1, 1),
+        args=CountArgs,
+        arguments=(Argument("count", Sort.COUNT, "failures of the child", range=REPEATS),),
+        look=Look("\N{ANTICLOCKWISE OPEN CIRCLE ARROW}", "magenta", "#f7e3f0", "#a23f7e"),
+        counts=FAILURE,
+        paper=False,
+    ),
+    "force_success": NodeKind(
+        meaning="turns failure into success",
+        children=(1, 1),
+        look=Look("\N{CHECK MARK}", "green", "#e3f3df", "#3f7f2f"),
+        ends=(SUCCESS, SUCCESS),
+        paper=False,
+    ),
+    "force_failure": NodeKind(
+        meaning="turns success into failure",
+        children=(1, 1),
+        look=Look("\N{BALLOT X}", "red", "#fbe0e0", "#b02f2f"),
+        ends=(FAILURE, FAILURE),
+        paper=False,
     ),
     "when": NodeKind(
         meaning="runs its child while a condition holds",

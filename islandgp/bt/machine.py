@@ -53,7 +53,7 @@ class BranchMemory(NamedTuple):
 class RepeaterMemory(NamedTuple):
     """What a running repeater remembers."""
 
-    left: int  # successes still to come, >= 1
+    left: int  # ends of its child that count, still to come, >= 1
     memory: Memory | None  # of its child; None: the next tick starts it
 
 
@@ -195,7 +195,7 @@ class Machine:
         return self.sets.either(failure, self.fails[place]), success, running
 
     def repetition(self, place: int, memory: Memory | None) -> tuple[int, Memory | None]:
-        """The successes that a repeater has still to come to, and the memory of its child."""
+        """The ends that a node still has to count, and the memory of its child."""
         if memory is None:
             return count_of(self.nodes[place]), None
         assert isinstance(memory, RepeaterMemory)
@@ -218,7 +218,7 @@ class Machine:
             return self.guarded(place, self.now(children[0], memory), fresh=memory is None)
         if kind.counts is not None:
             left, inner = self.repetition(place, memory)
-            return repeated(self.sets, self.now(children[0], inner), last=left == 1)
+            return repeated(self.sets, node, self.now(children[0], inner), last=left == 1)
         if kind.decorates:
             return turned(self.sets, node, self.now(children[0], memory))
         if isinstance(node.args, ParallelArgs):
@@ -293,7 +293,7 @@ class Machine:
             return self._aimed_branch(place, memory, target)
         if kind.counts is not None:
             left, inner = self.repetition(place, memory)
-            return repeated(self.sets, self.aimed(child, inner, target), last=left == 1)
+            return repeated(self.sets, node, self.aimed(child, inner, target), last=left == 1)
         inside = self.aimed(child, memory, target)
         if node.guard is None:
             return turned(self.sets, node, inside)
@@ -356,12 +356,14 @@ class Machine:
         return (NO_BOARD, NO_BOARD, found[RUNNING]) if target.kept else found
 
 
-def repeated(sets: BoardSets, child: Outcomes, *, last: bool) -> Outcomes:
-    """The outcomes of a repeater, from those of its child; `last`: one success is to come."""
-    if last:
+def repeated(sets: BoardSets, node: Node, child: Outcomes, *, last: bool) -> Outcomes:
+    """The outcomes of a node that counts, from those of its child; `last`: one more end decides."""
+    counted = kind_of(node).counts
+    if last or counted is None:
         return child
-    failure, success, running = child
-    return failure, NO_BOARD, sets.either(success, running)
+    found = list(child)
+    found[counted] = NO_BOARD
+    return found[0], found[1], sets.either(child[counted], child[RUNNING])
 
 
 def turned(sets: BoardSets, decorator: Node, child: Outcomes) -> Outcomes:

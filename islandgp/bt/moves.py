@@ -134,11 +134,13 @@ class _Tick:
         self, place: int, memory: Memory | None, wanted: Sequence[int], target: TickTarget | None
     ) -> Iterator[Move]:
         left, inner = self._machine.repetition(place, memory)
-        again = RUNNING if left > 1 else SUCCESS
-        # Successes first: they get on.
-        inside = [SUCCESS] * (again in wanted) + [s for s in wanted if s != SUCCESS]
+        counted = kind_of(self._machine.nodes[place]).counts
+        assert counted is not None
+        again = RUNNING if left > 1 else counted
+        # What is counted comes first: it gets on.
+        inside = [counted] * (again in wanted) + [s for s in wanted if s != counted]
         for move in self.moves(self._machine.children[place][0], inner, inside, target):
-            if move.status == SUCCESS:
+            if move.status == counted:
                 after = RepeaterMemory(left - 1, None) if left > 1 else None
                 yield move._replace(status=again, memory=after)
             elif move.memory is None:

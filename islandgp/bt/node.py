@@ -51,7 +51,7 @@ class GuardArgs(NamedTuple):
 
 
 class CountArgs(NamedTuple):
-    """Arguments of a repeater."""
+    """Arguments of a repeater or a retry."""
 
     times: float  # a whole number within REPEATS
 

@@ -117,8 +117,10 @@ def _repeats_once(node: Node, standing: Standing) -> Rewrite:
     child = node.children[0]
     if count_of(node) == 1:
         return child, head(node)
-    if SUCCESS not in ends(child, below(node, standing, 0)):
-        return child, f"{head(child)} never succeeds, so it is never repeated"
+    counted = kind_of(node).counts
+    if counted not in ends(child, below(node, standing, 0)):
+        word = "fails" if counted == FAILURE else "succeeds"
+        return child, f"{head(child)} never {word}, so it is never repeated"
     return None
 
 
@@ -131,6 +133,19 @@ def _double_repeater(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001
     if count > REPEATS[1]:
         return None
     return Node(node.kind, CountArgs(count), child.children), f"{node.kind} in a {node.kind}"
+
+
+def _forced(node: Node, standing: Standing) -> Rewrite:
+    # However what is below ends, the node ends with its one status, in the same tick.
+    child = node.children[0]
+    kind = kind_of(child)
+    if kind.inverts or kind.forces:
+        return node._replace(children=child.children), f"{node.kind} above {child.kind}"
+    end = kind_of(node).ends[SUCCESS]
+    if ends(child, below(node, standing, 0)) <= {end}:
+        word = "succeeds" if end == SUCCESS else "fails"
+        return child, f"{head(child)} {word} whenever it ends"
+    return None
 
 
 def _holds_anyway(node: Node, standing: Standing) -> Rewrite:
@@ -196,8 +211,10 @@ def _rules(kind: NodeKind) -> tuple[Callable[[Node, Standing], Rewrite], ...]:
         return _COMPOSITE
     if kind.args is GuardArgs:
         return _GUARD
-    if kind.counts == SUCCESS:
+    if kind.counts is not None:
         return _REPEATER
+    if kind.forces:
+        return (_forced,)
     if kind.inverts:
         return _INVERTER
     return _PARALLEL if kind.together else ()

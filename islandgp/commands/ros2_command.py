@@ -54,7 +54,12 @@ def command(tree: Path, map_file: Path, rate: float, vocabulary: Path | None, on
     from islandgp.binding import NodeStatus
     from islandgp.ros2.node import TreeNode, ros_node, run
 
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does
+    signals: list[int] = []  # an exception inside of rclpy would leave it half done
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _: signals.append(number))
     with ros_node(robot_map.node) as (node, spin):
-        status = run(spin, TreeNode(node, tree, robot_map, vocabulary), rate, once=once)
+        tree_node = TreeNode(node, tree, robot_map, vocabulary)
+        status = run(spin, tree_node, rate, lambda: bool(signals), once=once)
+    if status is None:
+        raise click.Abort
     sys.exit(0 if status is NodeStatus.SUCCESS else 1)

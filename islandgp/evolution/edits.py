@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from typing import Final
 
 from islandgp.bt.condition import terms, with_term
-from islandgp.bt.kinds import REPEATS
+from islandgp.bt.kinds import REPEATS, kind_of
 from islandgp.bt.language import parse, to_text
 from islandgp.bt.lint import warnings
-from islandgp.bt.node import CountArgs, Limits, Node, depth, guard_of, size, within
+from islandgp.bt.node import FAILURE, CountArgs, Limits, Node, depth, selector, size, within
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.errors import TreeError
 
@@ -171,11 +171,11 @@ def put_in_front(tree: Node, path: Path, branch: Node) -> Node:
     selector, or of a new selector with the two.
     """
     node = node_at(tree, path)
-    if path and node_at(tree, path[:-1]).kind == "selector":
+    if path and kind_of(node_at(tree, path[:-1])).hands_over == FAILURE:
         return _with_child(tree, path, branch)
-    if node.kind == "selector":
+    if kind_of(node).hands_over == FAILURE:
         return with_node(tree, path, node._replace(children=(branch, *node.children)))
-    return with_node(tree, path, Node("selector", (), (branch, node)))
+    return with_node(tree, path, selector(branch, node))
 
 
 def _with_child(tree: Node, path: Path, branch: Node) -> Node:
@@ -198,7 +198,7 @@ def _front(tree: Node, path: Path, edit: Edit, _: Node | None) -> Node:
 
 def _insert(tree: Node, path: Path, edit: Edit, _: Node | None) -> Node:
     assert edit.branch is not None
-    if not path or node_at(tree, path[:-1]).kind not in ("selector", "sequence", "parallel"):
+    if not path or kind_of(node_at(tree, path[:-1])).children[1] <= 1:
         raise ValueError(
             "expected the place of a child of a selector, sequence or parallel, found"
             f" {edit.at[:60]!r}"
@@ -215,15 +215,14 @@ def _replace(tree: Node, path: Path, edit: Edit, _: Node | None) -> Node:
 def _number(tree: Node, path: Path, edit: Edit, _: Node | None) -> Node:
     node, number = node_at(tree, path), edit.number
     assert number is not None
-    if node.kind == "repeater":
+    if isinstance(node.args, CountArgs):
         fewest, most = REPEATS
         if number != int(number) or not fewest <= number <= most:
             raise ValueError(f"expected a count of {fewest} to {most}, found {number:g}")
         return with_node(tree, path, node._replace(args=CountArgs(int(number))))
-    if node.kind != "when":
+    if node.guard is None:
         raise ValueError(f"expected a `when` or a repeater at {edit.at[:60]!r}, found {node.kind}")
-    guard = guard_of(node)
-    asked = guard.condition
+    asked = node.guard.condition
     conditions = list(terms(asked))
     if not 0 <= edit.term < len(conditions):
         raise ValueError(f"expected a term of 0 to {len(conditions) - 1}, found {edit.term}")
@@ -232,7 +231,7 @@ def _number(tree: Node, path: Path, edit: Edit, _: Node | None) -> Node:
         raise ValueError(f"expected a comparison with a number, found the flag {term.key}")
     changed = with_term(asked, edit.term, term._replace(number=float(number)))
     assert changed is not None
-    return with_node(tree, path, node._replace(args=guard._replace(condition=changed)))
+    return with_node(tree, path, node._replace(args=node.guard._replace(condition=changed)))
 
 
 def _combine(tree: Node, path: Path, _: Edit, donated: Node | None) -> Node:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from math import isfinite
 from time import monotonic
 from typing import Any
 
+from islandgp.errors import ConfigError
 from islandgp.ros2.messages import filled, interface, must_have, value_of
 from islandgp.ros2.robot_map import ServiceKey, TopicKey
 
@@ -19,8 +21,10 @@ class RosKey:
         self._at = 0.0  # s, monotonic; when the value came
 
     def take(self, message: Any) -> None:
-        """A message came."""
-        self._value, self._at = value_of(message, self.entry.field), monotonic()
+        """A message came. NaN is no value: sensors say so what they have not measured."""
+        value = value_of(message, self.entry.field)
+        self._value = None if isinstance(value, float) and not isfinite(value) else value
+        self._at = monotonic()
 
     def read(self) -> Any:
         """The value now; None: there is none, or it is too old."""
@@ -51,7 +55,7 @@ def _subscribe(node: Any, key: RosKey, entry: TopicKey) -> None:
     from rclpy.qos import QoSProfile, ReliabilityPolicy
 
     kind = interface(entry.type)
-    must_have(kind(), entry.field, f"keys.{key.name}.field")
+    _check(kind(), entry.field, f"keys.{key.name}.field")
     policy = ReliabilityPolicy.RELIABLE if entry.reliable else ReliabilityPolicy.BEST_EFFORT
     node.create_subscription(kind, entry.topic, key.take, QoSProfile(depth=1, reliability=policy))
 
@@ -59,7 +63,7 @@ def _subscribe(node: Any, key: RosKey, entry: TopicKey) -> None:
 def _ask(node: Any, key: RosKey, entry: ServiceKey) -> None:
     kind = interface(entry.type)
     request = filled(kind.Request(), entry.request, f"keys.{key.name}.request")
-    must_have(kind.Response(), entry.field, f"keys.{key.name}.field")
+    _check(kind.Response(), entry.field, f"keys.{key.name}.field")
     client = node.create_client(kind, entry.service)
     waiting: list[Any] = []
 
@@ -74,3 +78,14 @@ def _ask(node: Any, key: RosKey, entry: ServiceKey) -> None:
             waiting[0].add_done_callback(lambda done: key.take(done.result()))
 
     node.create_timer(entry.every, ask)
+
+
+def _check(message: Any, field: str, place: str) -> None:
+    """Raises ConfigError for a field that is not there, or no number."""
+    must_have(message, field, place)
+    value = value_of(message, field)
+    if "[" not in field and not isinstance(value, bool | int | float):
+        raise ConfigError(
+            f"{place}: expected a number or a truth value, found {type(value).__name__}; name a"
+            " field of it"
+        )

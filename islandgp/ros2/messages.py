@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from importlib import import_module
 from typing import Any
 
@@ -28,6 +29,8 @@ def interface(name: str) -> Any:
 def filled(made: Any, values: Mapping[str, Any], what: str) -> Any:
     """A message with these fields. Raises ConfigError for a field that there is not."""
     known = made.get_fields_and_field_types()
+    with suppress(AttributeError):  # newer versions check types only where they are asked to
+        made._check_fields = True
     for name, value in values.items():
         if name not in known:
             near = closest(str(name), known)

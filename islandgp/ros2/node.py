@@ -19,6 +19,7 @@ from islandgp.ros2.leaves import RosLeaves
 from islandgp.ros2.robot_map import RobotMap
 
 RELOAD_S: Final = 0.5  # between two looks at the files
+STOP_S: Final = 0.1  # between two looks at whether to stop, at most
 CANCEL_S: Final = 2.0  # that the end waits for answers to cancellations, at most
 
 
@@ -155,23 +156,27 @@ def run(
     spin: Callable[[float], None],
     tree_node: TreeNode,
     rate: float,
+    stopping: Callable[[], bool],
     *,
     once: bool = False,
-) -> NodeStatus:
-    """Ticks a tree at a rate, in Hz, until an exception; `once`: until it succeeds or fails.
+) -> NodeStatus | None:
+    """Ticks a tree at a rate, in Hz, until `stopping()`; `once`: until it succeeds or fails.
 
-    `spin`: of `ros_node`.
+    All goals are cancelled at the end, also that by an exception. `spin`: of `ros_node`.
 
-    All goals are cancelled at the end.
+    Returns:
+        How the tree ended; None if it was stopped.
     """
     due = monotonic()
     try:
-        while True:
+        while not stopping():
             status = tree_node.tick()
             if once and status in (NodeStatus.SUCCESS, NodeStatus.FAILURE):
                 return status
             due = max(due + 1 / rate, monotonic())  # a late tick is not caught up
-            spin(due - monotonic())
+            while not stopping() and (left := due - monotonic()) > 0:
+                spin(min(left, STOP_S))
+        return None
     finally:
         tree_node.stop()
         end = monotonic() + CANCEL_S

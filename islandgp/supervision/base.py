@@ -15,9 +15,11 @@ from islandgp.bt.node import Limits, Node
 from islandgp.domain import Domain, Schema
 from islandgp.evolution.archive import Elite
 from islandgp.evolution.edits import Edit, EditTrial
+from islandgp.evolution.plan import GP
 from islandgp.evolution.record import GuidanceRecord, IndividualRecord
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import Constraints
+from islandgp.scoring.curriculum import Curriculum
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import Crisis, PopulationState
 from islandgp.supervision.library import Library
@@ -87,6 +89,8 @@ class RunContext:
     classes: Classes
     library: Callable[[], Library]  # trees to inject; may take seconds; raises ConfigError
     crisis: Crisis  # when the run overrides the rate
+    gp: GP
+    curriculum: Curriculum
     adapt_mutation: bool  # False: rates are not used, and need not be worked out
     inject: bool  # False: trees are not used, and need not be worked out
     edits: int = 0  # edits that are used at most; the others are refused

@@ -19,8 +19,9 @@ import numpy as np
 from pydantic import Field
 
 from islandgp.bt.condition import Asked, Condition
+from islandgp.bt.kinds import kind_of
 from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import Node, guard_of, size, walk
+from islandgp.bt.node import FAILURE, Node, guard_of, size, walk
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.evolution.branches import branches_of, fine
 from islandgp.evolution.edits import Edit, Path, nodes_with_paths, written
@@ -117,7 +118,7 @@ def width(asked: Asked, vocabulary: Vocabulary) -> float:
 
 def urgency(branch: Node, vocabulary: Vocabulary) -> float:
     """How far in front a branch belongs: the width of its guard, 1 without one; least first."""
-    return width(guard_of(branch).condition, vocabulary) if branch.kind == "when" else 1.0
+    return width(branch.guard.condition, vocabulary) if branch.guard else 1.0
 
 
 def place_for(tree: Node, branch: Node, vocabulary: Vocabulary) -> int | None:
@@ -125,7 +126,7 @@ def place_for(tree: Node, branch: Node, vocabulary: Vocabulary) -> int | None:
 
     It stands before the first child whose guard is as wide, or wider.
     """
-    if tree.kind != "selector":
+    if kind_of(tree).hands_over != FAILURE:
         return None
     wide = urgency(branch, vocabulary)
     wider = (k for k, child in enumerate(tree.children) if urgency(child, vocabulary) >= wide)
@@ -134,10 +135,10 @@ def place_for(tree: Node, branch: Node, vocabulary: Vocabulary) -> int | None:
 
 def guard_above(tree: Node, branch: Node) -> tuple[Path, Node] | None:
     """The path and the node of the first guard in a tree that guards what a branch guards."""
-    if branch.kind != "when":
+    if not branch.guard:
         return None
     for path, node in nodes_with_paths(tree):
-        if node.kind == "when" and node.children == branch.children:
+        if node.guard and node.children == branch.children:
             return path, node
     return None
 
@@ -322,7 +323,7 @@ class Editor:
             Branch(branch, f"individual {i.id}")
             for i in self._donors[counter]
             for branch in branches_of(parse(i.tree))
-            if branch.kind == "when" and any(node.action == action for node in walk(branch))
+            if branch.guard and any(node.action == action for node in walk(branch))
         ]
         return sorted(found, key=lambda branch: size(branch.node))
 

@@ -1,15 +1,15 @@
 """Table 5 as JSON: what a language model is shown of a population (sections 2.4.1 and 2.4.5).
 
-Numbers are rounded, points to whole ones and shares to three places: a prompt
-stays short, and the last digits of a sum never change its hash.
+Numbers are rounded, points from 100 on to whole ones, smaller ones to three digits, and shares to
+three places: a prompt stays short, and the last digits of a sum never change its hash.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from functools import cache
-from typing import Any
+from typing import Any, Final
 
 import yaml
 
@@ -18,6 +18,8 @@ from islandgp.resources import resource
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import Crisis, PopulationState
+
+SMALL: Final = 1e-6  # points: of a best below it no share is told
 
 
 @cache
@@ -29,8 +31,13 @@ def words(section: str) -> dict[str, str]:
     return found[section]
 
 
-def field_meanings(schema: Schema, classes: Classes) -> dict[str, str]:
-    """Every field of `state_json` and what it means, in the order in which they stand there."""
+def field_meanings(
+    schema: Schema, classes: Classes, multiplied: Collection[str] | None = None
+) -> dict[str, str]:
+    """Every field of `state_json` and what it means, in the order in which they stand there.
+
+    `multiplied` are the components that the curriculum has a factor for; None: any of them.
+    """
     s = classes.specialists
     sorts: dict[str, dict[str, str]] = {
         # what a <sort> in the name of a field stands for, and what is <said> of each
@@ -44,7 +51,11 @@ def field_meanings(schema: Schema, classes: Classes) -> dict[str, str]:
             name: counter.meaning + (f", {counter.unit}" if counter.unit else "")
             for name, counter in schema.counters.items()
         },
-        "component": dict(schema.components),
+        "component": {
+            name: meaning
+            for name, meaning in schema.components.items()
+            if multiplied is None or name in multiplied
+        },
     }
     found = {}
     for field, meaning in words("fields").items():
@@ -64,14 +75,14 @@ def state_json(state: PopulationState, crisis: Crisis) -> dict[str, Any]:
         "epoch": now.epoch,
         "stage": now.stage + 1,
         "fitness": {
-            "best": round(now.best),
-            "mean": round(now.mean),
-            "sd": round(now.sd),
-            "best_change": round(state.best_change),
+            "best": rounded(now.best),
+            "mean": rounded(now.mean),
+            "sd": rounded(now.sd),
+            "best_change": rounded(state.best_change),
             "best_change_share": _share(state.best_change, now.best - state.best_change),
-            "mean_change": round(state.mean_change),
-            "best_trend": round(state.best_trend),
-            "mean_trend": round(state.mean_trend),
+            "mean_change": rounded(state.mean_change),
+            "best_trend": rounded(state.best_trend),
+            "mean_trend": rounded(state.mean_trend),
         },
         "history": [_line(s, state.reached) for s in state.history],
         "specialists": dict(now.specialists),
@@ -85,7 +96,7 @@ def state_json(state: PopulationState, crisis: Crisis) -> dict[str, Any]:
         "working_ratio": _three(now.working),
         "tiers": dict(now.tiers),
         "milestones": {f"{name}_seen": seen for name, seen in state.reached.items()},
-        "activity": {name: round(value, 1) + 0.0 for name, value in now.counters.items()},
+        "activity": {name: rounded(value) for name, value in now.counters.items()},
         "stagnation": {
             "generations": state.stagnant_generations,
             "epochs": round(state.stagnant_epochs, 1),
@@ -102,7 +113,7 @@ def state_json(state: PopulationState, crisis: Crisis) -> dict[str, Any]:
             "population": state.population,
             "mean_tree_nodes": round(now.size, 1),
         },
-        "next_multipliers": dict(state.multipliers),
+        **({"next_multipliers": dict(state.multipliers)} if state.multipliers else {}),
     }
 
 
@@ -118,6 +129,17 @@ def state_text(state: PopulationState, crisis: Crisis) -> str:
     return "{" + ",\n ".join(lines) + "}"
 
 
+def rounded(value: float) -> float:
+    """A whole number from 100 on, else three digits; never a negative zero."""
+    found = float(round(value)) if abs(value) >= 100 else float(f"{value:.3g}")
+    return int(found) if found == int(found) else found
+
+
+def in_points(value: float, sign: str = "") -> str:
+    """Points in a text for people: rounded, as in `4,000`; with a sign where `sign` is "+"."""
+    return format(rounded(value), f"{sign},")
+
+
 def title(name: str) -> str:
     """A name for people: `full_service` is Full Service."""
     return name.replace("_", " ").title()
@@ -126,8 +148,8 @@ def title(name: str) -> str:
 def _line(s: Snapshot, milestones: Iterable[str]) -> dict[str, Any]:
     return {
         "generation": s.generation,
-        "best": round(s.best),
-        "mean": round(s.mean),
+        "best": rounded(s.best),
+        "mean": rounded(s.mean),
         "diversity": _three(s.diversity),
         "working": _three(s.working),
         **{name: s.tiers[name] for name in milestones},
@@ -142,4 +164,4 @@ def _three(value: float) -> float:
 
 def _share(change: float, before: float) -> float:
     """A change as a share of what was before; 0 where there was nothing."""
-    return round(change / abs(before), 3) if abs(before) >= 1 else 0.0
+    return _three(change / abs(before)) if abs(before) >= SMALL else 0.0

@@ -29,6 +29,8 @@ _LIMITS: Final = re.compile(r"More than (\d+) levels or (\d+) nodes are refused"
 _CANDIDATES: Final = re.compile(r"^- trees: (\d+) trees", re.MULTILINE)
 _FATE: Final = re.compile(r"^Generation \d+, for (\w+)[^\n]* It died out", re.MULTILINE)
 _TRACED: Final = re.compile(r"^The fittest tree.*?```\n(.*?)\n```", re.MULTILINE | re.DOTALL)
+_URGENT: Final = re.compile(r"^- (\w+): \d+ of \d+ individuals do it", re.MULTILINE)
+_PARENT: Final = re.compile(r"^Individual ([\d.]+):", re.MULTILINE)
 _COMPARED: Final = re.compile(r"([<>]=?) (\d+)")
 
 SPOILS: Final = (Fault.UNKNOWN_ACTION, Fault.OUT_OF_RANGE, Fault.MAX_TOKENS, Fault.WRONG_TYPES)
@@ -47,12 +49,16 @@ class MockModel:
     def __call__(self, request: Mapping[str, Any]) -> Any:
         """The answer as JSON values; as a text where it is spoiled."""
         user = str(request["messages"][0]["content"])
-        if (found := _STATE.search(user)) is None:  # the probe
+        edits = user.startswith("After generation")
+        if (found := _STATE.search(user)) is None and not edits:  # the probe
             return {"greeting": "Hello."}
         rng = self._draws(request)
-        state, system = json.loads(found[1]), _text(request.get("system", ""))
+        state = json.loads(found[1]) if found else {}
+        system = _text(request.get("system", ""))
         guess, spoil = rng.random() < self.noise, rng.random() < self.faults
-        if '"rationale"' in system:
+        if '"edits": [' in system:
+            answer = _edits(system, user, rng)
+        elif '"rationale"' in system:
             answer = _tree(state, system, user, rng, guess)
         else:
             answer = _rate(state, system, rng, guess)
@@ -126,6 +132,24 @@ def _tree(
     why = f"Mock answer: {target} is lacking."
     found: dict[str, Any] = {"rationale": why, "target": target}
     return {**found, "trees": texts} if asked else {**found, "tree": texts[0]}
+
+
+def _edits(system: str, user: str, rng: np.random.Generator) -> dict[str, Any]:
+    """The first branch of an example for what lacks most, in front of the first tree shown."""
+    shown = system.partition("## Examples")[2].partition("\n## ")[0]
+    examples = [(names.split(", "), parse(text)) for names, text in _EXAMPLE.findall(shown)]
+    lacking = _URGENT.findall(user)
+    fit = [tree for names, tree in examples if lacking and lacking[0] in names]
+    tree = (fit or [tree for _, tree in examples])[rng.integers(max(1, len(fit)))]
+    found = _PARENT.search(user)
+    edit = {
+        "kind": "front",
+        "of": found[1] if found else "",
+        "at": "",
+        "branch": to_text(tree.children[0] if tree.children else tree),
+        "reason": f"Mock answer: {lacking[0] if lacking else 'nothing'} is lacking.",
+    }
+    return {"reasoning": "Mock answer.", "edits": [edit]}
 
 
 def _target(

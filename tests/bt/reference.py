@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 from islandgp.bt.condition import Asked, Condition
 from islandgp.bt.engine import ABORTED
+from islandgp.bt.kinds import count_of
 from islandgp.bt.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, guard_of
 
 
@@ -26,6 +27,7 @@ class Live:
         self.at = 0  # selector, sequence: the current branch
         self.statuses: list[int] = []  # parallel: of each child
         self.successes = 0  # repeater
+        self.failures = 0  # retry
         self.visited = False  # when: in this activation of its composite
         self.broken = False  # when: its condition failed while its child ran
 
@@ -142,8 +144,25 @@ class Reference:
         status = self.run(live.children[0])
         if status == SUCCESS:
             live.successes += 1
-            return SUCCESS if live.successes == live.node.args[0] else AGAIN
+            return SUCCESS if live.successes == count_of(live.node) else AGAIN
         return status
+
+    def retry(self, live: Live) -> int:
+        if not live.running:
+            live.failures = 0
+        status = self.run(live.children[0])
+        if status == FAILURE:
+            live.failures += 1
+            return FAILURE if live.failures == count_of(live.node) else AGAIN
+        return status
+
+    def force_success(self, live: Live) -> int:
+        status = self.run(live.children[0])
+        return SUCCESS if status == FAILURE else status
+
+    def force_failure(self, live: Live) -> int:
+        status = self.run(live.children[0])
+        return FAILURE if status == SUCCESS else status
 
     def when(self, live: Live) -> int:
         if live.broken:
@@ -187,7 +206,7 @@ def holds(asked: Asked, board: list[float], places: Mapping[str, int]) -> bool:
 
 def guards(branch: Live) -> Iterator[Live]:
     """The `when` nodes of a branch, down to its first composite or action."""
-    while branch.node.kind in ("when", "inverter", "repeater"):
+    while branch.node.kind not in ("selector", "sequence", "parallel", "action"):
         if branch.node.kind == "when":
             yield branch
         branch = branch.children[0]

@@ -24,7 +24,7 @@ from islandgp.bt.export.behaviortree_cpp import _script
 from islandgp.bt.export.json import from_json, to_json
 from islandgp.bt.export.scripts import read_condition
 from islandgp.bt.language import parse, parse_condition, to_text
-from islandgp.bt.node import Limits, Node, guard_of, leaf, walk
+from islandgp.bt.node import Limits, guard_of, guarded, leaf, walk
 from islandgp.bt.printer import condition_text
 from islandgp.bt.truth import excludes, implies, shorter
 from islandgp.domains.island.vocabulary import VOCABULARY
@@ -134,7 +134,7 @@ def test_shorter_examples(text: str, short: str) -> None:
 @given(asked=conditions())
 def test_ways_out_and_back(asked: Asked) -> None:
     """Text, JSON and scripts of BehaviorTree.CPP bring a condition back."""
-    tree = Node("when", (asked, "both"), (leaf("PatrolWaypoint"),))
+    tree = guarded(asked, leaf("PatrolWaypoint"))
     assert parse(to_text(tree), VOCABULARY) == tree
     assert from_json(to_json(tree)) == tree
     assert parse_condition(condition_text(asked), VOCABULARY) == asked

@@ -27,7 +27,7 @@ NAMES = (*VOCABULARY.actions, *VOCABULARY.keys)
 def grammar_words() -> set[str]:
     grammar = Lark((resource("grammar") / "bt.lark").read_text(encoding="utf-8"), parser="lalr")
     patterns = (terminal.pattern for terminal in grammar.terminals)
-    return {p.value for p in patterns if p.type == "str" and p.value.isalpha()}
+    return {p.value for p in patterns if p.type == "str" and p.value.isidentifier()}
 
 
 def test_grammar_has_the_words_of_the_tables() -> None:
@@ -80,6 +80,7 @@ def test_arguments_are_as_declared(kind: str) -> None:
     examples = {
         "action": "PatrolWaypoint",
         "repeater": "repeater 2 { PatrolWaypoint }",
+        "retry": "retry 2 { PatrolWaypoint }",
         "when": "when lap > 1 { PatrolWaypoint }",
     }
     parsed = parse(examples.get(kind, f"{kind} {{ PatrolWaypoint }}"))

@@ -153,6 +153,29 @@ def test_repeater_one_a_tick() -> None:
     assert stage.tick() == ("A!", SUCCESS)
 
 
+def test_retry_one_a_tick() -> None:
+    """One try a tick; between two of them it says that it has something to do again."""
+    stage = Stage("retry 3 { A }", A="FRFF")
+    assert stage.tick() == ("A!", AGAIN)
+    assert stage.tick() == ("A!", RUNNING)
+    assert stage.tick() == ("A", AGAIN)
+    assert stage.tick() == ("A!", FAILURE)
+
+
+def test_retry_succeeds_with_its_child() -> None:
+    """One success of the child ends it, and the count starts from zero the next time."""
+    stage = Stage("retry 2 { A }", A="FSFF")
+    statuses = [stage.tick()[1] for _ in range(4)]
+    assert statuses == [AGAIN, SUCCESS, AGAIN, FAILURE]
+
+
+def test_forced_ends() -> None:
+    """However the child ends, the status is the forced one; while it runs, it runs."""
+    for word, end in (("force_success", SUCCESS), ("force_failure", FAILURE)):
+        stage = Stage(f"{word} {{ A }}", A="RFRSF")
+        assert [stage.tick()[1] for _ in range(5)] == [RUNNING, end, RUNNING, end, end]
+
+
 def test_repeater_fails_with_its_child() -> None:
     """One failure of the child fails it, and the count starts from zero the next time."""
     stage = Stage("repeater 2 { A }", A="SFSS")

@@ -147,6 +147,14 @@ def test_the_estimate_is_near_what_was_measured() -> None:
         assert expected(how, context()).input == pytest.approx(measured, rel=tolerance)
 
 
+@pytest.mark.parametrize("prompts", SETS)
+def test_samples_of_edits_are_counted(prompts: str) -> None:
+    """Each answer that is asked for is a request of every generation."""
+    given = context(None, "supervisor.edits=2")
+    found = [expected(settings(f"prompts={prompts}", f"samples={n}"), given) for n in (1, 3)]
+    assert found[1].requests - found[0].requests == 40 * 2
+
+
 def test_candidates_cost_their_tokens() -> None:
     """Each tree more is so many tokens of the answers for trees."""
     one, three = (expected(settings(f"candidates={n}"), context()) for n in (1, 3))

@@ -73,17 +73,17 @@ WHOLE = {
     "tiers": {"excellent": 0, "complete": 2, "full_service": 3, "balanced_elite": 4},
     "milestones": {"complete_seen": True, "excellent_seen": False},
     "activity": {
-        "pickups": 1.2,
+        "pickups": 1.25,
         "interactions": 0.5,
         "deliveries": 0.1,
         "charges": 0.2,
-        "gathered": 2.7,
+        "gathered": 2.72,
         "delivered": 1.1,
         "collisions": 0.7,
-        "distance": 812.4,
+        "distance": 812,
         "inactive": 96.6,
         "laps": 0.4,
-        "battery": 31.0,
+        "battery": 31,
     },
     "stagnation": {"generations": 0, "epochs": 0.0},
     "crisis": {
@@ -164,7 +164,7 @@ def test_a_crisis_is_told() -> None:
 
 def test_no_share_of_nothing_and_no_negative_zero() -> None:
     """A change from nothing has the share 0, and what rounds to zero has no sign."""
-    first = replace(state(), best_change=4000.4, diversity_trend=-0.0001, best_trend=-0.2)
+    first = replace(state(), best_change=4000.4, diversity_trend=-0.0001, best_trend=-0.0)
     found = state_json(first, CRISIS)
     assert found["fitness"]["best_change_share"] == 0.0
     assert str(found["diversity"]["trend"]) == "0.0"

@@ -113,9 +113,9 @@ def test_a_whole_answer_counts_even_at_the_token_limit() -> None:
     assert isinstance(decide(said(json.dumps(GOOD) + " And furth", "max_tokens")), Accepted)
 
 
-@pytest.mark.parametrize("reply", [said("", "refusal"), said(GOOD, "refusal"), said("  \n")])
+@pytest.mark.parametrize("reply", [said("", "refusal"), said(GOOD, "refusal")])
 def test_a_refusal(reply: Reply) -> None:
-    """Nothing of a refused answer is used, and an empty one is as good as refused."""
+    """Nothing of a refused answer is used."""
     assert rejected(decide(reply)).stage is RejectionStage.REFUSED
 
 

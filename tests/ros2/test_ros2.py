@@ -23,6 +23,7 @@ os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 from std_msgs.msg import Float32, String
 
 from islandgp.binding import NodeStatus
+from islandgp.errors import IslandError
 from islandgp.ros2.node import TreeNode, ros_node
 from islandgp.ros2.robot_map import read_map
 from tests.ros2.servers import FAILS, HANGS, REJECTED, SUCCEEDS, Servers
@@ -164,6 +165,32 @@ def test_an_abort_cancels_the_goal(servers: Servers, robot: Callable[[str], Robo
     assert made.states[0]["waits_for"] == ["battery"]
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("std_msgs/msg/Float32", "std_msgs/msg/Flaot32", "Flaot32, found it not installed"),
+        ("std_msgs/msg/Float32", "no_msgs/msg/Float32", "install the package no_msgs"),
+        ("field: data", "field: dat", "keys.battery.field: expected fields among data"),
+        ("std_msgs/msg/Float32", "std_msgs/msg/String", "keys.battery.field: expected a number"),
+        ("order: 1", "ordre: 1", "found 'ordre'; perhaps order is meant"),
+        ("order: 1", "order: far", "actions.Drive.goal.order: expected a value of int32"),
+        ("Drive:", "Drvie:", "nothing for the action Drive"),
+    ],
+)
+def test_maps_that_do_not_fit(
+    robot: Callable[[str], Robot],
+    monkeypatch: pytest.MonkeyPatch,
+    old: str,
+    new: str,
+    message: str,
+) -> None:
+    """An interface, a field, a value or an action that there is not is one clear error."""
+    monkeypatch.setattr("tests.ros2.test_ros2.MAP", MAP.replace(old, new))
+    with pytest.raises(IslandError) as raised:
+        robot("selector { when battery < 20 { Dock } Drive }")
+    assert message in str(raised.value)
+
+
 def test_a_service_is_a_key(servers: Servers, robot: Callable[[str], Robot]) -> None:
     """It is asked again and again."""
     made = robot("selector { when person { Dock } Wait }")
@@ -250,4 +277,4 @@ def test_the_pages_command(tmp_path: Path, servers: Servers) -> None:
     process.kill()
     said, _ = process.communicate()
     assert process.returncode == 0, said
-    assert servers.goals == [3]
+    assert servers.goals == [SUCCEEDS]

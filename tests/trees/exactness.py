@@ -87,7 +87,8 @@ def random_condition(rng: Random, terms: int) -> Asked:
 def random_tree(rng: Random, levels: int) -> Node:
     """A tree rich in guards that interrupt; Hypothesis makes few of them."""
     kinds = ["action"] * 2 + ["selector", "when"] * 3 + ["sequence", "parallel", "inverter"]
-    kind = rng.choice([*kinds, "repeater"]) if levels > 1 else "action"
+    kinds += ["force_success", "force_failure"]
+    kind = rng.choice([*kinds, "repeater", "retry"]) if levels > 1 else "action"
     if kind == "action":
         return leaf("A")
     several = kind in ("selector", "sequence", "parallel")
@@ -99,7 +100,7 @@ def random_tree(rng: Random, levels: int) -> Node:
         )
     elif kind == "parallel":
         args = ParallelArgs(rng.choice([*POLICIES]), rng.choice([*POLICIES]))
-    elif kind == "repeater":
+    elif kind in ("repeater", "retry"):
         args = CountArgs(rng.randint(1, 4))
     children = range(rng.randint(1, 4) if several else 1)
     return Node(kind, args, tuple(random_tree(rng, levels - 1) for _ in children))

@@ -319,7 +319,7 @@ WRONG_XML = {
 WRONG_NODES = {
     "<Sequence/>": "expected children",
     "<Sequenc><SeekCharger/></Sequenc>": "did you mean Sequence?",
-    "<RetryUntilSuccessful num_attempts='3'><SeekCharger/></RetryUntilSuccessful>": "no node",
+    "<Delay delay_msec='3'><SeekCharger/></Delay>": "no node",
     "<ScriptCondition code='lap &lt; 1'/>": "must stand before something",
     "<Sequence><ScriptCondition code='lap + 1'/><SeekCharger/></Sequence>": "lap is a number",
     "<Sequence><ScriptCondition code='!lap == 1'/><SeekCharger/></Sequence>": "such as level",

@@ -62,12 +62,16 @@ NODES: Final[dict[str, NodeType]] = {
     "parallel": NodeType("Parallel", ("success_count", "failure_count")),
     "inverter": NodeType("Inverter"),
     "repeat": NodeType("Repeat", ("num_cycles",)),
+    "retry": NodeType("RetryUntilSuccessful", ("num_attempts",)),
+    "force_success": NodeType("ForceSuccess"),
+    "force_failure": NodeType("ForceFailure"),
     "check": NodeType("ScriptCondition", ("code",)),
     "when": NodeType("When", ("condition", "abort"), "Decorator"),
     "interruptible_fallback": NodeType("InterruptibleFallback", (), "Control"),
     "interruptible_sequence": NodeType("InterruptibleSequence", (), "Control"),
     "judged_parallel": NodeType("JudgedParallel", ("success", "failure"), "Control"),
     "repeat_per_tick": NodeType("RepeatPerTick", ("num_cycles",), "Decorator"),
+    "retry_per_tick": NodeType("RetryPerTick", ("num_attempts",), "Decorator"),
 }
 """By our names of `plan`."""
 
@@ -87,9 +91,9 @@ BUILT_IN: Final = frozenset((
 
 REPEAT = Loss(
     "repeat",
-    "Repeat begins the next repetition in the tick in which one ends; where a repetition ended in"
-    " its first tick, tickExactlyOnce leaves the next one to its next call, tickOnce does not. A"
-    " repeater here always takes the next tick",
+    "Repeat and RetryUntilSuccessful begin the next repetition in the tick in which one ends;"
+    " where a repetition ended in its first tick, tickExactlyOnce leaves the next one to its next"
+    " call, tickOnce does not. A repeater or a retry here always takes the next tick",
 )
 JUDGED = Loss(
     "judged",

@@ -36,6 +36,18 @@ _COMPOSITES: Final = {
     if tag.endswith(("Fallback", "Sequence"))
 }
 
+_DECORATORS: Final = {
+    "Inverter": "inverter",
+    "ForceSuccess": "force_success",
+    "ForceFailure": "force_failure",
+}
+_COUNTED: Final = {
+    "Repeat": ("repeater", "num_cycles"),
+    "RepeatPerTick": ("repeater", "num_cycles"),
+    "RetryUntilSuccessful": ("retry", "num_attempts"),
+    "RetryPerTick": ("retry", "num_attempts"),
+}
+
 SCOPE = Loss(
     "scope",
     'a SubTree without _autoremap="true" has a blackboard of its own, in which the keys of its'
@@ -231,9 +243,9 @@ class _Importer:
             defaults = (("success", "all"), ("failure", "one"))
             policies = ParallelArgs(*(self._policy(element, *each) for each in defaults))
             return Node("parallel", policies, self._nodes_of(element))
-        if tag == "Inverter":
-            return Node("inverter", (), (self._node(self._only_child(element)),))
-        if tag in ("Repeat", "RepeatPerTick"):
+        if tag in _DECORATORS:
+            return Node(_DECORATORS[tag], (), (self._node(self._only_child(element)),))
+        if tag in _COUNTED:
             return self._repeat(element, tag)
         if tag == "Parallel":
             return self._parallel(element)
@@ -340,15 +352,16 @@ class _Importer:
         return guarded(asked, self._node(self._only_child(element)), abort)
 
     def _repeat(self, element: Element, tag: str) -> Node:
-        count = element.attributes.get("num_cycles", "")
+        kind, attribute = _COUNTED[tag]
+        count = element.attributes.get(attribute, "")
         fewest, most = REPEATS
         if not (count.isdecimal() and len(count) < 10 and fewest <= int(count) <= most):
             self._fail(
-                element, f"expected num_cycles from {fewest} to {most}, found {shown(count)}"
+                element, f"expected {attribute} from {fewest} to {most}, found {shown(count)}"
             )
-        if tag == "Repeat" and int(count) != 1:
+        if not tag.endswith("PerTick") and int(count) != 1:
             self._differs(element, REPEAT)
-        return Node("repeater", CountArgs(int(count)), (self._node(self._only_child(element)),))
+        return Node(kind, CountArgs(int(count)), (self._node(self._only_child(element)),))
 
     def _policy(self, element: Element, attribute: str, default: str) -> str:
         found = element.attributes.get(attribute, default)

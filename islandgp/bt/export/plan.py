@@ -21,7 +21,8 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.node import Args, CountArgs, Node, UseArgs, names_of
+from islandgp.bt.kinds import KINDS, count_of, kind_of
+from islandgp.bt.node import FAILURE, Args, Node, UseArgs, names_of
 from islandgp.bt.truth import chain, exposes
 
 
@@ -29,7 +30,8 @@ class TargetNode(NamedTuple):
     """A node of the other libraries, under our names.
 
     Kinds: fallback, sequence (with memory), reactive_fallback, reactive_sequence, parallel,
-    inverter, repeat, check (a condition), action, and subtree: around the root of a named one.
+    inverter, repeat, retry, force_success, force_failure, check (a condition), action, and subtree:
+    around the root of a named one.
     """
 
     kind: str
@@ -74,7 +76,7 @@ INNER = Loss(
 
 OWN: Final = frozenset({
     "when", "interruptible_fallback", "interruptible_sequence", "judged_parallel",
-    "repeat_per_tick",
+    "repeat_per_tick", "retry_per_tick",
 })  # fmt: skip
 """Kinds of parts that are nodes of ours, beside those of `plan`."""
 
@@ -84,6 +86,9 @@ Differs: TypeAlias = Callable[[Node], bool]
 _KINDS: Final = {
     "inverter": ("inverter", "inverter"),
     "repeater": ("repeat", "repeat_per_tick"),
+    "retry": ("retry", "retry_per_tick"),
+    "force_success": ("force_success", "force_success"),
+    "force_failure": ("force_failure", "force_failure"),
     "parallel": ("parallel", "judged_parallel"),
 }
 """By kind the library's node and ours."""
@@ -230,21 +235,23 @@ def _reacts(branch: Node, composite: str) -> bool:
 def hands_over(branch: Node, composite: str) -> bool:
     """Whether a branch with a guard hands over to those behind it while its guard is false.
 
-    A failing guard does so in a selector, an inverted one in a sequence. One whose success a
-    repeater counts does not: it would hand over after several ticks only, each time anew.
+    A failing guard does so in a selector, an inverted one in a sequence. One whose end a
+    repeater or a retry counts does not: it would hand over after several ticks only.
     """
-    failure_does = composite == "selector"
-    counted = False  # whether a repeater above counts what comes up here as the handing over
-    while branch.kind in ("when", "inverter", "repeater"):
-        if branch.kind == "when":
-            return failure_does and not counted
-        failure_does ^= branch.kind == "inverter"
-        # Through a repeater a failure passes at once, a success in the last repetition.
-        counted |= (
-            isinstance(branch.args, CountArgs) and branch.args.times != 1 and not failure_does
-        )
+    decorators = []
+    while kind_of(branch).decorates and not branch.guard:
+        decorators.append(branch)
         branch = branch.children[0]
-    return False
+    if not branch.guard:
+        return False
+    status = FAILURE  # that comes up where the guard is false
+    for each in reversed(decorators):
+        kind = kind_of(each)
+        # What is counted passes in the last repetition, anything else at once.
+        if status == kind.counts and count_of(each) != 1:
+            return False
+        status = kind.ends[status]
+    return status == KINDS[composite].hands_over
 
 
 def parts(part: TargetNode) -> Iterator[TargetNode]:

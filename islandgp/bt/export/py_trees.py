@@ -125,6 +125,8 @@ _AROUND: Final = {
     "sequence": "Sequence('sequence', memory=True, children=[",
     "reactive_sequence": "Sequence('sequence', memory=False, children=[",
     "inverter": "Inverter('inverter', child=",
+    "force_success": "FailureIsSuccess('force_success', child=",
+    "force_failure": "SuccessIsFailure('force_failure', child=",
 }
 """What stands before the children of nodes without arguments."""
 
@@ -151,6 +153,8 @@ def _around(part: TargetNode) -> tuple[str, str]:
         name = head(Node("parallel", args))
         return f"Parallel({name!r}, ParallelPolicy.{policy}, children=[", "])"
     if isinstance(args, CountArgs):
+        if kind == "retry":
+            return f"Retry('retry', num_failures={args.times:.0f}, child=", ")"
         return f"Repeat('repeater', num_success={args.times:.0f}, child=", ")"
     before = _AROUND[kind]
     return before, "])" if before.endswith("[") else ")"

@@ -121,8 +121,8 @@ class _Episode:
             return True
 
         def fill(**values: float) -> bool:
-            start: Any = self._chosen[0] if choice.do is None else choice.do
-            numbers = [*start]
+            begin: Any = self._chosen[0] if choice.do is None else choice.do
+            numbers = [*begin]
             for key, value in values.items():
                 numbers[places[key]] = value
             self._chosen = (numbers, name)

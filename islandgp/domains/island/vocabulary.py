@@ -131,6 +131,12 @@ SCHEMA: Final = Schema(
         " points.",
         "The last child of the outermost selector is PatrolWaypoint, or contains it.",
     ),
+    endings={
+        "time": "it had its full length",
+        "stagnation": "its fitness had not risen for too long",
+        "negative": "its fitness was negative for too long",
+        "shutdown": "the battery was empty",
+    },
     forms={
         "robot": Form("robot", "R", "triangle", "#1a73e8"),
         "sight": Form("what the robot perceives", " ", "ring", "#1a73e8"),

@@ -12,7 +12,7 @@ import yaml
 from pydantic import BaseModel, Field, TypeAdapter
 
 from islandgp.domain import Schema
-from islandgp.domains.minigrid.robot import Robot, levels
+from islandgp.domains.minigrid.robot import Robot, levels, mission
 from islandgp.errors import ConfigError
 from islandgp.scoring.rewards import RewardTable
 from islandgp.ticking import EventLog, Simulation, Stepped
@@ -54,3 +54,11 @@ class MiniGrid(Stepped):
                     f" {hint}"
                 )
         return cls(world, rewards)
+
+    def about(self, seed: int | None = None) -> str:
+        """See `Domain`: the levels, with a mission each."""
+        if seed is not None:
+            level = self.world.levels[seed % len(self.world.levels)]
+            return f"The level is {level}, its mission: {mission(level, seed)}."
+        shown = "; ".join(f"{level} ({mission(level, 0)})" for level in self.world.levels)
+        return f"{super().about()} The levels, each with a mission that it may have: {shown}."

@@ -49,6 +49,13 @@ def environment(level: str) -> Any:
     return env
 
 
+def mission(level: str, seed: int) -> str:
+    """What the robot is to do in a level, in MiniGrid's words."""
+    env = environment(level)
+    env.reset(seed=seed)
+    return str(env.mission)
+
+
 def beside(what: str) -> Callable[[Robot], Skill]:
     """The skill to go to a place beside the nearest of these things seen, and to face it."""
 

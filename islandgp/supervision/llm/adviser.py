@@ -24,6 +24,16 @@ from islandgp.supervision.asking import ask
 from islandgp.supervision.base import Guidance, RunContext, Seen, Supervisor
 from islandgp.supervision.llm.calls import Calls, Conversation, converse, unasked
 from islandgp.supervision.llm.capabilities import Dialect
+from islandgp.supervision.llm.edit_question import (
+    EDIT_VALUES,
+    EDITS_SHAPE,
+    EditHistory,
+    check_edits,
+    edit_values,
+    fixed_edit_values,
+    known_texts,
+    nameable,
+)
 from islandgp.supervision.llm.episode import try_out
 from islandgp.supervision.llm.informed import (
     NO_VALUES,
@@ -41,6 +51,7 @@ from islandgp.supervision.llm.prompts import (
     render,
     urgency,
 )
+from islandgp.supervision.llm.run_facts import run_facts
 from islandgp.supervision.llm.settings import LLMSettings, TreeSize
 from islandgp.supervision.llm.transcript import Played
 from islandgp.supervision.llm.validation import (
@@ -61,12 +72,21 @@ from islandgp.supervision.state_json import state_text
 T = TypeVar("T")
 NEAR: Final = 1.2  # times a prompt's least length; tokens are only guessed here
 REASON: Final = 600  # characters of a fallback's reason that the record keeps
-_PROMPTS: Final = {"rate": ("mutation_rate",), "tree": ("tree_explore", "tree_exploit")}
-FILLS: Final = {"rate": tuple(DECISION), "tree": ("tree", "target", "rationale")}
+_PROMPTS: Final = {
+    "rate": ("mutation_rate",),
+    "tree": ("tree_explore", "tree_exploit"),
+    "edits": ("edits",),
+}
+FILLS: Final = {
+    "rate": tuple(DECISION),
+    "tree": ("tree", "target", "rationale"),
+    "edits": ("edits",),
+}
 """By part of the guidance: the fields that its answer fills in."""
 
 _PER_GENERATION: Final = (  # known only in a generation
-    "generation", "state", "urgency", "answer", "tree_field", "stage", "error", *RUN_VALUES
+    "generation", "state", "urgency", "answer", "tree_field", "stage", "error",
+    *RUN_VALUES, *EDIT_VALUES
 )  # fmt: skip
 _TREE_FIELD: Final = "- tree: the tree in the language, as one JSON string; write line ends as \\n."
 _TREES_FIELD: Final = (
@@ -90,22 +110,34 @@ class Adviser:
         folder = prompt_folder(settings.prompts)
         files = (*_PROMPTS["rate"], *_PROMPTS["tree"], "repair")
         self.prompts = {name: load_prompt(name, folder) for name in files}
+        if context.edits:
+            own = (folder / "edits.md").is_file()
+            self.prompts["edits"] = load_prompt("edits", folder if own else prompt_folder(None))
         self.values = {
-            **fixed_values(context.schema, context.classes, context.library()),
+            **fixed_values(context),
+            **run_facts(context),
             **_rates(settings),
             **standing_values(settings.informed, context),
         }
-        used = {v for p in self.parts for name in _PROMPTS[p] for v in self.prompts[name].variables}
+        self._order: Callable[[Shape], Shape] = (
+            reasons_first if settings.informed.reasoning else dict
+        )
+        if context.edits:
+            self.values |= fixed_edit_values(context)
+            self.values["edit_answer"] = form(self._order(EDITS_SHAPE))
+        asked = {name for part in self.parts for name in _PROMPTS[kind_of(part)]}
+        used = {v for name in asked for v in self.prompts[name].variables}
         if settings.candidates > 1 and context.inject and not {"answer", "tree_field"} <= used:
             raise SupervisionError(
                 "Expected {{answer}} and {{tree_field}} in the prompts for trees in"
                 f" {folder}, as supervisor.policy.candidates={settings.candidates} needs them,"
                 " found none; write them there, or set candidates=1."
             )
-        first = "reasoning" in used and settings.informed.reasoning
-        self._order: Callable[[Shape], Shape] = reasons_first if first else dict
         self.uses_history = bool(used.intersection(RUN_VALUES))
         self._history = RunHistory()
+        self._edits = EditHistory()
+        named = context.library().trees if context.edits or settings.refuse_copies else {}
+        self._examples = tuple(named.values())
         self._last: tuple[PopulationState, RunValues] | None = None
         for prompt in self.prompts.values():
             size = _size(settings.explore)
@@ -139,15 +171,21 @@ class Adviser:
         missing = sum(outcome.value is None for outcome in found.values())
         backup = ask(self.fallback, state, rng) if missing else None
         guidance = Guidance(None, None, _source(missing, len(found)), notes=_notes(found))
+        given = (p.value.edits for p in found.values() if p.value is not None)
+        edits = tuple(dict.fromkeys(edit for some in given for edit in some))
         for part, outcome in found.items():
+            if kind_of(part) == "edits":
+                continue
             if (said := outcome.value or backup) is not None:
                 guidance = replace(guidance, **{name: getattr(said, name) for name in FILLS[part]})
-        return guidance
+        return replace(guidance, edits=edits)
 
     def see(self, generation: Seen) -> None:
         """See `Witness`: keeps what prompts show of a run; others need nothing of it."""
-        if self.uses_history:
+        if self.uses_history or self.settings.refuse_copies:
             self._history = self._history.followed_by(generation)
+        if self.context.edits:
+            self._edits = self._edits.followed_by(generation)
 
     def too_short(self) -> str:
         """Which system prompts the model will not keep, in words; "" for none, or unknown."""
@@ -172,7 +210,12 @@ class Adviser:
     @property
     def parts(self) -> list[str]:
         """What the model is asked for in each generation."""
-        return ["rate"] * self.context.adapt_mutation + ["tree"] * self.context.inject
+        samples = range(1, self.settings.samples + 1) if self.context.edits else ()
+        return [
+            *["rate"] * self.context.adapt_mutation,
+            *["tree"] * self.context.inject,
+            *(f"edits {k}" if k > 1 else "edits" for k in samples),
+        ]
 
     def _given_up(self, calls: Calls, generation: int) -> Failure | None:
         """Why the model is not asked any more; None: it is."""
@@ -213,7 +256,12 @@ class Adviser:
                 min(size.most_depth, most.max_depth), min(size.most_nodes, most.max_nodes)
             )
             words = self.context.schema.vocabulary
-            check = check_proposal(limits, words, state.targets, how.candidates)
+            known = self._known() if how.refuse_copies else None
+            check = check_proposal(limits, words, state.targets, how.candidates, known)
+        if kind_of(part) == "edits":
+            now, limits = self._edits.now, self.context.limits
+            living = {} if now is None else nameable(now)
+            check = check_edits(living, self._known(), self.context.schema.vocabulary, limits)
         found = converse(
             calls, generation, part, request, check, repairs=how.repairs, repair=self._repair
         )
@@ -222,6 +270,11 @@ class Adviser:
         chosen, played, note = try_out(found.value, state, self.context)
         calls.transcript.add(played)
         return replace(found, value=chosen, trial=note)
+
+    def _known(self) -> frozenset[str]:
+        """Canonical texts of the living trees and of the examples."""
+        now = self._edits.now or self._history.now
+        return known_texts(() if now is None else nameable(now).values(), self._examples)
 
     def _tree_phase(self, state: PopulationState) -> tuple[str, TreeSize]:
         """Section 2.4.6: exploration until robots of quality exist, exploitation after."""
@@ -236,6 +289,8 @@ class Adviser:
         if part == "tree":
             name, size = self._tree_phase(state)
             shape, values = proposal_shape(state.targets, how.candidates), _size(size)
+        if kind_of(part) == "edits":
+            name, shape = "edits", EDITS_SHAPE
         shape = self._order(shape)
         system, user = render(
             self.prompts[name],
@@ -271,12 +326,20 @@ class Adviser:
             found = NO_VALUES
             if self.uses_history:
                 found = run_values(self.settings.informed, self.context, state, self._history)
+            if self.context.edits:
+                values, played = edit_values(self.context, self._edits, self.settings.parents)
+                found = RunValues({**found.values, **values}, found.episodes + played)
             self._last = (state, found)
         return self._last[1]
 
     def _repair(self, rejection: Rejection) -> str:
         values = {"stage": rejection.stage.value, "error": rejection.error}
         return render(self.prompts["repair"], {**self.values, **values})[1]
+
+
+def kind_of(part: str) -> str:
+    """The question of a part: `edits 2` is the second answer to `edits`."""
+    return part.partition(" ")[0]
 
 
 def _aside(work: Callable[[], T]) -> Future[T]:

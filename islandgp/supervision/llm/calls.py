@@ -75,7 +75,13 @@ def wait(failure: Failure, attempt: int, how: RetrySettings, rng: np.random.Gene
 Outage = Literal["fallback", "wait", "stop"]
 """What happens where no server answers: the fallback stands in, the run waits, or it stops."""
 
-_SLOTS: Final = {"probe": 0, "rate": 1, "tree": 2}  # of Stream.NETWORK
+_SLOTS: Final = {"probe": 0, "rate": 1, "tree": 2, "edits": 3}  # of Stream.NETWORK
+
+
+def _slot(part: str) -> int:
+    """Of a part of the guidance, or of one of several samples of it, such as `edits 2`."""
+    name, _, sample = part.partition(" ")
+    return _SLOTS[name] + int(sample or 1) - 1
 
 
 class Calls(Protocol):
@@ -130,7 +136,7 @@ class LiveCalls:
             self.seed,
             Stream.NETWORK,
             generation=call.generation + 1,
-            slot=10 * _SLOTS[call.part] + call.turn,
+            slot=10 * _slot(call.part) + call.turn,
         )
         answer = done[-1].answer if done else None
         number = done[-1].number if done else 0

@@ -23,6 +23,7 @@ from islandgp.seeding import Stream, seed_of
 from islandgp.supervision.base import RunContext
 from islandgp.supervision.llm.transcript import Played
 from islandgp.supervision.llm.validation import Proposal
+from islandgp.supervision.state_json import in_points
 
 SPANS: Final = 8  # lines of the course of an episode, at most
 BINS: Final = 60  # pieces of an episode that spans are made of
@@ -122,7 +123,7 @@ def _course(log: EpisodeLog, step_s: float) -> Iterator[str]:
         times = Counter(event for event, _ in inside)
         earned = "".join(f", {event} {n}x" for event, n in times.most_common(NAMED))
         won = sum(points for _, points in inside)
-        tail = f"; {earned[2:]}: {won:+,.0f} points" if inside else ""
+        tail = f"; {earned[2:]}: {in_points(won, '+')} points" if inside else ""
         yield f"- {span.begin * step_s:.0f} to {span.end * step_s:.0f} s: {did}{tail}"
 
 
@@ -179,8 +180,8 @@ def try_out(
     gain = outcomes[best].fitness - outcomes[0].fitness
     note = (
         f"number {best + 1} of {len(trees)} tried in world {seed}: {worth[best][0]:g} for"
-        f" {proposal.target}, {worth[best][1]:,.0f} points; the first has {worth[0][0]:g} and"
-        f" {worth[0][1]:,.0f}"
+        f" {proposal.target}, {in_points(worth[best][1])} points; the first has {worth[0][0]:g} and"
+        f" {in_points(worth[0][1])}"
     )
     played = Played(state.now.generation, "trial", len(trees), gain)
     return replace(proposal, tree=trees[best], others=()), played, note

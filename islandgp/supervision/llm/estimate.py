@@ -18,6 +18,7 @@ from islandgp.supervision.llm.transcript import Transcript
 ANSWER: Final = 300  # tokens of an answer; an assumption: a paragraph, or a tree of 20 nodes
 CANDIDATE: Final = 150  # tokens of each tree more; an assumption
 ADDED: Final = {"rate": 4_300, "tree": 7_200}  # characters more of informed ones, as measured
+ADDED_EDITS: Final = 6_000  # characters of trees and traces in the question for edits, about
 PROBES: Final = 4  # calls at most
 ADDED_MOST: Final = 30_000  # the same at most, as `informed` bounds it
 
@@ -96,7 +97,10 @@ def _requests(settings: LLMSettings, context: RunContext) -> list[tuple[Request,
     adviser, dialect = Adviser(settings, context), Dialect(True, settings.temperature, "")
     state = _state(context)
     return [
-        (adviser.request(part, state, dialect), ADDED[part] if adviser.uses_history else 0)
+        (
+            adviser.request(part, state, dialect),
+            ADDED_EDITS if part not in ADDED else ADDED[part] if adviser.uses_history else 0,
+        )
         for part in adviser.parts
     ]
 

@@ -25,7 +25,8 @@ from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import Crisis, PopulationState
 from islandgp.supervision.base import RunContext, Seen
 from islandgp.supervision.llm.episode import describe_episode
-from islandgp.supervision.state_json import title
+from islandgp.supervision.llm.run_facts import about
+from islandgp.supervision.state_json import in_points, title
 
 KEPT: Final = 20  # injected trees and decisions that are remembered
 TREE: Final = 1500  # characters of a tree that is shown, at most
@@ -218,8 +219,8 @@ def _earnings(individuals: Sequence[IndividualRecord], classes: Classes) -> Iter
         if members:
             points = [i.fitness for i in members]
             yield (
-                f"- {name}: {len(members)} individuals, mean {fmean(points):,.0f} points, best"
-                f" {max(points):,.0f}; on the mean {_components(members)}"
+                f"- {name}: {len(members)} individuals, mean {in_points(fmean(points))} points,"
+                f" best {in_points(max(points))}; on the mean {_components(members)}"
             )
 
 
@@ -227,15 +228,15 @@ def _components(members: Sequence[IndividualRecord]) -> str:
     """The components that say most of some individuals' points."""
     means = {c: fmean(i.components[c] for i in members) for c in members[0].components}
     largest = sorted(means, key=lambda c: -abs(means[c]))[:PARTS]
-    return ", ".join(f"{c} {means[c]:+,.0f}" for c in largest if means[c]) or "nothing"
+    return ", ".join(f"{c} {in_points(means[c], '+')}" for c in largest if means[c]) or "nothing"
 
 
 def _injected(tree: InjectedTree, now: Seen) -> str:
     tiers = ", ".join(f"{title(tier)} Robot" for tier in tree.new.tiers)
     start = (
         f"Generation {tree.generation}, for {tree.target or 'nothing'}"
-        f"{', mutated at once' if tree.new.mutation else ''}: {tree.new.fitness:,.0f} points, rank"
-        f" {tree.rank} of {len(now.individuals)}{f', {tiers}' if tiers else ''}."
+        f"{', mutated at once' if tree.new.mutation else ''}: {in_points(tree.new.fitness)} points,"
+        f" rank {tree.rank} of {len(now.individuals)}{f', {tiers}' if tiers else ''}."
     )
     if tree.best_rank is None:
         end = (
@@ -247,10 +248,11 @@ def _injected(tree: InjectedTree, now: Seen) -> str:
         n = len(tree.alive)
         alive = "1 living individual descends" if n == 1 else f"{n} living individuals descend"
         end = f"{alive} from it, the best of rank {tree.best_rank}; {same}."
-    return f"{start} {end}\n```\n{_cut(tree.new.tree)}\n```"
+    return f"{start} {end}\n```\n{cut(tree.new.tree)}\n```"
 
 
-def _cut(tree: str) -> str:
+def cut(tree: str) -> str:
+    """A tree's text, of TREE characters at most."""
     text = tree.strip()
     return text if len(text) <= TREE else text[: TREE - 3] + "..."
 
@@ -268,7 +270,8 @@ def _decision(past: PastDecision, classes: Classes) -> str:
     new = "; a new stage, another scale" if before.stage != after.stage else ""
     return (
         f"- after generation {before.generation}{by}: {phase}{rate}{tree}. Then best"
-        f" {before.best:,.0f} -> {after.best:,.0f}, mean {before.mean:,.0f} -> {after.mean:,.0f};"
+        f" {in_points(before.best)} -> {in_points(after.best)}, mean"
+        f" {in_points(before.mean)} -> {in_points(after.mean)};"
         f" {seen}; diversity {before.diversity:.2f} -> {after.diversity:.2f}{new}"
     )
 
@@ -286,20 +289,27 @@ def _traces(context: RunContext, state: PopulationState, now: Seen) -> tuple[str
         shown = context.classes.shown(worst.counters)
         lacking = ", ".join(name for name in state.lacking if name not in shown)
         named.append((f"The most lacking tree (no {lacking or 'behaviour lacks'})", worst))
-    each = len(now.worlds) // len(now.individuals)  # 0: fewer worlds than individuals, all common
-    texts = []
-    for name, i in named:
-        seed = now.worlds[now.individuals.index(i) * each]
-        texts.append(_trace(name, i, context, seed, now))
+    texts = [trace_of(name, i, context, now) for name, i in named]
     return "\n\n".join(texts), len(texts)
 
 
-def _trace(name: str, i: IndividualRecord, context: RunContext, seed: int, now: Seen) -> str:
+def trace_of(name: str, i: IndividualRecord, context: RunContext, now: Seen) -> str:
+    """What an individual did in the first world in which it was evaluated, in words."""
+    each = len(now.worlds) // len(now.individuals)  # 0: fewer worlds than individuals, all common
+    seed = now.worlds[now.individuals.index(i) * each]
     tree = parse(i.tree, context.schema.vocabulary)
     domain = context.domain_in(now.snapshot.generation)
     outcome, lines = describe_episode(domain, tree, seed, now.multipliers)
-    head = (
-        f"{name}, of class {i.specialist}, {i.fitness:,.0f} points ({_components([i])}). In an"
-        f" episode of {outcome.seconds:,.0f} s that ended with {', '.join(outcome.endings)} it did:"
+    n, world = context.gp.episodes, about(domain, seed)
+    mean = f" on the mean of {n} episodes" if n > 1 else ""
+    which = (
+        f"the first of them, with {in_points(outcome.fitness)} points," if n > 1 else "an episode"
     )
-    return "\n".join((head, *lines, "```", _cut(i.tree), "```"))
+    head = (
+        f"{name}, of class {i.specialist}, {in_points(i.fitness)} points{mean}"
+        f" ({_components([i])}). In {which} of {in_points(outcome.seconds)} s that ended with"
+        f" {', '.join(outcome.endings)} it did:"
+    )
+    if world:
+        head = f"{head}\n{world}"
+    return "\n".join((head, *lines, "```", cut(i.tree), "```"))

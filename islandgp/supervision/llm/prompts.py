@@ -19,12 +19,13 @@ from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS
 from islandgp.bt.kinds import KINDS, REPEATS
 from islandgp.bt.parameters import described, signature
 from islandgp.bt.vocabulary import Vocabulary
-from islandgp.domain import Schema
 from islandgp.errors import SupervisionError
 from islandgp.resources import resource
-from islandgp.scoring.classes import Classes, Tier
+from islandgp.scoring.classes import Tier
 from islandgp.scoring.state import PopulationState
+from islandgp.supervision.base import RunContext
 from islandgp.supervision.library import Library
+from islandgp.supervision.llm.run_facts import multiplied
 from islandgp.supervision.state_json import field_meanings, title, words
 
 _VARIABLE: Final = re.compile(r"\{\{\s*#?\s*([A-Za-z_][\w.]*)\s*\}\}")
@@ -106,25 +107,48 @@ def _fill(template: str, name: str, values: Mapping[str, str]) -> str:
     return _VARIABLE.sub(known, shown)
 
 
+_FILES: Final = ("domain:", "include:", "library:")
+"""Rules of the grammar that are of use in files only."""
+
 _OF_ARGUMENTS: Final = re.compile(r"^values?: .*\n|(?<=^action: NAME) values\?", re.MULTILINE)
 """The rules of the grammar for arguments of actions."""
 
 
+def shown_grammar(*, arguments: bool) -> str:
+    """The grammar without what only files can have, and with the paper's kinds of nodes alone.
+
+    Args:
+        arguments: whether actions can have arguments.
+    """
+    text = (resource("grammar") / "bt.lark").read_text(encoding="utf-8").strip()
+    parts = [
+        part
+        for part in text.split("\n\n")
+        if "docs/" not in part and not any(line.startswith(_FILES) for line in part.splitlines())
+    ]
+    shown = "\n\n".join(parts).replace("domain? include* ", "")
+    shown = re.sub(r"^FILE: .*\n", "", shown, flags=re.MULTILINE)
+    more = "|".join(name for name, kind in KINDS.items() if not kind.paper)
+    shown = re.sub(rf"^ *\|? *({more})\b.*\n", "", shown, flags=re.MULTILINE | re.IGNORECASE)
+    return shown if arguments else _OF_ARGUMENTS.sub("", shown)
+
+
 def language(vocabulary: Vocabulary) -> str:
     """The language's reference, made from the grammar and the domain's vocabulary."""
-    grammar = (resource("grammar") / "bt.lark").read_text(encoding="utf-8").strip()
-    if not any(action.arguments for action in vocabulary.actions.values()):
-        grammar = _OF_ARGUMENTS.sub("", grammar)
+    arguments = any(action.arguments for action in vocabulary.actions.values())
     numbers = [name for name, key in vocabulary.keys.items() if not key.flag]
     flags = [name for name, key in vocabulary.keys.items() if key.flag]
     return "\n".join(
         (
             "The grammar, in Lark's notation:",
             "",
-            f"```lark\n{grammar}\n```",
+            f"```lark\n{shown_grammar(arguments=arguments)}\n```",
             "",
             "Nodes:",
-            *(f"- {name}: {kind.meaning}" for name, kind in KINDS.items()),
+            *(f"- {name}: {kind.meaning}" for name, kind in KINDS.items() if kind.paper),
+            "",
+            "How a tree goes on from tick to tick:",
+            *(f"- {name}: {rule}" for name, rule in words("ticks").items()),
             "",
             f"A repeater counts from {REPEATS[0]} to {REPEATS[1]}. What a `when` stops:",
             *(f"- abort {name}: {rule}" for name, rule in words("abort_rules").items()),
@@ -145,9 +169,10 @@ def language(vocabulary: Vocabulary) -> str:
     )
 
 
-def fixed_values(schema: Schema, classes: Classes, library: Library) -> dict[str, str]:
+def fixed_values(context: RunContext) -> dict[str, str]:
     """Values that no generation changes: the task, the language, the fields, the examples."""
-    meanings = field_meanings(schema, classes)
+    schema, classes, library = context.schema, context.classes, context.library()
+    meanings = field_meanings(schema, classes, multiplied(context))
     counters = {name: schema.counters[c].meaning for name, c in classes.behaviours.items()}
     targets = {
         **{
@@ -158,7 +183,9 @@ def fixed_values(schema: Schema, classes: Classes, library: Library) -> dict[str
     return {
         "task": schema.task,
         "habits": "\n".join(f"- {habit}" for habit in schema.habits),
-        "tiers": "\n".join(_tier(name, tier) for name, tier in classes.tiers.items()),
+        "tiers": "\n".join(
+            _tier(name, tier, context.gp.episodes) for name, tier in classes.tiers.items()
+        ),
         "milestone": title(classes.milestones[0]),
         "top_milestone": title(classes.milestones[-1]),
         "language": language(schema.vocabulary),
@@ -168,11 +195,12 @@ def fixed_values(schema: Schema, classes: Classes, library: Library) -> dict[str
     }
 
 
-def _tier(name: str, tier: Tier) -> str:
+def _tier(name: str, tier: Tier, episodes: int) -> str:
     asked = [f"{measure} of at least {value:g}" for measure, value in tier.at_least.items()]
     asked += [f"{measure} above {value:g}" for measure, value in tier.above.items()]
-    asked += [f"and all that makes a {title(tier.also)} Robot"] if tier.also else []
-    return f"- {title(name)} Robot: in one episode {', '.join(asked) or 'anything'}."
+    asked += [f"and all that is asked of {title(tier.also)} Robots"] if tier.also else []
+    where = "in one episode" if episodes == 1 else f"on the mean of {episodes} episodes"
+    return f"- {title(name)} Robot: {where} {', '.join(asked) or 'anything'}."
 
 
 def _examples(part: str, library: Library) -> str:

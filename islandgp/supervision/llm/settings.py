@@ -121,6 +121,9 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     exploit: TreeSize  # phase 2
     exploit_from: str | None  # milestone whose first robot begins phase 2; None: the last one
     candidates: int = Field(default=1, ge=1, le=10)  # trees of an answer; the best is injected
+    refuse_copies: bool = False  # of examples and living trees, and trees that check warns of
+    parents: int = Field(default=2, ge=1, le=10)  # trees that the question for edits shows
+    samples: int = Field(default=1, ge=1, le=10)  # answers to it that are asked for at once
     rare: float = Field(ge=0, le=1)  # share of the population below which a behaviour is rare
     on_outage: Literal["fallback", "wait", "stop"] = "fallback"  # where no server answers
     useless: Useless | None = None  # None: asked to the end, whatever the answers are

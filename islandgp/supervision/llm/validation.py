@@ -17,10 +17,12 @@ from typing import Any, Final, Generic, Literal, TypeAlias, TypeVar
 
 from pydantic import BaseModel, Field, model_validator
 
-from islandgp.bt.language import parse
+from islandgp.bt.language import parse, to_text
+from islandgp.bt.lint import warnings
 from islandgp.bt.node import Limits, Node, check_limits
 from islandgp.bt.vocabulary import Vocabulary
 from islandgp.errors import DomainError, LimitError, TreeError, UnknownNameError
+from islandgp.evolution.edits import Edit
 from islandgp.supervision.base import Guidance, Pattern, Phase
 from islandgp.supervision.llm.message import SANE, Reply, clean
 
@@ -30,6 +32,8 @@ _CANDIDATES: Final = 2000  # places of a text where a JSON object is looked for
 _THINKING: Final = re.compile(r"<(think(?:ing)?)>.*?(?:</\1>|\Z)", re.DOTALL | re.IGNORECASE)
 _THOUGHT: Final = re.compile(r"</think(?:ing)?>", re.IGNORECASE)
 
+
+_FENCED: Final = re.compile(r"^\s*```\w*\n(.*?)\n?\s*```\s*$", re.DOTALL)
 
 LONGEST: Final = 1000  # characters of an explanation that the record keeps
 
@@ -99,6 +103,7 @@ class Proposal:
     target: str  # one of the state's targets
     rationale: str
     others: tuple[Node, ...] = ()  # candidates that came with it, inside the limits, too
+    edits: tuple[Edit, ...] = ()
 
 
 def reasons_first(shape: Shape) -> Shape:
@@ -137,13 +142,16 @@ def faults(found: Mapping[str, Any], shape: Shape) -> list[str]:
 class RejectionStage(StrEnum):
     """Where an answer is rejected."""
 
-    REFUSED = "refused"  # the model declined, or said nothing
+    REFUSED = "refused"  # the model declined
     JSON = "json"
     FIELDS = "fields"
     RANGE = "range"
     GRAMMAR = "grammar"
     NAMES = "names"
     LIMITS = "limits"
+    COPY = "copy"  # a tree that is no news
+    LINT = "lint"  # a tree that `islandgp check` warns of
+    EDITS = "edits"  # no edit makes a tree that can be used
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +191,7 @@ def check_decision(rates: RateSettings) -> Check[Guidance]:
     """The validation of decisions."""
 
     def check(reply: Reply) -> Accepted[Guidance] | Rejection:
-        found = _fields(reply, DECISION)
+        found = fields_of(reply, DECISION)
         if isinstance(found, Rejection):
             return found
         asked = float(found["mutation_rate"])
@@ -217,16 +225,23 @@ def check_proposal(
     vocabulary: Vocabulary,
     targets: tuple[str, ...],
     candidates: int = 1,
+    known: frozenset[str] | None = None,
 ) -> Check[Proposal]:
-    """The validation of trees. Of several candidates those count that go through, one at least."""
+    """The validation of trees. Of several candidates those count that go through, one at least.
+
+    With `known`, the canonical texts of trees that are no news, these are rejected, and trees that
+    `islandgp check` warns of.
+    """
     shape = proposal_shape(targets, candidates)
 
     def check(reply: Reply) -> Accepted[Proposal] | Rejection:
-        found = _fields(reply, shape)
+        found = fields_of(reply, shape)
         if isinstance(found, Rejection):
             return found
         texts = found["trees"][:candidates] if candidates > 1 else [found["tree"]]
-        checked = [_check_tree(clean(text), limits, vocabulary) for text in texts]
+        checked = [
+            _check_tree(without_fences(clean(text)), limits, vocabulary, known) for text in texts
+        ]
         trees = [tree for tree in checked if isinstance(tree, Node)]
         if not trees:
             return next(wrong for wrong in checked if isinstance(wrong, Rejection))
@@ -237,8 +252,16 @@ def check_proposal(
     return check
 
 
-def _check_tree(text: str, limits: Limits, vocabulary: Vocabulary) -> Node | Rejection:
-    """Grammar, names and limits of one tree."""
+def without_fences(text: str) -> str:
+    """A tree's text without the Markdown fence that a model may have put around it."""
+    found = _FENCED.search(text)
+    return found[1] if found else text
+
+
+def _check_tree(
+    text: str, limits: Limits, vocabulary: Vocabulary, known: frozenset[str] | None
+) -> Node | Rejection:
+    """Grammar, names and limits of one tree; with `known` also that it is news and has no fault."""
     try:
         tree = parse(text, vocabulary, name="tree")
         check_limits(tree, limits)
@@ -248,18 +271,26 @@ def _check_tree(text: str, limits: Limits, vocabulary: Vocabulary) -> Node | Rej
         return Rejection(RejectionStage.LIMITS, str(error))
     except TreeError as error:
         return Rejection(RejectionStage.GRAMMAR, str(error))
+    if known is None:
+        return tree
+    if to_text(tree) in known:
+        return Rejection(
+            RejectionStage.COPY,
+            "Expected a new tree, found a copy of a living one or of an example.",
+        )
+    if found := warnings(text, vocabulary, name="tree"):
+        return Rejection(RejectionStage.LINT, "\n".join(w.message for w in found))
     return tree
 
 
-def _fields(reply: Reply, shape: Shape) -> dict[str, Any] | Rejection:
+def fields_of(reply: Reply, shape: Shape) -> dict[str, Any] | Rejection:
     """The answer's JSON object, with every field of the right type."""
     if reply.stop_reason == "refusal":
         return Rejection(RejectionStage.REFUSED, "the model refused to answer")
     cut_off = reply.stop_reason == "max_tokens"
     if not reply.text.strip():
-        if not cut_off:
-            return Rejection(RejectionStage.REFUSED, "no text")
         why = "an answer that was cut off before its first word; think much less"
+        why = why if cut_off else "an empty answer"
         return Rejection(RejectionStage.JSON, f"Expected one JSON object, found {why}.")
     found = find_object(reply.text, shape)
     # Where another object was begun when the tokens ran out, those before it are drafts.

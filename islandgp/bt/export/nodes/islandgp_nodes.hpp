@@ -493,24 +493,21 @@ private:
   std::vector<BT::NodeStatus> results_;
 };
 
-/// Does one repetition a tick, until its child has succeeded num_cycles times. Fails with its child.
-class RepeatPerTick : public BT::DecoratorNode
+/// Does one repetition a tick, until its child has ended so often with the status that counts.
+/// Ends as its child does with the other status.
+class CountPerTick : public BT::DecoratorNode
 {
-public:
-  RepeatPerTick(const std::string& name, const BT::NodeConfig& config)
-    : BT::DecoratorNode(name, config)
+protected:
+  CountPerTick(const std::string& name, const BT::NodeConfig& config, const std::string& port,
+               BT::NodeStatus counted)
+    : BT::DecoratorNode(name, config), counted_(counted)
   {
-    const auto found = getInput<int>("num_cycles");
+    const auto found = getInput<int>(port);
     if(!found || found.value() < 1)
     {
-      throw BT::RuntimeError("RepeatPerTick: expected num_cycles of at least 1");
+      throw BT::RuntimeError(name, ": expected ", port, " of at least 1");
     }
     count_ = found.value();
-  }
-
-  static BT::PortsList providedPorts()
-  {
-    return { BT::InputPort<int>("num_cycles", "successes of the child that are needed") };
   }
 
 private:
@@ -527,15 +524,44 @@ private:
       return result;
     }
     resetChild();
-    if(result == BT::NodeStatus::FAILURE)
+    if(result != counted_)
     {
       return result;
     }
-    return --left_ == 0 ? BT::NodeStatus::SUCCESS : BT::NodeStatus::RUNNING;
+    return --left_ == 0 ? counted_ : BT::NodeStatus::RUNNING;
   }
 
+  BT::NodeStatus counted_;
   int count_ = 1;
-  int left_ = 1;  // successes still to come
+  int left_ = 1;  // ends that count, still to come
+};
+
+/// Does one repetition a tick, until its child has succeeded num_cycles times. Fails with its child.
+class RepeatPerTick : public CountPerTick
+{
+public:
+  RepeatPerTick(const std::string& name, const BT::NodeConfig& config)
+    : CountPerTick(name, config, "num_cycles", BT::NodeStatus::SUCCESS)
+  {}
+
+  static BT::PortsList providedPorts()
+  {
+    return { BT::InputPort<int>("num_cycles", "successes of the child that are needed") };
+  }
+};
+
+/// Does one try a tick, until its child has failed num_attempts times. Succeeds with its child.
+class RetryPerTick : public CountPerTick
+{
+public:
+  RetryPerTick(const std::string& name, const BT::NodeConfig& config)
+    : CountPerTick(name, config, "num_attempts", BT::NodeStatus::FAILURE)
+  {}
+
+  static BT::PortsList providedPorts()
+  {
+    return { BT::InputPort<int>("num_attempts", "failures of the child that end it") };
+  }
 };
 
 /// Makes the nodes known to a factory, under the names of the classes.
@@ -546,6 +572,7 @@ inline void register_nodes(BT::BehaviorTreeFactory& factory)
   factory.registerNodeType<InterruptibleSequence>("InterruptibleSequence");
   factory.registerNodeType<JudgedParallel>("JudgedParallel");
   factory.registerNodeType<RepeatPerTick>("RepeatPerTick");
+  factory.registerNodeType<RetryPerTick>("RetryPerTick");
 }
 
 }  // namespace islandgp

@@ -1,0 +1,163 @@
+"""supervisor=llm with supervisor.edits: what it is shown, what is taken, exactly once and again."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from islandgp.bt.language import parse, to_text
+from islandgp.bt.node import Limits
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.evolution.edits import EDITS
+from islandgp.evolution.population import Origin
+from islandgp.supervision.llm.edit_question import EditProposal, check_edits, listing
+from islandgp.supervision.llm.message import Reply
+from islandgp.supervision.llm.validation import (
+    Accepted,
+    Rejection,
+    RejectionStage,
+    check_proposal,
+)
+from islandgp.testing.faults import no_faults
+from islandgp.testing.mock_model import MockModel
+from islandgp.testing.server import MessagesServer
+from tests.llm.made import context, said, settings, state
+from tests.llm.test_prompts import DIALECT
+from tests.llm.test_whole_run import live, replayed
+
+EDITING = ("supervisor.edits=2", "supervisor.inject=false", "gp.generations=5")
+MODEL = ("supervisor.policy.samples=2", "supervisor.policy.retry.deadline=5")
+OLD = "selector { when foundGarbage { PickupGarbage } PatrolWaypoint }"
+LIVING = {"3.0": OLD, "3.1": "PatrolWaypoint"}
+KNOWN = frozenset(to_text(parse(text)) for text in (*LIVING.values(), "SeekCharger"))
+CHARGE = "when batteryLevel < 25 abort lower { sequence { SeekCharger ExecuteCharge } }"
+FRONT = {"kind": "front", "of": "3.0", "at": "0", "branch": CHARGE, "reason": "it never charges"}
+
+
+def checked(*edits: object, **other: Any) -> Accepted[EditProposal] | Rejection:
+    """The check of an answer with these edits."""
+    check = check_edits(LIVING, KNOWN, VOCABULARY, Limits(8, 50))
+    return check(said({"reasoning": "a", "edits": list(edits), **other}))
+
+
+def test_an_edit_is_taken() -> None:
+    """With its reason, and a branch in a Markdown fence."""
+    for branch in (CHARGE, f"```bt\n{CHARGE}\n```"):
+        found = checked({**FRONT, "branch": branch})
+        assert isinstance(found, Accepted)
+        (edit,) = found.value.edits
+        assert (edit.kind, edit.of, edit.at, edit.reason) == ("front", "3.0", "0", FRONT["reason"])
+        assert edit.branch == parse(CHARGE)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"of": "9.9"}, "expected an individual"),
+        ({"at": "7/7"}, "expected a place"),
+        ({"kind": "melt"}, "expected one of front"),
+        ({"branch": "FlyHome"}, "FlyHome"),
+        ({"branch": "selector {"}, "edit 1"),
+        ({"branch": None}, "branch: expected a value"),
+        ({"branch": 7}, "branch: expected string"),
+        ({"kind": "number", "number": True}, "number: expected number"),
+        ({"kind": "number", "number": float("inf")}, "number"),
+        ({"kind": "replace", "at": "", "branch": "SeekCharger"}, "a copy"),
+        ({"kind": "replace", "at": "", "branch": "PatrolWaypoint"}, "a copy"),
+        ({"branch": CHARGE.replace("< 25", "> 200")}, "batteryLevel"),
+    ],
+)
+def test_what_is_refused_is_said(change: dict[str, Any], words: str) -> None:
+    """Each fault is named for the repair turn, copies and linter warnings too."""
+    found = checked({**FRONT, **change})
+    assert isinstance(found, Rejection)
+    assert found.stage is RejectionStage.EDITS
+    assert words in found.error
+
+
+@pytest.mark.parametrize("edits", [[], "front", None, [3], [[]]])
+def test_what_is_no_list_of_edits_is_refused(edits: object) -> None:
+    """With the form that is expected."""
+    check = check_edits(LIVING, KNOWN, VOCABULARY, Limits(8, 50))
+    found = check(said({"reasoning": "a", "edits": edits}))
+    assert isinstance(found, Rejection)
+    assert found.stage is RejectionStage.FIELDS
+    assert "a list of edits" in found.error
+
+
+def test_good_edits_count_beside_bad_ones() -> None:
+    """The record says which were left out, and why."""
+    found = checked({**FRONT, "of": "9.9"}, FRONT)
+    assert isinstance(found, Accepted)
+    assert len(found.value.edits) == 1
+    assert found.change.startswith("1 of 2 edits: edit 1: expected an individual")
+
+
+def test_an_empty_answer_is_asked_again() -> None:
+    """It is no refusal: the repair turn says that it was empty."""
+    check = check_edits(LIVING, KNOWN, VOCABULARY, Limits(8, 50))
+    found = check(Reply("  ", "end_turn", None))
+    assert isinstance(found, Rejection)
+    assert found.stage is RejectionStage.JSON
+    assert "an empty answer" in found.error
+
+
+def test_whole_trees_may_be_refused_as_copies_and_by_the_linter() -> None:
+    """`supervisor.policy.refuse_copies`; without it they are taken."""
+    for text, stage in (
+        ("SeekCharger", RejectionStage.COPY),
+        (f"selector {{ {CHARGE.replace('< 25', '> 200')} PatrolWaypoint }}", RejectionStage.LINT),
+    ):
+        reply = said({"tree": f"```\n{text}\n```", "target": "rare", "rationale": "a"})
+        free = check_proposal(Limits(8, 50), VOCABULARY, ("rare",))
+        strict = check_proposal(Limits(8, 50), VOCABULARY, ("rare",), known=KNOWN)
+        assert isinstance(free(reply), Accepted)
+        found = strict(reply)
+        assert isinstance(found, Rejection)
+        assert found.stage is stage
+
+
+def test_the_listing_has_the_path_of_each_node() -> None:
+    """As an edit names it."""
+    assert listing(parse(OLD)) == [
+        '  at "": selector',
+        '  at "0": when foundGarbage',
+        '  at "0/0": PickupGarbage',
+        '  at "1": PatrolWaypoint',
+    ]
+
+
+def test_a_run_with_edits_repeats_bit_for_bit(tmp_path: Path) -> None:
+    """Edits of the model join the population; the replay asks nobody and has the same records."""
+    with MessagesServer(no_faults, MockModel()) as server:
+        steps = live(server, tmp_path / "a", *EDITING, *MODEL)
+    individuals = [i for s in steps for i in s.record.individuals]
+    assert any(i.origin == Origin.EDITED for i in individuals)
+    assert any(s.record.trials for s in steps)
+    lines = (tmp_path / "a" / "transcript.jsonl").read_text(encoding="utf-8").splitlines()
+    asked = [json.loads(line) for line in lines]
+    parts = {line["part"] for line in asked if line["line"] == "attempt"}
+    assert parts == {"probe", "rate", "edits", "edits 2"}
+    again = replayed(tmp_path / "a", tmp_path / "b", *EDITING)
+    assert [s.record for s in again] == [s.record for s in steps]
+    turns = [
+        line["request"]["turns"][0]
+        for line in asked
+        if line.get("part") == "edits" and "request" in line
+    ]
+    assert "Earlier edits, and what they gained" in turns[-1]
+    assert "points (" in turns[-1]
+
+
+def test_every_kind_is_explained() -> None:
+    """The system prompt has each kind of edit, and names no domain's words beside its own."""
+    from islandgp.supervision.llm.adviser import Adviser
+
+    given = context(None, "supervisor.edits=2")
+    found = Adviser(settings(), given).request("edits", state(), DIALECT)
+    assert all(f"- {name} (needs {kind.needs})" in found.system for name, kind in EDITS.items())
+    assert found.schema is not None
+    assert list(found.schema["properties"]) == ["reasoning", "edits"]
