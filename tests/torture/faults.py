@@ -84,7 +84,8 @@ FAULTS: Final = {
         surroundings.killed_between_run_and_store, "the same command sends each point once"
     ),
     "files of a finished run cut, changed, emptied, deleted": Fault(
-        damage.finished_run, "exit code 2, and the name of the file"
+        damage.finished_run,
+        "exit code 2, the file's name; a lost `lineage.csv` is made again",
     ),
     "files of an unfinished run cut, changed, emptied, deleted": Fault(
         damage.unfinished_run, "the run ends as usual, or exit code 2 with the reason in words"
