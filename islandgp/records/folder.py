@@ -12,7 +12,7 @@ from dataclasses import asdict, replace
 from enum import StrEnum
 from pathlib import Path
 from time import time
-from typing import Any
+from typing import Any, Final
 
 import yaml
 from filelock import FileLock
@@ -391,11 +391,19 @@ class RunFolder:
             return dict(must_fit(Summary, file.read_bytes()))
 
 
+COPIES: Final = frozenset({"mlartifacts", "mlruns"})
+"""Folders in which MLflow keeps artifacts."""
+
+
 def run_folders(root: Path) -> Iterator[RunFolder]:
-    """Every run at or below a folder, in the order of their paths; also one without about.json."""
+    """Every run at or below a folder, in the order of their paths; also one without about.json.
+
+    The copies of runs in MLflow's folders of artifacts are left out.
+    """
     signs = ("about.json", "generations.sha256", MANIFEST)
     for folder in sorted({file.parent for name in signs for file in root.rglob(name)}):
-        yield RunFolder(folder)
+        if not COPIES.intersection(folder.relative_to(root).parts):
+            yield RunFolder(folder)
 
 
 def generation_lines(folder: Path) -> Lines:

@@ -105,7 +105,8 @@ def _parameters(sweep: SweepFolder, file: SweepFile) -> Iterator[tuple[str, str]
     """The configuration of the sweep: the value of each key, or its values in the jobs' order."""
     values: dict[str, dict[str, None]] = {}
     for job in file.jobs:
-        for key, value in flat(RunFolder(sweep.path / job.folder).configuration()):
+        config = RunFolder(sweep.path / job.folder).configuration()
+        for key, value in flat({**config, "seed": job.seed}):
             values.setdefault(key, {})[value] = None
     return ((key, ", ".join(found)) for key, found in values.items())
 

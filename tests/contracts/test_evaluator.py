@@ -384,7 +384,9 @@ def test_points_that_cannot_be_counted_are_told(points: float) -> None:
     """Statistics could not be made of them."""
     setting: Any = SimpleNamespace(
         curriculum=SimpleNamespace(multipliers=lambda _: {}),
-        at=lambda _: SimpleNamespace(run_episode=lambda *_: Outcome({"p": points}, {}, 1, ("",))),
+        in_world=lambda *_: SimpleNamespace(
+            run_episode=lambda *_: Outcome({"p": points}, {}, 1, ("",))
+        ),
     )
     with pytest.raises(EvaluationError, match=r"world seed 1, stage 0, found .* points; lower"):
         simulate(setting, Job("PatrolWaypoint", 0, 1))
@@ -393,7 +395,7 @@ def test_points_that_cannot_be_counted_are_told(points: float) -> None:
 def test_an_error_names_the_line_of_the_user_s_own_code() -> None:
     """Where it was raised, among all that the program itself called."""
     setting: Any = SimpleNamespace(
-        curriculum=SimpleNamespace(multipliers=lambda _: {}), at=lambda _: Broken()
+        curriculum=SimpleNamespace(multipliers=lambda _: {}), in_world=lambda *_: Broken()
     )
     line = Broken._worked_out.__code__.co_firstlineno + 1
     with pytest.raises(EvaluationError, match=f"found none, in {__file__}, line {line}. The run"):
