@@ -73,8 +73,11 @@ def file_limit(lab: Lab) -> None:
 
 
 def limited(command: str) -> Sequence[str]:
-    """The words in front of a command that runs it under a limit of bash's."""
-    return ("bash", "-c", f'{command}; exec "$@"', "bash")
+    """The words in front of a command that runs it under a limit of bash's.
+
+    It writes no bytecode: Python keeps a file that a limit has cut short, and trips over it later.
+    """
+    return ("bash", "-c", f'{command}; PYTHONDONTWRITEBYTECODE=1 exec "$@"', "bash")
 
 
 def powerless() -> Sequence[str]:
