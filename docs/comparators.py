@@ -5,7 +5,8 @@
 
 Runs what is missing in `runs/`, evaluates each run's best robot in worlds that chose nothing, and
 writes docs/comparators/: raw scores, a table, profiles. It can be stopped and started again at
-any time: a run that is unfinished goes on, and a score that is in scores.json is kept.
+any time: a run that is unfinished goes on, and a score that is in scores/WORLD.json is kept.
+Several processes can work side by side, each on other worlds.
 """
 
 from __future__ import annotations
@@ -30,13 +31,12 @@ from islandgp.study.tables.scores import score_table, scores_csv
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 FOLDER: Final = ROOT / "docs" / "comparators"
-RAW: Final = FOLDER / "scores.json"
 SEEDS: Final = range(9000, 9020)  # of runs; nothing was tuned on them
 UNSEEN: Final = range(200_000, 200_100)  # of worlds
 RANDOM: Final = 400  # random trees of each kind
 UNSEEN_OF_RANDOM: Final = range(300_000, 300_000 + RANDOM)  # a world for each of them
 REFERENCE: Final = "random"
-QUIET: Final = ("tracking=off", "progress=off")
+QUIET: Final = ("tracking=off", "progress=off", "evaluator=serial")
 
 ARMS: Final[dict[str, tuple[str, ...]]] = {
     "random": ("search=random", "supervisor=baseline"),
@@ -133,24 +133,41 @@ def by_hand(name: str) -> float:
     return fmean(o.fitness for o in experiment.evaluate(text, UNSEEN))
 
 
-def write_raw(raw: dict[str, Any]) -> None:
-    """The raw scores, in one piece."""
-    FOLDER.mkdir(exist_ok=True)
-    temporary = RAW.with_suffix(".tmp")
+def raw_file(name: str) -> Path:
+    """Where the raw scores of a world are."""
+    return FOLDER / "scores" / f"{name}.json"
+
+
+def read_raw(name: str) -> dict[str, Any]:
+    """A world's raw scores: `by_hand`, and by arm and seed."""
+    if not raw_file(name).exists():
+        return {"by_hand": None, "arms": {}}
+    found: dict[str, Any] = json.loads(raw_file(name).read_text(encoding="utf-8"))
+    return found
+
+
+def write_raw(name: str, raw: dict[str, Any]) -> None:
+    """A world's raw scores, in one piece."""
+    file = raw_file(name)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    temporary = file.with_suffix(".tmp")
     temporary.write_text(json.dumps(raw, indent=1, sort_keys=True) + "\n", encoding="utf-8")
-    temporary.replace(RAW)
+    temporary.replace(file)
 
 
-def report(raw: dict[str, Any]) -> None:
+def report() -> None:
     """The table and the profiles of the seeds that every arm of a world has."""
     scores: dict[str, dict[str, list[float]]] = {}
-    for name, arms in raw["scores"].items():
-        common = set.intersection(*(set(seeds) for seeds in arms.values()))
+    by_hand_of: dict[str, float] = {}
+    for name, world in WORLDS.items():
+        raw = read_raw(name)
+        arms = {arm: raw["arms"][arm] for arm in arms_of(world) if arm in raw["arms"]}
+        common = set.intersection(*map(set, arms.values())) if arms else set()
         if common:
+            by_hand_of[name] = raw["by_hand"]
             scores[name] = {
-                arm: [arms[arm][seed]["score"] for seed in sorted(common)]
-                for arm in arms_of(WORLDS[name])
-                if arm in arms
+                arm: [found[seed]["score"] for seed in sorted(common)]
+                for arm, found in arms.items()
             }
     table: Scores = scores
     rows = summarise(table, reference=REFERENCE, paired=True)
@@ -162,7 +179,7 @@ def report(raw: dict[str, Any]) -> None:
         "",
         *found.notes,
         "",
-        *(f"- {name} by hand: {value:,.1f}" for name, value in raw["by_hand"].items()),
+        *(f"- {name} by hand: {value:,.1f}" for name, value in by_hand_of.items()),
     ]
     (FOLDER / "table.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     (FOLDER / "scores.csv").write_text(scores_csv(rows), encoding="utf-8")
@@ -221,21 +238,18 @@ def main() -> None:
 
 def compare_searches(names: Sequence[str], arms: Sequence[str], seeds: Iterable[int]) -> None:
     """Measure what is missing of these worlds, arms and seeds, and write the report."""
-    raw: dict[str, Any] = {"by_hand": {}, "scores": {}}
-    if RAW.exists():
-        raw = json.loads(RAW.read_text(encoding="utf-8"))
     for seed in seeds:
         for name in names:  # seed by seed: what is stopped has as many of each arm
-            raw["by_hand"].setdefault(name, None)
-            if raw["by_hand"][name] is None:
-                raw["by_hand"][name] = by_hand(name)
+            raw = read_raw(name)
+            if raw["by_hand"] is None:
+                raw["by_hand"] = by_hand(name)
             for arm in (arm for arm in arms_of(WORLDS[name]) if arm in arms):
-                known = raw["scores"].setdefault(name, {}).setdefault(arm, {})
+                known = raw["arms"].setdefault(arm, {})
                 if str(seed) not in known:
                     known[str(seed)] = measured(name, arm, seed)
-                    write_raw(raw)
+                    write_raw(name, raw)
                     print(f"{name} {arm} {seed}: {known[str(seed)]['score']:,.1f}", flush=True)
-    report(raw)
+    report()
 
 
 if __name__ == "__main__":
