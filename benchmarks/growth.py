@@ -11,8 +11,8 @@ from typing import Final, NamedTuple
 from benchmarks.figure import Effort, Figure
 from benchmarks.pinned import SEED, endless, example, points, settings
 from benchmarks.turns import medians, turns
-from islandgp.bt.language import parse
-from islandgp.bt.node import Node, size
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import Node, size
 from islandgp.domains.island.episode import run_episode
 from islandgp.domains.island.world import World
 from islandgp.evaluation.base import Problem

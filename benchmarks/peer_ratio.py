@@ -11,7 +11,7 @@ from typing import Final
 from benchmarks.figure import Effort, Figure, Missing, at_least
 from benchmarks.pinned import STAGE, example, points, setting, settings
 from benchmarks.turns import medians, ratio, turns
-from islandgp.bt.language import to_text
+from islandgp.bt.core.language import to_text
 from islandgp.domains.island.episode import run_episode
 from islandgp.domains.island.events import Event
 from islandgp.domains.island.world import World

@@ -7,8 +7,8 @@ from functools import cache
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from islandgp.bt.language import parse
-from islandgp.bt.node import Node
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import Node
 from islandgp.config.settings import Settings, read_settings
 from islandgp.domains.island.events import Award
 from islandgp.domains.island.vocabulary import VOCABULARY

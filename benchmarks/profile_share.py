@@ -16,7 +16,7 @@ from typing import Final
 
 from benchmarks.figure import Effort, Figure, Missing
 from benchmarks.pinned import SEED, example, points, settings
-from islandgp.bt.node import Node
+from islandgp.bt.core.node import Node
 from islandgp.domains.island.episode import run_episode
 from islandgp.search.paper import first_population
 from islandgp.seeding import Streams

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 from benchmarks.figure import Effort, Figure, at_least, at_most
 from benchmarks.pinned import SEED, STAGE, example, settings
 from benchmarks.waiting import episode_seconds, limit
-from islandgp.bt.language import to_text
+from islandgp.bt.core.language import to_text
 from islandgp.config.settings import Settings
 from islandgp.evaluation.base import Cached, Job, Problem
 from islandgp.evaluation.processes import Processes, cores

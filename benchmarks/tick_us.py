@@ -10,10 +10,10 @@ from typing import Any, Final, NamedTuple
 
 from benchmarks.figure import Effort, Figure, at_most
 from benchmarks.turns import medians, ratio, turns
-from islandgp.bt.engine import compile_tree
+from islandgp.bt.core.engine import compile_tree
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import FAILURE, RUNNING, STATUS_NAMES, Node, size
 from islandgp.bt.export.behaviortree_cpp import to_xml
-from islandgp.bt.language import parse
-from islandgp.bt.node import FAILURE, RUNNING, STATUS_NAMES, Node, size
 from islandgp.domains.island.vocabulary import VOCABULARY
 
 TREE: Final = """

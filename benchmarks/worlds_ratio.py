@@ -17,8 +17,8 @@ from typing import Any, Final
 from benchmarks.figure import Effort, Figure, Missing, at_most
 from benchmarks.pinned import settings
 from benchmarks.turns import medians, ratio, turns
-from islandgp.bt.language import parse
-from islandgp.bt.node import Node
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import Node
 from islandgp.domain import Domain
 from islandgp.domains.gymnasium import domain as gymnasium_domain
 from islandgp.domains.minigrid import robot

@@ -22,7 +22,7 @@ from time import process_time
 from typing import Any, Final
 
 import islandgp
-from islandgp.bt.language import to_text
+from islandgp.bt.core.language import to_text
 from islandgp.search.breeding import random_individuals
 from islandgp.seeding import Streams
 from islandgp.study.figures.profiles import profile_picture

@@ -18,7 +18,7 @@ from statistics import fmean
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from islandgp.bt.builder import (
+from islandgp.bt.core.builder import (
     MAX_INSTANCES,
     MAX_LEVELS,
     MAX_NESTED,
@@ -26,10 +26,10 @@ from islandgp.bt.builder import (
     MAX_NUMBER,
     MAX_TERMS,
 )
-from islandgp.bt.condition import OPERATORS
-from islandgp.bt.includes import MAX_FILES
-from islandgp.bt.kinds import ABORTS, COUNTED, INNER, KINDS, POLICIES, REPEATS
-from islandgp.bt.language import MAX_CHARACTERS, parse, to_text
+from islandgp.bt.core.condition import OPERATORS
+from islandgp.bt.core.includes import MAX_FILES
+from islandgp.bt.core.kinds import ABORTS, COUNTED, INNER, KINDS, POLICIES, REPEATS
+from islandgp.bt.core.language import MAX_CHARACTERS, parse, to_text
 from islandgp.commands.setting import configured
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.evaluation.base import Job, Problem, simulate

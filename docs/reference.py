@@ -27,8 +27,8 @@ from islandgp.commands.setting import configured
 from islandgp.config.settings import Settings
 from islandgp.plugin import Part, path_of
 from islandgp.resources import resource
-from islandgp.running.search import SweeperSettings
 from islandgp.supervision.expert import ExpertSettings
+from islandgp.sweep.optimiser import SweeperSettings
 
 CONF = resource("conf")
 

@@ -22,8 +22,8 @@ import numpy as np
 
 import islandgp
 from islandgp.domain import Outcome, Scene
-from islandgp.evolution.evidence import interval
-from islandgp.study.statistics import benjamini_hochberg, bootstrap, paired_test
+from islandgp.intervals import interval
+from islandgp.statistics import benjamini_hochberg, bootstrap, paired_test
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 DOMAINS: Final = ROOT / "islandgp" / "domains"

@@ -29,8 +29,8 @@ class OptunaSweeper(Sweeper):
 
     def sweep(self, arguments: list[str]) -> None:
         """Searches. See `Sweeper`."""
-        from islandgp.running.optuna_search import search
-        from islandgp.running.search import RESULTS
+        from islandgp.sweep.optimiser import RESULTS
+        from islandgp.sweep.optuna_trials import search
 
         assert self.launcher is not None, "Hydra calls setup first"
         search(arguments, self.launcher.launch, self.folder / RESULTS, **self.settings)

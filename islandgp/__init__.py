@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from islandgp.binding import NodeStatus, RobotTree, Tree, load_tree
-    from islandgp.bt.language import parse, to_text
+    from islandgp.bt.core.language import parse, to_text
     from islandgp.errors import IslandError, TreeError
     from islandgp.experiment import Experiment, compose, run
     from islandgp.results import Results, load
@@ -62,9 +62,9 @@ _HOMES = {
     "compose": "islandgp.experiment",
     "load": "islandgp.results",
     "load_tree": "islandgp.binding",
-    "parse": "islandgp.bt.language",
+    "parse": "islandgp.bt.core.language",
     "run": "islandgp.experiment",
-    "to_text": "islandgp.bt.language",
+    "to_text": "islandgp.bt.core.language",
 }
 
 

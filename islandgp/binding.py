@@ -20,12 +20,12 @@ from inspect import iscoroutinefunction, signature
 from pathlib import Path
 from typing import Any, Final, Self
 
-from islandgp.bt.engine import ABORTED, compile_tree
-from islandgp.bt.language import domain_of, domain_place, parse, plain
-from islandgp.bt.node import AGAIN, FAILURE, RUNNING, SUCCESS, ActionArgs, Node, asked_in, walk
-from islandgp.bt.parameters import bound
-from islandgp.bt.source import Source, closest
-from islandgp.bt.vocabulary import Vocabulary
+from islandgp.bt.core.engine import ABORTED, compile_tree
+from islandgp.bt.core.language import domain_of, domain_place, parse, plain
+from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, ActionArgs, Node, asked_in, walk
+from islandgp.bt.core.parameters import bound
+from islandgp.bt.core.source import Source, closest
+from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.domain_files import class_vocabulary, domain_files
 from islandgp.errors import DomainError, OtherDomainError
 from islandgp.leaves import Leaf, is_flag, is_number, status_of, steps
@@ -240,7 +240,7 @@ def _words(
     if isinstance(vocabulary, Vocabulary):
         return vocabulary
     if vocabulary is not None:
-        from islandgp.bt.declared import declared
+        from islandgp.bt.export.declared import declared
 
         declaration, tree = Path(vocabulary), str(file)
         given = read_text_file(declaration)

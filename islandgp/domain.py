@@ -21,8 +21,8 @@ from typing import Any, ClassVar, Final, Literal, NamedTuple, Protocol, Self
 
 from pydantic import BaseModel
 
-from islandgp.bt.node import Node
-from islandgp.bt.vocabulary import Action, Vocabulary, must_be
+from islandgp.bt.core.node import Node
+from islandgp.bt.core.vocabulary import Action, Vocabulary, must_be
 from islandgp.errors import DomainError
 
 

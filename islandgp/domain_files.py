@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from islandgp.resources import resource
 
 if TYPE_CHECKING:
-    from islandgp.bt.vocabulary import Vocabulary
+    from islandgp.bt.core.vocabulary import Vocabulary
 
 
 def domain_files(config_dir: str | None = None) -> dict[str, Path]:

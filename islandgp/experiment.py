@@ -18,16 +18,16 @@ from typing import Any
 
 import numpy as np
 
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import Node
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import Node
 from islandgp.config.settings import Settings
 from islandgp.domain import Domain, Outcome
 from islandgp.errors import ConfigError
 from islandgp.evaluation.serial import Serial
 from islandgp.evolution.loop import evaluate, evolve, worlds_of
-from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import Evaluated, Individual
-from islandgp.evolution.record import Step
+from islandgp.gp.plan import Plan
+from islandgp.gp.population import Evaluated, Individual
+from islandgp.gp.record import Step
 from islandgp.results import Results, load
 from islandgp.search.base import Search
 

@@ -14,7 +14,7 @@ from math import isfinite
 from numbers import Real
 from typing import Any, TypeAlias
 
-from islandgp.bt.node import RUNNING
+from islandgp.bt.core.node import RUNNING
 from islandgp.errors import DomainError
 from islandgp.plugin import defined_in, shown
 

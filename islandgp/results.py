@@ -19,21 +19,21 @@ from typing import TYPE_CHECKING, Any, Final
 
 import yaml
 
+from islandgp.atomic_files import damaged, reading
 from islandgp.errors import RunError
 from islandgp.evaluation.base import check_version
-from islandgp.evolution.edit_fates import edit_fates
+from islandgp.gp.edit_fates import edit_fates
 from islandgp.records.archive_file import NAME as ARCHIVE
 from islandgp.records.archive_file import read_archive
-from islandgp.records.checkpoint import damaged, reading
 from islandgp.records.files import values
 from islandgp.records.folder import RunFolder, run_folders
-from islandgp.records.sweep_folder import arm_of
 from islandgp.scoring.constraints import (
     Constraints,
     feasible_share,
     recorded_constraints,
     violation,
 )
+from islandgp.sweep.folder import arm_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame  # type: ignore[import-untyped] # its stubs are a package apart

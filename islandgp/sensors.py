@@ -13,7 +13,7 @@ from math import inf
 
 import numpy as np
 
-from islandgp.bt.vocabulary import Key
+from islandgp.bt.core.vocabulary import Key
 from islandgp.seeding import Stream, stream
 
 

@@ -27,11 +27,11 @@ from typing import Any, ClassVar, ParamSpec, Protocol, Self, TypeVar
 
 from pydantic import BaseModel
 
-from islandgp.bt.closures import Tick
-from islandgp.bt.engine import compile_tree
-from islandgp.bt.node import RUNNING, ActionArgs, Node
-from islandgp.bt.parameters import bound
-from islandgp.bt.vocabulary import Key, Vocabulary
+from islandgp.bt.core.closures import Tick
+from islandgp.bt.core.engine import compile_tree
+from islandgp.bt.core.node import RUNNING, ActionArgs, Node
+from islandgp.bt.core.parameters import bound
+from islandgp.bt.core.vocabulary import Key, Vocabulary
 from islandgp.domain import Observer, Outcome, Schema
 from islandgp.errors import DomainError
 from islandgp.leaves import Leaf, is_flag, is_number, status_of, steps

@@ -10,7 +10,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from islandgp.config.settings import Settings, read_settings
-from islandgp.evolution.plan import Plan
+from islandgp.gp.plan import Plan
 from islandgp.resources import resource
 
 

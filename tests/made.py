@@ -8,10 +8,10 @@ from typing import Any, Final
 
 import yaml
 
-from islandgp.bt.language import parse
+from islandgp.bt.core.language import parse
 from islandgp.domain import Outcome
 from islandgp.domains.island.vocabulary import SCHEMA
-from islandgp.evolution.population import Evaluated, Individual, Origin
+from islandgp.gp.population import Evaluated, Individual, Origin
 from islandgp.resources import resource
 from islandgp.scoring.classes import Classes, judge
 from islandgp.scoring.snapshot import Snapshot

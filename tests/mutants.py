@@ -25,7 +25,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
 
-CORE: Final = ("bt", "evolution", "search", "scoring", "records")
+CORE: Final = ("bt", "gp", "evolution", "search", "scoring", "records")
 MOST_FILES: Final = 12  # test files a module
 UNCHANGED: Final = -1
 SECONDS: Final = 300.0  # a mutant; one that hangs is killed

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from hypothesis import strategies as st
 
-from islandgp.bt.condition import OPERATORS, Asked, Condition, denied, joined
-from islandgp.bt.kinds import ABORTS, POLICIES, REPEATS
-from islandgp.bt.language import MAX_NUMBER
-from islandgp.bt.node import CountArgs, GuardArgs, Node, ParallelArgs, leaf
+from islandgp.bt.core.condition import OPERATORS, Asked, Condition, denied, joined
+from islandgp.bt.core.kinds import ABORTS, POLICIES, REPEATS
+from islandgp.bt.core.language import MAX_NUMBER
+from islandgp.bt.core.node import CountArgs, GuardArgs, Node, ParallelArgs, leaf
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import PopulationState

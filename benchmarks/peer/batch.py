@@ -11,7 +11,7 @@ from deap import base, creator  # type: ignore[import-untyped]  # it has no type
 
 from benchmarks.peer.episode import run_peer_episode
 from benchmarks.pinned import points
-from islandgp.bt.language import parse
+from islandgp.bt.core.language import parse
 from islandgp.domains.island.world import World
 
 creator.create("Fitness", base.Fitness, weights=(1.0,))

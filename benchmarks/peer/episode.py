@@ -13,8 +13,8 @@ from py_trees.trees import BehaviourTree
 
 from benchmarks.peer.actions import ACTIONS
 from benchmarks.peer.island import Island
+from islandgp.bt.core.node import Node
 from islandgp.bt.export.py_trees import to_python
-from islandgp.bt.node import Node
 from islandgp.domains.island.events import Award, Event
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.domains.island.world import World

@@ -7,7 +7,7 @@ then, so that a tree has to look at what was reached, not at what was tried.
 import numpy as np
 from pydantic import BaseModel, Field
 
-from islandgp.bt.vocabulary import Action, Vocabulary, flag, number
+from islandgp.bt.core.vocabulary import Action, Vocabulary, flag, number
 from islandgp.domain import Event, Form, Scene, Schema, Thing
 from islandgp.ticking import Stepped
 

@@ -141,8 +141,8 @@ def _rows(
     runs: Sequence[RunFolder], evaluator: Evaluator, tier: str, worlds: int
 ) -> tuple[list[Row], UnseenWorlds]:
     """The race's winner first, the others by falling mean in validation worlds; and the test."""
-    from islandgp.evolution.evidence import interval
     from islandgp.evolution.validation import validate, worlds_of
+    from islandgp.intervals import interval
     from islandgp.scoring.classes import Classes, tiers
     from islandgp.scoring.constraints import feasible_share, recorded_constraints
     from islandgp.seeding import Stream
@@ -245,7 +245,7 @@ def _used(run: RunFolder) -> Iterator[int]:
 
 def _print(rows: Sequence[Row], worlds: int) -> None:
     from islandgp.commands.play_command import Column, print_table, standard_output
-    from islandgp.supervision.state_json import title
+    from islandgp.text import title
 
     others = [
         f"{row.difference:+,.0f} [{row.difference_low:+,.0f}, {row.difference_high:+,.0f}]"

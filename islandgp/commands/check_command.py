@@ -10,10 +10,10 @@ from typing import Any, Final
 
 import click
 
-from islandgp.bt.language import parse, plain
-from islandgp.bt.lint import LintWarning, warnings
-from islandgp.bt.node import Limits, Node, check_limits, depth, size
-from islandgp.bt.vocabulary import Vocabulary
+from islandgp.bt.analysis.lint import LintWarning, warnings
+from islandgp.bt.core.language import parse, plain
+from islandgp.bt.core.node import Limits, Node, check_limits, depth, size
+from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.commands.files import FILE, called, folder_of, read_text
 from islandgp.commands.rerun import with_rerun_option
 from islandgp.commands.setting import Chosen, vocabulary_of, with_vocabulary_options

@@ -9,12 +9,12 @@ from typing import Final
 
 import click
 
-from islandgp.bt.compare import Mark, compare
-from islandgp.bt.language import domain_of, parse
-from islandgp.bt.node import Node
-from islandgp.bt.render import label
-from islandgp.bt.simplify import simplify
-from islandgp.bt.vocabulary import Vocabulary
+from islandgp.bt.analysis.compare import Mark, compare
+from islandgp.bt.analysis.simplify import simplify
+from islandgp.bt.core.language import domain_of, parse
+from islandgp.bt.core.node import Node
+from islandgp.bt.core.vocabulary import Vocabulary
+from islandgp.bt.export.render import label
 from islandgp.commands.files import FILE, called, folder_of, read_text
 from islandgp.commands.setting import Chosen, vocabulary_of, with_vocabulary_options
 from islandgp.errors import DomainError

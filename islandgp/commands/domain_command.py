@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from islandgp.bt.node import STATUS_NAMES, Node
-from islandgp.bt.parameters import described, signature
+from islandgp.bt.core.node import STATUS_NAMES, Node
+from islandgp.bt.core.parameters import described, signature
 from islandgp.commands.domain_trees import own_trees
 from islandgp.commands.files import FILE, STDIN, called, read_text, read_tree
 from islandgp.commands.setting import (

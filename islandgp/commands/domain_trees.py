@@ -8,8 +8,8 @@ from inspect import getfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from islandgp.bt.language import domain_of, parse
-from islandgp.bt.node import Node
+from islandgp.bt.core.language import domain_of, parse
+from islandgp.bt.core.node import Node
 from islandgp.commands.files import read_text, read_tree
 from islandgp.commands.setting import default_domain
 from islandgp.errors import IslandError

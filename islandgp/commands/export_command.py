@@ -6,11 +6,11 @@ from typing import Final
 
 import click
 
+from islandgp.bt.core.node import Node
+from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.export.json import to_json
 from islandgp.bt.export.plan import Loss
-from islandgp.bt.node import Node
-from islandgp.bt.vocabulary import Vocabulary
 from islandgp.commands.files import FILE, OUTPUT, STDIN, write_text
 from islandgp.commands.setting import Chosen, read_in_domain, with_vocabulary_options
 

@@ -11,9 +11,9 @@ from typing import Any, Final
 
 import click
 
-from islandgp.bt.language import parse
-from islandgp.bt.node import Node
-from islandgp.bt.vocabulary import Vocabulary
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import Node
+from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import IslandError
 from islandgp.text_files import MAX_BYTES, decoded, read_text_file
 
@@ -40,7 +40,7 @@ class _Checked(click.Path):
 
 def _check_file(file: Path) -> None:
     """Raises IslandError where a file cannot be written."""
-    from islandgp.records.checkpoint import must_take_files
+    from islandgp.atomic_files import must_take_files
 
     try:
         if file.exists():
@@ -60,7 +60,7 @@ def _check_file(file: Path) -> None:
 
 def check_folder(folder: Path) -> None:
     """Raises IslandError where a folder can neither be made nor written."""
-    from islandgp.records.checkpoint import must_take_files
+    from islandgp.atomic_files import must_take_files
 
     try:
         must_take_files(folder)
@@ -135,7 +135,7 @@ def write_text(file: str, text: str) -> None:
 
 
 def _write(path: Path, data: bytes) -> None:
-    from islandgp.records.checkpoint import write_atomic
+    from islandgp.atomic_files import write_atomic
 
     if path.exists() and not path.is_file():  # a device or a pipe
         path.write_bytes(data)

@@ -7,7 +7,7 @@ import sys
 
 import click
 
-from islandgp.bt.format import format_text
+from islandgp.bt.editor.format import format_text
 from islandgp.commands.files import FILE, STDIN, called, folder_of, read_text, write_text
 from islandgp.errors import IslandError
 

@@ -6,11 +6,11 @@ from typing import Final
 
 import click
 
-from islandgp.bt.declared import UNNAMED
+from islandgp.bt.core.language import to_text
+from islandgp.bt.editor.format import format_text
+from islandgp.bt.export.declared import UNNAMED
 from islandgp.bt.export.import_cpp import Imported, read_tree
 from islandgp.bt.export.json import from_json
-from islandgp.bt.format import format_text
-from islandgp.bt.language import to_text
 from islandgp.commands.files import FILE, OUTPUT, STDIN, called, read_text, write_text
 from islandgp.commands.setting import (
     Chosen,

@@ -13,11 +13,11 @@ from pygls.lsp.server import LanguageServer
 from pygls.workspace import ServerTextPosition, TextDocument
 
 from islandgp import __version__
-from islandgp.bt.assist import Word, meaning, offers, renamed, subtree_at
-from islandgp.bt.format import format_text
-from islandgp.bt.language import MAX_CHARACTERS
-from islandgp.bt.node import Limits
-from islandgp.bt.vocabulary import NOTHING, Vocabulary
+from islandgp.bt.core.language import MAX_CHARACTERS
+from islandgp.bt.core.node import Limits
+from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
+from islandgp.bt.editor.assist import Word, meaning, offers, renamed, subtree_at
+from islandgp.bt.editor.format import format_text
 from islandgp.commands.check_command import checked, plain_error, plain_finding
 from islandgp.errors import IslandError, TreeError
 

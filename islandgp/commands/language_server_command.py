@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from islandgp.bt.vocabulary import Vocabulary
+from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.commands.setting import (
     Chosen,
     configured_domains,

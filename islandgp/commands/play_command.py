@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from islandgp.bt.language import to_text
-from islandgp.bt.node import Node
+from islandgp.bt.core.language import to_text
+from islandgp.bt.core.node import Node
 from islandgp.commands.files import FILE, called, read_tree
 from islandgp.commands.rerun import with_rerun_option
 from islandgp.commands.setting import (
@@ -131,7 +131,7 @@ def _compared(own: Sequence[float], first: Sequence[float]) -> dict[str, float]:
 
     The ends of an interval are nan where there is one world.
     """
-    from islandgp.evolution.evidence import interval
+    from islandgp.intervals import interval
 
     pairs = [a - b for a, b in zip(own, first, strict=True)]
     names = ("fitness", "fitness_low", "fitness_high")

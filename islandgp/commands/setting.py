@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from islandgp.bt.language import domain_of, domain_place, parse, plain
+from islandgp.bt.core.language import domain_of, domain_place, parse, plain
 from islandgp.commands.files import called, folder_of, read_text
 from islandgp.domain_files import domain_class, domain_files
 from islandgp.errors import ConfigError, IslandError, OtherDomainError
 from islandgp.resources import resource
 
 if TYPE_CHECKING:
-    from islandgp.bt.node import Node
-    from islandgp.bt.vocabulary import Vocabulary
+    from islandgp.bt.core.node import Node
+    from islandgp.bt.core.vocabulary import Vocabulary
     from islandgp.config.settings import Settings
     from islandgp.evaluation.base import Problem
 
@@ -191,7 +191,7 @@ def vocabulary_of(
         TreeError: the file is not XML, or the text is no tree.
     """
     if (file := chosen.declaration) is not None:
-        from islandgp.bt.declared import declared
+        from islandgp.bt.export.declared import declared
 
         return declared(read_text(file), text, name=file, tree_name=name, folder=folder)
     return _vocabulary(_for_tree(text, chosen, name), chosen.config_dir, in_world)

@@ -8,8 +8,8 @@ from typing import Final
 
 import click
 
-from islandgp.bt.node import Node
-from islandgp.bt.render import to_dot, to_lines, to_mermaid, to_rich, to_svg
+from islandgp.bt.core.node import Node
+from islandgp.bt.export.render import to_dot, to_lines, to_mermaid, to_rich, to_svg
 from islandgp.commands.files import FILE, OUTPUT, STDIN, read_tree, write_text
 
 FORMATS: Final[dict[str, Callable[[Node], str]]] = {

@@ -6,9 +6,9 @@ from collections import Counter
 
 import click
 
-from islandgp.bt.language import domain_of, to_text
-from islandgp.bt.node import size
-from islandgp.bt.simplify import simplify
+from islandgp.bt.analysis.simplify import simplify
+from islandgp.bt.core.language import domain_of, to_text
+from islandgp.bt.core.node import size
 from islandgp.commands.files import FILE, OUTPUT, STDIN, write_text
 from islandgp.commands.setting import Chosen, read_in_domain, with_vocabulary_options
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from islandgp.bt.language import parse
-from islandgp.bt.printer import number_text
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.printer import number_text
 from islandgp.commands.files import FILE, OUTPUT, STDIN, called, folder_of, read_text, write_text
 from islandgp.commands.setting import (
     Chosen,

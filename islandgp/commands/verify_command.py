@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from islandgp.errors import RunError
-from islandgp.evolution.record import Cost
+from islandgp.gp.record import Cost
 from islandgp.records.checkpoint import read_checkpoint
 from islandgp.records.folder import RunFolder, generation_lines, run_folders
 from islandgp.records.lines import Lines, digests, read_digests, wrong_record

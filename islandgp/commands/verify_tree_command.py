@@ -9,11 +9,11 @@ from typing import Any, Final
 
 import click
 
-from islandgp.bt.engine import ABORTED
-from islandgp.bt.node import STATUS_NAMES, Node, walk
-from islandgp.bt.printer import head
-from islandgp.bt.rules import STEPS, CounterTick, RuleResult, check_rule, read_rule
-from islandgp.bt.vocabulary import Vocabulary
+from islandgp.bt.analysis.rules import STEPS, CounterTick, RuleResult, check_rule, read_rule
+from islandgp.bt.core.engine import ABORTED
+from islandgp.bt.core.node import STATUS_NAMES, Node, walk
+from islandgp.bt.core.printer import head
+from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.commands.files import FILE, called
 from islandgp.commands.setting import Chosen, read_in_domain, with_vocabulary_options
 

@@ -367,7 +367,7 @@ def _must_have_no_callbacks(hydra: DictConfig) -> None:
         )
 
 
-CALLBACKS: Final = {"forget": {"_target_": "islandgp.running.sweep_job.Forget"}}
+CALLBACKS: Final = {"forget": {"_target_": "islandgp.sweep.job.Forget"}}
 """Hydra's callbacks, as conf/config.yaml has them."""
 
 OURS: Final = {

@@ -27,9 +27,9 @@ from islandgp.errors import ConfigError, IslandError
 from islandgp.evaluation.base import Problem
 from islandgp.evaluation.perturbation import Perturbation
 from islandgp.evaluation.worlds import staged
-from islandgp.evolution.archive import ArchiveSettings
-from islandgp.evolution.plan import GP, Allocation, Budget, Plan, Stop, Switches
-from islandgp.evolution.random_trees import check_growth
+from islandgp.gp.archive import ArchiveSettings
+from islandgp.gp.plan import GP, Allocation, Budget, Plan, Stop, Switches
+from islandgp.gp.random_trees import check_growth
 from islandgp.plugin import Part, Plugin, blaming, defined_in, imported, path_of
 from islandgp.records.files import VALUES
 from islandgp.scoring.classes import CLASS_NAME, Classes

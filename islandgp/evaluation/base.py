@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final, Protocol, Self
 
-from islandgp.bt.language import parse
-from islandgp.bt.node import Node
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import Node
 from islandgp.domain import Domain, Outcome
 from islandgp.errors import LONGER, EvaluationError, RunError, TimeLimitError, brief
 from islandgp.evaluation.perturbation import (

@@ -9,16 +9,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import Node, within
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import Node, within
 from islandgp.domain import Outcome, total
 from islandgp.evaluation.base import Evaluator, Job
-from islandgp.evolution.archive import Elite
-from islandgp.evolution.edits import Edit, EditRecord, EditTrial, as_record, edited
-from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import EditedTree, Evaluated, Origin
-from islandgp.evolution.record import GuidanceRecord, IndividualRecord
-from islandgp.evolution.variation import mutate
+from islandgp.gp.archive import Elite
+from islandgp.gp.edits import Edit, EditRecord, EditTrial, as_record, edited
+from islandgp.gp.plan import Plan
+from islandgp.gp.population import EditedTree, Evaluated, Origin
+from islandgp.gp.record import GuidanceRecord, IndividualRecord
+from islandgp.gp.variation import mutate
 from islandgp.scoring.state import PopulationState
 from islandgp.search.base import Advice, Search
 from islandgp.seeding import Stream, Streams

@@ -12,16 +12,16 @@ from collections.abc import Generator, Iterable, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
 
-from islandgp.bt.language import to_text
-from islandgp.bt.node import Node, asked_in, depth, size, walk, within
+from islandgp.bt.core.language import to_text
+from islandgp.bt.core.node import Node, asked_in, depth, size, walk, within
 from islandgp.domain import Outcome, total
 from islandgp.errors import RunError
 from islandgp.evaluation.base import Evaluator, Job, evaluated
-from islandgp.evolution.archive import ArchiveUpdate, Elite, update_archive
 from islandgp.evolution.guidance import compare_with_parents, decide, nameable
-from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import Evaluated, Individual
-from islandgp.evolution.record import (
+from islandgp.gp.archive import ArchiveUpdate, Elite, update_archive
+from islandgp.gp.plan import Plan
+from islandgp.gp.population import Evaluated, Individual
+from islandgp.gp.record import (
     Cost,
     GenerationRecord,
     GuidanceRecord,

@@ -13,13 +13,13 @@ from typing import Final
 
 import numpy as np
 
-from islandgp.bt.language import to_text
-from islandgp.bt.node import Limits, Node, replace_at, size, walk, within
-from islandgp.bt.simplify import simplify
+from islandgp.bt.analysis.simplify import simplify
+from islandgp.bt.core.language import to_text
+from islandgp.bt.core.node import Limits, Node, replace_at, size, walk, within
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Evaluator, evaluated
-from islandgp.evolution.random_trees import TreeSpace, random_tree
-from islandgp.evolution.variation import CROSSOVERS, MutationSettings, mutate
+from islandgp.gp.random_trees import TreeSpace, random_tree
+from islandgp.gp.variation import CROSSOVERS, MutationSettings, mutate
 from islandgp.scoring.classes import Classes
 from islandgp.seeding import Stream, seed_of, stream
 

@@ -17,7 +17,8 @@ from typing import Any, Final
 
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Evaluator, Job
-from islandgp.evolution.evidence import estimate, interval
+from islandgp.gp.evidence import estimate
+from islandgp.intervals import interval
 from islandgp.scoring.classes import Classes, tiers
 from islandgp.scoring.constraints import (
     NO_CONSTRAINTS,

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from islandgp.errors import RunError, brief
-from islandgp.evolution.archive import ArchiveRecord, Elite
+from islandgp.gp.archive import ArchiveRecord, Elite
 from islandgp.plain import UNREADABLE, made_of, read_json
 from islandgp.records.manifest import must_be_as_written
 from islandgp.trust import must_have_no_links

@@ -8,9 +8,10 @@ from itertools import islice
 from time import time
 from typing import Any
 
+from islandgp.atomic_files import write_atomic
 from islandgp.errors import RunError
-from islandgp.evolution.record import Cost
-from islandgp.records.checkpoint import dump, write_atomic
+from islandgp.gp.record import Cost
+from islandgp.records.checkpoint import dump
 from islandgp.records.lines import Lines
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final
 
 from pydantic import Field
 
-from islandgp.evolution.record import IndividualRecord
+from islandgp.gp.record import IndividualRecord
 
 
 @dataclass(frozen=True, slots=True)

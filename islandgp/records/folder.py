@@ -17,21 +17,13 @@ from typing import Any, Final
 import yaml
 from filelock import FileLock
 
+from islandgp.atomic_files import damaged, reading, remove_leftovers, usable, write_atomic
 from islandgp.errors import BusyError, IslandError, RunError, brief
-from islandgp.evolution.record import Cost, GenerationRecord, RunState, Step, record_values
+from islandgp.gp.record import Cost, GenerationRecord, RunState, Step, record_values
 from islandgp.plain import must_fit, typed
 from islandgp.records.archive_file import NAME as ARCHIVE
 from islandgp.records.archive_file import ArchiveFile
-from islandgp.records.checkpoint import (
-    damaged,
-    generation_of,
-    read_checkpoint,
-    reading,
-    remove_leftovers,
-    save_state,
-    usable,
-    write_atomic,
-)
+from islandgp.records.checkpoint import generation_of, read_checkpoint, save_state
 from islandgp.records.costs import mend_costs
 from islandgp.records.files import OWN, PAGE, RunMetadata, Summary, pretty
 from islandgp.records.lineage_file import write_lineage

@@ -15,9 +15,10 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from islandgp.atomic_files import reading, write_atomic
 from islandgp.errors import RunError
 from islandgp.plain import must_fit
-from islandgp.records.checkpoint import dump, reading, write_atomic
+from islandgp.records.checkpoint import dump
 
 Stamp = tuple[int, int, int] | None  # bytes, ns of the last change, inode
 

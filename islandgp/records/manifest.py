@@ -15,9 +15,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
+from islandgp.atomic_files import damaged, reading, write_atomic
 from islandgp.errors import RunError
 from islandgp.plain import UNREADABLE, made_of, read_json
-from islandgp.records.checkpoint import damaged, reading, write_atomic
 from islandgp.records.files import PAGE, pretty
 from islandgp.trust import must_have_no_links
 

@@ -8,7 +8,7 @@ from contextlib import suppress
 from importlib import import_module
 from typing import Any
 
-from islandgp.bt.source import closest
+from islandgp.bt.core.source import closest
 from islandgp.errors import ConfigError
 
 

@@ -10,9 +10,9 @@ from time import monotonic
 from typing import Any, Final
 
 from islandgp.binding import NodeStatus, RobotTree, Tree, load_tree
-from islandgp.bt.includes import mentioned
-from islandgp.bt.node import walk
-from islandgp.bt.printer import head
+from islandgp.bt.core.includes import mentioned
+from islandgp.bt.core.node import walk
+from islandgp.bt.core.printer import head
 from islandgp.errors import IslandError
 from islandgp.ros2.keys import ros_keys
 from islandgp.ros2.leaves import RosLeaves

@@ -44,9 +44,9 @@ from islandgp.running.printing import printed, say, shown
 from islandgp.running.report import MOSTLY_FALLBACK
 from islandgp.running.resume import choose
 from islandgp.running.run import End, check_ready, run
-from islandgp.running.search import run_search
 from islandgp.running.stopping import as_ctrl_c
-from islandgp.running.sweep import Job, run_sweep
+from islandgp.sweep.optimiser import run_search
+from islandgp.sweep.run import Job, run_sweep
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Final
 from weakref import WeakValueDictionary
 
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import Node, size
+from islandgp.atomic_files import reading, write_atomic
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import Node, size
 from islandgp.config.settings import Settings
 from islandgp.domain import Domain
 from islandgp.errors import ConfigError
@@ -20,7 +21,6 @@ from islandgp.evaluation.base import Evaluator
 from islandgp.evaluation.worlds import staged
 from islandgp.evolution.single_behaviours import single_behaviours
 from islandgp.plain import must_fit
-from islandgp.records.checkpoint import reading, write_atomic
 from islandgp.running.resume import domain_code
 from islandgp.supervision.library import Library
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from time import monotonic, time
 from typing import Final
 
+from islandgp.atomic_files import reading, usable, write_atomic
 from islandgp.errors import RunError, brief
-from islandgp.records.checkpoint import reading, usable, write_atomic
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import add_to_manifest
 from islandgp.viewer.champion import champion_replay

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from time import monotonic
 from typing import TYPE_CHECKING, Final, Literal, Self
 
-from islandgp.evolution.record import Step
+from islandgp.gp.record import Step
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

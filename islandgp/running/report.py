@@ -7,13 +7,13 @@ from dataclasses import asdict
 from typing import Any, Final
 
 from islandgp.domain import total
-from islandgp.evolution.record import Champion
 from islandgp.evolution.validation import Best, Validation
+from islandgp.gp.record import Champion
 from islandgp.plain import nan_to_none
 from islandgp.records.files import answers, fallback_share
 from islandgp.records.folder import RunFolder
 from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, in_words
-from islandgp.supervision.state_json import title
+from islandgp.text import title
 
 MOSTLY_FALLBACK: Final = (
     "expected the language model to supervise, found that the fallback gave more of the answers"

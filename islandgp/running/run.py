@@ -12,15 +12,12 @@ from typing import Any
 
 import yaml
 
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import Node, within
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import Node, within
 from islandgp.config.settings import Settings
 from islandgp.domain import Domain
 from islandgp.evaluation.base import Cached, Evaluator
-from islandgp.evolution.archive import Elite, archive_record
 from islandgp.evolution.loop import evolve
-from islandgp.evolution.plan import Plan
-from islandgp.evolution.record import Champion, Step
 from islandgp.evolution.validation import (
     Best,
     Validation,
@@ -29,6 +26,9 @@ from islandgp.evolution.validation import (
     validate,
 )
 from islandgp.evolution.validation import worlds_of as validation_worlds
+from islandgp.gp.archive import Elite, archive_record
+from islandgp.gp.plan import Plan
+from islandgp.gp.record import Champion, Step
 from islandgp.plugin import blaming, path_of
 from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.files import PAGE

@@ -8,9 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from islandgp.bt.language import parse
-from islandgp.bt.node import Limits, Node, within
-from islandgp.bt.vocabulary import Vocabulary
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import Limits, Node, within
+from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import ConfigError, TreeError, brief
 from islandgp.records.archive_file import read_archive
 

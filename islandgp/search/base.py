@@ -19,9 +19,9 @@ from typing import Any, ClassVar, Final, Protocol
 
 from pydantic import BaseModel
 
-from islandgp.bt.node import Node
-from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import EditedTree, Evaluated, Individual
+from islandgp.bt.core.node import Node
+from islandgp.gp.plan import Plan
+from islandgp.gp.population import EditedTree, Evaluated, Individual
 from islandgp.seeding import Streams
 
 

@@ -10,20 +10,20 @@ from typing import Any, Final
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
-from islandgp.bt.language import to_text
-from islandgp.bt.node import Node, within
-from islandgp.bt.simplify import simplify
-from islandgp.evolution.branches import random_list
-from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import (
+from islandgp.bt.analysis.simplify import simplify
+from islandgp.bt.core.language import to_text
+from islandgp.bt.core.node import Node, within
+from islandgp.gp.branches import random_list
+from islandgp.gp.plan import Plan
+from islandgp.gp.population import (
     EditedTree,
     Individual,
     Origin,
     Tree,
     edited_individuals,
 )
-from islandgp.evolution.random_trees import TreeSpace, check_weights, random_tree, weighted
-from islandgp.evolution.variation import CROSSOVERS, MutationSettings, crossover, mutate
+from islandgp.gp.random_trees import TreeSpace, check_weights, random_tree, weighted
+from islandgp.gp.variation import CROSSOVERS, MutationSettings, crossover, mutate
 from islandgp.seeding import Stream, Streams
 
 TRIES: Final = 30  # attempts at a tree that was not tried before

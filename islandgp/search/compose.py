@@ -15,11 +15,11 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import BaseModel, Field
 
-from islandgp.bt.kinds import kind_of
-from islandgp.bt.node import FAILURE, Limits, Node, selector, within
+from islandgp.bt.core.kinds import kind_of
+from islandgp.bt.core.node import FAILURE, Limits, Node, selector, within
 from islandgp.errors import ConfigError
-from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import Evaluated, Individual, Origin, Tree
+from islandgp.gp.plan import Plan
+from islandgp.gp.population import Evaluated, Individual, Origin, Tree
 from islandgp.scoring.constraints import limited, merit, running_mean, violation
 from islandgp.search.base import Advice, SearchContext, SearchState
 from islandgp.seeding import Stream, Streams

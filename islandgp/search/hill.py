@@ -15,8 +15,8 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import BaseModel
 
-from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import EditedTree, Evaluated, Individual, Tree
+from islandgp.gp.plan import Plan
+from islandgp.gp.population import EditedTree, Evaluated, Individual, Tree
 from islandgp.search.base import Advice, SearchContext, SearchState
 from islandgp.search.breeding import Breeding, Parent, first_generation, next_generation
 from islandgp.seeding import Streams

@@ -18,8 +18,8 @@ import numpy as np
 from pydantic import BaseModel, Field
 
 from islandgp.domain import Schema
-from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import EditedTree, Evaluated, Individual, Tree
+from islandgp.gp.plan import Plan
+from islandgp.gp.population import EditedTree, Evaluated, Individual, Tree
 from islandgp.scoring.constraints import (
     NO_COUNTERS,
     Merit,

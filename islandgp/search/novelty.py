@@ -16,8 +16,8 @@ import numpy as np
 from pydantic import BaseModel, Field
 
 from islandgp.domain import Schema
-from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import EditedTree, Evaluated, Individual, Tree
+from islandgp.gp.plan import Plan
+from islandgp.gp.population import EditedTree, Evaluated, Individual, Tree
 from islandgp.search.base import Advice, SearchContext, SearchState
 from islandgp.search.breeding import Breeding, Parent, first_generation, next_generation
 from islandgp.search.descriptor import Descriptor, dimensions, faults, point

@@ -14,10 +14,10 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import BaseModel, Field
 
-from islandgp.bt.node import size
+from islandgp.bt.core.node import size
 from islandgp.domain import Schema
-from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import EditedTree, Evaluated, Individual, Tree
+from islandgp.gp.plan import Plan
+from islandgp.gp.population import EditedTree, Evaluated, Individual, Tree
 from islandgp.scoring.rewards import unknown
 from islandgp.search.base import Advice, SearchContext, SearchState
 from islandgp.search.breeding import Breeding, Parent, first_generation, next_generation

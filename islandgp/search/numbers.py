@@ -20,13 +20,20 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
-from islandgp.bt.builder import MAX_NUMBER
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.numbers import COUNT, EQUAL, Number, argument_purpose, numbers_of, with_numbers
-from islandgp.bt.vocabulary import Key, Vocabulary, number
+from islandgp.bt.analysis.numbers import (
+    COUNT,
+    EQUAL,
+    Number,
+    argument_purpose,
+    numbers_of,
+    with_numbers,
+)
+from islandgp.bt.core.builder import MAX_NUMBER
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.vocabulary import Key, Vocabulary, number
 from islandgp.errors import ConfigError
-from islandgp.evolution.branches import fine
-from islandgp.evolution.evidence import interval
+from islandgp.gp.branches import fine
+from islandgp.intervals import interval
 from islandgp.seeding import Stream, seed_of
 
 SEARCH: Final = Fraction(

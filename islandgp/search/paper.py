@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Final
 
-from islandgp.evolution.allocation import next_population, remember
-from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import (
+from islandgp.gp.allocation import next_population, remember
+from islandgp.gp.plan import Plan
+from islandgp.gp.population import (
     Ancestor,
     EditedTree,
     Evaluated,
@@ -16,8 +16,8 @@ from islandgp.evolution.population import (
     Origin,
     Tree,
 )
-from islandgp.evolution.random_trees import random_tree
-from islandgp.evolution.variation import mutate
+from islandgp.gp.random_trees import random_tree
+from islandgp.gp.variation import mutate
 from islandgp.scoring.snapshot import diversity
 from islandgp.search.base import Advice, NoSettings, SearchContext, SearchState
 from islandgp.seeding import Stream, Streams

@@ -18,10 +18,10 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import BaseModel, Field
 
-from islandgp.bt.node import Node, size
-from islandgp.evolution.evidence import estimate
-from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import (
+from islandgp.bt.core.node import Node, size
+from islandgp.gp.evidence import estimate
+from islandgp.gp.plan import Plan
+from islandgp.gp.population import (
     EditedTree,
     Evaluated,
     Individual,

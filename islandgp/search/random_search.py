@@ -14,11 +14,11 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import BaseModel, Field
 
-from islandgp.bt.node import Node, within
-from islandgp.evolution.branches import random_list
-from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import Evaluated, Individual, Origin
-from islandgp.evolution.random_trees import random_tree
+from islandgp.bt.core.node import Node, within
+from islandgp.gp.branches import random_list
+from islandgp.gp.plan import Plan
+from islandgp.gp.population import Evaluated, Individual, Origin
+from islandgp.gp.random_trees import random_tree
 from islandgp.search.base import Advice, SearchContext, SearchState
 from islandgp.search.breeding import TRIES
 from islandgp.seeding import Stream, Streams

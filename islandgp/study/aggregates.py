@@ -21,7 +21,7 @@ import numpy as np
 
 from islandgp.errors import StudyError, brief
 from islandgp.seeding import Stream, stream
-from islandgp.study.statistics import (
+from islandgp.statistics import (
     DECIMALS,
     ENUMERATED,
     EXACT,

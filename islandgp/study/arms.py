@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from islandgp.evolution.record import (
+from islandgp.gp.record import (
     Champion,
     Cost,
     GenerationRecord,

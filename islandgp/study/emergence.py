@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil, floor, sqrt
 
+from islandgp.statistics import mean_sd
 from islandgp.study.arms import Run
-from islandgp.study.statistics import mean_sd
 
 
 def first(run: Run, tier: str) -> int | None:

@@ -8,8 +8,8 @@ from itertools import accumulate
 from statistics import fmean
 from typing import Any
 
-from islandgp.evolution.record import Cost, GenerationRecord
 from islandgp.evolution.single_behaviours import CHILDREN, POOL, ROUNDS, WORLDS
+from islandgp.gp.record import Cost, GenerationRecord
 from islandgp.study.arms import Arm, Run
 from islandgp.study.texts import note
 

@@ -6,12 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import inf, nan
 
-from islandgp.study.arms import Arm, Comparison
-from islandgp.study.comparable import paired
-from islandgp.study.emergence import ranks
-from islandgp.study.measures import Measure
-from islandgp.study.plan import Family
-from islandgp.study.statistics import (
+from islandgp.statistics import (
     ENUMERATED,
     UNTESTED,
     Interval,
@@ -24,6 +19,11 @@ from islandgp.study.statistics import (
     paired_test,
     rank_test,
 )
+from islandgp.study.arms import Arm, Comparison
+from islandgp.study.comparable import paired
+from islandgp.study.emergence import ranks
+from islandgp.study.measures import Measure
+from islandgp.study.plan import Family
 
 
 @dataclass(frozen=True, slots=True)

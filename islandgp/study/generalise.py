@@ -24,10 +24,10 @@ from islandgp.evaluation.base import Evaluator, Job, Problem
 from islandgp.evolution.validation import worlds_of
 from islandgp.scoring.classes import tiers
 from islandgp.seeding import Stream
+from islandgp.statistics import Interval, paired_difference
 from islandgp.study import library
 from islandgp.study.arms import Comparison, Run
 from islandgp.study.lineage import most_injected
-from islandgp.study.statistics import Interval, paired_difference
 
 YARDSTICK_WORLDS: Final = 100
 """How many worlds a yardstick meets at least: it is one tree, so more of them cost little."""

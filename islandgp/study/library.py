@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from islandgp.bt.language import parse, to_text
+from islandgp.bt.core.language import parse, to_text
 from islandgp.domain import Domain
 from islandgp.errors import ConfigError, RunError, TreeError
 from islandgp.evaluation.base import Problem

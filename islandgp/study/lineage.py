@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-from islandgp.evolution.population import Origin
-from islandgp.evolution.record import GenerationRecord, IndividualRecord
+from islandgp.gp.population import Origin
+from islandgp.gp.record import GenerationRecord, IndividualRecord
 from islandgp.study.arms import Arm, Run
 from islandgp.study.library import library_names
 

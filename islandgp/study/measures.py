@@ -15,7 +15,7 @@ from islandgp.scoring.classes import Classes
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.study.arms import Comparison, Run
 from islandgp.study.emergence import first
-from islandgp.supervision.state_json import title
+from islandgp.text import title
 
 
 @dataclass(frozen=True, slots=True)

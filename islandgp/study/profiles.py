@@ -19,6 +19,7 @@ from typing import Final
 import numpy as np
 
 from islandgp.errors import StudyError
+from islandgp.statistics import Interval, benjamini_hochberg
 from islandgp.study.aggregates import (
     ImprovementTest,
     Strata,
@@ -29,7 +30,6 @@ from islandgp.study.aggregates import (
     median,
     stratified_bootstrap,
 )
-from islandgp.study.statistics import Interval, benjamini_hochberg
 
 Scores = Mapping[str, Mapping[str, Sequence[float]]]
 """Scores by world and arm, one a seed; higher is better."""

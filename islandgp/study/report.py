@@ -52,7 +52,7 @@ from islandgp.study.tables.scores import (
 )
 from islandgp.study.tables.supervision import decisions_table, episodes_table, overhead_table
 from islandgp.study.texts import note
-from islandgp.supervision.state_json import title
+from islandgp.text import title
 
 Item = Table | Picture | str  # a string is a paragraph
 Findings = Sequence[Finding]

@@ -17,7 +17,7 @@ import yaml
 
 from islandgp.errors import RunError, StudyError, brief
 from islandgp.evaluation.base import check_version
-from islandgp.evolution.record import Champion, Cost
+from islandgp.gp.record import Champion, Cost
 from islandgp.plain import UNREADABLE, typed
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import flatten

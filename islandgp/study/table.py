@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from math import isinf, isnan
 from typing import Final, Self
 
+from islandgp.statistics import EXACT, EXACT_TIES, UNTESTED, Interval, PairedTest, RankTest
 from islandgp.study.aggregates import EXACT_PAIRS, ImprovementTest
-from islandgp.study.statistics import EXACT, EXACT_TIES, UNTESTED, Interval, PairedTest, RankTest
 
 Tested = RankTest | PairedTest | ImprovementTest
 

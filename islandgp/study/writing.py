@@ -12,6 +12,7 @@ from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING
 
+from islandgp.statistics import mean_sd
 from islandgp.study.arms import Comparison
 from islandgp.study.emergence import quantile
 from islandgp.study.findings import Finding
@@ -19,7 +20,6 @@ from islandgp.study.generalise import Generalisation
 from islandgp.study.measures import all_measures, overhead
 from islandgp.study.paper import MARK
 from islandgp.study.report import Report
-from islandgp.study.statistics import mean_sd
 from islandgp.study.table import to_csv
 from islandgp.study.tables.scores import scores_csv
 

@@ -19,11 +19,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import Node
-from islandgp.bt.vocabulary import Vocabulary
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import Node
+from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import SupervisionError, TreeError
-from islandgp.evolution.edits import Edit
+from islandgp.gp.edits import Edit
 from islandgp.plugin import blaming, path_of
 from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, stream

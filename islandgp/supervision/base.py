@@ -11,12 +11,12 @@ from typing import Final, Protocol, runtime_checkable
 import numpy as np
 from pydantic import BaseModel
 
-from islandgp.bt.node import Limits, Node
+from islandgp.bt.core.node import Limits, Node
 from islandgp.domain import Domain, Schema
-from islandgp.evolution.archive import Elite
-from islandgp.evolution.edits import Edit, EditTrial
-from islandgp.evolution.plan import GP
-from islandgp.evolution.record import GuidanceRecord, IndividualRecord
+from islandgp.gp.archive import Elite
+from islandgp.gp.edits import Edit, EditTrial
+from islandgp.gp.plan import GP
+from islandgp.gp.record import GuidanceRecord, IndividualRecord
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import Constraints
 from islandgp.scoring.curriculum import Curriculum

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
-from islandgp.evolution.record import GuidanceRecord
+from islandgp.gp.record import GuidanceRecord
 
 
 @dataclass(frozen=True, slots=True)

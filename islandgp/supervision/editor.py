@@ -18,14 +18,14 @@ from typing import ClassVar, Final, Literal, Self
 import numpy as np
 from pydantic import Field
 
-from islandgp.bt.condition import Asked, Condition
-from islandgp.bt.kinds import kind_of
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import FAILURE, Node, guard_of, size, walk
-from islandgp.bt.vocabulary import Vocabulary
-from islandgp.evolution.branches import branches_of, fine
-from islandgp.evolution.edits import Edit, Path, nodes_with_paths, written
-from islandgp.evolution.record import IndividualRecord
+from islandgp.bt.core.condition import Asked, Condition
+from islandgp.bt.core.kinds import kind_of
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import FAILURE, Node, guard_of, size, walk
+from islandgp.bt.core.vocabulary import Vocabulary
+from islandgp.gp.branches import branches_of, fine
+from islandgp.gp.edits import Edit, Path, nodes_with_paths, written
+from islandgp.gp.record import IndividualRecord
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import Constraints, merit, violation
 from islandgp.scoring.state import PopulationState

@@ -11,7 +11,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from islandgp.errors import SupervisionError, brief
-from islandgp.evolution.record import GenerationRecord, IndividualRecord
+from islandgp.gp.record import GenerationRecord, IndividualRecord
 from islandgp.plain import must_fit
 from islandgp.supervision.base import RunContext, Seen
 from islandgp.supervision.editor import Branch, Editor, EditorSettings, Requirement

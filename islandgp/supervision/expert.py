@@ -12,13 +12,13 @@ from typing import Self
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
-from islandgp.bt.node import Limits, Node, within
+from islandgp.bt.core.node import Limits, Node, within
 from islandgp.errors import ConfigError
 from islandgp.scoring.classes import EXPLORATION, INTEGRATION, RARE
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Pattern, Phase, RunContext, check_ranges
 from islandgp.supervision.library import Library
-from islandgp.supervision.state_json import title
+from islandgp.text import title
 
 
 class Size(BaseModel, frozen=True, extra="forbid"):

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from pydantic import BaseModel, Field
 
-from islandgp.bt.language import parse
-from islandgp.bt.node import Node
-from islandgp.bt.vocabulary import Vocabulary
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import Node
+from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.domain import Domain
 from islandgp.errors import ConfigError
 from islandgp.resources import resource

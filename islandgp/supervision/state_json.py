@@ -18,6 +18,7 @@ from islandgp.resources import resource
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import Crisis, PopulationState
+from islandgp.text import rounded, title
 
 SMALL: Final = 1e-6  # points: of a best below it no share is told
 
@@ -127,22 +128,6 @@ def state_text(state: PopulationState, crisis: Crisis) -> str:
         else:
             lines.append(f'"{key}": {json.dumps(value)}')
     return "{" + ",\n ".join(lines) + "}"
-
-
-def rounded(value: float) -> float:
-    """A whole number from 100 on, else three digits; never a negative zero."""
-    found = float(round(value)) if abs(value) >= 100 else float(f"{value:.3g}")
-    return int(found) if found == int(found) else found
-
-
-def in_points(value: float, sign: str = "") -> str:
-    """Points in a text for people: rounded, as in `4,000`; with a sign where `sign` is "+"."""
-    return format(rounded(value), f"{sign},")
-
-
-def title(name: str) -> str:
-    """A name for people: `full_service` is Full Service."""
-    return name.replace("_", " ").title()
 
 
 def _line(s: Snapshot, milestones: Iterable[str]) -> dict[str, Any]:

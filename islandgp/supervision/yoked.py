@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from pydantic import BaseModel, Field
 
-from islandgp.bt.language import parse
+from islandgp.bt.core.language import parse
 from islandgp.errors import SupervisionError, TreeError, brief
-from islandgp.evolution.record import GenerationRecord
+from islandgp.gp.record import GenerationRecord
 from islandgp.plain import must_fit
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Pattern, Phase, RunContext

@@ -23,9 +23,9 @@ from typing import Any, ClassVar, Final
 import numpy as np
 import yaml
 
-from islandgp.bt.engine import ABORTED
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import (
+from islandgp.bt.core.engine import ABORTED
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import (
     AGAIN,
     FAILURE,
     STATUS_NAMES,
@@ -39,7 +39,7 @@ from islandgp.bt.node import (
 )
 from islandgp.domain import Domain, Observer, Outcome, Scene, Schema
 from islandgp.errors import IslandError, TimeLimitError
-from islandgp.evolution.random_trees import TreeSettings, TreeSpace, random_tree
+from islandgp.gp.random_trees import TreeSettings, TreeSpace, random_tree
 from islandgp.plugin import raised_in
 from islandgp.resources import resource
 from islandgp.ticking import Stepped

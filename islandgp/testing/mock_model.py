@@ -16,9 +16,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from islandgp.bt.kinds import kind_of
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import FAILURE, Limits, Node, selector, walk, within
+from islandgp.bt.core.kinds import kind_of
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import FAILURE, Limits, Node, selector, walk, within
 from islandgp.errors import TreeError
 from islandgp.testing.faults import Fault, spoiled
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from islandgp.bt.language import parse
-from islandgp.bt.render import to_svg
+from islandgp.bt.core.language import parse
+from islandgp.bt.export.render import to_svg
 from islandgp.records.files import RunMetadata, fallback_words, score
 from islandgp.records.folder import RunFolder, Status
-from islandgp.supervision.state_json import title
+from islandgp.text import title
 from islandgp.tracking.chart import Line, Panel, svg
 from islandgp.viewer.champion import champion_replay
 

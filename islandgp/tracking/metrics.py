@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from islandgp.domain import total
-from islandgp.evolution.edit_fates import EditFate, edit_fates
-from islandgp.evolution.record import GenerationRecord, GuidanceRecord
+from islandgp.gp.edit_fates import EditFate, edit_fates
+from islandgp.gp.record import GenerationRecord, GuidanceRecord
 from islandgp.plain import typed
 from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, merit, violation
 from islandgp.supervision.decisions import Decisions, decisions

@@ -19,13 +19,13 @@ from typing import TYPE_CHECKING, Final
 
 from filelock import FileLock
 
+from islandgp.atomic_files import remove_leftovers
 from islandgp.errors import TrackingError
-from islandgp.records.checkpoint import remove_leftovers
 from islandgp.records.files import RunMetadata, kept_constraints, score
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import flat
-from islandgp.records.sweep_folder import arm_of, job_of
 from islandgp.scoring.constraints import recorded_constraints
+from islandgp.sweep.folder import arm_of, job_of
 from islandgp.tracking.artifacts import TABLE, Artifact, artifacts, note
 from islandgp.tracking.metrics import final_metrics, metrics
 from islandgp.tracking.parent import parent_run

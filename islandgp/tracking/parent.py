@@ -13,7 +13,7 @@ from filelock import FileLock
 
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import ending_in_digest, flat
-from islandgp.records.sweep_folder import SweepFile, SweepFolder
+from islandgp.sweep.folder import SweepFile, SweepFolder
 from islandgp.tracking.chart import svg
 from islandgp.tracking.sent import LOCK, Sent, read_sent, write_sent
 from islandgp.tracking.store import POINTS, Store, metric

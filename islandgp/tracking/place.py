@@ -7,8 +7,8 @@ from typing import Final
 
 from pydantic import ValidationError
 
+from islandgp.atomic_files import damaged
 from islandgp.errors import TrackingError
-from islandgp.records.checkpoint import damaged
 from islandgp.records.folder import RunFolder, run_folders
 from islandgp.records.parameters import without_credentials
 from islandgp.tracking.store import MLflowSettings, Place

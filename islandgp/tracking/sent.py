@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
+from islandgp.atomic_files import write_atomic
 from islandgp.plain import UNREADABLE, must_fit
-from islandgp.records.checkpoint import write_atomic
 from islandgp.records.files import pretty
 from islandgp.tracking.store import Place
 

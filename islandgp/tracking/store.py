@@ -23,8 +23,8 @@ from urllib.parse import unquote, urlsplit
 from filelock import FileLock
 from pydantic import BaseModel, Field, field_validator
 
+from islandgp.atomic_files import must_take_files
 from islandgp.errors import TrackingError
-from islandgp.records.checkpoint import must_take_files
 from islandgp.records.parameters import CREDENTIALS
 from islandgp.redaction import HIDDEN
 

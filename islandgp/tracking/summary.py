@@ -14,8 +14,8 @@ from typing import Any, Final
 
 from islandgp.records.files import fallback_words, score
 from islandgp.records.folder import Status
-from islandgp.records.sweep_folder import SweepFile, SweepFolder, SweepJob
-from islandgp.supervision.state_json import title
+from islandgp.sweep.folder import SweepFile, SweepFolder, SweepJob
+from islandgp.text import title
 from islandgp.tracking.chart import Line, Panel
 
 MEASURES: Final = {

@@ -10,7 +10,7 @@ from typing import Any
 from islandgp.errors import IslandError
 from islandgp.evaluation.base import check_version, must_trust_domain
 from islandgp.records.folder import RunFolder, Status, run_folders
-from islandgp.records.sweep_folder import SweepFolder
+from islandgp.sweep.folder import SweepFolder
 from islandgp.tracking.mirror import Mirror, kept, up_to_date
 from islandgp.tracking.parent import send_sweep
 from islandgp.tracking.place import place_of

@@ -13,10 +13,10 @@ from functools import lru_cache
 from statistics import fmean
 from typing import Any, Final
 
-from islandgp.bt.compare import Mark, compare
-from islandgp.bt.language import parse
-from islandgp.bt.node import size
-from islandgp.bt.render import label
+from islandgp.bt.analysis.compare import Mark, compare
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import size
+from islandgp.bt.export.render import label
 from islandgp.records.folder import RunFolder, generation_lines
 
 MOST_INDIVIDUALS: Final = 5_000  # of a chain that are read

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import islice
 
-from islandgp.bt.language import parse
+from islandgp.bt.core.language import parse
 from islandgp.errors import RunError
 from islandgp.evaluation.base import Problem
 from islandgp.records.folder import RunFolder

@@ -8,11 +8,11 @@ from itertools import groupby, pairwise
 from math import inf, isfinite
 from typing import Any, Final
 
-from islandgp.bt.engine import thresholds
-from islandgp.bt.kinds import kind_of
-from islandgp.bt.node import SUCCESS, walk
-from islandgp.bt.render import label, lay_out
-from islandgp.bt.vocabulary import Key
+from islandgp.bt.core.engine import thresholds
+from islandgp.bt.core.kinds import kind_of
+from islandgp.bt.core.node import SUCCESS, walk
+from islandgp.bt.core.vocabulary import Key
+from islandgp.bt.export.render import label, lay_out
 from islandgp.domain import Thing
 from islandgp.viewer.recording import Film, Recording, digits
 

@@ -13,7 +13,7 @@ from html import escape
 from pathlib import Path
 from typing import Any, Final
 
-from islandgp.bt.render import drawing, lay_out
+from islandgp.bt.export.render import drawing, lay_out
 from islandgp.viewer.encode import encode
 from islandgp.viewer.recording import Recording
 

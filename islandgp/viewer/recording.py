@@ -8,8 +8,8 @@ from itertools import chain
 from math import floor, log10
 from typing import Final, NamedTuple
 
-from islandgp.bt.engine import ABORTED
-from islandgp.bt.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, size
+from islandgp.bt.core.engine import ABORTED
+from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, size
 from islandgp.domain import Outcome, Scene, Schema, Thing
 from islandgp.errors import DomainError
 from islandgp.evaluation.base import Problem

@@ -13,10 +13,10 @@ from html import escape
 from pathlib import Path
 from typing import Any, Final
 
-from islandgp.bt.language import parse
-from islandgp.bt.render import drawing, lay_out
+from islandgp.bt.core.language import parse
+from islandgp.bt.export.render import drawing, lay_out
 from islandgp.errors import RunError
-from islandgp.evolution.archive import ArchiveSettings, Elite
+from islandgp.gp.archive import ArchiveSettings, Elite
 from islandgp.records.archive_file import NAME, read_archive
 from islandgp.records.checkpoint import read_checkpoint
 from islandgp.records.folder import RunFolder, Status
@@ -24,7 +24,7 @@ from islandgp.redaction import HIDDEN
 from islandgp.resources import program
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import in_words
-from islandgp.supervision.state_json import title
+from islandgp.text import title
 from islandgp.viewer.ancestry import Lineage, LineageStep, lineage
 from islandgp.viewer.champion import first_episode
 from islandgp.viewer.history import RunHistory, read_history, thinned

@@ -11,9 +11,9 @@ from itertools import islice
 from math import ceil, inf, isfinite
 from typing import TYPE_CHECKING, Final
 
-from islandgp.bt.node import Node, walk
-from islandgp.bt.printer import condition_text
-from islandgp.bt.render import to_rich
+from islandgp.bt.core.node import Node, walk
+from islandgp.bt.core.printer import condition_text
+from islandgp.bt.export.render import to_rich
 from islandgp.viewer.recording import FAILED, IDLE, RUNS, STOPPED, SUCCEEDED, Credit, Recording
 
 if TYPE_CHECKING:

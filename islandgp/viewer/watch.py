@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Final
 
-from islandgp.bt.render import to_rich
+from islandgp.bt.export.render import to_rich
 from islandgp.viewer.recording import Film, Recording
 from islandgp.viewer.trace import SIGNS
 

@@ -17,7 +17,7 @@ class Import:
     """One import statement's module."""
 
     module: str  # who imports, below `islandgp`: "evolution.loop"
-    name: str  # what, in full: "islandgp.bt.node", "numpy"
+    name: str  # what, in full: "islandgp.bt.core.node", "numpy"
     at_load: bool  # when the module is loaded; not in a function, not for the type checker alone
 
     @property

@@ -50,7 +50,7 @@ def test_deap_gives_each_individual_its_fitness() -> None:
     """A batch through DEAP's toolbox comes back in order, with the fitness of each episode."""
     from benchmarks.peer import batch
     from benchmarks.peer.episode import run_peer_episode
-    from islandgp.bt.language import to_text
+    from islandgp.bt.core.language import to_text
 
     world = endless(settings().world, episode={"length": 20})
     trees = [example("all_rounder"), example("poor")]

@@ -13,10 +13,10 @@ from math import inf
 from types import CellType, FunctionType
 from typing import Any, TypeAlias
 
-from islandgp.bt.condition import Asked, condition, terms
-from islandgp.bt.engine import compile_tree
-from islandgp.bt.node import Node, guard_of, walk
-from islandgp.bt.vocabulary import Key, Vocabulary
+from islandgp.bt.core.condition import Asked, condition, terms
+from islandgp.bt.core.engine import compile_tree
+from islandgp.bt.core.node import Node, guard_of, walk
+from islandgp.bt.core.vocabulary import Key, Vocabulary
 
 State: TypeAlias = tuple[tuple[Any, ...], tuple[tuple[Any, ...], ...]]
 Ticked: TypeAlias = set[tuple[int, int]]  # (place of an action, index of a blackboard)

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 
-from islandgp.bt.condition import Asked, Condition
-from islandgp.bt.engine import ABORTED
-from islandgp.bt.kinds import count_of
-from islandgp.bt.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, guard_of
+from islandgp.bt.core.condition import Asked, Condition
+from islandgp.bt.core.engine import ABORTED
+from islandgp.bt.core.kinds import count_of
+from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, guard_of
 
 
 class Live:

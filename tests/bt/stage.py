@@ -8,10 +8,10 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from islandgp.bt.engine import compile_tree
-from islandgp.bt.language import parse
-from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node
-from islandgp.bt.rules import Rule, read_rule
+from islandgp.bt.analysis.rules import Rule, read_rule
+from islandgp.bt.core.engine import compile_tree
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node
 from islandgp.domains.island.vocabulary import VOCABULARY
 
 _ACTIONS = dict(zip("ABCDEFG", VOCABULARY.actions, strict=True))

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from islandgp.bt import boards
-from islandgp.bt.boards import ANY_BOARD, NO_BOARD, BoardSets
-from islandgp.bt.condition import Asked, Condition, condition, joined, opposite
-from islandgp.bt.language import parse_condition
-from islandgp.bt.vocabulary import Key, flag, number
+from islandgp.bt.analysis import boards
+from islandgp.bt.analysis.boards import ANY_BOARD, NO_BOARD, BoardSets
+from islandgp.bt.core.condition import Asked, Condition, condition, joined, opposite
+from islandgp.bt.core.language import parse_condition
+from islandgp.bt.core.vocabulary import Key, flag, number
 from islandgp.domains.island.vocabulary import VOCABULARY
 from tests.strategies import conditions, few_boards, few_numbers
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from islandgp.bt.condition import (
+from islandgp.bt.analysis.truth import excludes, implies, shorter
+from islandgp.bt.core.condition import (
     Asked,
     Compound,
     Condition,
@@ -20,16 +21,15 @@ from islandgp.bt.condition import (
     terms,
     with_term,
 )
+from islandgp.bt.core.language import parse, parse_condition, to_text
+from islandgp.bt.core.node import Limits, guard_of, guarded, leaf, walk
+from islandgp.bt.core.printer import condition_text
 from islandgp.bt.export.behaviortree_cpp import _script
 from islandgp.bt.export.json import from_json, to_json
 from islandgp.bt.export.scripts import read_condition
-from islandgp.bt.language import parse, parse_condition, to_text
-from islandgp.bt.node import Limits, guard_of, guarded, leaf, walk
-from islandgp.bt.printer import condition_text
-from islandgp.bt.truth import excludes, implies, shorter
 from islandgp.domains.island.vocabulary import VOCABULARY
-from islandgp.evolution.random_trees import ConditionSettings, TreeSpace, random_tree
-from islandgp.evolution.variation import mutate
+from islandgp.gp.random_trees import ConditionSettings, TreeSpace, random_tree
+from islandgp.gp.variation import mutate
 from tests.bt.reference import holds
 from tests.composed import composed
 from tests.profiles import examples

@@ -7,12 +7,12 @@ import re
 import pytest
 from lark import Lark
 
-from islandgp.bt import node
-from islandgp.bt.condition import OPERATORS, Condition
-from islandgp.bt.kinds import ABORTS, KINDS, POLICIES
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import leaf
-from islandgp.bt.vocabulary import RESERVED, Action, Vocabulary, number
+from islandgp.bt.core import node
+from islandgp.bt.core.condition import OPERATORS, Condition
+from islandgp.bt.core.kinds import ABORTS, KINDS, POLICIES
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import leaf
+from islandgp.bt.core.vocabulary import RESERVED, Action, Vocabulary, number
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import UnknownNameError
 from islandgp.resources import resource

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from islandgp.bt.format import format_text
-from islandgp.bt.language import domain_of, domain_place, parse, to_text
-from islandgp.bt.node import Node
+from islandgp.bt.core.language import domain_of, domain_place, parse, to_text
+from islandgp.bt.core.node import Node
+from islandgp.bt.editor.format import format_text
 from islandgp.commands.setting import Chosen, vocabulary_of
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import DomainError, TreeError

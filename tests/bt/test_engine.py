@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS, Condition
-from islandgp.bt.engine import ABORTED, compile_tree, condition, thresholds
-from islandgp.bt.language import parse
-from islandgp.bt.node import AGAIN, FAILURE, RUNNING, SUCCESS, guard_of
+from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS, Condition
+from islandgp.bt.core.engine import ABORTED, compile_tree, condition, thresholds
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, guard_of
 from islandgp.domains.island.vocabulary import VOCABULARY
 from tests.bt.stage import Stage, short_tree
 

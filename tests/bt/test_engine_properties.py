@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator
 from hypothesis import given
 from hypothesis import strategies as st
 
-from islandgp.bt.condition import condition
-from islandgp.bt.engine import compile_tree
-from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, guard_of, leaf, walk
+from islandgp.bt.core.condition import condition
+from islandgp.bt.core.engine import compile_tree
+from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, guard_of, leaf, walk
 from islandgp.domains.island.vocabulary import VOCABULARY
 from tests.bt.reference import Reference
 from tests.profiles import examples

@@ -6,7 +6,7 @@ import pickle
 
 import pytest
 
-from islandgp.bt.language import parse
+from islandgp.bt.core.language import parse
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import LimitError, TreeError, UnknownNameError
 

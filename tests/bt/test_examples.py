@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from islandgp.bt.condition import terms
-from islandgp.bt.kinds import KINDS
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import Limits, check_limits, depth, guard_of, size, walk
+from islandgp.bt.core.condition import terms
+from islandgp.bt.core.kinds import KINDS
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import Limits, check_limits, depth, guard_of, size, walk
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.resources import resource
 

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from islandgp.bt.condition import Condition
-from islandgp.bt.language import MAX_CHARACTERS, MAX_LEVELS, MAX_NODES, parse, to_text
-from islandgp.bt.node import CountArgs, GuardArgs, Node, ParallelArgs, depth, leaf, size
-from islandgp.bt.printer import WIDTH, number_text
-from islandgp.bt.vocabulary import Vocabulary
+from islandgp.bt.core.condition import Condition
+from islandgp.bt.core.language import MAX_CHARACTERS, MAX_LEVELS, MAX_NODES, parse, to_text
+from islandgp.bt.core.node import CountArgs, GuardArgs, Node, ParallelArgs, depth, leaf, size
+from islandgp.bt.core.printer import WIDTH, number_text
+from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import LimitError, TreeError
 from tests.profiles import examples
@@ -326,5 +326,5 @@ def test_the_words_of_a_tree_are_the_tree(node: Node) -> None:
 @pytest.mark.process
 def test_lark_is_imported_when_a_text_is_parsed() -> None:
     """Importing the language costs no start-up time: lark comes with the first text."""
-    code = "import sys, islandgp.bt.language; sys.exit('lark' in sys.modules)"
+    code = "import sys, islandgp.bt.core.language; sys.exit('lark' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

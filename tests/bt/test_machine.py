@@ -9,10 +9,9 @@ from itertools import islice, product
 import pytest
 from hypothesis import assume, given, settings
 
-from islandgp.bt.boards import NO_BOARD, BoardSets
-from islandgp.bt.invariants import boards_of_nodes
-from islandgp.bt.language import parse
-from islandgp.bt.machine import (
+from islandgp.bt.analysis.boards import NO_BOARD, BoardSets
+from islandgp.bt.analysis.invariants import boards_of_nodes
+from islandgp.bt.analysis.machine import (
     ActionMemory,
     BranchMemory,
     Machine,
@@ -20,8 +19,9 @@ from islandgp.bt.machine import (
     RepeaterMemory,
     SpentError,
 )
-from islandgp.bt.moves import moves
-from islandgp.bt.node import Node, guard_of
+from islandgp.bt.analysis.moves import moves
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import Node, guard_of
 from islandgp.domains.island.vocabulary import VOCABULARY
 from tests.bt.every_tick import all_boards, every_tick
 from tests.bt.stage import short_tree

@@ -7,17 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from islandgp.bt.engine import compile_tree
+from islandgp.bt.analysis.numbers import numbers_of, with_numbers
+from islandgp.bt.core.engine import compile_tree
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import SUCCESS, ActionArgs, Limits, Node, walk
+from islandgp.bt.core.parameters import bound, fits, one_of, real, switch, whole
+from islandgp.bt.core.vocabulary import Action, Vocabulary, flag, number
+from islandgp.bt.editor.format import format_text
 from islandgp.bt.export.json import from_json, to_json
-from islandgp.bt.format import format_text
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import SUCCESS, ActionArgs, Limits, Node, walk
-from islandgp.bt.numbers import numbers_of, with_numbers
-from islandgp.bt.parameters import bound, fits, one_of, real, switch, whole
-from islandgp.bt.vocabulary import Action, Vocabulary, flag, number
 from islandgp.errors import DomainError, TreeError
-from islandgp.evolution.random_trees import TreeSettings, TreeSpace, random_tree
-from islandgp.evolution.variation import MUTATIONS, MutationSettings, mutate
+from islandgp.gp.random_trees import TreeSettings, TreeSpace, random_tree
+from islandgp.gp.variation import MUTATIONS, MutationSettings, mutate
 from tests.profiles import examples
 
 ARGUMENTS = {

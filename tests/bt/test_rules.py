@@ -12,9 +12,9 @@ from click.testing import CliRunner
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from islandgp.bt.condition import Asked, condition
-from islandgp.bt.node import Node, leaf, walk
-from islandgp.bt.rules import Rule, RuleResult, check_rule, read_rule
+from islandgp.bt.analysis.rules import Rule, RuleResult, check_rule, read_rule
+from islandgp.bt.core.condition import Asked, condition
+from islandgp.bt.core.node import Node, leaf, walk
 from islandgp.cli import islandgp
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import TreeError

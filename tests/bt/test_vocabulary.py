@@ -7,9 +7,9 @@ from math import inf, nan
 
 import pytest
 
-from islandgp.bt.language import parse
-from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, leaf
-from islandgp.bt.vocabulary import (
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, leaf
+from islandgp.bt.core.vocabulary import (
     NOTHING,
     RESERVED,
     UNKNOWN,

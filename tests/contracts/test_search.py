@@ -15,15 +15,15 @@ from typing import Any
 
 import pytest
 
-from islandgp.bt.language import parse
-from islandgp.bt.node import Node, leaf, within
-from islandgp.bt.vocabulary import Action, Vocabulary, flag
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import Node, leaf, within
+from islandgp.bt.core.vocabulary import Action, Vocabulary, flag
 from islandgp.config.settings import Settings
 from islandgp.errors import ConfigError
-from islandgp.evolution.edits import Edit
 from islandgp.evolution.loop import evolve
-from islandgp.evolution.plan import Plan
-from islandgp.evolution.record import RunState, Step
+from islandgp.gp.edits import Edit
+from islandgp.gp.plan import Plan
+from islandgp.gp.record import RunState, Step
 from islandgp.plain import plain
 from islandgp.records.checkpoint import read_checkpoint, save_state
 from islandgp.running.run import make_search, plan_of

@@ -14,8 +14,8 @@ import pytest
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import within
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import within
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.records.checkpoint import dump
 from islandgp.resources import resource

@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from islandgp.bt.language import parse
+from islandgp.bt.core.language import parse
 from islandgp.config.settings import read_settings
 from islandgp.domain import Domain, Scene
 from islandgp.domains.gymnasium.domain import environment as gymnasium_environment
@@ -26,8 +26,8 @@ from islandgp.evaluation.base import Job
 from islandgp.evaluation.processes import Processes
 from islandgp.evaluation.serial import Serial
 from islandgp.evolution.loop import evolve
-from islandgp.evolution.record import Step
 from islandgp.experiment import compose, run
+from islandgp.gp.record import Step
 from islandgp.running.run import make_search, make_supervisor
 from islandgp.testing.domain_suite import DomainSuite
 from tests.composed import composed, plain

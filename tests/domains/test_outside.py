@@ -11,8 +11,8 @@ import pytest
 import yaml
 
 from islandgp import plugin
-from islandgp.bt.language import parse
-from islandgp.bt.vocabulary import NOTHING
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.vocabulary import NOTHING
 from islandgp.config.compose import only_job
 from islandgp.domain import Schema
 from islandgp.errors import DomainError, EvaluationError

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.vocabulary import Action, Vocabulary, flag, number
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.vocabulary import Action, Vocabulary, flag, number
 from islandgp.cli import islandgp
 from islandgp.config.settings import Settings, read_settings
 from islandgp.domain import Schema

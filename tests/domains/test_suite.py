@@ -11,8 +11,8 @@ from typing import ClassVar
 import pytest
 import yaml
 
-from islandgp.bt.node import SUCCESS
-from islandgp.bt.vocabulary import Action
+from islandgp.bt.core.node import SUCCESS
+from islandgp.bt.core.vocabulary import Action
 from islandgp.domain import Domain
 from islandgp.domains.island import Island
 from islandgp.domains.island.actions import IslandAction, drive

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import pytest
 from pydantic import BaseModel
 
-from islandgp.bt.language import parse
-from islandgp.bt.vocabulary import Action, Vocabulary, flag, number
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.vocabulary import Action, Vocabulary, flag, number
 from islandgp.domain import Counter, Event, Outcome, Schema
 from islandgp.errors import DomainError
 from islandgp.scoring.rewards import RewardTable

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from islandgp.bt.node import Node
+from islandgp.bt.core.node import Node
 from islandgp.evolution.loop import evolve
-from islandgp.evolution.plan import Plan
-from islandgp.evolution.record import GenerationRecord, RunState, Step, record_values
+from islandgp.gp.plan import Plan
+from islandgp.gp.record import GenerationRecord, RunState, Step, record_values
 from islandgp.records.checkpoint import dump
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Supervisor

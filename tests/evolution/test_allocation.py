@@ -13,13 +13,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from islandgp.bt.language import parse
-from islandgp.bt.node import Node
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import Node
 from islandgp.domain import Outcome
-from islandgp.evolution.allocation import diversity_slots, next_population, remember, scaled
-from islandgp.evolution.plan import Allocation
-from islandgp.evolution.population import Ancestor, Evaluated, Individual, Origin, ranked
-from islandgp.evolution.selection import pick_parent, tournament
+from islandgp.gp.allocation import diversity_slots, next_population, remember, scaled
+from islandgp.gp.plan import Allocation
+from islandgp.gp.population import Ancestor, Evaluated, Individual, Origin, ranked
+from islandgp.gp.selection import pick_parent, tournament
 from islandgp.scoring.snapshot import diversity
 from islandgp.seeding import Streams
 from tests.composed import composed, composed_plan

@@ -13,7 +13,8 @@ from pydantic import ValidationError
 
 from islandgp.domain import Outcome
 from islandgp.domains.island.vocabulary import SCHEMA
-from islandgp.evolution.archive import (
+from islandgp.evolution.loop import evolve
+from islandgp.gp.archive import (
     EDGES,
     ArchiveSettings,
     ArchiveUpdate,
@@ -22,8 +23,7 @@ from islandgp.evolution.archive import (
     cell_of,
     update_archive,
 )
-from islandgp.evolution.loop import evolve
-from islandgp.evolution.population import Evaluated
+from islandgp.gp.population import Evaluated
 from islandgp.search.racing import Racing
 from islandgp.seeding import Stream, seed_of
 from tests.composed import composed, composed_plan

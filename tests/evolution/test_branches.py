@@ -12,10 +12,11 @@ import pytest
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
-from islandgp.bt.condition import joined, terms
-from islandgp.bt.kinds import ABORTS
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import (
+from islandgp.bt.analysis.simplify import simplify
+from islandgp.bt.core.condition import joined, terms
+from islandgp.bt.core.kinds import ABORTS
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import (
     Limits,
     Node,
     asked_in,
@@ -27,13 +28,12 @@ from islandgp.bt.node import (
     walk,
     within,
 )
-from islandgp.bt.simplify import simplify
-from islandgp.bt.vocabulary import Action, Vocabulary, number
+from islandgp.bt.core.vocabulary import Action, Vocabulary, number
 from islandgp.domains.island.vocabulary import VOCABULARY
-from islandgp.evolution import branches
-from islandgp.evolution.branches import branch_crossover, branches_of, fine, random_list
-from islandgp.evolution.random_trees import TreeSpace
-from islandgp.evolution.variation import MUTATIONS, MutationSettings, mutate
+from islandgp.gp import branches
+from islandgp.gp.branches import branch_crossover, branches_of, fine, random_list
+from islandgp.gp.random_trees import TreeSpace
+from islandgp.gp.variation import MUTATIONS, MutationSettings, mutate
 from tests.composed import composed
 from tests.profiles import examples
 from tests.strategies import few_boards, nodes

@@ -8,7 +8,7 @@ import pytest
 
 from islandgp.evaluation.base import Cached, Job
 from islandgp.evolution.loop import evolve
-from islandgp.evolution.record import Step
+from islandgp.gp.record import Step
 from islandgp.records.checkpoint import dump
 from islandgp.running.run import make_evaluator, make_supervisor
 from tests.composed import composed, composed_plan

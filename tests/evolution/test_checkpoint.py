@@ -9,10 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from islandgp.atomic_files import write_atomic
 from islandgp.errors import RunError
 from islandgp.evolution.loop import initial_state, restored
-from islandgp.evolution.record import RunState
-from islandgp.records.checkpoint import read_checkpoint, save_state, write_atomic
+from islandgp.gp.record import RunState
+from islandgp.records.checkpoint import read_checkpoint, save_state
 from islandgp.search.paper import Paper
 from tests.evolution.runs import Says, lines, plan, run
 from tests.profiles import examples

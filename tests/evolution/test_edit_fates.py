@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from islandgp.evolution.edit_fates import edit_fates
-from islandgp.evolution.edits import Edit, EditTrial, as_record
-from islandgp.evolution.record import GenerationRecord, IndividualRecord, record_values
+from islandgp.gp.edit_fates import edit_fates
+from islandgp.gp.edits import Edit, EditTrial, as_record
+from islandgp.gp.record import GenerationRecord, IndividualRecord, record_values
 from islandgp.tracking.metrics import final_metrics, metrics
 from tests.evolution.runs import run
 

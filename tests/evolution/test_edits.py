@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import Limits
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import Limits
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import SupervisionError
-from islandgp.evolution.edits import EDITS, Edit, edited
-from islandgp.evolution.record import GenerationRecord, Step, record_values
+from islandgp.gp.edits import EDITS, Edit, edited
+from islandgp.gp.record import GenerationRecord, Step, record_values
 from islandgp.plain import made_of
 from islandgp.records.checkpoint import dump
 from islandgp.scoring.state import PopulationState

@@ -7,8 +7,8 @@ from statistics import fmean
 import numpy as np
 import pytest
 
-from islandgp.bt.node import size
-from islandgp.evolution.random_trees import MOST_NODES, TreeSettings, expected_nodes, grow
+from islandgp.bt.core.node import size
+from islandgp.gp.random_trees import MOST_NODES, TreeSettings, expected_nodes, grow
 from tests.composed import composed, composed_plan
 
 

@@ -12,11 +12,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from islandgp.bt.language import parse
-from islandgp.bt.node import Node, within
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import Node, within
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Job
-from islandgp.evolution.record import record_values
+from islandgp.gp.record import record_values
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance
 from tests.composed import composed_plan

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from islandgp.bt.node import Limits, Node, leaf
+from islandgp.bt.core.node import Limits, Node, leaf
 from islandgp.errors import PartError
-from islandgp.evolution.population import Evaluated
-from islandgp.evolution.random_trees import TreeSpace
-from islandgp.evolution.variation import MutationSettings
+from islandgp.gp.population import Evaluated
+from islandgp.gp.random_trees import TreeSpace
+from islandgp.gp.variation import MutationSettings
 from tests.evolution.runs import plan, run
 
 HERE = __name__

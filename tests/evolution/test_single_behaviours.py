@@ -7,13 +7,12 @@ from functools import cache
 
 import pytest
 
-from islandgp.bt.engine import compile_tree
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Limits, Node, size, walk, within
-from islandgp.bt.vocabulary import Action, Vocabulary, flag
+from islandgp.bt.core.engine import compile_tree
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Limits, Node, size, walk, within
+from islandgp.bt.core.vocabulary import Action, Vocabulary, flag
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Job
-from islandgp.evolution.random_trees import TreeSpace
 from islandgp.evolution.single_behaviours import (
     CHILDREN,
     COMPACT,
@@ -22,6 +21,7 @@ from islandgp.evolution.single_behaviours import (
     WORLDS,
     single_behaviours,
 )
+from islandgp.gp.random_trees import TreeSpace
 from islandgp.scoring.classes import Classes
 from tests.composed import composed
 

@@ -10,13 +10,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from islandgp.bt.condition import Condition
-from islandgp.bt.kinds import KINDS
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import Limits, Node, depth, guard_of, levels, replace_at, size, walk, within
-from islandgp.bt.vocabulary import Action, Vocabulary
+from islandgp.bt.core.condition import Condition
+from islandgp.bt.core.kinds import KINDS
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import (
+    Limits,
+    Node,
+    depth,
+    guard_of,
+    levels,
+    replace_at,
+    size,
+    walk,
+    within,
+)
+from islandgp.bt.core.vocabulary import Action, Vocabulary
 from islandgp.domains.island.vocabulary import VOCABULARY
-from islandgp.evolution.random_trees import (
+from islandgp.gp.random_trees import (
     TreeSettings,
     TreeSpace,
     grow,
@@ -24,8 +34,8 @@ from islandgp.evolution.random_trees import (
     random_tree,
     weighted,
 )
-from islandgp.evolution.selection import tournament
-from islandgp.evolution.variation import CROSSOVERS, MUTATIONS, MutationSettings, mutate
+from islandgp.gp.selection import tournament
+from islandgp.gp.variation import CROSSOVERS, MUTATIONS, MutationSettings, mutate
 from tests.composed import composed
 from tests.made import evaluated, outcome
 from tests.profiles import examples

@@ -22,14 +22,14 @@ from typing import Any, Final
 from hydra._internal.utils import get_args_parser
 from hypothesis import strategies as st
 
-from islandgp.bt.declared import declared
+from islandgp.bt.analysis.lint import warnings
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import Limits, Node
+from islandgp.bt.editor.format import format_text
 from islandgp.bt.export.behaviortree_cpp import to_xml
+from islandgp.bt.export.declared import declared
 from islandgp.bt.export.import_cpp import read_tree
 from islandgp.bt.export.json import from_json, to_json
-from islandgp.bt.format import format_text
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.lint import warnings
-from islandgp.bt.node import Limits, Node
 from islandgp.commands.domain_command import _plain
 from islandgp.commands.verify_command import verify
 from islandgp.config.compose import planned

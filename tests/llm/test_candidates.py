@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import Limits, Node
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import Limits, Node
 from islandgp.domain import Domain, Outcome
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import SupervisionError

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import Limits
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import Limits
 from islandgp.domains.island.vocabulary import VOCABULARY
-from islandgp.evolution.edits import EDITS
-from islandgp.evolution.population import Origin
+from islandgp.gp.edits import EDITS
+from islandgp.gp.population import Origin
 from islandgp.supervision.llm.edit_question import EditProposal, check_edits, listing
 from islandgp.supervision.llm.message import Reply
 from islandgp.supervision.llm.validation import (

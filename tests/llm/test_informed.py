@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from islandgp.bt.language import parse
+from islandgp.bt.core.language import parse
 from islandgp.errors import SupervisionError
 from islandgp.evaluation.base import Problem
 from islandgp.evaluation.serial import Serial
 from islandgp.evolution.loop import evolve
-from islandgp.evolution.record import IndividualRecord
+from islandgp.gp.record import IndividualRecord
 from islandgp.records.folder import RunFolder
 from islandgp.running.run import make_supervisor, run_context
 from islandgp.scoring.state import PopulationState

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from islandgp.bt.language import parse
+from islandgp.bt.core.language import parse
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.llm.adviser import Adviser

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from islandgp.bt.condition import OPERATORS
-from islandgp.bt.kinds import ABORTS, KINDS
-from islandgp.bt.language import parse
-from islandgp.bt.vocabulary import Action, Vocabulary
+from islandgp.bt.core.condition import OPERATORS
+from islandgp.bt.core.kinds import ABORTS, KINDS
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.vocabulary import Action, Vocabulary
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.errors import SupervisionError
 from islandgp.resources import resource

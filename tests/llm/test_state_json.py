@@ -12,7 +12,8 @@ from hypothesis import given
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.resources import resource
 from islandgp.scoring.state import Crisis
-from islandgp.supervision.state_json import field_meanings, state_json, state_text, title
+from islandgp.supervision.state_json import field_meanings, state_json, state_text
+from islandgp.text import title
 from tests.llm.made import state
 from tests.made import CLASSES
 from tests.strategies import population_states

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from islandgp.bt.language import to_text
+from islandgp.bt.core.language import to_text
 from islandgp.errors import ConfigError, SupervisionError
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.base import Guidance, Pattern, Phase

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import Limits, within
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import Limits, within
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.supervision.base import Pattern, Phase
 from islandgp.supervision.llm.message import SANE, Reply

@@ -19,7 +19,7 @@ from islandgp.domain import Outcome
 from islandgp.errors import SupervisionError
 from islandgp.evaluation.base import Job
 from islandgp.evolution.loop import evolve
-from islandgp.evolution.record import GenerationRecord, RunState, Step
+from islandgp.gp.record import GenerationRecord, RunState, Step
 from islandgp.records.checkpoint import dump
 from islandgp.running.run import make_supervisor, run_context
 from islandgp.supervision.base import Service

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 import islandgp
-from islandgp.bt.language import parse
+from islandgp.bt.core.language import parse
 from islandgp.cli import islandgp as group
 from islandgp.records.folder import RunFolder
 from islandgp.seeding import Stream, stream

@@ -11,7 +11,7 @@ from hydra._internal.utils import get_args_parser
 from islandgp.config.compose import command_line, planned
 from islandgp.evaluation.processes import cores
 from islandgp.running.app import main
-from islandgp.running.sweep_job import workers_of
+from islandgp.sweep.job import workers_of
 from tests.running.commands import ROOT, finish, group_members, start
 
 pytestmark = pytest.mark.process

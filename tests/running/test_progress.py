@@ -11,10 +11,10 @@ import pytest
 from rich.console import Console
 
 from islandgp.records.folder import RunFolder
-from islandgp.records.sweep_folder import SweepJob
 from islandgp.resources import program
 from islandgp.running.progress import Progress, columns, duration, fitting, row
-from islandgp.running.sweep_progress import Start, sweep_line
+from islandgp.sweep.folder import SweepJob
+from islandgp.sweep.progress import Start, sweep_line
 from tests.made import CLASSES
 from tests.tracking.folders import steps
 

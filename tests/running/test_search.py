@@ -21,11 +21,11 @@ from islandgp.config.compose import Planned, Searched
 from islandgp.errors import ConfigError
 from islandgp.records.files import objectives, values
 from islandgp.records.folder import RunFolder, Status
-from islandgp.records.sweep_folder import SweepFile, SweepFolder
-from islandgp.running import optuna_search
 from islandgp.running.app import main
-from islandgp.running.search import check
-from islandgp.running.sweep_progress import job_line
+from islandgp.sweep import optuna_trials as optuna_search
+from islandgp.sweep.folder import SweepFile, SweepFolder
+from islandgp.sweep.optimiser import check
+from islandgp.sweep.progress import job_line
 from tests.composed import composed
 from tests.running.commands import TINY, fake
 from tests.running.histories import store, tracked

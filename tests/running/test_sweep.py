@@ -16,10 +16,10 @@ from omegaconf import DictConfig
 
 from islandgp.config.compose import Planned, planned, run_folder
 from islandgp.errors import ConfigError
-from islandgp.records.sweep_folder import SweepFile, SweepFolder
 from islandgp.running.app import main
-from islandgp.running.sweep import run_sweep
-from islandgp.running.sweep_job import Forget
+from islandgp.sweep.folder import SweepFile, SweepFolder
+from islandgp.sweep.job import Forget
+from islandgp.sweep.run import run_sweep
 from tests.composed import composed, named
 from tests.profiles import examples
 from tests.running.commands import TINY, fake

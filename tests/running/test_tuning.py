@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.numbers import COUNT, EQUAL, numbers_of, with_numbers
-from islandgp.bt.vocabulary import Action, Vocabulary, flag, number
+from islandgp.bt.analysis.numbers import COUNT, EQUAL, numbers_of, with_numbers
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.vocabulary import Action, Vocabulary, flag, number
 from islandgp.errors import ConfigError
 from islandgp.search.numbers import NumberSettings, Tuned, thresholds_of, tuned
 from tests.profiles import examples

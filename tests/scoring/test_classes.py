@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from islandgp.bt.vocabulary import Action, Vocabulary
+from islandgp.bt.core.vocabulary import Action, Vocabulary
 from islandgp.domain import Counter, Event, Outcome, Schema
 from islandgp.scoring.classes import AIMS, Classes, judge, specialist, tiers
 from tests.composed import composed

@@ -13,8 +13,8 @@ from islandgp.config.settings import read_settings
 from islandgp.domain import Outcome
 from islandgp.errors import ConfigError, RunError
 from islandgp.evaluation.base import Job
-from islandgp.evolution.plan import Stop
 from islandgp.evolution.validation import Candidate, candidates, candidates_by_evidence, validate
+from islandgp.gp.plan import Stop
 from islandgp.scoring.constraints import (
     Bound,
     in_words,

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from islandgp.bt.language import parse, to_text
+from islandgp.bt.core.language import parse, to_text
 from islandgp.evolution.loop import evaluate, worlds_of
-from islandgp.evolution.plan import Plan
-from islandgp.evolution.population import Evaluated, Individual, Origin
+from islandgp.gp.plan import Plan
+from islandgp.gp.population import Evaluated, Individual, Origin
 from islandgp.resources import resource
 from islandgp.running.run import make_search, plan_of
 from islandgp.scoring.classes import judge

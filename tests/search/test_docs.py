@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 import islandgp
-from islandgp.bt.language import parse
+from islandgp.bt.core.language import parse
 from islandgp.evolution.loop import evolve
 from islandgp.running.app import main
 from tests.evolution.fake import Fake

@@ -8,8 +8,8 @@ from itertools import pairwise
 
 import pytest
 
-from islandgp.bt.language import parse, to_text
-from islandgp.evolution.random_trees import random_tree
+from islandgp.bt.core.language import parse, to_text
+from islandgp.gp.random_trees import random_tree
 from islandgp.seeding import Stream, Streams
 from tests.search.searches import NO_ADVICE, done, generations, made
 

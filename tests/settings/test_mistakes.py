@@ -133,7 +133,7 @@ ONE_LINE = [
     # searches
     (["search=mapelites"], "search=mapelites: unknown option; did you mean map_elites?"),
     (["search.ranking=luck"], "search.ranking='luck': input should be 'evidence' or 'fitness'"),
-    (["search=hill", "search.factory=islandgp.evolution.plan:Plan"],
+    (["search=hill", "search.factory=islandgp.gp.plan:Plan"],
      "search.factory: expected a class with Settings, make, start, ask and tell, found"),
     (["search.factory=tests.settings.searches:Unsaid"],
      "search.factory: expected <class 'tests.settings.searches.Unsaid'> with a class attribute"

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from islandgp.bt.node import size
-from islandgp.evolution.random_trees import random_tree
+from islandgp.bt.core.node import size
+from islandgp.gp.random_trees import random_tree
 from islandgp.running.run import make_library
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.expert import Expert, early

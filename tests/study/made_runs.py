@@ -11,14 +11,14 @@ from typing import Any
 
 import yaml
 
-from islandgp.evolution.record import (
+from islandgp.evolution.validation import Validation
+from islandgp.gp.record import (
     Champion,
     Cost,
     GenerationRecord,
     GuidanceRecord,
     IndividualRecord,
 )
-from islandgp.evolution.validation import Validation
 from islandgp.records.parameters import flatten
 from islandgp.study.arms import Arm, Run
 from tests.composed import plain

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from scipy import stats  # type: ignore[import-untyped] # scipy ships no types
 
 from islandgp.errors import StudyError
+from islandgp.statistics import EXACT, UNTESTED, Interval, rank_test
 from islandgp.study.aggregates import (
     EXACT_PAIRS,
     MOST_SCORES,
@@ -31,7 +32,6 @@ from islandgp.study.aggregates import (
     stratified_bootstrap,
     thresholds,
 )
-from islandgp.study.statistics import EXACT, UNTESTED, Interval, rank_test
 from tests.profiles import examples
 
 # Two arms with two peaks, 10 runs (rows) in 3 worlds (columns).

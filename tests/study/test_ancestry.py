@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from islandgp.evolution.edits import Edit, EditTrial, as_record
+from islandgp.gp.edits import Edit, EditTrial, as_record
 from islandgp.study.arms import Run
 from islandgp.study.comparable import compare_arms
 from islandgp.study.library import library_names

@@ -8,13 +8,13 @@ from typing import Any
 import pytest
 
 from islandgp.errors import StudyError
+from islandgp.statistics import UNTESTED
 from islandgp.study.arms import Arm
 from islandgp.study.comparable import compare_arms, paired
 from islandgp.study.emergence import first
 from islandgp.study.findings import examine_all
 from islandgp.study.measures import TABLE_9, emergence
 from islandgp.study.plan import NOTHING, families
-from islandgp.study.statistics import UNTESTED
 from tests.study.made_runs import made_arm, made_run
 
 

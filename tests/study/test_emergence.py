@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from islandgp.statistics import EXACT, EXACT_TIES
 from islandgp.study.emergence import (
     band,
     first,
@@ -16,7 +17,6 @@ from islandgp.study.emergence import (
 from islandgp.study.figures.emergence import box
 from islandgp.study.findings import examine
 from islandgp.study.measures import emergence
-from islandgp.study.statistics import EXACT, EXACT_TIES
 from islandgp.study.tables.comparisons import when
 from tests.study.made_runs import made_run
 

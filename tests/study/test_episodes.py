@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import pytest
 
-from islandgp.evolution.record import Cost, GenerationRecord
+from islandgp.gp.record import Cost, GenerationRecord
 from islandgp.study.arms import Arm, Run
 from islandgp.study.comparable import compare_arms
 from islandgp.study.episodes import (

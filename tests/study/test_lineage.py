@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from islandgp.evolution.population import Origin
+from islandgp.gp.population import Origin
 from islandgp.study.lineage import (
     Descent,
     Newcomer,

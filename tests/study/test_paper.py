@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from islandgp.domains import island
+from islandgp.statistics import ASYMPTOTIC, EXACT, EXACT_TIES
 from islandgp.study.emergence import reduction, summary
 from islandgp.study.findings import Finding, adjust, examine
 from islandgp.study.measures import SPANS, main_family
 from islandgp.study.paper import read_paper
-from islandgp.study.statistics import ASYMPTOTIC, EXACT, EXACT_TIES
 from tests.study.test_statistics import _samples_with
 
 found = read_paper(Path(island.__file__).parent / "paper.yaml")

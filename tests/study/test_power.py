@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from islandgp.study.statistics import smallest_difference
+from islandgp.statistics import smallest_difference
 
 
 def test_too_few_runs_can_show_nothing() -> None:

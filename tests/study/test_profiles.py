@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from islandgp.errors import StudyError
+from islandgp.statistics import benjamini_hochberg
 from islandgp.study.aggregates import (
     improvement_interval,
     improvement_test,
@@ -21,7 +22,6 @@ from islandgp.study.aggregates import (
 from islandgp.study.figures.drawing import DPI, LINES, MARKERS, PALETTE, look, named, plain
 from islandgp.study.figures.profiles import WIDTH, profile_picture
 from islandgp.study.profiles import ALL_WORLDS, Scores, normalised, summarise
-from islandgp.study.statistics import benjamini_hochberg
 from islandgp.study.tables.scores import score_table, scores_csv
 from tests.study.made_runs import made_arm, made_run
 

@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from islandgp.bt.language import parse
-from islandgp.bt.render import branches
+from islandgp.bt.core.language import parse
+from islandgp.bt.export.render import branches
 from islandgp.errors import StudyError
+from islandgp.statistics import Interval
 from islandgp.study import writing
 from islandgp.study.aggregates import EXACT_PAIRS
 from islandgp.study.arms import Comparison
@@ -29,7 +30,6 @@ from islandgp.study.generalise import Generalisation
 from islandgp.study.library import library_names
 from islandgp.study.plan import NOTHING, check_plan, families, parse_plan
 from islandgp.study.report import Report, build
-from islandgp.study.statistics import Interval
 from islandgp.study.table import Table
 from islandgp.study.tables.scores import champion_rows, champion_scores
 from islandgp.study.texts import title_and_caption

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from islandgp.study.statistics import (
+from islandgp.statistics import (
     ASYMPTOTIC,
     EXACT,
     EXACT_TIES,

@@ -8,11 +8,11 @@ import math
 
 import pytest
 
+from islandgp.statistics import Interval, mean_sd, rank_test
 from islandgp.study.findings import examine
 from islandgp.study.measures import TABLE_9, emergence
 from islandgp.study.paper import MARK
 from islandgp.study.report import Report, Section
-from islandgp.study.statistics import Interval, mean_sd, rank_test
 from islandgp.study.table import (
     Table,
     interval,

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from islandgp.bt.node import Node
+from islandgp.bt.core.node import Node
 from islandgp.errors import SupervisionError
 from islandgp.records.checkpoint import dump
 from islandgp.resources import resource

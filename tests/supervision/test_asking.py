@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from islandgp.bt.language import parse
-from islandgp.bt.node import Node, leaf
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import Node, leaf
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import SupervisionError
 from islandgp.running.app import main

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from islandgp.evolution.edits import EDITS
+from islandgp.gp.edits import EDITS
 from islandgp.resources import resource
 from islandgp.running.app import main
 from tests.running.commands import ROOT

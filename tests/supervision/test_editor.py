@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from islandgp.bt.language import parse, to_text
+from islandgp.bt.core.language import parse, to_text
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import SupervisionError
-from islandgp.evolution.edits import Edit, EditTrial, as_record
-from islandgp.evolution.record import IndividualRecord, record_values
+from islandgp.gp.edits import Edit, EditTrial, as_record
+from islandgp.gp.record import IndividualRecord, record_values
 from islandgp.records.checkpoint import dump
 from islandgp.running.run import make_supervisor
 from islandgp.supervision.base import Seen

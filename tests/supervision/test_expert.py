@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from islandgp.bt.node import Node, depth, size, walk, within
+from islandgp.bt.core.node import Node, depth, size, walk, within
 from islandgp.errors import ConfigError
 from islandgp.running.run import run_context
 from islandgp.scoring.snapshot import Snapshot

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from islandgp.bt.language import parse, to_text
+from islandgp.bt.core.language import parse, to_text
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import ConfigError, DomainError, IslandError, UnknownNameError
 from islandgp.running.run import make_library

@@ -10,8 +10,8 @@ from typing import Any
 import yaml
 
 from islandgp.evolution.loop import evolve
-from islandgp.evolution.record import Champion, Step
 from islandgp.evolution.validation import Best
+from islandgp.gp.record import Champion, Step
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
 from islandgp.running.report import summary

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from islandgp.records.sweep_folder import SweepFolder
+from islandgp.sweep.folder import SweepFolder
 from islandgp.tracking import mirror
 from islandgp.tracking.artifacts import Artifact
 from islandgp.tracking.store import Store

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, replace
 from typing import Any
 
-from islandgp.evolution.record import GuidanceRecord
+from islandgp.gp.record import GuidanceRecord
 from islandgp.tracking.metrics import final_metrics, metrics
 from tests.study.made_runs import guidance
 from tests.tracking.folders import steps

@@ -10,7 +10,7 @@ import pytest
 from islandgp.errors import RunError
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import add_to_manifest
-from islandgp.records.sweep_folder import SweepFile, SweepFolder, SweepJob
+from islandgp.sweep.folder import SweepFile, SweepFolder, SweepJob
 from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.parent import metric_names, parent_run, send_sweep
 from islandgp.tracking.sent import read_sent

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from islandgp.errors import EvaluationError
-from islandgp.records.sweep_folder import SweepJob
-from islandgp.running.sweep_progress import Start
+from islandgp.sweep.folder import SweepJob
+from islandgp.sweep.progress import Start
 from tests.tracking.folders import written
 
 

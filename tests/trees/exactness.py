@@ -19,11 +19,11 @@ from random import Random
 from tempfile import TemporaryDirectory
 from typing import Final, NamedTuple
 
-from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS, Asked, Condition, denied, joined
-from islandgp.bt.engine import ABORTED
-from islandgp.bt.kinds import ABORTS, POLICIES
-from islandgp.bt.language import parse
-from islandgp.bt.node import (
+from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS, Asked, Condition, denied, joined
+from islandgp.bt.core.engine import ABORTED
+from islandgp.bt.core.kinds import ABORTS, POLICIES
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import (
     AGAIN,
     FAILURE,
     RUNNING,

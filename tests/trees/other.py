@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from islandgp.bt.vocabulary import Action, Vocabulary, flag
+from islandgp.bt.core.vocabulary import Action, Vocabulary, flag
 from islandgp.domain import Event, Schema
 from islandgp.domains.island import Island
 

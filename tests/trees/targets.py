@@ -15,11 +15,11 @@ from typing import Any, Final, TypeAlias
 
 import pytest
 
-from islandgp.bt.engine import ABORTED, compile_tree
+from islandgp.bt.core.engine import ABORTED, compile_tree
+from islandgp.bt.core.node import FAILURE, RUNNING, STATUS_NAMES, SUCCESS, Node, leaf, walk
+from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.export.import_cpp import read_tree
-from islandgp.bt.node import FAILURE, RUNNING, STATUS_NAMES, SUCCESS, Node, leaf, walk
-from islandgp.bt.vocabulary import Vocabulary
 
 Boards: TypeAlias = Sequence[Sequence[float]]
 Trace: TypeAlias = list[str]

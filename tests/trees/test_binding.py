@@ -12,8 +12,8 @@ import pytest
 
 import islandgp
 from islandgp import NodeStatus
-from islandgp.bt.parameters import one_of, switch
-from islandgp.bt.vocabulary import Action, Vocabulary, flag, number
+from islandgp.bt.core.parameters import one_of, switch
+from islandgp.bt.core.vocabulary import Action, Vocabulary, flag, number
 from islandgp.errors import DomainError, OtherDomainError
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from islandgp.bt.condition import condition
-from islandgp.bt.lint import CODES, warnings
-from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, walk
+from islandgp.bt.analysis.lint import CODES, warnings
+from islandgp.bt.core.condition import condition
+from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, walk
 from islandgp.domain import Scene
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.resources import resource

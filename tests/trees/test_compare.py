@@ -6,8 +6,8 @@ from pathlib import Path
 
 from hypothesis import given
 
-from islandgp.bt.compare import Mark, compare
-from islandgp.bt.node import Node, walk
+from islandgp.bt.analysis.compare import Mark, compare
+from islandgp.bt.core.node import Node, walk
 from tests.bt.stage import short_tree
 from tests.profiles import examples
 from tests.strategies import few_numbers, nodes

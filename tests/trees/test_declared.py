@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from islandgp.bt.condition import Condition
-from islandgp.bt.declared import declared
-from islandgp.bt.vocabulary import Action, Vocabulary, flag, number
+from islandgp.bt.core.condition import Condition
+from islandgp.bt.core.vocabulary import Action, Vocabulary, flag, number
+from islandgp.bt.export.declared import declared
 from islandgp.domains.island.vocabulary import VOCABULARY
 from tests.trees.shell import Cli
 

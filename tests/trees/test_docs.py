@@ -18,9 +18,9 @@ from zipfile import ZipFile
 import pytest
 from click.shell_completion import ShellComplete
 
-from islandgp.bt.format import format_text
-from islandgp.bt.kinds import KINDS
-from islandgp.bt.language import parse, words
+from islandgp.bt.core.kinds import KINDS
+from islandgp.bt.core.language import parse, words
+from islandgp.bt.editor.format import format_text
 from islandgp.cli import COMMANDS
 from islandgp.cli import islandgp as group
 from islandgp.domains.island.vocabulary import VOCABULARY

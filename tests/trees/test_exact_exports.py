@@ -11,12 +11,12 @@ import pytest
 from hypothesis import HealthCheck, Phase, assume, given
 from hypothesis import strategies as st
 
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, CountArgs, Node, leaf
+from islandgp.bt.core.vocabulary import Action, Vocabulary, flag
+from islandgp.bt.editor.format import format_text
 from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.export.import_cpp import read_tree
-from islandgp.bt.format import format_text
-from islandgp.bt.language import parse
-from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, CountArgs, Node, leaf
-from islandgp.bt.vocabulary import Action, Vocabulary, flag
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import DomainError
 from tests.bt.stage import short_tree

@@ -11,11 +11,11 @@ import pytest
 from hypothesis import HealthCheck, assume, given
 from hypothesis import strategies as st
 
-from islandgp.bt.engine import compile_tree
+from islandgp.bt.core.engine import compile_tree
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, walk
 from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.export.json import from_json, to_json
-from islandgp.bt.language import parse
-from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, walk
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import TreeError
 from islandgp.resources import resource

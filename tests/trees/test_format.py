@@ -8,9 +8,9 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
-from islandgp.bt.format import format_text
-from islandgp.bt.language import parse, parse_placed, to_text, words
-from islandgp.bt.node import Node, walk
+from islandgp.bt.core.language import parse, parse_placed, to_text, words
+from islandgp.bt.core.node import Node, walk
+from islandgp.bt.editor.format import format_text
 from tests.composed import composed
 from tests.profiles import examples
 from tests.strategies import nodes

@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 
+from islandgp.bt.analysis.lint import warnings
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import Node, leaf, walk
+from islandgp.bt.editor.format import format_text
 from islandgp.bt.export.behaviortree_cpp import to_xml
 from islandgp.bt.export.import_cpp import read_tree
 from islandgp.bt.export.json import from_json, to_json
-from islandgp.bt.format import format_text
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.lint import warnings
-from islandgp.bt.node import Node, leaf, walk
 from islandgp.cli import main
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import LimitError, TreeError

@@ -12,8 +12,8 @@ from statistics import fmean, stdev
 import pytest
 from rich.console import Console
 
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import size
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import size
 from islandgp.commands.play_command import Column, fitting, numbers, parts, width_of
 from islandgp.resources import resource
 from islandgp.viewer.recording import IDLE, record

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from islandgp.bt.assist import meaning, offers, renamed, subtrees
-from islandgp.bt.kinds import KINDS
-from islandgp.bt.language import parse
+from islandgp.bt.core.kinds import KINDS
+from islandgp.bt.core.language import parse
+from islandgp.bt.editor.assist import meaning, offers, renamed, subtrees
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import TreeError
 from tests.running.commands import ROOT

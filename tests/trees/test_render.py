@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 
-from islandgp.bt.language import parse
-from islandgp.bt.node import Node, size, walk
-from islandgp.bt.render import BOX, label, lay_out, to_dot, to_lines, to_mermaid, to_svg
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import Node, size, walk
+from islandgp.bt.export.render import BOX, label, lay_out, to_dot, to_lines, to_mermaid, to_svg
 from islandgp.resources import resource
 from tests.profiles import examples
 from tests.strategies import nodes

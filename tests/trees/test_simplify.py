@@ -9,11 +9,11 @@ import pytest
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
-from islandgp.bt.engine import ABORTED, compile_tree
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import FAILURE, RUNNING, SUCCESS, Node, guard_of, size, walk
-from islandgp.bt.printer import condition_text
-from islandgp.bt.simplify import simplify
+from islandgp.bt.analysis.simplify import simplify
+from islandgp.bt.core.engine import ABORTED, compile_tree
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, guard_of, size, walk
+from islandgp.bt.core.printer import condition_text
 from islandgp.domains.island.vocabulary import VOCABULARY
 from tests.bt.stage import short_tree
 from tests.composed import composed

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from islandgp.records.checkpoint import write_atomic
+from islandgp.atomic_files import write_atomic
 from tests.trees.shell import Cli
 
 TREE = "selector { PatrolWaypoint   PickupGarbage }  # mine\n"

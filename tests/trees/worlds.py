@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TypeAlias
 
-from islandgp.bt.engine import ABORTED
-from islandgp.bt.node import Node, walk
+from islandgp.bt.core.engine import ABORTED
+from islandgp.bt.core.node import Node, walk
 from islandgp.config.settings import Settings
 from islandgp.domain import Outcome
 from islandgp.domains.island.vocabulary import VOCABULARY
-from islandgp.evolution.random_trees import TreeSpace, random_tree
+from islandgp.gp.random_trees import TreeSpace, random_tree
 from islandgp.seeding import Stream, stream
 
 Tick: TypeAlias = tuple[tuple[tuple[str, bool, int], ...], tuple[str, ...], int]

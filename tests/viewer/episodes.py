@@ -11,14 +11,14 @@ from typing import Any, ClassVar, Self
 
 from pydantic import BaseModel
 
-from islandgp.bt.engine import compile_tree
-from islandgp.bt.language import parse
-from islandgp.bt.node import RUNNING, SUCCESS, Limits, Node, size
-from islandgp.bt.vocabulary import Action, Vocabulary, flag, number
+from islandgp.bt.core.engine import compile_tree
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import RUNNING, SUCCESS, Limits, Node, size
+from islandgp.bt.core.vocabulary import Action, Vocabulary, flag, number
 from islandgp.domain import Event, Form, Observer, Outcome, Scene, Schema, Thing
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.evaluation.base import Problem
-from islandgp.evolution.random_trees import TreeSpace, random_tree
+from islandgp.gp.random_trees import TreeSpace, random_tree
 from islandgp.resources import resource
 from islandgp.scoring.curriculum import Curriculum, Stage
 from islandgp.scoring.rewards import RewardTable

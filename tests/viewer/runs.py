@@ -10,9 +10,9 @@ from typing import Any
 
 import yaml
 
-from islandgp.evolution.archive import archive_record
-from islandgp.evolution.record import Step
 from islandgp.evolution.validation import Best, Validation
+from islandgp.gp.archive import archive_record
+from islandgp.gp.record import Step
 from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder

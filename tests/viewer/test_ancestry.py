@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import yaml
 
-from islandgp.evolution.record import IndividualRecord
+from islandgp.gp.record import IndividualRecord
 from islandgp.records.checkpoint import dump
 from islandgp.records.folder import RunFolder
 from islandgp.viewer import ancestry

@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from islandgp.bt.node import leaf, walk
+from islandgp.bt.core.node import leaf, walk
 from islandgp.domain import Form, Scene, Thing
 from islandgp.study.figures.drawing import Picture
 from islandgp.study.report import Report, Section

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from islandgp.bt.node import size, walk
+from islandgp.bt.core.node import size, walk
 from islandgp.domain import Scene, Thing
 from islandgp.errors import DomainError
 from islandgp.resources import resource

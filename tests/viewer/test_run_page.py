@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from islandgp.evolution.archive import Elite
+from islandgp.gp.archive import Elite
 from islandgp.records.archive_file import NAME, read_archive
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import add_to_manifest

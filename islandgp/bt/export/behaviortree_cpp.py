@@ -15,7 +15,19 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 from xml.sax.saxutils import escape, quoteattr
 
-from islandgp.bt.condition import Asked, Compound, Condition, terms
+from islandgp.bt.core.condition import Asked, Compound, Condition, terms
+from islandgp.bt.core.node import (
+    ActionArgs,
+    CountArgs,
+    GuardArgs,
+    Node,
+    ParallelArgs,
+    asked_in,
+    walk,
+)
+from islandgp.bt.core.parameters import Parameter
+from islandgp.bt.core.printer import condition_text, number_text
+from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
 from islandgp.bt.export.plan import (
     OWN,
     Loss,
@@ -27,18 +39,6 @@ from islandgp.bt.export.plan import (
     separated,
     subtree_of,
 )
-from islandgp.bt.node import (
-    ActionArgs,
-    CountArgs,
-    GuardArgs,
-    Node,
-    ParallelArgs,
-    asked_in,
-    walk,
-)
-from islandgp.bt.parameters import Parameter
-from islandgp.bt.printer import condition_text, number_text
-from islandgp.bt.vocabulary import NOTHING, Vocabulary
 from islandgp.errors import DomainError
 
 TREE_ID: Final = "Robot"

@@ -11,18 +11,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, NamedTuple, NoReturn
 
-from islandgp.bt.condition import Compound, denied, opposite, terms
+from islandgp.bt.analysis.truth import hidden, with_aborts
+from islandgp.bt.core.condition import Compound, denied, opposite, terms
+from islandgp.bt.core.kinds import ABORTS, POLICIES, REPEATS
+from islandgp.bt.core.language import MAX_LEVELS, MAX_NODES, parse, parse_condition
+from islandgp.bt.core.node import CountArgs, Node, ParallelArgs, Used, guarded, leaf
+from islandgp.bt.core.printer import with_subtrees
+from islandgp.bt.core.source import closest, shown
+from islandgp.bt.core.vocabulary import RESERVED, Vocabulary
 from islandgp.bt.export.behaviortree_cpp import EQUAL, JUDGED, NODES, REPEAT, REST, TAGS
 from islandgp.bt.export.plan import LEVEL, ORDER, RESUMED, Loss, fresh_name, hands_over
 from islandgp.bt.export.scripts import read_condition
 from islandgp.bt.export.xml_reader import Element, read_xml
-from islandgp.bt.kinds import ABORTS, POLICIES, REPEATS
-from islandgp.bt.language import MAX_LEVELS, MAX_NODES, parse, parse_condition
-from islandgp.bt.node import CountArgs, Node, ParallelArgs, Used, guarded, leaf
-from islandgp.bt.printer import with_subtrees
-from islandgp.bt.source import closest, shown
-from islandgp.bt.truth import hidden, with_aborts
-from islandgp.bt.vocabulary import RESERVED, Vocabulary
 from islandgp.errors import LimitError, TreeError
 
 _EXPLICIT: Final = ("Action", "Condition", "Control", "Decorator")  # <Action ID="X"/> is <X/>

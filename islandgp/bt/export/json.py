@@ -11,8 +11,8 @@ import json
 from collections.abc import Iterable
 from typing import Any, Final, NoReturn
 
-from islandgp.bt.builder import MAX_NESTED
-from islandgp.bt.condition import (
+from islandgp.bt.core.builder import MAX_NESTED
+from islandgp.bt.core.condition import (
     FLAG_OPERATORS,
     OPERATORS,
     Asked,
@@ -21,11 +21,11 @@ from islandgp.bt.condition import (
     denied,
     joined,
 )
-from islandgp.bt.kinds import KINDS, Argument, Sort
-from islandgp.bt.language import MAX_LEVELS, MAX_NODES, MAX_NUMBER, parse, to_text
-from islandgp.bt.node import Node, Value
-from islandgp.bt.source import closest
-from islandgp.bt.vocabulary import NAME, RESERVED, Vocabulary
+from islandgp.bt.core.kinds import KINDS, Argument, Sort
+from islandgp.bt.core.language import MAX_LEVELS, MAX_NODES, MAX_NUMBER, parse, to_text
+from islandgp.bt.core.node import Node, Value
+from islandgp.bt.core.source import closest
+from islandgp.bt.core.vocabulary import NAME, RESERVED, Vocabulary
 from islandgp.errors import LimitError, TreeError
 
 FORMAT: Final = "islandgp-tree"

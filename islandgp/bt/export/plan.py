@@ -21,9 +21,9 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.kinds import KINDS, count_of, kind_of
-from islandgp.bt.node import FAILURE, Args, Node, UseArgs, names_of
-from islandgp.bt.truth import chain, exposes
+from islandgp.bt.analysis.truth import chain, exposes
+from islandgp.bt.core.kinds import KINDS, count_of, kind_of
+from islandgp.bt.core.node import FAILURE, Args, Node, UseArgs, names_of
 
 
 class TargetNode(NamedTuple):

@@ -16,7 +16,19 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
-from islandgp.bt.condition import Asked, Compound, Condition, terms
+from islandgp.bt.core.condition import Asked, Compound, Condition, terms
+from islandgp.bt.core.language import to_text
+from islandgp.bt.core.node import (
+    ActionArgs,
+    CountArgs,
+    GuardArgs,
+    Node,
+    ParallelArgs,
+    asked_in,
+    walk,
+)
+from islandgp.bt.core.printer import condition_text, head, number_text
+from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
 from islandgp.bt.export.plan import (
     OWN,
     Loss,
@@ -28,18 +40,6 @@ from islandgp.bt.export.plan import (
     separated,
     subtree_of,
 )
-from islandgp.bt.language import to_text
-from islandgp.bt.node import (
-    ActionArgs,
-    CountArgs,
-    GuardArgs,
-    Node,
-    ParallelArgs,
-    asked_in,
-    walk,
-)
-from islandgp.bt.printer import condition_text, head, number_text
-from islandgp.bt.vocabulary import NOTHING, Vocabulary
 
 POLICY = Loss("policy", "any failing child fails a Parallel of py_trees; there is no failure all")
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from typing import Final, NoReturn
 
-from islandgp.bt.builder import MAX_NESTED, MAX_NUMBER, MAX_TERMS
-from islandgp.bt.condition import Asked, Condition, denied, joined
-from islandgp.bt.source import closest, shown
-from islandgp.bt.vocabulary import Vocabulary
+from islandgp.bt.core.builder import MAX_NESTED, MAX_NUMBER, MAX_TERMS
+from islandgp.bt.core.condition import Asked, Condition, denied, joined
+from islandgp.bt.core.source import closest, shown
+from islandgp.bt.core.vocabulary import Vocabulary
 
 _WORD: Final = re.compile(
     r"\s*(&&|\|\||!(?!=)|\(|\)|(?P<key>[A-Za-z_]\w*)"

@@ -7,9 +7,9 @@ from typing import Annotated, Any, Final, Self
 
 from pydantic import BaseModel, Field, FiniteFloat, StringConstraints, model_validator
 
-from islandgp.bt.node import SUCCESS
-from islandgp.bt.parameters import Parameter, real
-from islandgp.bt.vocabulary import NAME, Action, Key, Vocabulary, flag, number
+from islandgp.bt.core.node import SUCCESS
+from islandgp.bt.core.parameters import Parameter, real
+from islandgp.bt.core.vocabulary import NAME, Action, Key, Vocabulary, flag, number
 from islandgp.domain import MOST_DELAY, Counter, Event, Schema
 
 Word = Annotated[str, StringConstraints(pattern=f"^{NAME.pattern}$")]

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from math import hypot, inf
 from typing import Final
 
-from islandgp.bt.node import FAILURE, RUNNING, SUCCESS
+from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS
 from islandgp.domains.island.events import Event
 from islandgp.domains.island.robot import FULL, MICRO, steps_to
 from islandgp.domains.island.state import State

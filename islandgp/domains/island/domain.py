@@ -11,8 +11,8 @@ from typing import ClassVar, Final, Self
 
 from pydantic import BaseModel
 
-from islandgp.bt.node import Node
-from islandgp.bt.vocabulary import Condition, Vocabulary
+from islandgp.bt.core.node import Node
+from islandgp.bt.core.vocabulary import Condition, Vocabulary
 from islandgp.domain import Observer, Outcome, Scene, Schema, Thing
 from islandgp.domains.island import world as settings
 from islandgp.domains.island.actions import ACTIONS, IslandAction

@@ -17,8 +17,8 @@ from enum import StrEnum
 from functools import partial
 from math import hypot
 
-from islandgp.bt.engine import compile_tree, thresholds
-from islandgp.bt.node import AGAIN, RUNNING, Node, walk
+from islandgp.bt.core.engine import compile_tree, thresholds
+from islandgp.bt.core.node import AGAIN, RUNNING, Node, walk
 from islandgp.domains.island import engine
 from islandgp.domains.island.actions import ACTIONS, IslandAction
 from islandgp.domains.island.events import Award, Event

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from islandgp.bt.node import FAILURE
+from islandgp.bt.core.node import FAILURE
 from islandgp.domains.island.events import Award, Event, EventLog
 from islandgp.domains.island.garbage import Ground, Item
 from islandgp.domains.island.humanoids import Humanoids

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from islandgp.bt.node import FAILURE, RUNNING, SUCCESS
-from islandgp.bt.vocabulary import Action, Condition, Vocabulary, flag, number
+from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS
+from islandgp.bt.core.vocabulary import Action, Condition, Vocabulary, flag, number
 from islandgp.domain import Counter, Event, Form, Schema
 
 _ROOM: Final = Condition("robotCurrentExtraCapacity", ">=", 1)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from islandgp.statistics import mean_interval
 from islandgp.study.arms import Comparison
 from islandgp.study.emergence import band, first, quantile, ranks, still_without
 from islandgp.study.figures import drawing
-from islandgp.study.statistics import mean_interval
-from islandgp.supervision.state_json import title
+from islandgp.text import title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

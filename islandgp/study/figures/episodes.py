@@ -14,7 +14,7 @@ from islandgp.study.emergence import first
 from islandgp.study.episodes import episodes_until
 from islandgp.study.figures import drawing
 from islandgp.study.measures import best, diversity
-from islandgp.supervision.state_json import title
+from islandgp.text import title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from islandgp.scoring.snapshot import Snapshot
+from islandgp.statistics import mean_sd
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.figures import drawing
 from islandgp.study.measures import SPANS, best, diversity, span_mean
-from islandgp.study.statistics import mean_sd
 from islandgp.study.tables.archives import archives
 from islandgp.supervision.base import Pattern
 from islandgp.supervision.decisions import decisions
-from islandgp.supervision.state_json import title
+from islandgp.text import title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

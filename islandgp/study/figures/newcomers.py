@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from islandgp.evolution.population import Origin
+from islandgp.gp.population import Origin
+from islandgp.statistics import mean_interval
 from islandgp.study.arms import Comparison
 from islandgp.study.figures import drawing
 from islandgp.study.generalise import Generalisation
 from islandgp.study.lineage import alive, newcomers
-from islandgp.study.statistics import mean_interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

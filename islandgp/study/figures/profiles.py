@@ -6,10 +6,10 @@ from dataclasses import replace
 from math import isnan
 from typing import TYPE_CHECKING, Any, Final
 
+from islandgp.statistics import FEWEST
 from islandgp.study.aggregates import Strata, performance_profile, thresholds
 from islandgp.study.figures import drawing
 from islandgp.study.profiles import ALL_WORLDS, Scores, arm_names
-from islandgp.study.statistics import FEWEST
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from islandgp.bt.kinds import kind_of
-from islandgp.bt.language import parse
-from islandgp.bt.node import Node, depth, size
-from islandgp.bt.render import branches, label
+from islandgp.bt.core.kinds import kind_of
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import Node, depth, size
+from islandgp.bt.export.render import branches, label
 from islandgp.study.arms import Arm, Comparison, Run
 from islandgp.study.figures.drawing import COLUMN, FAINT, WIDTH, Picture, picture
 from islandgp.study.library import library_names
-from islandgp.supervision.state_json import title
+from islandgp.text import title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from islandgp.evolution.archive import ArchiveRecord, ArchiveSettings
+from islandgp.gp.archive import ArchiveRecord, ArchiveSettings
+from islandgp.statistics import mean_sd
 from islandgp.study.arms import Comparison, Run
-from islandgp.study.statistics import mean_sd
 from islandgp.study.table import Table, spread
 from islandgp.study.texts import note
 

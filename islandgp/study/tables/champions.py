@@ -7,15 +7,15 @@ from itertools import combinations
 from statistics import fmean
 
 from islandgp.scoring.constraints import in_words
+from islandgp.statistics import mean_interval, mean_sd, rank_test
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.generalise import Control, Generalisation, best_of
 from islandgp.study.measures import SPANS, shown
 from islandgp.study.paper import Count
-from islandgp.study.statistics import mean_interval, mean_sd, rank_test
 from islandgp.study.table import NONE, Row, Table, number, p_is, signed_interval, spread
 from islandgp.study.tables.comparisons import Cells, footnotes, published
 from islandgp.study.texts import note
-from islandgp.supervision.state_json import title
+from islandgp.text import title
 
 
 def specialists_table(study: Comparison) -> Table:

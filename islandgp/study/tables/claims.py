@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from math import isnan
 from typing import Final
 
+from islandgp.statistics import LEVEL, PairedTest, mean_sd
 from islandgp.study.findings import Finding, finding
 from islandgp.study.paper import MARK, Paper
-from islandgp.study.statistics import LEVEL, PairedTest, mean_sd
 from islandgp.study.table import (
     DIGITS,
     NONE,

@@ -5,11 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final, TypeVar
 
-from islandgp.study.arms import Arm, Comparison
-from islandgp.study.emergence import Summary, first, reduction, summary
-from islandgp.study.findings import Finding
-from islandgp.study.paper import MARK, Diversity, Emergence, Paper, Tested
-from islandgp.study.statistics import (
+from islandgp.statistics import (
     FEWEST,
     LEVEL,
     bootstrap,
@@ -18,6 +14,10 @@ from islandgp.study.statistics import (
     median_interval,
     smallest_difference,
 )
+from islandgp.study.arms import Arm, Comparison
+from islandgp.study.emergence import Summary, first, reduction, summary
+from islandgp.study.findings import Finding
+from islandgp.study.paper import MARK, Diversity, Emergence, Paper, Tested
 from islandgp.study.table import (
     DIGITS,
     NONE,
@@ -34,7 +34,7 @@ from islandgp.study.table import (
     tested,
 )
 from islandgp.study.texts import note
-from islandgp.supervision.state_json import title
+from islandgp.text import title
 
 PAPER_GENERATIONS: Final = 41  # of the runs of Table 11
 

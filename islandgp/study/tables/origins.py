@@ -6,14 +6,14 @@ from collections import Counter
 from statistics import fmean, median
 from typing import Final
 
-from islandgp.evolution.edit_fates import edit_fates
-from islandgp.evolution.population import Origin
+from islandgp.gp.edit_fates import edit_fates
+from islandgp.gp.population import Origin
 from islandgp.study import lineage
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.emergence import first
 from islandgp.study.table import NONE, Table, number
 from islandgp.study.texts import note
-from islandgp.supervision.state_json import title
+from islandgp.text import title
 
 LATER: Final = 5  # generations after which the lineage table asks who is alive
 

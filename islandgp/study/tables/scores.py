@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from math import isnan
 from typing import Final
 
+from islandgp.statistics import FEWEST, Interval
 from islandgp.study.aggregates import FEWEST_A_WORLD
 from islandgp.study.arms import Comparison
 from islandgp.study.comparable import paired
 from islandgp.study.generalise import Generalisation
 from islandgp.study.profiles import ALL_WORLDS, ScoreRow, Scores, adjusted, world_rows
-from islandgp.study.statistics import FEWEST, Interval
 from islandgp.study.table import NONE, Row, Table, interval, probability, tested, to_csv
 from islandgp.study.texts import note
 

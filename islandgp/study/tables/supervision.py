@@ -7,17 +7,17 @@ from itertools import accumulate
 from statistics import fmean
 from typing import Final
 
+from islandgp.statistics import mean_sd
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.emergence import first, quantile
 from islandgp.study.episodes import episode_cost
 from islandgp.study.measures import Overhead, overhead
 from islandgp.study.paper import MARK
-from islandgp.study.statistics import mean_sd
 from islandgp.study.table import NONE, Row, Table, number, percent, spread
 from islandgp.study.tables.comparisons import footnotes
 from islandgp.study.texts import note
 from islandgp.supervision.decisions import decisions
-from islandgp.supervision.state_json import title
+from islandgp.text import title
 
 Overheads = Sequence[Overhead]
 

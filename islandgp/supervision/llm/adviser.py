@@ -16,7 +16,7 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 
-from islandgp.bt.node import Limits
+from islandgp.bt.core.node import Limits
 from islandgp.errors import SupervisionError
 from islandgp.plugin import blaming, path_of
 from islandgp.scoring.state import PopulationState

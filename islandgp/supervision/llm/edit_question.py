@@ -6,13 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.lint import warnings
-from islandgp.bt.node import Limits, Node
-from islandgp.bt.vocabulary import Vocabulary
+from islandgp.bt.analysis.lint import warnings
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import Limits, Node
+from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import TreeError
-from islandgp.evolution.archive import Elite
-from islandgp.evolution.edits import (
+from islandgp.gp.archive import Elite
+from islandgp.gp.edits import (
     EDITS,
     Edit,
     EditRecord,
@@ -21,7 +21,7 @@ from islandgp.evolution.edits import (
     nodes_with_paths,
     written,
 )
-from islandgp.evolution.record import IndividualRecord
+from islandgp.gp.record import IndividualRecord
 from islandgp.scoring.constraints import merit, violation
 from islandgp.supervision.base import RunContext, Seen
 from islandgp.supervision.llm.informed import cut, trace_of
@@ -38,7 +38,7 @@ from islandgp.supervision.llm.validation import (
     fields_of,
     without_fences,
 )
-from islandgp.supervision.state_json import in_points, title
+from islandgp.text import in_points, title
 
 PAST: Final = 8  # earlier edits that are shown, at most
 NEIGHBOURS: Final = 3  # individuals beside the parents that are shown, at most

@@ -14,8 +14,8 @@ from itertools import pairwise
 from math import isfinite
 from typing import Final
 
-from islandgp.bt.engine import ABORTED
-from islandgp.bt.node import AGAIN, RUNNING, Node, walk
+from islandgp.bt.core.engine import ABORTED
+from islandgp.bt.core.node import AGAIN, RUNNING, Node, walk
 from islandgp.domain import Domain, Outcome, Scene, Schema
 from islandgp.scoring.classes import INTEGRATION, RARE, Classes
 from islandgp.scoring.state import PopulationState
@@ -23,7 +23,7 @@ from islandgp.seeding import Stream, seed_of
 from islandgp.supervision.base import RunContext
 from islandgp.supervision.llm.transcript import Played
 from islandgp.supervision.llm.validation import Proposal
-from islandgp.supervision.state_json import in_points
+from islandgp.text import in_points
 
 SPANS: Final = 8  # lines of the course of an episode, at most
 BINS: Final = 60  # pieces of an episode that spans are made of

@@ -15,10 +15,10 @@ from typing import Final
 
 from pydantic import BaseModel, Field
 
-from islandgp.bt.language import parse
+from islandgp.bt.core.language import parse
 from islandgp.domain import Schema
-from islandgp.evolution.population import Origin
-from islandgp.evolution.record import GuidanceRecord, IndividualRecord
+from islandgp.gp.population import Origin
+from islandgp.gp.record import GuidanceRecord, IndividualRecord
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.rewards import Reward, RewardTable
 from islandgp.scoring.snapshot import Snapshot
@@ -26,7 +26,7 @@ from islandgp.scoring.state import Crisis, PopulationState
 from islandgp.supervision.base import RunContext, Seen
 from islandgp.supervision.llm.episode import describe_episode
 from islandgp.supervision.llm.run_facts import about
-from islandgp.supervision.state_json import in_points, title
+from islandgp.text import in_points, title
 
 KEPT: Final = 20  # injected trees and decisions that are remembered
 TREE: Final = 1500  # characters of a tree that is shown, at most

@@ -15,10 +15,10 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Final
 
-from islandgp.bt.condition import FLAG_OPERATORS, OPERATORS
-from islandgp.bt.kinds import KINDS, REPEATS
-from islandgp.bt.parameters import described, signature
-from islandgp.bt.vocabulary import Vocabulary
+from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS
+from islandgp.bt.core.kinds import KINDS, REPEATS
+from islandgp.bt.core.parameters import described, signature
+from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import SupervisionError
 from islandgp.resources import resource
 from islandgp.scoring.classes import Tier
@@ -26,7 +26,8 @@ from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import RunContext
 from islandgp.supervision.library import Library
 from islandgp.supervision.llm.run_facts import multiplied
-from islandgp.supervision.state_json import field_meanings, title, words
+from islandgp.supervision.state_json import field_meanings, words
+from islandgp.text import title
 
 _VARIABLE: Final = re.compile(r"\{\{\s*#?\s*([A-Za-z_][\w.]*)\s*\}\}")
 _SECTION: Final = re.compile(r"\{\{#([A-Za-z_][\w.]*)\}\}(.*?)\{\{/\1\}\}", re.DOTALL)

@@ -17,12 +17,12 @@ from typing import Any, Final, Generic, Literal, TypeAlias, TypeVar
 
 from pydantic import BaseModel, Field, model_validator
 
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.lint import warnings
-from islandgp.bt.node import Limits, Node, check_limits
-from islandgp.bt.vocabulary import Vocabulary
+from islandgp.bt.analysis.lint import warnings
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import Limits, Node, check_limits
+from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import DomainError, LimitError, TreeError, UnknownNameError
-from islandgp.evolution.edits import Edit
+from islandgp.gp.edits import Edit
 from islandgp.supervision.base import Guidance, Pattern, Phase
 from islandgp.supervision.llm.message import SANE, Reply, clean
 

@@ -23,7 +23,7 @@ const tree = (() => {
     node.dataset.place = i;
   });
 
-  // Two layouts: the root at the left, as in bt/render.py; and an outline, a row for each
+  // Two layouts: the root at the left, as in bt/export/render.py; and an outline, a row for each
   // node, for where that one would be too small to read.
   const across = {
     width: Number(svg.dataset.width), height: Number(svg.dataset.height),

@@ -6,8 +6,8 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
-from islandgp.bt.language import parse
-from islandgp.bt.node import STATUS_NAMES
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import STATUS_NAMES
 from islandgp.domains.island.episode import Episode, run_episode
 from islandgp.domains.island.events import Award, Event
 from islandgp.domains.island.robot import MICRO

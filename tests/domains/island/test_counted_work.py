@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from islandgp.bt.language import parse
+from islandgp.bt.core.language import parse
 from islandgp.domains.island import sensing
 from islandgp.domains.island.episode import Episode, run_episode
 from islandgp.resources import resource

@@ -16,13 +16,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from islandgp.bt.language import parse, to_text
-from islandgp.bt.node import Limits, Node, within
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import Limits, Node, within
 from islandgp.domains.island import engine
 from islandgp.domains.island.episode import Episode, run_episode
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.domains.island.world import World
-from islandgp.evolution.random_trees import random_tree
+from islandgp.gp.random_trees import random_tree
 from tests.composed import composed_plan
 from tests.domains.island.days import points, world
 from tests.domains.island.odd import odd_worlds
@@ -295,7 +295,7 @@ def test_seeds_differ() -> None:
 def test_another_process() -> None:
     """Another process, with another hash seed, comes to the same episode."""
     code = (
-        "from islandgp.bt.language import parse\n"
+        "from islandgp.bt.core.language import parse\n"
         "from islandgp.domains.island.episode import run_episode\n"
         "from tests.domains.island.days import points\n"
         "from tests.domains.island.test_determinism import ALL_ROUNDER, busy\n"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from islandgp.bt.language import parse
+from islandgp.bt.core.language import parse
 from islandgp.domains.island.episode import Ending, Episode, run_episode
 from islandgp.domains.island.events import Event
 from islandgp.domains.island.world import World

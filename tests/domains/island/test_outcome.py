@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from islandgp.bt.language import parse
+from islandgp.bt.core.language import parse
 from islandgp.domains.island.domain import Island
 from islandgp.domains.island.episode import Ending, Episode
 from islandgp.domains.island.events import Event

@@ -1,0 +1,246 @@
+"""Sets of blackboards as decision diagrams: on which blackboards a condition holds.
+
+A diagram asks one key after the other, in the order of the vocabulary, and splits the values of
+a key at the numbers that conditions compare it with. Equal sets have equal diagrams, so that an
+empty set is found at once, and a member of any other set can be read off.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
+from math import floor, inf
+from typing import Final, NamedTuple, TypeAlias
+
+from islandgp.bt.core.condition import Asked, Condition, spread
+from islandgp.bt.core.vocabulary import Key
+
+Boards: TypeAlias = int
+"""A set of blackboards: the number of its diagram in a `BoardSets`."""
+
+NO_BOARD: Final[Boards] = 0
+ANY_BOARD: Final[Boards] = 1
+"""All blackboards whose values are in the ranges of their keys."""
+
+MOST_STEPS: Final = 20_000  # to join two sets; where it takes more, the result is a larger set
+ALL_STEPS: Final = 300_000  # to join all sets of a BoardSets
+
+Cut: TypeAlias = tuple[float, int]
+"""A place between two values of a key: (x, 0) is just below x, (x, 1) just above it."""
+
+
+class _Diagram(NamedTuple):
+    """Which set a blackboard has to be in, by the value of one key."""
+
+    key: int
+    cuts: tuple[Cut, ...]  # ascending
+    parts: tuple[Boards, ...]  # one more than cuts; neighbours differ
+
+
+class _TooLargeError(Exception):
+    """A set takes too many steps."""
+
+
+class BoardSets:
+    """Sets of the blackboards of some keys.
+
+    The work is bounded: where joining takes too many steps, the result is a set that holds more
+    blackboards than it should, never fewer, and `exact` turns False.
+    """
+
+    def __init__(self, keys: Mapping[str, Key]) -> None:
+        self.exact = True
+        self.places = {name: place for place, name in enumerate(keys)}
+        self._keys = tuple(keys.values())
+        self._ranges = [_range(key) for key in self._keys]
+        self._usual = [_usual(key) for key in self._keys]
+        self._diagrams = [_Diagram(len(keys), (), ()), _Diagram(len(keys), (), ())]
+        self._numbers: dict[_Diagram, Boards] = {}
+        self._joined: dict[tuple[Boards, Boards, Boards], Boards] = {}
+        self._left = ALL_STEPS
+        self._room = 0  # steps that are left for the sets that are being joined
+
+    def of(self, asked: Asked) -> Boards:
+        """The blackboards on which a condition holds."""
+        return self._of(spread(asked))
+
+    def both(self, *sets: Boards) -> Boards:
+        """The blackboards that are in all of these sets."""
+        found = ANY_BOARD
+        for each in sets:
+            if found != each:  # most sets are one of those that need no work
+                found = self._join(found, each, NO_BOARD, found)
+        return found
+
+    def either(self, *sets: Boards) -> Boards:
+        """The blackboards that are in one of these sets."""
+        found = NO_BOARD
+        for each in sets:
+            if found != each:
+                found = self._join(found, each, ANY_BOARD, ANY_BOARD)
+        return found
+
+    def has(self, boards: Boards, board: Sequence[float]) -> bool:
+        """Whether a blackboard is in a set."""
+        while boards > ANY_BOARD:
+            diagram = self._diagrams[boards]
+            boards = diagram.parts[_part(diagram.cuts, board[diagram.key])]
+        return boards == ANY_BOARD
+
+    def allows(self, board: Sequence[float]) -> bool:
+        """Whether the values of a blackboard are in the ranges of their keys."""
+        ranges = zip(board, self._ranges, strict=True)
+        return all(low < (value, 0.5) < high for value, (low, high) in ranges)
+
+    def pick(self, boards: Boards, near: Sequence[float] = ()) -> list[float] | None:
+        """A blackboard of a set; None for the empty set.
+
+        Args:
+            boards: the set.
+            near: another blackboard, whose values are kept where that is possible; without one,
+                values in the middle of their ranges are.
+        """
+        if boards == NO_BOARD:
+            return None
+        board = list(near or self._usual)
+        while boards > ANY_BOARD:
+            key, cuts, parts = self._diagrams[boards]
+            wanted = _part(cuts, board[key])
+            filled = [at for at, part in enumerate(parts) if part != NO_BOARD]
+            at = min(filled, key=lambda at: (abs(at - wanted), at))
+            if at != wanted:
+                board[key] = self._value(key, ((-inf, 0), *cuts, (inf, 1))[at : at + 2])
+            boards = parts[at]
+        return board
+
+    def _value(self, place: int, between: Sequence[Cut]) -> float:
+        """A value of a key between two cuts: a whole number if there is one."""
+        if self._keys[place].flag:
+            return float(between[0] >= (0.0, 1))
+        low, high = self._ranges[place]
+        return _between(max(between[0], low), min(between[1], high))
+
+    def _of(self, asked: Asked) -> Boards:
+        if isinstance(asked, Condition):
+            return self._single(asked)
+        parts = [self._of(part) for part in asked.parts]
+        return self.both(*parts) if asked.word == "and" else self.either(*parts)
+
+    def _single(self, asked: Condition) -> Boards:
+        x, no, yes = float(asked.number), NO_BOARD, ANY_BOARD
+        cuts: tuple[Cut, ...]
+        cuts, parts = {
+            "<": (((x, 0),), (yes, no)),
+            "<=": (((x, 1),), (yes, no)),
+            ">": (((x, 1),), (no, yes)),
+            ">=": (((x, 0),), (no, yes)),
+            "==": (((x, 0), (x, 1)), (no, yes, no)),
+            "!=": (((x, 0), (x, 1)), (yes, no, yes)),
+            "is": (((x, 1),), (no, yes)),
+            "not": (((x, 1),), (yes, no)),
+        }[asked.operator]
+        place = self.places[asked.key]
+        low, high = self._ranges[place]
+        while cuts and cuts[0] <= low:
+            cuts, parts = cuts[1:], parts[1:]
+        while cuts and cuts[-1] >= high:
+            cuts, parts = cuts[:-1], parts[:-1]
+        return self._number(place, cuts, parts)
+
+    def _join(self, a: Boards, b: Boards, absorbing: Boards, otherwise: Boards) -> Boards:
+        """Both (`absorbing` is NO_BOARD) or either; `otherwise` where that is too much work."""
+        if absorbing in (a, b):
+            return absorbing
+        if a == 1 - absorbing:
+            return b
+        if b == 1 - absorbing:
+            return a
+        self._room = min(MOST_STEPS, self._left)
+        before = self._room
+        try:
+            return self._merge(a, b, absorbing)
+        except _TooLargeError:
+            self.exact = False
+            return otherwise
+        finally:
+            self._left -= before - self._room
+
+    def _merge(self, a: Boards, b: Boards, absorbing: Boards) -> Boards:
+        if a == b or b == 1 - absorbing:
+            return a
+        if a == 1 - absorbing:
+            return b
+        if absorbing in (a, b):
+            return absorbing
+        pair = (min(a, b), max(a, b), absorbing)
+        found = self._joined.get(pair)
+        if found is None:
+            if self._room <= 0:
+                raise _TooLargeError
+            self._room -= 1
+            found = self._joined[pair] = self._merged(a, b, absorbing)
+        return found
+
+    def _merged(self, a: Boards, b: Boards, absorbing: Boards) -> Boards:
+        one, other = self._diagrams[a], self._diagrams[b]
+        if one.key > other.key:
+            a, b, one, other = b, a, other, one
+        if one.key < other.key:
+            return self._number(
+                one.key, one.cuts, [self._merge(part, b, absorbing) for part in one.parts]
+            )
+        cuts = tuple(sorted({*one.cuts, *other.cuts}))
+        i = j = 0
+        parts = [self._merge(one.parts[0], other.parts[0], absorbing)]
+        for cut in cuts:
+            i += i < len(one.cuts) and one.cuts[i] == cut
+            j += j < len(other.cuts) and other.cuts[j] == cut
+            parts.append(self._merge(one.parts[i], other.parts[j], absorbing))
+        self._room -= len(cuts)
+        return self._number(one.key, cuts, parts)
+
+    def _number(self, key: int, cuts: Sequence[Cut], parts: Sequence[Boards]) -> Boards:
+        """The number of a diagram, in the one form that its set has."""
+        kept = [at for at in range(len(cuts)) if parts[at] != parts[at + 1]]
+        if not kept:
+            return parts[0]
+        diagram = _Diagram(
+            key,
+            tuple(cuts[at] for at in kept),
+            (*(parts[at] for at in kept), parts[-1]),
+        )
+        if diagram not in self._numbers:
+            self._numbers[diagram] = len(self._diagrams)
+            self._diagrams.append(diagram)
+        return self._numbers[diagram]
+
+
+def _range(key: Key) -> tuple[Cut, Cut]:
+    """The cuts below the least and above the greatest value of a key."""
+    if key.flag:
+        return (0.0, 0), (1.0, 1)
+    return (key.low, 0), (inf if key.most is None else key.most, 1)
+
+
+def _usual(key: Key) -> float:
+    """A value in the middle of a key's range."""
+    if key.flag:
+        return 0.0
+    low, high = _range(key)
+    return _between(low, min(high, (key.high, 1)))
+
+
+def _between(low: Cut, high: Cut) -> float:
+    """A value between two cuts: a whole number if there is one, and about in the middle."""
+    if high[0] == inf:
+        return 0.0 if low[0] == -inf else floor(low[0]) + 1.0
+    if low[0] == -inf:
+        return -floor(-high[0]) - 1.0
+    middle = (low[0] + high[0]) / 2
+    whole = float(floor(middle))
+    return next((value for value in (whole, whole + 1) if low < (value, 0.5) < high), middle)
+
+
+def _part(cuts: Sequence[Cut], value: float) -> int:
+    """How many cuts are below a value."""
+    return bisect_right(cuts, (value, 0.5))

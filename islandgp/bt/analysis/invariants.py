@@ -1,0 +1,199 @@
+"""On which blackboards the nodes of a tree can be ticked, by one walk through the tree.
+
+The sets that are found may be too large, but never too small: they prove that a node is not
+ticked on some blackboards, and cannot prove that it is. They are smaller than what `truth` knows:
+a branch of a selector starts where the branches before it fail, and is resumed only while none of
+their observed guards turns true.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from islandgp.bt.analysis.boards import ANY_BOARD, NO_BOARD, Boards
+from islandgp.bt.analysis.machine import Machine, Outcomes, judged, repeated, turned
+from islandgp.bt.analysis.outcomes import hands_over
+from islandgp.bt.core.kinds import count_of, kind_of
+from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, ParallelArgs
+
+
+class NodeBoards(NamedTuple):
+    """The blackboards on which a node can be ticked."""
+
+    starts: Boards  # in ticks in which it starts
+    resumes: Boards  # in ticks in which it is resumed
+
+
+def boards_of_nodes(machine: Machine) -> list[Boards]:
+    """The blackboards on which each node of a tree can be ticked.
+
+    Args:
+        machine: the tree.
+
+    Returns:
+        A set for each node, in document order. It holds all blackboards on which the node is
+        ticked in some sequence of ticks, and perhaps others.
+    """
+    finder = _Finder(machine)
+    found: list[Boards] = []
+    # In document order a child comes behind its parent.
+    waiting = {0: NodeBoards(ANY_BOARD, ANY_BOARD)}
+    for place in range(len(machine.nodes)):
+        own = waiting.pop(place)
+        if machine.sets.both(own.starts, machine.fresh(place)[RUNNING]) == NO_BOARD:
+            own = NodeBoards(own.starts, NO_BOARD)  # it always ends at once
+        found.append(machine.sets.either(*own))
+        waiting.update(zip(machine.children[place], finder.inside(place, own), strict=True))
+    return found
+
+
+class _Branch(NamedTuple):
+    """The blackboards of a branch of a selector or sequence."""
+
+    ticked: NodeBoards
+    called: Boards  # on which its composite may go back to it
+    hands_over: Boards  # on which it ends and the next branch starts
+
+
+class _Finder:
+    """Finds the blackboards of the children of a node from those of the node."""
+
+    def __init__(self, machine: Machine) -> None:
+        self._machine = machine
+        self._sets = machine.sets
+        self._resumed: dict[int, Outcomes] = {}
+
+    def inside(self, place: int, own: NodeBoards) -> list[NodeBoards]:
+        """The blackboards on which the children of a node can be ticked."""
+        node, (starts, resumes) = self._machine.nodes[place], own
+        if kind_of(node).hands_over is not None:
+            return [branch.ticked for branch in self._branches(place, own)]
+        if node.guard:
+            holds = self._machine.holds[place]
+            starts = self._sets.both(starts, holds)
+            if node.guard.checks_itself:
+                resumes = self._sets.both(resumes, holds)
+        if kind_of(node).counts is not None and count_of(node) > 1:
+            starts = self._sets.either(starts, resumes)
+        return [NodeBoards(starts, resumes)] * len(self._machine.children[place])
+
+    def _branches(self, place: int, own: NodeBoards) -> list[_Branch]:
+        """The branches of a composite, in order."""
+        both, either = self._sets.both, self._sets.either
+        calls = self._calls_back(place)
+        entered, quiet = own.starts, ANY_BOARD
+        found: list[_Branch] = []
+        for at, child in enumerate(self._machine.children[place]):
+            branch = self._branch(place, child, both(quiet, entered), both(quiet, own.resumes))
+            if at in calls and branch.hands_over != NO_BOARD:
+                # Then a later branch can be running, and the composite may come back to this one.
+                called = both(quiet, own.resumes, calls[at])
+                starts = both(quiet, either(entered, called))
+                branch = self._branch(place, child, starts, both(quiet, own.resumes))
+                branch = branch._replace(called=called)
+            found.append(branch)
+            entered = branch.hands_over
+            quiet = both(quiet, self._quiet_behind(child, entered))
+        return found
+
+    def _branch(self, place: int, child: int, starts: Boards, resumes: Boards) -> _Branch:
+        both, fresh = self._sets.both, self._machine.fresh(child)
+        handing = hands_over(self._machine.nodes[place])
+        ended = both(starts, fresh[handing])
+        if both(starts, fresh[RUNNING]) == NO_BOARD:
+            return _Branch(NodeBoards(starts, NO_BOARD), NO_BOARD, ended)
+        later = both(resumes, self._resumed_outcomes(child)[handing])
+        return _Branch(NodeBoards(starts, resumes), NO_BOARD, self._sets.either(ended, later))
+
+    def _calls_back(self, place: int) -> dict[int, Boards]:
+        """By branch, the blackboards on which one of its observed guards can turn true."""
+        found: dict[int, Boards] = {}
+        for branch, guard in self._machine.observed[place]:
+            holds = self._machine.holds[guard]
+            found[branch] = self._sets.either(found.get(branch, NO_BOARD), holds)
+        return found
+
+    def _quiet_behind(self, child: int, entered: Boards) -> Boards:
+        """What holds whenever a branch behind a child is ticked, which hands over on `entered`.
+
+        Take the first guards of the child, as long as they interrupt. If they never hold together
+        where the child hands over, they do not hold together while a later branch is ticked:
+
+        1. Where the child hands over, let g be the first of them that is false. It was asked
+           since the child started. Otherwise a guard before it was false when the child ended,
+           and so was observed; it is true now, so it has turned true, and the composite has gone
+           back and started the child again.
+        2. So g is observed and false. As soon as it turns true, the composite goes back to the
+           child or to a branch before it.
+        """
+        together, one_fails = ANY_BOARD, NO_BOARD
+        for guard in self._machine.guards(child):
+            args = self._machine.nodes[guard].guard
+            if args is None or not args.interrupts:
+                break
+            together = self._sets.both(together, self._machine.holds[guard])
+            one_fails = self._sets.either(one_fails, self._machine.fails[guard])
+            if self._sets.both(entered, together) == NO_BOARD:
+                return one_fails
+        return ANY_BOARD
+
+    def _resumed_outcomes(self, place: int) -> Outcomes:
+        """The outcomes of a node that is resumed, with any memory."""
+        if place not in self._resumed:
+            self._resumed[place] = self._outcomes(place)
+        return self._resumed[place]
+
+    def _outcomes(self, place: int) -> Outcomes:
+        machine, node = self._machine, self._machine.nodes[place]
+        children = machine.children[place]
+        kind = kind_of(node)
+        if node.action:
+            return machine.fresh(place)
+        if kind.hands_over is not None:
+            return self._of_composite(place)
+        if isinstance(node.args, ParallelArgs):
+            each = [self._in_parallel(child, node.args) for child in children]
+            return judged(self._sets, node.args, each)
+        inside = self._resumed_outcomes(children[0])
+        if node.guard:
+            return machine.guarded(place, inside, fresh=False)
+        if kind.counts is None:
+            return turned(self._sets, node, inside)
+        if count_of(node) == 1:
+            return inside
+        again = self._either(inside, machine.fresh(children[0]))
+        return self._either(again, repeated(self._sets, node, again, last=False))
+
+    def _in_parallel(self, child: int, policies: ParallelArgs) -> Outcomes:
+        """The outcomes of a child of a running parallel, which may have ended before."""
+        fresh, resumed = self._machine.fresh(child), self._resumed_outcomes(child)
+        found = list(resumed)
+        for status, policy in zip((SUCCESS, FAILURE), policies, strict=True):
+            # With the policy `one` the parallel would have ended as well.
+            if policy == "all" and (fresh[status], resumed[status]) != (NO_BOARD, NO_BOARD):
+                found[status] = ANY_BOARD
+        return found[0], found[1], found[2]
+
+    def _of_composite(self, place: int) -> Outcomes:
+        both, either = self._sets.both, self._sets.either
+        handing = hands_over(self._machine.nodes[place])
+        branches = self._branches(place, NodeBoards(ANY_BOARD, ANY_BOARD))
+        found = [NO_BOARD] * 3
+        entered = NO_BOARD  # on these a branch starts in a tick in which its composite is resumed
+        for child, branch in zip(self._machine.children[place], branches, strict=True):
+            entered = both(branch.ticked.starts, either(entered, branch.called))
+            each = [both(entered, boards) for boards in self._machine.fresh(child)]
+            if branch.ticked.resumes != NO_BOARD:
+                later = (
+                    both(branch.ticked.resumes, boards) for boards in self._resumed_outcomes(child)
+                )
+                each = [either(*pair) for pair in zip(each, later, strict=True)]
+            entered = each[handing]
+            for status in (1 - handing, RUNNING):
+                found[status] = either(found[status], each[status])
+        found[handing] = entered  # by the last branch
+        return found[0], found[1], found[2]
+
+    def _either(self, one: Outcomes, other: Outcomes) -> Outcomes:
+        either = self._sets.either
+        return either(one[0], other[0]), either(one[1], other[1]), either(one[2], other[2])

@@ -1,0 +1,265 @@
+"""`check`: places in a tree file that are allowed but cannot be meant.
+
+A warning is about what the tree means, so it is found in the expanded tree and
+pointed out where that part is written. Each gives its reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, NamedTuple, TypeAlias
+
+from islandgp.bt.analysis.outcomes import dead_end, hands_over, never
+from islandgp.bt.analysis.truth import (
+    Standing,
+    below,
+    excludes,
+    implies,
+    may_interrupt,
+    root_of,
+    shorter,
+    whenever_asked,
+)
+from islandgp.bt.core.condition import Asked, terms
+from islandgp.bt.core.kinds import kind_of
+from islandgp.bt.core.language import parse_placed, plain
+from islandgp.bt.core.node import FAILURE, SUCCESS, GuardArgs, Node, size
+from islandgp.bt.core.printer import condition_text, head
+from islandgp.bt.core.source import Source
+from islandgp.bt.core.vocabulary import Vocabulary
+
+Above: TypeAlias = tuple[tuple[Node, int], ...]
+"""The nodes above a node, each with the index of the child that leads down."""
+
+
+CODES: Final = {
+    "unreachable": "a branch that can never run",
+    "needless-guard": "a guard that says nothing new",
+    "long-condition": "a condition that is the same as a shorter one",
+    "double-inverter": "an inverter of an inverter",
+    "never-succeeds": "an action that can never succeed where it stands",
+    "needless-abort": "`abort lower` where no later branch is there to be stopped",
+    "unused-subtree": "a named subtree that is never used",
+}
+"""What a finding is about, by a name that stays."""
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class LintWarning:
+    """A doubtful place in a file."""
+
+    line: int  # from 1
+    column: int
+    message: str  # with the reason
+    code: str = ""  # of CODES
+
+    def text(self, source: str, *, name: str) -> str:
+        """The warning with the offending line and a caret, in the form of errors."""
+        written = Source(plain(source), name)
+        return str(written.error(f"warning: {self.message}", self.line, self.column))
+
+
+class _Place(NamedTuple):
+    """A node where it stands in the expanded tree."""
+
+    node: Node
+    standing: Standing
+    above: Above
+
+
+def warnings(
+    text: str, vocabulary: Vocabulary, *, name: str = "<tree>", folder: Path | None = None
+) -> list[LintWarning]:
+    """The doubtful places of a file, in its order, each once.
+
+    What is doubtful in an included subtree is told where that is used. `folder`: as `parse`.
+
+    Raises:
+        TreeError: the text is not a tree of the language.
+    """
+    tree, written, file = parse_placed(text, vocabulary, name=name, folder=folder)
+    found = set(_unused(file))
+    cold: set[int] = set()  # places below a node that never runs: one warning is enough
+    places = list(_places(tree, root_of(vocabulary), ()))
+    course = _Course(places)
+    for index, place in enumerate(places):
+        if index in cold:
+            continue
+        for at, code, message in _about(place, index, course):
+            found.add(LintWarning(*written[at], message, code))
+            if code == "unreachable":
+                cold.update(range(at, at + size(places[at].node)))
+    return sorted(found)
+
+
+def _places(node: Node, standing: Standing, above: Above) -> Iterator[_Place]:
+    yield _Place(node, standing, above)
+    for index, child in enumerate(node.children):
+        yield from _places(child, below(node, standing, index), (*above, (node, index)))
+
+
+def _unused(file: Any) -> Iterator[LintWarning]:
+    """Subtrees that a file defines and never uses; `file`: as the grammar has it."""
+    used = {str(use.children[0]) for use in file.find_data("use")}
+    for subtree in file.find_data("subtree"):
+        name = subtree.children[0]
+        if name not in used:
+            message = f"subtree {str(name)!r} is never used"
+            yield LintWarning(name.line, name.column, message, "unused-subtree")
+
+
+def _about(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, str]]:
+    """Warnings about one node: where, which of CODES, and in words."""
+    node, standing, above = place
+    kind = kind_of(node)
+    if kind.hands_over is not None:
+        yield from _never_goes_on(node, standing, at)
+    elif kind.inverts and kind_of(node.children[0]).inverts:
+        yield at, "double-inverter", "double inverter: the two undo each other"
+    elif node.guard:
+        yield from _guard(node.guard, standing, above, at)
+    elif node.action:
+        yield from _action(place, at, course)
+
+
+def _never_goes_on(node: Node, standing: Standing, at: int) -> Iterator[tuple[int, str, str]]:
+    index = dead_end(node, standing)
+    if index is not None:
+        word = "fails" if hands_over(node) == FAILURE else "succeeds"
+        message = (
+            f"this branch can never run: {head(node.children[index])} before it never {word},"
+            f" so the {node.kind} never comes here"
+        )
+        yield at + 1 + sum(map(size, node.children[: index + 1])), "unreachable", message
+
+
+def _guard(
+    guard: GuardArgs, standing: Standing, above: Above, at: int
+) -> Iterator[tuple[int, str, str]]:
+    asked = guard.condition
+    if never(guard, standing):
+        why = _why_not(asked, standing.at_start, above, standing.vocabulary)
+        yield at + 1, "unreachable", f"this branch can never run: {why}"
+        return
+    if implies(standing.at_start, asked):
+        needless = not guard.checks_itself or implies(standing.always, asked)
+        if needless and not may_interrupt(guard, standing):
+            message = f"this guard says nothing new: {_why(asked, above)}"
+            yield at, "needless-guard", message
+            return
+    elif guard.abort == "lower" and standing.observer is None:
+        message = "abort lower is abort none here: no composite has a later branch to stop"
+        yield at, "needless-abort", message
+    if (same := shorter(asked, whenever_asked(guard, standing))) != asked:
+        message = f"this condition is the same as a shorter one: {condition_text(same)}"
+        yield at, "long-condition", message
+
+
+def _action(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, str]]:
+    node, standing, above = place
+    name = node.action
+    known = standing.vocabulary.action(name)
+    needs = [(needed, standing.at_start) for needed in known.to_start]
+    needs += [(needed, standing.always) for needed in known.to_succeed]
+    for needed, holding in needs:
+        if not excludes(holding, needed):
+            continue
+        if course.changed_before(needed.key, known.changes.get(needed.key, 0), at):
+            continue
+        reason = _why_not(needed, holding, above, standing.vocabulary, for_action=True)
+        yield at, "never-succeeds", f"{name} can never succeed here: {reason}"
+        return
+
+
+class _Course:
+    """The nodes in the order in which a tick runs them.
+
+    The blackboard tells a key at the start of the tick. An action before another one may undo in
+    the same tick how that one changes the key.
+    """
+
+    def __init__(self, places: Sequence[_Place]) -> None:
+        self._places = places
+        self._undone: dict[tuple[str, int], list[bool]] = {}
+
+    def changed_before(self, key: str, sign: int, at: int) -> bool:
+        """Whether an action before the place changes a key in the other way.
+
+        `sign` is how the action of this place changes it; 0: it does not.
+        """
+        if not sign:
+            return False
+        if (key, sign) not in self._undone:
+            self._undone[key, sign] = self._all_undone(key, sign)
+        return self._undone[key, sign][at]
+
+    def _all_undone(self, key: str, sign: int) -> list[bool]:
+        """For each place, whether it is so; one walk through the tree."""
+        found: list[bool] = []
+        places = self._places
+
+        def visit(before: bool) -> tuple[bool, bool]:
+            """Whether an action below changes the key, and one whose success may not pass up."""
+            node, standing, _ = places[len(found)]
+            found.append(before)
+            if node.action:
+                known = standing.vocabulary.action(node.action)
+                return known.changes.get(key, 0) * sign < 0, False
+            changes = stays = False
+            for index in range(len(node.children)):
+                below_changes, below_stays = visit(before)
+                changes |= below_changes
+                stays |= below_stays or (below_changes and not _passes_up(node, index))
+                # Behind a success a selector does not go on.
+                before |= below_stays if kind_of(node).hands_over == FAILURE else below_changes
+            return changes, stays
+
+        visit(False)
+        return found
+
+
+def _passes_up(node: Node, index: int) -> bool:
+    """Whether the success of that child is the success of the node, at once."""
+    last = index == len(node.children) - 1
+    kind = kind_of(node)
+    if kind.decorates:
+        return kind.ends[SUCCESS] == SUCCESS
+    return kind.hands_over == FAILURE or (kind.hands_over == SUCCESS and last)
+
+
+def _why_not(
+    needed: Asked,
+    known: Sequence[Asked],
+    above: Above,
+    vocabulary: Vocabulary,
+    *,
+    for_action: bool = False,
+) -> str:
+    """Why a condition, or the action that needs it, can't be where `known` holds."""
+    said, keys = condition_text(needed), {term.key for term in terms(needed)}
+    lead = f"it needs {said}" if for_action else f"{said} can't hold"
+    if excludes((), needed):
+        return f"{lead}, whatever is on the blackboard"
+    guards = [
+        c for c in _guards(above) if c in known and not keys.isdisjoint(t.key for t in terms(c))
+    ]
+    against = [c for c in guards if excludes((c,), needed)][-1:] or guards
+    if not against:
+        meant = (f"{key} is {vocabulary.keys[key].meaning}" for key in sorted(keys))
+        return f"{lead}, as {' and '.join(meant)}"
+    stands = " and ".join(f"when {condition_text(c)}" for c in against)
+    return f"{lead}, but above it stands {stands}"
+
+
+def _why(asked: Asked, above: Above) -> str:
+    """Why a condition always holds."""
+    same = [c for c in _guards(above) if implies((c,), asked)]
+    if not same:
+        return f"{condition_text(asked)} always holds"
+    return f"when {condition_text(same[-1])} stands above it already"
+
+
+def _guards(above: Above) -> list[Asked]:
+    return [node.guard.condition for node, _ in above if node.guard]

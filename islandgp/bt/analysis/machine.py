@@ -1,0 +1,403 @@
+"""A tree as a machine: what its nodes remember between ticks, and how a tick can go.
+
+The meaning of nodes is that of docs/semantics.md, as in `engine`. But what a node remembers is
+a value here, and an action may return any of its statuses. So a `Machine` can say on which
+blackboards a node can end a tick with a status (`Outcomes`), and on which ones a tick reaches
+a node. `moves` goes through the ticks one by one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final, NamedTuple, TypeAlias
+
+from islandgp.bt.analysis.boards import ANY_BOARD, NO_BOARD, Boards, BoardSets
+from islandgp.bt.analysis.outcomes import hands_over
+from islandgp.bt.core.condition import opposite
+from islandgp.bt.core.kinds import count_of, kind_of
+from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, ParallelArgs
+from islandgp.bt.core.vocabulary import STATUSES, Vocabulary
+
+Outcomes: TypeAlias = tuple[Boards, Boards, Boards]
+"""On which blackboards a node can end a tick with FAILURE, SUCCESS, RUNNING; AGAIN is RUNNING."""
+
+MOST_KEPT: Final = 300_000  # outcomes that are kept to be used again
+
+_NONE: Final[Outcomes] = (NO_BOARD, NO_BOARD, NO_BOARD)
+_ENDED: Final[tuple[Outcomes, Outcomes]] = (
+    (ANY_BOARD, NO_BOARD, NO_BOARD),
+    (NO_BOARD, ANY_BOARD, NO_BOARD),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ActionMemory:
+    """A running action remembers nothing here."""
+
+
+class BranchMemory(NamedTuple):
+    """What a running selector or sequence remembers."""
+
+    branch: int  # that is running
+    memory: Memory  # of that branch
+    known: tuple[bool | None, ...]
+    """Of each guard that it observes: what its condition was in the last tick; None: not asked.
+
+    Of a guard of the running branch True says that it was asked, and no more: when the branch
+    hands over, its condition is read again.
+    """
+
+
+class RepeaterMemory(NamedTuple):
+    """What a running repeater remembers."""
+
+    left: int  # ends of its child that count, still to come, >= 1
+    memory: Memory | None  # of its child; None: the next tick starts it
+
+
+class ParallelMemory(NamedTuple):
+    """What a running parallel remembers."""
+
+    memories: tuple[Memory | int, ...]  # of each child; of one that has ended, its status
+
+
+Memory: TypeAlias = ActionMemory | BranchMemory | RepeaterMemory | ParallelMemory
+"""What a running node remembers. A decorator that does not count has the memory of its child."""
+
+
+class TickTarget(NamedTuple):
+    """A node that a tick is to reach."""
+
+    place: int
+    kept: bool  # it is RUNNING behind the tick; False: it only has to be ticked
+    branches: Mapping[int, int]  # by the place of each node above it: the child that leads there
+
+
+class SpentError(Exception):
+    """More work was asked for than a machine is made for."""
+
+
+class Machine:
+    """What can happen in ticks of one tree. Nodes are called by their place in document order.
+
+    Sets may hold more blackboards than they should where `sets.exact` is False.
+    """
+
+    def __init__(self, tree: Node, vocabulary: Vocabulary, sets: BoardSets) -> None:
+        self.sets = sets
+        self.left = 0  # steps that may still be done; see `spend`
+        self.nodes: list[Node] = []
+        self.children: list[tuple[int, ...]] = []
+        self.above: list[int] = []  # the place of the node above each node; of the root: -1
+        self._number(tree, -1)
+        asked = {place: node.guard.condition for place, node in enumerate(self.nodes) if node.guard}
+        self.holds = {place: sets.of(each) for place, each in asked.items()}
+        self.fails = {place: sets.of(opposite(each)) for place, each in asked.items()}
+        self.observed = {
+            place: tuple(self._observed(place))
+            for place, node in enumerate(self.nodes)
+            if kind_of(node).hands_over is not None
+        }
+        """Of each composite: the guards that it observes, each with its branch."""
+        self.statuses = {
+            place: vocabulary.action(node.action).statuses or STATUSES
+            for place, node in enumerate(self.nodes)
+            if node.action
+        }
+        self._fresh: list[Outcomes | None] = [None] * len(self.nodes)
+        self._from: dict[int, list[Outcomes]] = {}
+        self._now: dict[tuple[int, Memory], Outcomes] = {}
+        self._ways: dict[tuple[int, int, bool], list[Outcomes]] = {}
+        self._kept = 0  # outcomes in the one above, about
+        self._targets: dict[tuple[int, bool], TickTarget] = {}
+
+    def _number(self, node: Node, above: int) -> int:
+        place = len(self.nodes)
+        self.nodes.append(node)
+        self.children.append(())
+        self.above.append(above)
+        self.children[place] = tuple([self._number(child, place) for child in node.children])
+        return place
+
+    def guards(self, place: int) -> Iterator[int]:
+        """The guards of a branch, down to its first composite or action; as `truth.chain`."""
+        while kind_of(self.nodes[place]).decorates:
+            if self.nodes[place].guard:
+                yield place
+            place = self.children[place][0]
+
+    def _observed(self, place: int) -> Iterator[tuple[int, int]]:
+        for branch, child in enumerate(self.children[place][:-1]):
+            for guard in self.guards(child):
+                args = self.nodes[guard].guard
+                if args and args.interrupts:
+                    yield branch, guard
+
+    def path(self, place: int) -> list[int]:
+        """The places from the root down to a node."""
+        found = [place]
+        while self.above[found[-1]] >= 0:
+            found.append(self.above[found[-1]])
+        return found[::-1]
+
+    def target(self, place: int, *, kept: bool) -> TickTarget:
+        """A node as a target."""
+        if (place, kept) not in self._targets:
+            path = self.path(place)
+            branches = {above: self.children[above].index(child) for above, child in pairwise(path)}
+            self._targets[place, kept] = TickTarget(place, kept, branches)
+        return self._targets[place, kept]
+
+    def spend(self, steps: int = 1) -> None:
+        """Counts work. Raises SpentError when `left` does not allow it."""
+        self.left -= steps
+        if self.left < 0:
+            raise SpentError
+
+    # How a node can end a tick
+
+    def fresh(self, place: int) -> Outcomes:
+        """The outcomes of a node that starts."""
+        found = self._fresh[place]
+        if found is None:
+            found = self._fresh[place] = self._outcomes(place, None)
+        return found
+
+    def now(self, place: int, memory: Memory | int | None) -> Outcomes:
+        """The outcomes of a node with that memory; None: it starts; a status: it has ended."""
+        if memory is None:
+            return self.fresh(place)
+        if isinstance(memory, int):
+            return _ENDED[memory]
+        key = (place, memory)
+        if key not in self._now:
+            self._now[key] = self._outcomes(place, memory)
+        return self._now[key]
+
+    def fresh_from(self, place: int, branch: int) -> Outcomes:
+        """The outcomes of a selector or sequence whose child of that index starts now."""
+        if place not in self._from:
+            found: list[Outcomes] = []
+            for child in reversed(self.children[place]):
+                first = self.fresh(child)
+                found.append(self._go_on(place, first, found[-1]) if found else first)
+            self._from[place] = found[::-1]
+        return self._from[place][branch]
+
+    def guarded(self, place: int, child: Outcomes, *, fresh: bool) -> Outcomes:
+        """The outcomes of a guard, from those of its child."""
+        guard = self.nodes[place].guard
+        if not fresh and guard and not guard.checks_itself:
+            return child
+        failure, success, running = self._and(self.holds[place], child)
+        return self.sets.either(failure, self.fails[place]), success, running
+
+    def repetition(self, place: int, memory: Memory | None) -> tuple[int, Memory | None]:
+        """The ends that a node still has to count, and the memory of its child."""
+        if memory is None:
+            return count_of(self.nodes[place]), None
+        assert isinstance(memory, RepeaterMemory)
+        return memory
+
+    def memories(self, place: int, memory: Memory | None) -> Sequence[Memory | int | None]:
+        """The memories of the children of a parallel."""
+        if memory is None:
+            return [None] * len(self.children[place])
+        assert isinstance(memory, ParallelMemory)
+        return memory.memories
+
+    def _outcomes(self, place: int, memory: Memory | None) -> Outcomes:
+        node, children = self.nodes[place], self.children[place]
+        kind = kind_of(node)
+        if node.action:
+            can = self.statuses[place]
+            return int(FAILURE in can), int(SUCCESS in can), int(RUNNING in can)
+        if node.guard:
+            return self.guarded(place, self.now(children[0], memory), fresh=memory is None)
+        if kind.counts is not None:
+            left, inner = self.repetition(place, memory)
+            return repeated(self.sets, node, self.now(children[0], inner), last=left == 1)
+        if kind.decorates:
+            return turned(self.sets, node, self.now(children[0], memory))
+        if isinstance(node.args, ParallelArgs):
+            inside = zip(children, self.memories(place, memory), strict=True)
+            return judged(self.sets, node.args, [self.now(child, its) for child, its in inside])
+        if memory is None:
+            return self.fresh_from(place, 0)
+        assert isinstance(memory, BranchMemory)
+        found = _NONE
+        for branch, boards in self._turns(place, memory):
+            if branch < memory.branch:
+                rest = self.fresh_from(place, branch)
+            else:
+                rest = self.now(children[branch], memory.memory)
+                if branch < len(children) - 1:
+                    rest = self._go_on(place, rest, self.fresh_from(place, branch + 1))
+            found = self._or(found, self._and(boards, rest))
+        return found
+
+    def _go_on(self, place: int, first: Outcomes, rest: Outcomes) -> Outcomes:
+        """The outcomes of a composite from those of a child and of what is behind it."""
+        handing = hands_over(self.nodes[place])
+        found = list(self._and(first[handing], rest))
+        for status in (1 - handing, RUNNING):
+            found[status] = self.sets.either(found[status], first[status])
+        return found[0], found[1], found[2]
+
+    def _turns(self, place: int, memory: BranchMemory) -> Iterator[tuple[int, Boards]]:
+        """The branches with which a running composite may go on, and on which blackboards.
+
+        Those come first whose guards turn true, then the running branch.
+        """
+        stays = ANY_BOARD
+        for (branch, guard), known in zip(self.observed[place], memory.known, strict=True):
+            if branch < memory.branch and known is False:
+                yield branch, self.sets.both(stays, self.holds[guard])
+                stays = self.sets.both(stays, self.fails[guard])
+        yield memory.branch, stays
+
+    def _and(self, boards: Boards, outcomes: Outcomes) -> Outcomes:
+        failure, success, running = outcomes
+        both = self.sets.both
+        return both(boards, failure), both(boards, success), both(boards, running)
+
+    def _or(self, one: Outcomes, other: Outcomes) -> Outcomes:
+        either = self.sets.either
+        return either(one[0], other[0]), either(one[1], other[1]), either(one[2], other[2])
+
+    # Whether a tick reaches a node
+
+    def reach(self, memory: Memory | None, target: TickTarget) -> Boards:
+        """The blackboards on which a tick, with that memory of the root, can reach a target."""
+        return self.sets.either(*self.aimed(0, memory, target))
+
+    def aimed(self, place: int, memory: Memory | int | None, target: TickTarget) -> Outcomes:
+        """The outcomes of a node, of those ticks that reach a target in it."""
+        self.spend()
+        if isinstance(memory, int):  # a parallel's child that has ended
+            return _NONE
+        if place == target.place:
+            failure, success, running = self.now(place, memory)
+            return (NO_BOARD, NO_BOARD, running) if target.kept else (failure, success, running)
+        node, branch = self.nodes[place], target.branches[place]
+        child = self.children[place][branch]
+        kind = kind_of(node)
+        if kind.together:
+            return self._aimed_together(place, self.memories(place, memory), target)
+        if kind.hands_over is not None:
+            if memory is None:
+                return self.way(place, 0, target)
+            assert isinstance(memory, BranchMemory)
+            return self._aimed_branch(place, memory, target)
+        if kind.counts is not None:
+            left, inner = self.repetition(place, memory)
+            return repeated(self.sets, node, self.aimed(child, inner, target), last=left == 1)
+        inside = self.aimed(child, memory, target)
+        if node.guard is None:
+            return turned(self.sets, node, inside)
+        if memory is None or node.guard.checks_itself:
+            return self._and(self.holds[place], inside)
+        return inside
+
+    def way(self, place: int, at: int, target: TickTarget) -> Outcomes:
+        """The same of a selector or sequence whose child of index `at` starts now."""
+        key = (place, target.place, target.kept)
+        if key not in self._ways:
+            handing, branch = hands_over(self.nodes[place]), target.branches[place]
+            *before, last = self.children[place][: branch + 1]
+            self.spend(len(before))
+            self._kept += len(before)
+            if self._kept > MOST_KEPT:
+                self._kept = 0
+                self._ways.clear()
+            found = [self._behind(place, branch, self.aimed(last, None, target), target)]
+            for child in reversed(before):
+                found.append(self._and(self.fresh(child)[handing], found[-1]))
+            self._ways[key] = found[::-1]
+        return self._ways[key][at]
+
+    def _behind(self, place: int, branch: int, first: Outcomes, target: TickTarget) -> Outcomes:
+        """The outcomes of a composite whose branch reaches the target with the outcomes `first`."""
+        if target.kept or branch == len(self.children[place]) - 1:
+            return first
+        return self._go_on(place, first, self.fresh_from(place, branch + 1))
+
+    def _aimed_branch(self, place: int, memory: BranchMemory, target: TickTarget) -> Outcomes:
+        found, wanted = _NONE, target.branches[place]
+        for at, boards in self._turns(place, memory):
+            child = self.children[place][at]
+            if at > wanted:
+                continue
+            if at < memory.branch:
+                reached = self.way(place, at, target)
+            elif at == wanted:
+                first = self.aimed(child, memory.memory, target)
+                reached = self._behind(place, at, first, target)
+            else:
+                ended = self.now(child, memory.memory)[hands_over(self.nodes[place])]
+                reached = self._and(ended, self.way(place, at + 1, target))
+            found = self._or(found, self._and(boards, reached))
+        return found
+
+    def _aimed_together(
+        self, place: int, memories: Sequence[Memory | int | None], target: TickTarget
+    ) -> Outcomes:
+        children, branch = self.children[place], target.branches[place]
+        args = self.nodes[place].args
+        assert isinstance(args, ParallelArgs)
+        self.spend(len(children))
+        reached = self.aimed(children[branch], memories[branch], target)
+        each = [self.now(child, its) for child, its in zip(children, memories, strict=True)]
+        each[branch] = reached
+        # Where the branch has no outcome, those of the others say nothing.
+        found = self._and(self.sets.either(*reached), judged(self.sets, args, each))
+        return (NO_BOARD, NO_BOARD, found[RUNNING]) if target.kept else found
+
+
+def repeated(sets: BoardSets, node: Node, child: Outcomes, *, last: bool) -> Outcomes:
+    """The outcomes of a node that counts, from those of its child; `last`: one more end decides."""
+    counted = kind_of(node).counts
+    if last or counted is None:
+        return child
+    found = list(child)
+    found[counted] = NO_BOARD
+    return found[0], found[1], sets.either(child[counted], child[RUNNING])
+
+
+def turned(sets: BoardSets, decorator: Node, child: Outcomes) -> Outcomes:
+    """The outcomes of a decorator that changes how its child ends, from those of its child."""
+    found = [NO_BOARD, NO_BOARD, child[RUNNING]]
+    for status, end in enumerate(kind_of(decorator).ends):
+        found[end] = sets.either(found[end], child[status])
+    return found[0], found[1], found[2]
+
+
+def judged(sets: BoardSets, parallel: ParallelArgs, each: Sequence[Outcomes]) -> Outcomes:
+    """The outcomes of a parallel, from those of its children, as `judgement` gives them."""
+
+    def some(status: int) -> Boards:
+        return sets.either(*(outcomes[status] for outcomes in each))
+
+    def only(*statuses: int) -> Boards:
+        return sets.both(*(sets.either(*(its[s] for s in statuses)) for its in each))
+
+    success, failure = parallel
+    if failure == "one":
+        fails = some(FAILURE)
+        if success == "one":
+            return fails, sets.both(only(SUCCESS, RUNNING), some(SUCCESS)), only(RUNNING)
+        return fails, only(SUCCESS), sets.both(only(SUCCESS, RUNNING), some(RUNNING))
+    if success == "one":
+        return only(FAILURE), some(SUCCESS), sets.both(only(FAILURE, RUNNING), some(RUNNING))
+    return sets.both(only(FAILURE, SUCCESS), some(FAILURE)), only(SUCCESS), some(RUNNING)
+
+
+def judgement(parallel: ParallelArgs, statuses: Sequence[int]) -> int:
+    """The status of a parallel whose children have these; as in `closures.parallel`."""
+    success, failure = parallel.needed(len(statuses))
+    succeeded, failed = statuses.count(SUCCESS), statuses.count(FAILURE)
+    if failed < failure and succeeded < success and succeeded + failed < len(statuses):
+        return RUNNING
+    return SUCCESS if failed < failure and succeeded >= success else FAILURE

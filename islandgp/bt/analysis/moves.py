@@ -1,0 +1,320 @@
+"""The ticks of a tree one by one: what a tick can do, by what its actions return."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence, Set
+from functools import partial
+from itertools import product
+from typing import Final, NamedTuple, TypeAlias
+
+from islandgp.bt.analysis.machine import (
+    ActionMemory,
+    BranchMemory,
+    Machine,
+    Memory,
+    ParallelMemory,
+    RepeaterMemory,
+    TickTarget,
+    judgement,
+)
+from islandgp.bt.analysis.outcomes import hands_over
+from islandgp.bt.core.condition import condition
+from islandgp.bt.core.kinds import kind_of
+from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, ParallelArgs, guard_of
+
+ActionCalls: TypeAlias = tuple[tuple[int, int], ...]
+"""The actions that are ticked, by place, and what they return."""
+
+_RUNS: Final = ActionMemory()
+
+
+class Move(NamedTuple):
+    """What a node may do in a tick."""
+
+    status: int
+    memory: Memory | None  # None: it has ended
+    calls: ActionCalls = ()
+    asked: tuple[int, ...] = ()  # the guards of a branch that were asked for a start
+
+
+def moves(
+    machine: Machine,
+    memory: Memory | None,
+    board: Sequence[float],
+    target: TickTarget | None = None,
+) -> Iterator[Move]:
+    """What the root of a tree may do in a tick.
+
+    Args:
+        machine: the tree. It is asked to `spend` a step for each action that is ticked.
+        memory: of the root; None: it starts.
+        board: the blackboard of the tick.
+        target: only ticks that reach this node; the first one is found at once.
+
+    Raises:
+        SpentError: the machine has no steps left.
+    """
+    machine.spend()
+    wanted = (RUNNING,) if target is not None and target.kept else (RUNNING, SUCCESS, FAILURE)
+    return _Tick(machine, board).moves(0, memory, wanted, target)
+
+
+class _Tick:
+    """One tick, on one blackboard.
+
+    Each method yields the moves of a node that end with one of the statuses `wanted`, the first
+    statuses first, and that reach the target, if there is one.
+    """
+
+    def __init__(self, machine: Machine, board: Sequence[float]) -> None:
+        self._machine = machine
+        self._board = board
+        self._truth: dict[int, bool] = {}
+
+    def _holds(self, guard: int) -> bool:
+        """Whether the condition of a guard holds."""
+        if guard not in self._truth:
+            holds = condition(
+                guard_of(self._machine.nodes[guard]).condition,
+                self._board,
+                self._machine.sets.places,
+            )
+            self._truth[guard] = holds()
+        return self._truth[guard]
+
+    def moves(
+        self, place: int, memory: Memory | None, wanted: Sequence[int], target: TickTarget | None
+    ) -> Iterator[Move]:
+        """The moves of a node with that memory; None: it starts."""
+        if target is not None and target.kept:  # each node above it runs on as well
+            wanted = [status for status in wanted if status == RUNNING]
+        if target is not None and place == target.place:
+            target = None
+        node = self._machine.nodes[place]
+        kind = kind_of(node)
+        if node.action:
+            return self._action(place, wanted)
+        if node.guard:
+            return self._guard(place, memory, wanted, target)
+        if kind.counts is not None:
+            return self._repeater(place, memory, wanted, target)
+        if kind.decorates:
+            return self._turned(place, memory, wanted, target)
+        if kind.together:
+            return self._parallel(place, memory, wanted, target)
+        return self._composite(place, memory, wanted, target)
+
+    def _action(self, place: int, wanted: Sequence[int]) -> Iterator[Move]:
+        for status in wanted:
+            if status in self._machine.statuses[place]:
+                self._machine.spend()
+                yield Move(status, _RUNS if status == RUNNING else None, ((place, status),))
+
+    def _turned(
+        self, place: int, memory: Memory | None, wanted: Sequence[int], target: TickTarget | None
+    ) -> Iterator[Move]:
+        ends = (*kind_of(self._machine.nodes[place]).ends, RUNNING)
+        inside = [s for status in wanted for s in (RUNNING, SUCCESS, FAILURE) if ends[s] == status]
+        for move in self.moves(self._machine.children[place][0], memory, inside, target):
+            yield move._replace(status=ends[move.status])
+
+    def _guard(
+        self, place: int, memory: Memory | None, wanted: Sequence[int], target: TickTarget | None
+    ) -> Iterator[Move]:
+        asked = (place,) if memory is None else ()
+        checks = memory is None or guard_of(self._machine.nodes[place]).checks_itself
+        if checks and not self._holds(place):
+            if FAILURE in wanted and target is None:
+                yield Move(FAILURE, None, asked=asked)
+            return
+        for move in self.moves(self._machine.children[place][0], memory, wanted, target):
+            yield move._replace(asked=(*asked, *move.asked))
+
+    def _repeater(
+        self, place: int, memory: Memory | None, wanted: Sequence[int], target: TickTarget | None
+    ) -> Iterator[Move]:
+        left, inner = self._machine.repetition(place, memory)
+        counted = kind_of(self._machine.nodes[place]).counts
+        assert counted is not None
+        again = RUNNING if left > 1 else counted
+        # What is counted comes first: it gets on.
+        inside = [counted] * (again in wanted) + [s for s in wanted if s != counted]
+        for move in self.moves(self._machine.children[place][0], inner, inside, target):
+            if move.status == counted:
+                after = RepeaterMemory(left - 1, None) if left > 1 else None
+                yield move._replace(status=again, memory=after)
+            elif move.memory is None:
+                yield move
+            else:
+                yield move._replace(memory=RepeaterMemory(left, move.memory))
+
+    def _parallel(
+        self, place: int, memory: Memory | None, wanted: Sequence[int], target: TickTarget | None
+    ) -> Iterator[Move]:
+        machine, args = self._machine, self._machine.nodes[place].args
+        assert isinstance(args, ParallelArgs)
+        children, inside = machine.children[place], machine.memories(place, memory)
+        towards = -1 if target is None else target.branches[place]
+        goals = [target if branch == towards else None for branch in range(len(children))]
+        each = list(zip(children, inside, goals, strict=True))
+        for status in wanted:
+            preferred = _preferred(args, status)
+            options = [[s for s in preferred if self._can(*one, s)] for one in each]
+            for statuses in product(*options):
+                machine.spend(len(statuses))
+                if judgement(args, statuses) != status:
+                    continue
+                makers = [
+                    partial(self._child, *one, s) for one, s in zip(each, statuses, strict=True)
+                ]
+                for found in _combined(makers):
+                    calls = tuple(call for move in found for call in move.calls)
+                    after = None
+                    if status == RUNNING:
+                        kept = (m.status if m.memory is None else m.memory for m in found)
+                        after = ParallelMemory(tuple(kept))
+                    yield Move(status, after, calls)
+
+    def _can(
+        self, place: int, memory: Memory | int | None, target: TickTarget | None, status: int
+    ) -> bool:
+        """Whether a child of a parallel can end the tick so."""
+        if target is None:
+            can = self._machine.now(place, memory)
+        else:
+            can = self._machine.aimed(place, memory, target)
+        return self._machine.sets.has(can[status], self._board)
+
+    def _child(
+        self, place: int, memory: Memory | int | None, target: TickTarget | None, status: int
+    ) -> Iterator[Move]:
+        """The moves of a child of a parallel that end so; one that has ended is not ticked."""
+        if not isinstance(memory, int):
+            return self.moves(place, memory, (status,), target)
+        return iter([Move(memory, None)] if target is None else [])
+
+    def _composite(
+        self, place: int, memory: Memory | None, wanted: Sequence[int], target: TickTarget | None
+    ) -> Iterator[Move]:
+        """The moves of a selector or sequence: one branch after the other, with what is behind."""
+        machine = self._machine
+        first, inner, known = self._first_branch(place, memory)
+        handing, last = hands_over(machine.nodes[place]), len(machine.children[place]) - 1
+        towards = first if target is None else target.branches[place]
+        stages = [self._branch(place, first, inner, wanted, target)]
+        done: list[Move] = []  # by the branches before the one of the last stage
+        while stages:
+            branch = first + len(done)
+            move = next(stages[-1], None)
+            if move is None:
+                stages.pop()
+                del done[-1:]
+                continue
+            done.append(move)
+            if move.status == handing and branch < last:
+                goal = target if branch < towards else None
+                stages.append(self._branch(place, branch + 1, None, wanted, goal))
+                continue
+            after = None
+            if move.memory is not None:
+                asked = {guard for each in done for guard in each.asked}
+                now = self._known(place, first, branch, known, asked)
+                after = BranchMemory(branch, move.memory, now)
+            yield Move(move.status, after, tuple(call for each in done for call in each.calls))
+            done.pop()
+
+    def _first_branch(
+        self, place: int, memory: Memory | None
+    ) -> tuple[int, Memory | None, list[bool | None]]:
+        """The branch that a composite ticks first, its memory, and what is known of guards."""
+        observed = self._machine.observed[place]
+        if memory is None:
+            return 0, None, [None] * len(observed)
+        assert isinstance(memory, BranchMemory)
+        known = list(memory.known)
+        for n, (branch, guard) in enumerate(observed):
+            if branch < memory.branch and known[n] is not None:
+                now = self._holds(guard)
+                if now and not known[n]:  # it turns true
+                    earlier = (at < branch for at, _ in observed)
+                    return (
+                        branch,
+                        None,
+                        [each if kept else None for each, kept in zip(known, earlier, strict=True)],
+                    )
+                known[n] = now
+        return memory.branch, memory.memory, known
+
+    def _branch(
+        self,
+        place: int,
+        branch: int,
+        memory: Memory | None,
+        wanted: Sequence[int],
+        target: TickTarget | None,
+    ) -> Iterator[Move]:
+        """The moves of a branch that lead to a wanted status of its composite, and the target."""
+        machine, children = self._machine, self._machine.children[place]
+        has, handing = machine.sets.has, hands_over(machine.nodes[place])
+        towards = branch if target is None else target.branches[place]
+        if branch > towards:
+            return iter(())
+        if branch < towards:
+            assert target is not None
+            way = machine.way(place, branch + 1, target)
+            if not any(has(way[status], self._board) for status in wanted):
+                return iter(())
+            return self.moves(children[branch], memory, (handing,), None)
+        inside = [status for status in wanted if status != handing]
+        if branch == len(children) - 1:
+            inside = list(wanted)
+        else:
+            behind = machine.fresh_from(place, branch + 1)
+            if any(has(behind[status], self._board) for status in wanted):
+                inside.append(handing)
+        return self.moves(children[branch], memory, inside, target)
+
+    def _known(
+        self,
+        place: int,
+        first: int,
+        running: int,
+        known: Sequence[bool | None],
+        asked: Set[int],
+    ) -> tuple[bool | None, ...]:
+        """What a composite knows of its guards behind a tick that began with the branch `first`."""
+        found: list[bool | None] = []
+        for before, (branch, guard) in zip(known, self._machine.observed[place], strict=True):
+            now = before
+            if branch >= first and (before is not None or guard in asked):
+                now = branch == running or self._holds(guard)
+            found.append(now if branch <= running else None)
+        return tuple(found)
+
+
+def _combined(makers: Sequence[Callable[[], Iterator[Move]]]) -> Iterator[tuple[Move, ...]]:
+    """One move of each, in all combinations."""
+    chosen: list[Move] = []
+    going = [makers[0]()]
+    while going:
+        move = next(going[-1], None)
+        if move is None:
+            going.pop()
+            del chosen[-1:]
+        elif len(going) == len(makers):
+            yield (*chosen, move)
+        else:
+            chosen.append(move)
+            going.append(makers[len(going)]())
+
+
+def _preferred(parallel: ParallelArgs, wanted: int) -> tuple[int, int, int]:
+    """The statuses of children with which a parallel comes to the wanted one, the best first.
+
+    If each child takes the first that it can, the parallel comes to it wherever that is possible.
+    """
+    if wanted == FAILURE:
+        return FAILURE, SUCCESS, RUNNING
+    if wanted == SUCCESS:
+        return SUCCESS, RUNNING, FAILURE
+    return (RUNNING, SUCCESS, FAILURE) if parallel.failure == "one" else (RUNNING, FAILURE, SUCCESS)

@@ -1,0 +1,126 @@
+"""The numbers that stand in a tree file, what each is for, and the file with other numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, NamedTuple, TypeAlias
+
+from islandgp.bt.core.builder import Builder
+from islandgp.bt.core.kinds import COUNTED
+from islandgp.bt.core.language import built, files_of, plain
+from islandgp.bt.core.printer import number_text
+from islandgp.bt.core.vocabulary import Vocabulary
+
+COUNT: Final = "count"
+"""The purpose of a count; other purposes are the keys that are compared with the number."""
+
+EQUAL: Final = "=="
+"""A purpose beside the key where `==` or `!=` compares them."""
+
+Purposes: TypeAlias = frozenset[str]
+
+_NONE: Final[Purposes] = frozenset()
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A number as it stands in a file."""
+
+    label: str  # the words before it: `charge <`, `repeater`, `constant low =`, `use go: times`
+    value: float
+    purposes: Purposes  # COUNT, EQUAL and keys; several where a constant or a parameter has them
+    line: int  # from 1
+    start: int  # its place in `plain(text)`
+    end: int
+
+
+def numbers_of(
+    text: str, vocabulary: Vocabulary, *, name: str = "<tree>", folder: Path | None = None
+) -> list[Number]:
+    """The numbers of a file in its order; those of included files are not among them.
+
+    `name` and `folder` are those of `parse`. Raises TreeError as `parse` does.
+    """
+    parts = files_of(text, vocabulary, name=name, folder=folder)
+    built(Builder(parts[-1].source, vocabulary), parts)
+    taken: dict[str, dict[str, Purposes]] = {}  # by subtree and parameter
+    slots: list[_Slot] = []
+    for part in parts:  # the text itself is the last
+        slots = [slot for tree in part.tree.children for slot in _slots(tree, taken, vocabulary)]
+    of_constants: dict[str, Purposes] = {}
+    found: list[Number] = []
+    for label, purposes, word, constant in reversed(slots):  # defined before it is used
+        if constant:
+            purposes = of_constants.get(constant, _NONE)
+        if word.type == "NAME":
+            of_constants[str(word)] = of_constants.get(str(word), _NONE) | purposes
+        else:
+            place = word.line, word.start_pos, word.end_pos
+            found.append(Number(label, float(word), purposes, *place))
+    return found[::-1]
+
+
+def with_numbers(text: str, numbers: Sequence[Number], values: Sequence[float]) -> str:
+    """The text with a value in place of each of these numbers; all else stays as it is written."""
+    text = plain(text)
+    parts: list[str] = []
+    end = 0
+    for number, value in zip(numbers, values, strict=True):
+        parts += [text[end : number.start], number_text(value)]
+        end = number.end
+    return "".join([*parts, text[end:]])
+
+
+def argument_purpose(action: str, argument: str) -> str:
+    """The purpose of a number that is an argument of an action."""
+    return f"{action}.{argument}"
+
+
+class _Slot(NamedTuple):
+    """A place where a number is wanted."""
+
+    label: str
+    purposes: Purposes
+    word: Any  # lark.Token: a number, or the name of a constant or a parameter
+    constant: str = ""  # the constant whose value it is
+
+
+def _slots(tree: Any, taken: dict[str, dict[str, Purposes]], words: Vocabulary) -> Iterator[_Slot]:
+    """The slots in a lark.Tree, in order, but those of a subtree's own parameters.
+
+    The purposes of the latter are put into `taken`.
+    """
+    match str(tree.data), tree.children:
+        case "subtree", [name, *parameters, body]:
+            own = {str(word): _NONE for each in parameters for word in each.children}
+            for slot in list(_slots(body, taken, words)):
+                if slot.word in own:
+                    own[str(slot.word)] |= slot.purposes
+                else:
+                    yield slot
+            taken[str(name)] = own
+        case "constant", [name, word]:
+            yield _Slot(f"constant {name} =", _NONE, word, str(name))
+        case "comparison", [key, operator, word]:
+            equal = {EQUAL} if operator in ("==", "!=") else set()
+            yield _Slot(f"{key} {operator}", frozenset({str(key), *equal}), word)
+        case "use", [name, given]:
+            for (parameter, purposes), word in zip(
+                taken[name].items(), given.children, strict=True
+            ):
+                yield _Slot(f"use {name}: {parameter} =", purposes, word)
+        case "action", [name, values]:
+            arguments = words.action(str(name)).arguments
+            for key, word in (each.children for each in values.children):
+                if arguments[str(key)].numeric:
+                    purpose = argument_purpose(str(name), str(key))
+                    yield _Slot(f"{name}: {key}", frozenset({purpose}), word)
+        case kind, [_, word, child] if kind in COUNTED:
+            yield _Slot(kind, frozenset({COUNT}), word)
+            yield from _slots(child, taken, words)
+        case _, parts:
+            for part in parts:
+                if hasattr(part, "children"):  # no word
+                    yield from _slots(part, taken, words)

@@ -1,0 +1,90 @@
+"""How a node can end, from how the actions in it can end."""
+
+from __future__ import annotations
+
+from typing import Final, TypeAlias
+
+from islandgp.bt.analysis.truth import Standing, below, excludes, may_interrupt
+from islandgp.bt.core.kinds import kind_of
+from islandgp.bt.core.node import FAILURE, SUCCESS, GuardArgs, Node, ParallelArgs
+
+Ends: TypeAlias = frozenset[int]  # of SUCCESS and FAILURE
+
+_FAILS: Final[Ends] = frozenset({FAILURE})
+
+
+def ends(node: Node, standing: Standing) -> Ends:
+    """The statuses with which a node can end, or more; never fewer."""
+    if node.action:
+        return standing.vocabulary.action(node.action).statuses & {FAILURE, SUCCESS}
+    if node.guard and never(node.guard, standing):
+        return _FAILS
+    kind = kind_of(node)
+    each = [ends(child, below(node, standing, i)) for i, child in enumerate(node.children)]
+    if kind.decorates:
+        found = frozenset(kind.ends[end] for end in each[0])
+        return found | _FAILS if node.guard else found
+    if isinstance(node.args, ParallelArgs):
+        return _parallel(node.args, each)
+    go_on = hands_over(node)
+    reached: Ends = frozenset({go_on})
+    for child in each:
+        if go_on not in reached:
+            break
+        reached = (reached - {go_on}) | child
+    return reached
+
+
+def hands_over(node: Node) -> int:
+    """The status of a child with which a selector or sequence goes on to the next one."""
+    status = kind_of(node).hands_over
+    assert status is not None
+    return status
+
+
+def dead_end(node: Node, standing: Standing) -> int | None:
+    """The first child of a selector or sequence behind which it never goes on; None: there is none.
+
+    The last child does not count.
+    """
+    for index, child in enumerate(node.children[:-1]):
+        if hands_over(node) not in ends(child, below(node, standing, index)):
+            return index
+    return None
+
+
+def never(guard: GuardArgs, standing: Standing) -> bool:
+    """Whether the condition of a `when` can't hold when the guard starts."""
+    return excludes(standing.at_start, guard.condition)
+
+
+def idle(node: Node, standing: Standing) -> int | None:
+    """With what a node ends at once, whenever it starts, without doing anything; else None.
+
+    Such a node calls no action and stops no other node.
+    """
+    kind = kind_of(node)
+    if not kind.decorates:
+        return None
+    if node.guard:
+        if may_interrupt(node.guard, standing):
+            return None
+        if never(node.guard, standing):
+            # What it guards never starts, but guards in there could only be observed after a start.
+            return FAILURE
+        return FAILURE if idle(node.children[0], below(node, standing, 0)) == FAILURE else None
+    end = idle(node.children[0], below(node, standing, 0))
+    return None if end is None or end == kind.counts else kind.ends[end]
+
+
+def _parallel(args: ParallelArgs, each: list[Ends]) -> Ends:
+    success, failure = args
+    found = set()
+    # Children that all ended without a decision fail it, so `failure all` can fail with one.
+    if any(FAILURE in e for e in each) and (
+        failure == "one" or success == "all" or all(FAILURE in e for e in each)
+    ):
+        found.add(FAILURE)
+    if (any if success == "one" else all)(SUCCESS in e for e in each):
+        found.add(SUCCESS)
+    return frozenset(found)

@@ -1,0 +1,243 @@
+"""Rules of a tree's guards: `never ACTION while CONDITION`, proven or refuted.
+
+A rule is broken by a tick in which the action is called, started or resumed, on a blackboard on
+which the condition holds. Any blackboard may follow any other one, within the ranges of the keys,
+and an action may return each of its statuses. So a proof holds in every world; a refutation is a
+sequence of blackboards that breaks the rule, which a particular world may never show.
+
+First one walk through the tree (`invariants`) looks for a proof. If it finds none, all that the
+tree can remember between two ticks is gone through, the nearest first, until a blackboard that
+breaks the rule is found, everything was seen, or the steps are spent.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Final, Literal, NamedTuple
+
+from islandgp.bt.analysis.boards import ANY_BOARD, NO_BOARD, Boards, BoardSets
+from islandgp.bt.analysis.invariants import boards_of_nodes
+from islandgp.bt.analysis.machine import Machine, Memory, SpentError
+from islandgp.bt.analysis.moves import ActionCalls, moves
+from islandgp.bt.core.condition import Asked, terms
+from islandgp.bt.core.engine import compile_tree
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import Node, asked_in, leaf, walk
+from islandgp.bt.core.vocabulary import Vocabulary
+from islandgp.errors import TreeError
+
+STEPS: Final = 200_000  # some seconds
+MOST_CELLS: Final = 2_000  # kinds of blackboards that are told apart
+
+_RULE: Final = re.compile(r"\s*never\s+(\w+)\s+while\s+(\S.*?)\s*", re.DOTALL)
+_PLACE: Final = re.compile(r"^.*?:\d+:\d+: ")
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """An action is never called on a blackboard on which a condition holds."""
+
+    text: str  # as it was written
+    action: str
+    condition: Asked
+
+
+@dataclass(frozen=True, slots=True)
+class CounterTick:
+    """A tick on the way to a broken rule."""
+
+    board: dict[str, float]  # by key that the tree or the rule asks
+    statuses: tuple[tuple[int, int], ...]
+    """(place in document order, status) of the nodes that are ticked, or aborted."""
+
+
+@dataclass(frozen=True, slots=True)
+class RuleResult:
+    """What is known of a rule."""
+
+    rule: Rule
+    result: Literal["proven", "refuted", "unknown"]
+    why: str  # in words
+    ticks: tuple[CounterTick, ...] = ()  # of a refutation; the last one breaks the rule
+    place: int | None = None  # of the action that breaks it, in document order
+
+
+def read_rule(text: str, vocabulary: Vocabulary) -> Rule:
+    """A rule from `never ACTION while CONDITION`. Raises TreeError in a line."""
+    found = _RULE.fullmatch(text)
+    if found is None:
+        raise TreeError(f"rule {text!r}: expected never ACTION while CONDITION, found another form")
+    action, asked = found.groups()
+    try:
+        tree = parse(f"when {asked} {{ {action} }}", vocabulary)
+    except TreeError as error:
+        first, *rest = str(error).splitlines()
+        hints = rest[2:] if error.source else rest
+        message = ". ".join([_PLACE.sub("", first), " ".join(hints)]).rstrip(". ")
+        raise TreeError(f"rule {text!r}: {message}") from None
+    if re.search(r"\babort\b", asked):
+        raise TreeError(f"rule {text!r}: expected a condition after while, found an abort rule")
+    if tree.guard is None or tree.children != (leaf(action),):
+        raise TreeError(f"rule {text!r}: expected a condition after while, found more than that")
+    return Rule(" ".join(text.split()), action, tree.guard.condition)
+
+
+def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEPS) -> RuleResult:
+    """Whether a tree keeps a rule.
+
+    Args:
+        tree: in the words of the vocabulary.
+        rule: to be proven or refuted.
+        vocabulary: whose keys have ranges, and whose actions have statuses.
+        steps: of work at most, >= 0; each is some microseconds.
+    """
+    sets = BoardSets(vocabulary.keys)
+    machine = Machine(tree, vocabulary, sets)
+    forbidden = sets.of(rule.condition)
+    places = [p for p in machine.statuses if machine.nodes[p].action == rule.action]
+    if not places:
+        return RuleResult(rule, "proven", f"there is no {rule.action} in the tree")
+    if forbidden == NO_BOARD:
+        return RuleResult(rule, "proven", "its condition never holds in the ranges of the keys")
+    possible = boards_of_nodes(machine)
+    left = [place for place in places if sets.both(possible[place], forbidden) != NO_BOARD]
+    if not left:
+        return RuleResult(rule, "proven", "it follows from the guards")
+    machine.left = steps
+    return _explored(machine, rule, forbidden, left, vocabulary)
+
+
+class _Way(NamedTuple):
+    """How a memory came to be."""
+
+    before: Memory | None
+    board: Sequence[float]
+    calls: ActionCalls
+
+
+def _explored(
+    machine: Machine,
+    rule: Rule,
+    forbidden: Boards,
+    places: Sequence[int],
+    vocabulary: Vocabulary,
+) -> RuleResult:
+    """Looks for a tick that breaks the rule behind all sequences of ticks, the shortest first."""
+    cells, whole = _cells(machine)
+    ways: dict[Memory | None, _Way | None] = {None: None}
+    waiting: deque[Memory | None] = deque([None])
+    doubtful = False
+    try:
+        while waiting:
+            memory = waiting.popleft()
+            way = ways[memory]
+            near = () if way is None else way.board
+            for place in places:
+                target = machine.target(place, kept=False)
+                boards = machine.sets.both(machine.reach(memory, target), forbidden)
+                if (board := machine.sets.pick(boards, near)) is None:
+                    continue
+                move = next(moves(machine, memory, board, target), None)
+                if move is not None:
+                    ticks = _ticks(
+                        machine.nodes[0],
+                        vocabulary,
+                        rule,
+                        [*_back(ways, memory), (board, move.calls)],
+                    )
+                    return RuleResult(
+                        rule,
+                        "refuted",
+                        f"in {len(ticks)} tick{'s' * (len(ticks) > 1)}",
+                        ticks,
+                        place,
+                    )
+                doubtful = True
+            for board in cells:
+                for move in moves(machine, memory, board):
+                    if move.memory not in ways:
+                        ways[move.memory] = _Way(memory, board, move.calls)
+                        waiting.append(move.memory)
+    except SpentError:
+        why = f"neither proven nor refuted in {len(ways):,} states of the tree; give more --steps"
+        return RuleResult(rule, "unknown", why)
+    if doubtful or not whole or not machine.sets.exact:
+        why = "neither proven nor refuted: its conditions tell too many blackboards apart"
+        return RuleResult(rule, "unknown", why)
+    return RuleResult(
+        rule, "proven", f"no tick breaks it in any of {len(ways):,} states of the tree"
+    )
+
+
+def _cells(machine: Machine) -> tuple[list[list[float]], bool]:
+    """A blackboard of each kind that the guards tell apart, and whether these are all kinds."""
+    sets, cells = machine.sets, [ANY_BOARD]
+    for place, holds in machine.holds.items():
+        halves = ((sets.both(c, holds), sets.both(c, machine.fails[place])) for c in cells)
+        cells = list(dict.fromkeys(half for pair in halves for half in pair if half != NO_BOARD))
+        if len(cells) > MOST_CELLS:
+            return _picked(sets, cells[:MOST_CELLS]), False
+    return _picked(sets, cells), True
+
+
+def _picked(sets: BoardSets, cells: Sequence[Boards]) -> list[list[float]]:
+    return [board for cell in cells if (board := sets.pick(cell)) is not None]
+
+
+def _back(
+    ways: dict[Memory | None, _Way | None], memory: Memory | None
+) -> list[tuple[Sequence[float], ActionCalls]]:
+    """The blackboards and calls that lead to a memory, oldest first."""
+    found = []
+    while (way := ways[memory]) is not None:
+        found.append((way.board, way.calls))
+        memory = way.before
+    return found[::-1]
+
+
+def _ticks(
+    tree: Node,
+    vocabulary: Vocabulary,
+    rule: Rule,
+    course: Sequence[tuple[Sequence[float], ActionCalls]],
+) -> tuple[CounterTick, ...]:
+    """The ticks of a counterexample as the engine does them."""
+    board = [0.0] * len(vocabulary.keys)
+    returns: dict[int, int] = {}
+    seen: dict[int, int] = {}
+    tick = compile_tree(
+        tree, _Scripted(tree, returns), board, vocabulary.places, watch=seen.__setitem__
+    )
+    asked = {term.key for term in (*asked_in(tree), *terms(rule.condition))}
+    found = []
+    for values, calls in course:
+        board[:] = values
+        returns.clear()
+        returns.update(calls)
+        seen.clear()
+        tick()
+        shown = {key: board[at] for key, at in vocabulary.places.items() if key in asked}
+        found.append(CounterTick(shown, tuple(sorted(seen.items()))))
+    return tuple(found)
+
+
+class _Scripted(dict[str, Callable[[bool], int]]):
+    """Actions that return what a script says of their place.
+
+    The compiler looks each leaf up once, in document order.
+    """
+
+    def __init__(self, tree: Node, returns: dict[int, int]) -> None:
+        super().__init__()
+        self._returns = returns
+        self._places = iter([p for p, node in enumerate(walk(tree)) if node.action])
+
+    def __missing__(self, _: str) -> Callable[[bool], int]:
+        return partial(self._act, next(self._places))
+
+    def _act(self, place: int, _: bool) -> int:
+        return self._returns[place]

@@ -1,0 +1,269 @@
+"""Shortens a tree without changing what it does.
+
+The shorter tree calls the same actions in the same ticks and ends with the same
+statuses, on every blackboard and whatever the actions return, as long as they
+return what the vocabulary says of them. Each rule below has its reason beside it; the
+meaning of nodes is that of docs/semantics.md. The delicate part is the guards
+that a composite observes while a later branch runs: a rewrite must neither add
+nor lose one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final, NamedTuple, TypeAlias
+
+from islandgp.bt.analysis.outcomes import dead_end, ends, hands_over, idle
+from islandgp.bt.analysis.truth import (
+    Standing,
+    below,
+    exposes,
+    hidden,
+    implies,
+    may_interrupt,
+    root_of,
+    shorter,
+    whenever_asked,
+)
+from islandgp.bt.core.kinds import KINDS, REPEATS, NodeKind, count_of, kind_of
+from islandgp.bt.core.node import (
+    FAILURE,
+    SUCCESS,
+    CountArgs,
+    GuardArgs,
+    Node,
+    ParallelArgs,
+    guard_of,
+)
+from islandgp.bt.core.printer import condition_text, head
+from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
+
+Rewrite: TypeAlias = tuple[Node, str] | None  # the shorter node, and why; None: nothing to do
+
+
+def _only_child(node: Node, standing: Standing) -> Rewrite:
+    # With one child there is nothing to go on to and no policy to apply: its status is the status.
+    if len(node.children) > 1:
+        return None
+    # But its guards, which were not observed, must not become observed ones.
+    child = node.children[0]
+    moved = child if standing.observer is None else hidden(child)
+    return moved, f"{head(node)} has one child"
+
+
+def _never_gets_there(node: Node, standing: Standing) -> Rewrite:
+    index = dead_end(node, standing)
+    if index is None:
+        return None
+    word = "fails" if hands_over(node) == FAILURE else "succeeds"
+    reason = f"{head(node.children[index])} never {word}, so its {node.kind} never goes on"
+    return node._replace(children=node.children[: index + 1]), reason
+
+
+def _idle_branch(node: Node, standing: Standing) -> Rewrite:
+    # It hands over at once, each time, and its guards never turn true.
+    busy: list[Node] = []
+    idling: list[Node] = []
+    for index, child in enumerate(node.children):
+        found = idle(child, below(node, standing, index)) == hands_over(node)
+        (idling if found else busy).append(child)
+    if not idling or len(node.children) == 1:
+        return None
+    rest = tuple(busy or idling[-1:])
+    return node._replace(children=rest), f"{head(idling[0])} never does anything"
+
+
+def _same_inside(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001 -- every rule's form
+    # In the last place the inner composite observes what the outer one would.
+    # Elsewhere it observes nothing, or the outer one would observe it for longer.
+    *earlier, last = node.children
+    children: list[Node] = []
+    for child in earlier:
+        if child.kind == node.kind and not any(map(exposes, child.children[:-1])):
+            children += (*child.children[:-1], hidden(child.children[-1]))
+        else:
+            children.append(child)
+    children += last.children if last.kind == node.kind else (last,)
+    if len(children) == len(node.children):
+        return None
+    return node._replace(children=tuple(children)), f"{node.kind} directly in a {node.kind}"
+
+
+def _same_parallel_inside(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001
+    # One success (failure) decides both at once, and all failures (successes) are all of both.
+    if node.args not in (ParallelArgs("all", "one"), ParallelArgs("one", "all")):
+        return None
+    for index, child in enumerate(node.children):
+        if child.kind == node.kind and child.args == node.args:
+            children = (*node.children[:index], *child.children, *node.children[index + 1 :])
+            return node._replace(children=children), f"{head(node)} directly in the same"
+    return None
+
+
+def _double_inverter(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001
+    child = node.children[0]
+    return (child.children[0], "double inverter") if kind_of(child).inverts else None
+
+
+def _inverted_composite(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001
+    # De Morgan: a selector is a sequence with everything inverted. Guards are observed through
+    # inverters, so nothing changes for them.
+    child = node.children[0]
+    if kind_of(child).hands_over is None:
+        return None
+    inverted = sum(kind_of(c).inverts for c in child.children)
+    if len(child.children) - inverted > inverted:
+        return None
+    children = tuple(
+        c.children[0] if kind_of(c).inverts else node._replace(children=(c,))
+        for c in child.children
+    )
+    return Node(kind_of(child).dual, (), children), f"{child.kind} between inverters"
+
+
+def _repeats_once(node: Node, standing: Standing) -> Rewrite:
+    child = node.children[0]
+    if count_of(node) == 1:
+        return child, head(node)
+    counted = kind_of(node).counts
+    if counted not in ends(child, below(node, standing, 0)):
+        word = "fails" if counted == FAILURE else "succeeds"
+        return child, f"{head(child)} never {word}, so it is never repeated"
+    return None
+
+
+def _double_repeater(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001
+    # Both take a tick a success, and a failure fails both.
+    child = node.children[0]
+    if child.kind != node.kind:
+        return None
+    count = count_of(node) * count_of(child)
+    if count > REPEATS[1]:
+        return None
+    return Node(node.kind, CountArgs(count), child.children), f"{node.kind} in a {node.kind}"
+
+
+def _forced(node: Node, standing: Standing) -> Rewrite:
+    # However what is below ends, the node ends with its one status, in the same tick.
+    child = node.children[0]
+    kind = kind_of(child)
+    if kind.inverts or kind.forces:
+        return node._replace(children=child.children), f"{node.kind} above {child.kind}"
+    end = kind_of(node).ends[SUCCESS]
+    if ends(child, below(node, standing, 0)) <= {end}:
+        word = "succeeds" if end == SUCCESS else "fails"
+        return child, f"{head(child)} {word} whenever it ends"
+    return None
+
+
+def _holds_anyway(node: Node, standing: Standing) -> Rewrite:
+    # It lets every start through, stops nothing below it, and no later branch.
+    guard = guard_of(node)
+    if not implies(standing.at_start, guard.condition) or may_interrupt(guard, standing):
+        return None
+    if guard.checks_itself and not implies(standing.always, guard.condition):
+        return None
+    return node.children[0], f"{head(node)} always holds where it stands"
+
+
+def _guard_twice(node: Node, standing: Standing) -> Rewrite:
+    # The inner guard is visited when the condition holds; so what it would see turn true, the
+    # outer one sees too if it interrupts as well.
+    guard, child = guard_of(node), node.children[0]
+    inner = child.guard
+    if inner is None or inner.condition != guard.condition:
+        return None
+    if may_interrupt(inner, below(node, standing, 0)) and not guard.interrupts:
+        return None
+    stops = guard.checks_itself or inner.checks_itself
+    abort = {(0, 0): "none", (1, 0): "self", (0, 1): "lower", (1, 1): "both"}
+    args = guard._replace(abort=abort[(stops, guard.interrupts)])
+    return Node(node.kind, args, child.children), f"{head(node)} twice"
+
+
+def _weaker_guard(node: Node, standing: Standing) -> Rewrite:
+    # The inner condition holds only where the outer one does, so it alone lets through and stops.
+    guard, child = guard_of(node), node.children[0]
+    inner = child.guard
+    if inner is None or may_interrupt(guard, standing):
+        return None
+    if may_interrupt(inner, below(node, standing, 0)):
+        return None
+    if guard.checks_itself and not inner.checks_itself:
+        return None
+    if not implies((*standing.always, inner.condition), guard.condition):
+        return None
+    return child, f"{head(node)} says less than the guard below it"
+
+
+def _shorter_condition(node: Node, standing: Standing) -> Rewrite:
+    # It is the same in every tick in which it is asked, so the two behave alike.
+    guard = guard_of(node)
+    found = shorter(guard.condition, whenever_asked(guard, standing))
+    if found == guard.condition:
+        return None
+    changed = node._replace(args=guard._replace(condition=found))
+    return changed, f"{head(node)} is {node.kind} {condition_text(found)}"
+
+
+_COMPOSITE: Final = (_only_child, _never_gets_there, _idle_branch, _same_inside)
+_PARALLEL: Final = (_only_child, _same_parallel_inside)
+_INVERTER: Final = (_double_inverter, _inverted_composite)
+_REPEATER: Final = (_repeats_once, _double_repeater)
+_GUARD: Final = (_holds_anyway, _guard_twice, _weaker_guard, _shorter_condition)
+
+
+def _rules(kind: NodeKind) -> tuple[Callable[[Node, Standing], Rewrite], ...]:
+    """The rules for the nodes of a kind, in the order in which they are tried."""
+    if kind.hands_over is not None:
+        return _COMPOSITE
+    if kind.args is GuardArgs:
+        return _GUARD
+    if kind.counts is not None:
+        return _REPEATER
+    if kind.forces:
+        return (_forced,)
+    if kind.inverts:
+        return _INVERTER
+    return _PARALLEL if kind.together else ()
+
+
+RULES: Final = {name: _rules(kind) for name, kind in KINDS.items()}
+
+
+class Simplified(NamedTuple):
+    """A shorter tree, and what was done to get it."""
+
+    tree: Node
+    reasons: tuple[str, ...]  # one a rewrite, in order; empty: nothing could be shortened
+
+
+def simplify(tree: Node, vocabulary: Vocabulary = NOTHING) -> Simplified:
+    """The shortest tree that the rules reach; simplifying it again changes nothing.
+
+    What `vocabulary` says of actions and keys allows more rewrites.
+    """
+    reasons: list[str] = []
+    while True:
+        before = len(reasons)
+        tree = _visit(tree, root_of(vocabulary), reasons)
+        if len(reasons) == before:
+            return Simplified(tree, tuple(reasons))
+
+
+def _visit(node: Node, standing: Standing, reasons: list[str]) -> Node:
+    """From the root down, so that what is known of a node's place stays true."""
+    while (rewrite := _first(node, standing)) is not None:
+        node, reason = rewrite
+        reasons.append(reason)
+    for index in range(len(node.children)):
+        child = _visit(node.children[index], below(node, standing, index), reasons)
+        children = (*node.children[:index], child, *node.children[index + 1 :])
+        node = node._replace(children=children)
+    return node
+
+
+def _first(node: Node, standing: Standing) -> Rewrite:
+    return next(
+        (found for rule in RULES[node.kind] if (found := rule(node, standing)) is not None), None
+    )

@@ -1,0 +1,239 @@
+"""What must be true of the blackboard where a node stands in its tree.
+
+A guard that checks itself (abort self or both) holds in each tick in which
+anything below it runs; any guard holds in the tick in which its child starts.
+From this follow guards that can never hold and guards that say nothing new.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import inf, prod
+from typing import Final, NamedTuple, TypeAlias
+
+from islandgp.bt.core.condition import Asked, Condition, joined, opposite, spread, terms
+from islandgp.bt.core.kinds import kind_of
+from islandgp.bt.core.node import Args, GuardArgs, Node
+from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
+
+Conditions: TypeAlias = tuple[Asked, ...]
+
+MOST_CASES: Final = 32  # that are told apart where conditions are joined by `or`
+MOST_TERMS: Final = 64  # of all joined conditions that are looked at together
+
+
+class Standing(NamedTuple):
+    """Where a node stands: what holds there, and who observes its guards."""
+
+    always: Conditions = ()  # in each tick in which the node runs
+    at_start: Conditions = ()  # in the tick in which it starts; `always` is part of it
+    observer: Conditions | None = None  # whenever its guards are observed; None: they never are
+    vocabulary: Vocabulary = NOTHING  # what is known of actions and keys
+
+
+def root_of(vocabulary: Vocabulary) -> Standing:
+    """Where the root of a tree stands."""
+    return Standing(vocabulary.always, vocabulary.always, None, vocabulary)
+
+
+def chain(node: Node) -> list[Node]:
+    """The guards of a branch, down to its first composite or action."""
+    found = []
+    while kind_of(node).decorates:
+        if node.guard:
+            found.append(node)
+        node = node.children[0]
+    return found
+
+
+def with_aborts(branch: Node, change: Mapping[str, str]) -> Node:
+    """The branch with other abort rules on the guards of its `chain`: those that `change` names."""
+    if not kind_of(branch).decorates:
+        return branch
+    args: Args = branch.args
+    if branch.guard:
+        args = branch.guard._replace(abort=change.get(branch.guard.abort, branch.guard.abort))
+    child = with_aborts(branch.children[0], change)
+    if args == branch.args and child is branch.children[0]:
+        return branch  # it may be a subtree, which keeps its name
+    return Node(branch.kind, args, (child,))
+
+
+def hidden(branch: Node) -> Node:
+    """The branch with guards that are not observed, and that are otherwise the same."""
+    return with_aborts(branch, {"both": "self", "lower": "none"})
+
+
+def exposes(branch: Node) -> bool:
+    """Whether a composite would observe a guard of this branch."""
+    return any(each.guard and each.guard.interrupts for each in chain(branch))
+
+
+def implies(known: Conditions, asked: Asked) -> bool:
+    """Whether `asked` holds on every blackboard on which all of `known` hold.
+
+    False may also mean that this is not known: where very much is joined.
+    """
+    return excludes(known, opposite(asked))
+
+
+def excludes(known: Conditions, asked: Asked) -> bool:
+    """Whether `asked` holds on no blackboard on which all of `known` hold; as in `implies`."""
+    single = [c for c in known if isinstance(c, Condition)]
+    if isinstance(asked, Condition) and len(single) == len(known):
+        return not _together([*(c for c in single if c.key == asked.key), asked])
+    return not _possible(_about(known, asked), asked)
+
+
+def shorter(asked: Asked, known: Conditions) -> Asked:
+    """A condition with fewer words that is the same wherever all of `known` hold; else `asked`."""
+    found, near = spread(asked), _about(known, asked)
+    while (less := _without_needless(found, near)) != found:
+        found = less
+    return found if _words(found) < _words(asked) else asked
+
+
+def _words(asked: Asked) -> int:
+    if isinstance(asked, Condition):
+        return 2 if asked.operator == "not" else 1
+    return (asked.word == "not") + sum(map(_words, asked.parts))
+
+
+def _without_needless(asked: Asked, known: Conditions) -> Asked:
+    """Without parts that the others, or `known`, decide already."""
+    if isinstance(asked, Condition):
+        return asked
+    parts = list(asked.parts)
+    at = 0
+    while at < len(parts) > 1:
+        others = parts[:at] + parts[at + 1 :]
+        # Where a part of an `and` matters, the others hold; of an `or`, none of them does.
+        given = (*known, *(others if asked.word == "and" else map(opposite, others)))
+        if not _possible(given, opposite(parts[at]) if asked.word == "and" else parts[at]):
+            parts = others
+        else:
+            parts[at] = _without_needless(parts[at], given)
+            at += 1
+    return joined(asked.word, parts)
+
+
+def _about(known: Conditions, asked: Asked) -> Conditions:
+    """Those of `known` that say something of the keys of `asked`, however indirectly."""
+    keys = {term.key for term in terms(asked)}
+    left = [(c, {term.key for term in terms(c)}) for c in known]
+    found: list[Asked] = []
+    grown = True
+    while grown:
+        grown = False
+        still = []
+        for each, its_keys in left:
+            if its_keys & keys:
+                found.append(each)
+                grown |= not its_keys <= keys
+                keys |= its_keys
+            else:
+                still.append((each, its_keys))
+        left = still
+    return tuple(found)
+
+
+def _possible(known: Conditions, asked: Asked) -> bool:
+    """Whether there may be a blackboard on which all hold."""
+    wanted = [spread(asked)]
+    room = MOST_TERMS
+    for each in known:
+        room -= sum(1 for _ in terms(each))
+        if room >= 0:  # to know less is no mistake
+            wanted.append(spread(each))
+    whole = joined("and", wanted)
+    return _cases(whole) > MOST_CASES or _some_case([], [whole])
+
+
+def _cases(asked: Asked) -> int:
+    """In how many ways a condition that is spread can hold: one part of each `or` must."""
+    if isinstance(asked, Condition):
+        return 1
+    return (prod if asked.word == "and" else sum)(map(_cases, asked.parts))
+
+
+def _some_case(single: list[Condition], wanted: list[Asked]) -> bool:
+    """Whether all of these conditions, which are spread, can hold together."""
+    if not wanted:
+        return _together(single)
+    first, *others = wanted
+    if isinstance(first, Condition):
+        return _some_case([*single, first], others)
+    if first.word == "and":
+        return _some_case(single, [*first.parts, *others])
+    return any(_some_case(single, [part, *others]) for part in first.parts)
+
+
+def _together(conditions: Sequence[Condition]) -> bool:
+    """Whether there is a blackboard on which all of these hold."""
+    ranges: dict[str, _Range] = {}
+    for key, operator, number in conditions:
+        ranges.setdefault(key, _Range()).narrow(operator, number)
+    return not any(each.empty() for each in ranges.values())
+
+
+class _Range:
+    """The values of a key with which some conditions hold."""
+
+    __slots__ = ("high", "low", "never", "open_high", "open_low")
+
+    def __init__(self) -> None:
+        self.low, self.high = -inf, inf
+        self.open_low = self.open_high = False  # whether the end itself is left out
+        self.never: set[float] = set()
+
+    def narrow(self, operator: str, number: float) -> None:
+        if operator in ("!=", "is"):  # the number of a flag is 0
+            self.never.add(number)
+        if operator in (">", ">=", "==", "not"):
+            self.low, self.open_low = max((self.low, self.open_low), (number, operator == ">"))
+        if operator in ("<", "<=", "==", "not"):
+            high = min((self.high, not self.open_high), (number, operator != "<"))
+            self.high, self.open_high = high[0], not high[1]
+
+    def empty(self) -> bool:
+        if self.low != self.high:
+            return self.low > self.high
+        return self.open_low or self.open_high or self.low in self.never
+
+
+def below(node: Node, standing: Standing, index: int) -> Standing:
+    """Where the child of that index stands."""
+    always, at_start, observer, vocabulary = standing
+    kind = kind_of(node)
+    if node.guard:
+        holds = node.guard.condition
+        if node.guard.checks_itself:
+            always = (*always, holds)
+        return Standing(always, (*at_start, holds), observer, vocabulary)
+    if kind.together:
+        return Standing(always, at_start, None, vocabulary)
+    if kind.counts is not None:  # starts its child again in later ticks
+        return Standing(always, always, observer, vocabulary)
+    if kind.decorates:
+        return standing
+    last = index == len(node.children) - 1
+    # The first branch starts with its composite, unless its guard can call it back later.
+    starts = index == 0 and (last or not exposes(node.children[0]))
+    observer = None if last else always
+    return Standing(always, at_start if starts else always, observer, vocabulary)
+
+
+def may_interrupt(guard: GuardArgs, standing: Standing) -> bool:
+    """Whether a `when` can ever stop a later branch where it stands."""
+    if standing.observer is None or not guard.interrupts:
+        return False
+    # What is never true, or true all the time, does not turn true.
+    never = excludes(standing.observer, guard.condition)
+    return not (never or implies(standing.observer, guard.condition))
+
+
+def whenever_asked(guard: GuardArgs, standing: Standing) -> Conditions:
+    """What holds in each tick in which the condition of a `when` is asked."""
+    if standing.observer is not None and guard.interrupts:
+        return standing.observer
+    return standing.always if guard.checks_itself else standing.at_start

@@ -1,0 +1,1 @@
+"""The tree language: nodes, grammar, printer, vocabulary, and the engine that ticks a tree."""

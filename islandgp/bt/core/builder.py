@@ -1,0 +1,441 @@
+"""Turns what the parser found into Nodes; checks what a grammar can't: names, numbers, sizes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from textwrap import shorten
+from typing import Any, Final, TypeAlias
+
+from islandgp.bt.core.condition import OPERATORS, Asked, Condition, denied, joined
+from islandgp.bt.core.diagnosis import unknown_argument, unknown_key, unknown_node
+from islandgp.bt.core.includes import ParsedFile
+from islandgp.bt.core.kinds import KINDS, Argument, Sort
+from islandgp.bt.core.node import ActionArgs, Node, UseArgs, Used, Value, sequence
+from islandgp.bt.core.parameters import fits, value_range
+from islandgp.bt.core.printer import Named, use_text
+from islandgp.bt.core.source import Source, closest, shown
+from islandgp.bt.core.vocabulary import Vocabulary
+from islandgp.errors import LimitError, TreeError, UnknownNameError
+
+MAX_LEVELS: Final = 100  # of a tree, a `use` counted expanded
+MAX_NODES: Final = 10_000  # of a tree, a `use` counted expanded
+MAX_NUMBER: Final = 1_000_000  # largest magnitude of a threshold
+MAX_TERMS: Final = 16  # comparisons and flags of a condition
+MAX_INSTANCES: Final = 1_000  # different arguments with which subtrees are used
+MAX_NESTED: Final = 16  # levels of a condition: each `and`, `or`, `not` and `(` adds one
+
+# lark.Tree and lark.Token: trees mix both, and the grammar says which one is where.
+_Tree: TypeAlias = Any
+_Token: TypeAlias = Any
+
+NO_TREE: Final = sequence()
+"""What is built of a file that only holds subtrees: no tree of the language."""
+
+_NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?")
+
+
+_Places: TypeAlias = list[Any]
+"""Where nodes stand, in document order: a word, or (a subtree, its use)."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Subtree:
+    node: Node
+    nodes: int  # expanded
+    levels: int  # expanded
+    places: _Places
+    source: Source
+
+
+@dataclass(frozen=True, slots=True)
+class _Template:
+    """A subtree as it is defined. With parameters it is built anew for each arguments."""
+
+    parameters: tuple[str, ...]
+    body: _Tree
+    whole: _Subtree  # with 1 for each parameter
+
+
+class Builder:
+    """Builds the tree of one text.
+
+    Sizes are counted while building, with a `use` as large as its subtree, so
+    that subtrees which double each other are refused before they are expanded.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        vocabulary: Vocabulary | None,
+        *,
+        marked: bool = False,
+        named: bool = False,
+    ) -> None:
+        """Without a vocabulary every name is an action, and every key a flag or a number.
+
+        Marked: the root of a subtree that is used is a `Used`. Named: the numbers of constants
+        and parameters are `Named`.
+        """
+        self._marked = marked
+        self._named = named
+        self._source = source
+        self._vocabulary = vocabulary
+        self._later: set[str] = set()  # subtrees whose definition is not finished
+        self.nodes = 0  # of the tree that is being built, so far
+        self.levels = 0
+        self._templates: dict[str, _Template] = {}
+        self._instances: dict[tuple[str, tuple[float, ...]], _Subtree] = {}
+        self._constants: dict[str, float] = {}
+        self._values: dict[str, float] = {}  # of parameters of the subtree that is being built
+        self._defining = False  # whether each parameter has the value 1 until the subtree is used
+        self._open = 0  # subtrees with parameters that are being built
+        self._base = 1  # level of the root of what is being built
+        self._name = ""  # of the subtree that is being built
+        self._terms = 0  # of the condition that is being built
+        self._places: _Places = []  # of the tree that is being built
+
+    def build(self, parts: Sequence[ParsedFile]) -> Node:
+        """The Node of the last part's tree; raises TreeError for whatever is wrong in the text."""
+        for part in parts:
+            self._source = part.source
+            definitions = [each for each in part.tree.children if _is(each, "subtree", "constant")]
+            self._later = {str(each.children[0]) for each in definitions if _is(each, "subtree")}
+            for definition in definitions:
+                if definition.data == "constant":
+                    self._constant(*definition.children)
+                else:
+                    self._define(definition.children[0], definition.children[1:])
+        last = parts[-1].tree.children[-1:]
+        if not last or _is(last[0], "subtree", "constant", "include", "domain"):
+            return NO_TREE
+        return self._whole(last[0])
+
+    def condition(self, tree: _Tree) -> Asked:
+        """A condition alone."""
+        self._terms = 0
+        return self._asked(tree, 1)
+
+    def _constant(self, name: _Token, value: _Token) -> None:
+        if name in self._constants:
+            raise self._source.error_at(
+                name, f"constant {shown(name)} is defined twice", expected="a new name"
+            )
+        self._constants[str(name)] = self._number(value)
+
+    def _define(self, name: _Token, parts: Sequence[_Tree]) -> None:
+        if name in self._templates:
+            raise self._source.error_at(
+                name, f"subtree {shown(name)} is defined twice", expected="a new name"
+            )
+        *before, body = parts
+        parameters = before[0].children if before else []
+        for index, parameter in enumerate(parameters):
+            if parameter in parameters[:index]:
+                raise self._source.error_at(
+                    parameter, f"parameter {shown(parameter)} stands twice", expected="a new name"
+                )
+        # Built with numbers that are right everywhere, to find what is wrong in it.
+        self._values, self._defining = dict.fromkeys(map(str, parameters), 1.0), True
+        whole = self._finished(self._whole(body, name))
+        self._defining = False
+        self._templates[str(name)] = _Template(tuple(self._values), body, whole)
+        self._values = {}
+        self._later.discard(str(name))
+
+    def _instance(self, name: _Token, given: Sequence[_Token], level: int) -> _Subtree:
+        """The subtree with these arguments; each is built once."""
+        template = self._templates[str(name)]
+        if given and not template.parameters:
+            raise self._source.error_at(
+                name, f"subtree {shown(name)} takes no numbers", expected=f"`use {name}`"
+            )
+        if len(given) != len(template.parameters):
+            raise self._source.error_at(
+                name,
+                f"subtree {name} takes {len(template.parameters)} numbers, found {len(given)}",
+                expected=f"`use {name}({', '.join(template.parameters)})`",
+            )
+        if not given:
+            return template.whole
+        values = tuple(map(self._number, given))
+        key = (str(name), values)
+        if key in self._instances:
+            return self._instances[key]
+        if len(self._instances) >= MAX_INSTANCES or self._open >= MAX_LEVELS:
+            raise self._source.error_at(
+                name,
+                "subtrees are used with too many arguments",
+                expected=f"at most {MAX_INSTANCES} different ones, {MAX_LEVELS} in each other",
+                kind=LimitError,
+            )
+        kept = self._source, self._values, self._name, self._base
+        outside = self.nodes, self.levels, self._places
+        kept_defining, self._defining = self._defining, False
+        self._source = template.whole.source
+        self._values = dict(zip(template.parameters, values, strict=True))
+        self._open += 1
+        node = self._whole(template.body, str(name), self._base + level - 1)
+        self._open -= 1
+        found = self._instances[key] = self._finished(node)
+        self._defining = kept_defining
+        self._source, self._values, self._name, self._base = kept
+        self.nodes, self.levels, self._places = outside
+        return found
+
+    def _finished(self, node: Node) -> _Subtree:
+        return _Subtree(node, self.nodes, self.levels, self._places, self._source)
+
+    def _whole(self, tree: _Tree, name: str = "", base: int = 1) -> Node:
+        """A tree whose root is on the level `base` of all that is being built."""
+        self.nodes = self.levels = 0
+        self._name, self._base, self._places = name, base, []
+        return self._node(tree, 1)
+
+    def places(self) -> list[tuple[int, int]]:
+        """Line and column of each node of the tree that was built, in document order.
+
+        A node of an included subtree stands where that is used. The grammar's trees must be placed.
+        """
+        found: list[tuple[int, int]] = []
+        inside: list[tuple[Iterator[Any], tuple[int, int] | None]] = [(iter(self._places), None)]
+        while inside:
+            rest, at = inside[-1]
+            for each in rest:
+                if isinstance(each, tuple):
+                    subtree, use = each
+                    own = subtree.source is self._source
+                    here = at or (None if own else (use.meta.line, use.meta.column))
+                    inside.append((iter(subtree.places), here))
+                    break
+                found.append(at or (each.line, each.column))
+            else:
+                inside.pop()
+        return found
+
+    def _node(self, tree: _Tree, level: int) -> Node:
+        kind, parts = str(tree.data), tree.children
+        if kind == "use":
+            return self._use(tree, parts[0], parts[1].children if parts[1:] else [], level)
+        self._count(parts[0], nodes=1, deepest=level)
+        self._places.append(parts[0])
+        node, below = self._head(tree)
+        return node._replace(children=tuple([self._node(part, level + 1) for part in below]))
+
+    def _head(self, tree: _Tree) -> tuple[Node, Sequence[_Tree]]:
+        """A node without its children, and the trees of these."""
+        kind, parts = str(tree.data), tree.children
+        if kind == "action":
+            given = parts[1].children if parts[1:] else []
+            return self._leaf(parts[0], [each.children for each in given]), ()
+        values: list[Any] = []
+        rest = list(parts[1:])
+        for argument in KINDS[kind].arguments:
+            given = argument.default is None or _is(rest[0], argument.name)
+            values.append(
+                self._argument(kind, argument, rest.pop(0)) if given else argument.default
+            )
+        return Node(kind, KINDS[kind].made(values)), rest
+
+    def _leaf(self, name: _Token, given: Sequence[tuple[_Token, _Token]]) -> Node:
+        """A leaf from the names and values of its arguments."""
+        words, values = self._vocabulary, dict[str, Value]()
+        if words is not None and name not in words.actions:
+            raise unknown_node(self._source, name, self._templates, words)
+        for key, value in given:
+            if key in values:
+                raise self._source.error_at(
+                    key, f"argument {shown(key)} stands twice", expected="each argument once"
+                )
+            values[str(key)] = self._value(name, key, value)
+        if words is None or self._named:
+            return Node("action", ActionArgs(str(name), tuple(values.items())))
+        return words.leaf(str(name), values)
+
+    def _value(self, action: _Token, key: _Token, token: _Token) -> Value:
+        """The value of an argument; without a vocabulary any word is one."""
+        words, known = self._vocabulary, token in self._values or token in self._constants
+        if words is None:
+            return str(token) if token.type == "NAME" and not known else self._number(token)
+        parameters = words.actions[action].arguments
+        if key not in parameters:
+            raise unknown_argument(self._source, key, action, parameters)
+        parameter = parameters[key]
+        value = self._number(token) if parameter.numeric else str(token)
+        if parameter.numeric and self._defining and token in self._values:
+            return value  # checked where the subtree is used
+        if not fits(parameter, value):
+            raise self._source.error_at(
+                token,
+                f"{shown(token)} is no value of {key}",
+                expected=value_range(parameter),
+                guess=closest(token, parameter.words),
+            )
+        return value
+
+    def _argument(self, kind: str, argument: Argument, tree: _Tree) -> Asked | float | str:
+        """The value of an argument, from what stands for it."""
+        if argument.sort is Sort.CONDITION:
+            return self.condition(tree)
+        if argument.sort is Sort.COUNT:
+            return self._count_of(kind, argument, tree)
+        return str(tree.children[0])
+
+    def written(self, tree: _Tree, parameters: Sequence[str]) -> Node:
+        """A tree of what has been built, as it is written, in a subtree with these parameters.
+
+        The number of a constant or a parameter is a `Named`, and a `use` is a node of the kind
+        "use" with the subtree's name and numbers.
+        """
+        self._named, self._values = True, dict.fromkeys(parameters, 1.0)
+        if tree.data != "use":
+            node, below = self._head(tree)
+            return node._replace(children=tuple([self.written(each, parameters) for each in below]))
+        name, *given = tree.children
+        numbers = [self._number(each) for part in given for each in part.children]
+        return Node("use", UseArgs(str(name), tuple(numbers)))
+
+    def _use(self, tree: _Tree, name: _Token, given: Sequence[_Token], level: int) -> Node:
+        if name not in self._templates:
+            raise self._unknown_subtree(name)
+        subtree = self._instance(name, given, level)
+        self._count(name, nodes=subtree.nodes, deepest=level + subtree.levels - 1)
+        self._places.append((subtree, tree))
+        if not self._marked:
+            return subtree.node
+        return Used.of(subtree.node, use_text(str(name), [self._number(each) for each in given]))
+
+    def _count(self, token: _Token, *, nodes: int, deepest: int) -> None:
+        self.nodes += nodes
+        self.levels = max(self.levels, deepest)
+        too_deep = self._base + self.levels - 1 > MAX_LEVELS
+        if too_deep or self.nodes > MAX_NODES:
+            raise self._source.error_at(
+                token,
+                "the tree is too deep" if too_deep else "the tree is too large",
+                expected=f"at most {MAX_LEVELS} levels and {MAX_NODES} nodes, each use expanded",
+                kind=LimitError,
+            )
+
+    def _asked(self, tree: _Tree, level: int) -> Asked:
+        form, parts = str(tree.data), tree.children
+        if form in ("comparison", "flag"):
+            self._terms += 1
+            self._bounded(parts[0], level)
+            if self._vocabulary is not None:
+                self._check_key(parts[0], compared=form == "comparison", words=self._vocabulary)
+            if form == "flag":
+                return Condition(str(parts[0]), "is", 0.0)
+            return Condition(str(parts[0]), str(parts[1]), self._number(parts[2]))
+        self._bounded(_first_word(tree), level)
+        inside = [self._asked(part, level + 1) for part in parts]
+        if form == "negation":
+            return denied(inside[0])
+        if form == "brackets":
+            return inside[0]
+        return joined("and" if form == "conjunction" else "or", inside)
+
+    def _bounded(self, at: _Token, level: int) -> None:
+        if self._terms > MAX_TERMS or level > MAX_NESTED:
+            raise self._source.error_at(
+                at,
+                "the condition is too long" if level <= MAX_NESTED else "the condition is too deep",
+                expected=f"at most {MAX_TERMS} comparisons and flags, {MAX_NESTED} levels",
+                kind=LimitError,
+            )
+
+    def _check_key(self, name: _Token, *, compared: bool, words: Vocabulary) -> None:
+        key = words.keys.get(name)
+        if key is None:
+            raise unknown_key(self._source, name, words)
+        if key.flag and compared:
+            raise self._source.error_at(
+                name,
+                f"{name} is yes or no, it can't be compared with a number",
+                expected=f"`when {name}` or `when not {name}`",
+            )
+        if not key.flag and not compared:
+            raise self._source.error_at(
+                name,
+                f"{name} is a number, it must be compared with one",
+                expected=f"`when {name} < 5`, with one of {' '.join(OPERATORS)}",
+            )
+
+    def _number(self, token: _Token) -> float:
+        """A number, or the value of the constant or parameter of that name."""
+        if token.type == "NAME":
+            value = self._values.get(token, self._constants.get(token))
+            if value is None:
+                raise self._unknown_number(token)
+            return Named(str(token), value) if self._named else value
+        if not _NUMBER.fullmatch(token):
+            raise self._source.error_at(
+                token,
+                f"{shown(token)} is not a plain number",
+                expected="digits, with a decimal point if need be, such as 25, 12.5 or -3",
+            )
+        value = float(token) + 0.0  # turns -0.0 into 0.0
+        if abs(value) > MAX_NUMBER:
+            raise self._source.error_at(
+                token,
+                f"{shown(token)} is out of range",
+                expected=f"a number from {-MAX_NUMBER} to {MAX_NUMBER}",
+            )
+        return value
+
+    def _count_of(self, kind: str, argument: Argument, token: _Token) -> float:
+        fewest, most = argument.range
+        count = 0.0
+        if token.type == "NAME":
+            count = self._number(token)
+        elif token.isdecimal() and len(token) < 10:
+            count = int(token)
+        if count != int(count) or not fewest <= count <= most:
+            raise self._source.error_at(
+                token,
+                f"a {kind} can't repeat {shown(token)} times",
+                expected=f"a whole number from {fewest} to {most}",
+            )
+        return count if isinstance(count, Named) else int(count)
+
+    def _unknown_number(self, name: _Token) -> TreeError:
+        names = {**self._values, **self._constants}
+        known = shorten(", ".join(names), 200, placeholder=" ...")
+        return self._source.error_at(
+            name,
+            f"unknown constant {shown(name)}",
+            expected=f"a number, or a constant that is defined above: {known or 'there is none'}",
+            guess=closest(name, names),
+            kind=UnknownNameError,
+        )
+
+    def _unknown_subtree(self, name: _Token) -> TreeError:
+        names = self._templates
+        known = shorten(", ".join(names), 200, placeholder=" ...")
+        if name == self._name:
+            message = f"subtree {shown(name)} uses itself"
+        elif name in self._later:
+            message = f"subtree {shown(name)} is defined further down"
+        else:
+            message = f"unknown subtree {shown(name)}"
+        guess = closest(name, names)
+        if not guess and self._vocabulary is not None and name in self._vocabulary.actions:
+            guess = f"{name}, without use"
+        return self._source.error_at(
+            name,
+            message,
+            expected=f"a subtree that is defined above: {known or 'none is defined so far'}",
+            guess=guess,
+            kind=UnknownNameError,
+        )
+
+
+def _is(tree: _Tree, *rules: str) -> bool:
+    return getattr(tree, "data", "") in rules
+
+
+def _first_word(tree: _Tree) -> _Token:
+    while hasattr(tree, "children"):
+        tree = tree.children[0]
+    return tree

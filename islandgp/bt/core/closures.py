@@ -1,0 +1,224 @@
+"""What each kind of node does in a tick, as a closure that holds the node's memory.
+
+These are the node kinds of section 2.2.3 with the meaning that `docs/semantics.md`
+gives them, one function each; `engine` puts them together. A composite that observes guards
+goes back to an earlier branch when one of them turns true: the abort rules.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
+
+from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS
+
+Tick: TypeAlias = Callable[[bool], int]  # (fresh) -> status
+Stop: TypeAlias = Callable[[int, int], None]  # tells a watch: (first place, place behind the last)
+
+
+def composite(branches: list[Tick], go_on: int) -> Tick:
+    """A selector (`go_on` is FAILURE) or a sequence (SUCCESS) that observes nothing."""
+    count = len(branches)
+    current = 0
+
+    def tick(fresh: bool) -> int:
+        nonlocal current
+        at = 0 if fresh else current
+        status = branches[at](fresh)
+        while status == go_on:
+            at += 1
+            if at == count:
+                return status
+            status = branches[at](True)
+        current = at
+        return status
+
+    return tick
+
+
+def parallel(
+    branches: list[Tick], success: int, failure: int, places: list[int], stop: Stop
+) -> Tick:
+    """All children at once; `success` and `failure` are how many of them decide."""
+    count = len(branches)
+    statuses = [RUNNING] * count
+
+    def tick(fresh: bool) -> int:
+        succeeded = failed = 0
+        going = RUNNING
+        for at, branch in enumerate(branches):
+            status = statuses[at]
+            if fresh or status >= RUNNING:
+                status = statuses[at] = branch(fresh)
+            if status == SUCCESS:
+                succeeded += 1
+            elif status == FAILURE:
+                failed += 1
+            elif status == AGAIN:
+                going = AGAIN
+        if failed < failure and succeeded < success and succeeded + failed < count:
+            return going
+        for at, status in enumerate(statuses):
+            if status >= RUNNING:
+                stop(places[at], places[at + 1])
+        return SUCCESS if failed < failure and succeeded >= success else FAILURE
+
+    return tick
+
+
+def inverter(child: Tick) -> Tick:
+    """Swaps success and failure."""
+
+    def tick(fresh: bool) -> int:
+        status = child(fresh)
+        return status if status >= RUNNING else SUCCESS - status
+
+    return tick
+
+
+def forced(child: Tick, end: int) -> Tick:
+    """Ends with one status however the child ends."""
+
+    def tick(fresh: bool) -> int:
+        status = child(fresh)
+        return status if status >= RUNNING else end
+
+    return tick
+
+
+def repeater(child: Tick, count: int, counted: int) -> Tick:
+    """One repetition a tick, until the child has ended `count` times with the status `counted`."""
+    left = 0  # such ends still to come
+    due = False  # the next tick starts a repetition
+
+    def tick(fresh: bool) -> int:
+        nonlocal left, due
+        if fresh:
+            left = count
+        status = child(fresh or due)
+        due = False
+        if status == counted:
+            left -= 1
+            due = left > 0
+        return AGAIN if due else status
+
+    return tick
+
+
+class ObservedGuard(NamedTuple):
+    """A `when` that a composite observes while a later branch runs."""
+
+    branch: int
+    slot: int  # of `Observed.truth`
+    holds: Callable[[], bool]
+
+
+class Observed:
+    """What one composite observes. `truth` is None for a guard not visited in this activation."""
+
+    __slots__ = ("branch", "guards", "truth")
+
+    def __init__(self) -> None:
+        self.branch = 0  # that is being compiled
+        self.guards: list[ObservedGuard] = []  # in document order
+        self.truth: list[bool | None] = []  # last known, a slot per guard
+
+    def add(self, holds: Callable[[], bool]) -> int:
+        """Observes one more guard of the branch; gives the slot where its truth is kept."""
+        slot = len(self.guards)
+        self.guards.append(ObservedGuard(self.branch, slot, holds))
+        self.truth.append(None)
+        return slot
+
+
+def observing_composite(
+    branches: list[Tick], go_on: int, observed: Observed, places: list[int], stop: Stop
+) -> Tick:
+    """A selector or sequence that goes back to an earlier branch when its guard turns true.
+
+    Args:
+        branches: the children.
+        go_on: the status that hands over to the next branch.
+        observed: the guards, those of the last branch left out.
+        places: where each branch begins in document order, and where the last ends.
+        stop: is told of the branch that is left.
+    """
+    count = len(branches)
+    guards, truth = tuple(observed.guards), observed.truth
+    unvisited: list[bool | None] = [None] * len(guards)
+    current = 0
+
+    def turned_true() -> int:
+        """The branch of the first observed guard that turned true, else the running branch."""
+        for branch, slot, holds in guards:
+            if branch >= current:
+                break
+            before = truth[slot]
+            if before is not None:
+                now = truth[slot] = holds()
+                if now and not before:
+                    return branch
+        return current
+
+    def tick(fresh: bool) -> int:
+        nonlocal current
+        if fresh:
+            at = 0
+            truth[:] = unvisited
+        else:
+            at = turned_true()
+            if at != current:
+                stop(places[current], places[current + 1])
+                fresh = True
+                for branch, slot, _ in guards:
+                    if branch >= at:
+                        truth[slot] = None
+        status = branches[at](fresh)
+        if status == go_on and not fresh:
+            # From now on the guards of this branch are observed, and what they
+            # were when the branch started may be long ago.
+            for branch, slot, holds in guards:
+                if branch == at and truth[slot] is not None:
+                    truth[slot] = holds()
+        while status == go_on:
+            at += 1
+            if at == count:
+                return status
+            status = branches[at](True)
+        current = at
+        return status
+
+    return tick
+
+
+def guard(
+    child: Tick,
+    holds: Callable[[], bool],
+    checks_itself: bool,
+    truth: list[bool | None],
+    slot: int,
+    span: tuple[int, int],
+    stop: Stop,
+) -> Tick:
+    """A `when`.
+
+    Args:
+        child: what it guards.
+        holds: its condition.
+        checks_itself: whether it stops its own child (abort self or both).
+        truth: where its composite finds what the condition was at the start.
+        slot: which element of `truth`.
+        span: (first place, place behind the last) of the child in document order.
+        stop: is told of the child that is left.
+    """
+
+    def tick(fresh: bool) -> int:
+        if fresh:
+            truth[slot] = now = holds()
+            return child(True) if now else FAILURE
+        if checks_itself and not holds():
+            stop(*span)
+            return FAILURE
+        return child(False)
+
+    return tick

@@ -1,0 +1,245 @@
+"""Words for a text that is not a tree: what stands there, what could, what was probably meant."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
+from itertools import pairwise, takewhile
+from typing import TYPE_CHECKING
+
+from islandgp.bt.core.condition import OPERATORS
+from islandgp.bt.core.kinds import COUNTED, GUARDS, INNER
+from islandgp.bt.core.parameters import Parameter, value_range
+from islandgp.bt.core.source import Source, closest, shown
+from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
+from islandgp.errors import TreeError, UnknownNameError
+
+if TYPE_CHECKING:
+    from lark import Token
+    from lark.exceptions import UnexpectedInput
+
+_NAMING = ("subtree", "use", "domain", "constant")  # a name of its own stands behind
+_NODE_WORDS = (*INNER, "use")
+
+# What the parser's terminals look like in a text.
+_SPELLING = {
+    "NUMBER": "a number",
+    "LBRACE": "{",
+    "RBRACE": "}",
+    "EQUAL": "=",
+    "LPAR": "(",
+    "RPAR": ")",
+    "COMMA": ",",
+    "COLON": ":",
+    "FILE": 'a file such as "lib.bt"',
+    "$END": "the end of the text",
+}
+
+
+def unknown_key(source: Source, token: Token, words: Vocabulary) -> TreeError:
+    """The error for a `when` that asks for something which is not on the blackboard."""
+    return source.error_at(
+        token,
+        f"unknown blackboard key {shown(token)}",
+        expected=f"a key: {', '.join(words.keys)}",
+        guess=closest(token, words.keys),
+        kind=UnknownNameError,
+    )
+
+
+def unknown_argument(
+    source: Source, token: Token, action: Token, parameters: Mapping[str, Parameter]
+) -> TreeError:
+    """The error for an argument that an action does not have."""
+    if not parameters:
+        return source.error_at(
+            token, f"the action {action} takes no arguments", expected=f"`{action}` alone"
+        )
+    known = (f"{name}: {value_range(each)}" for name, each in parameters.items())
+    return source.error_at(
+        token,
+        f"unknown argument {shown(token)} of {action}",
+        expected="; ".join(known),
+        guess=closest(token, parameters),
+        kind=UnknownNameError,
+    )
+
+
+def unknown_node(
+    source: Source, token: Token, subtrees: Collection[str], words: Vocabulary
+) -> TreeError:
+    """The error for a word that stands where a node is expected and is none."""
+    if token in subtrees and closest(token, subtrees):
+        guess = f"use {token}"
+    elif token in words.keys:
+        flag = words.keys[token].flag
+        guess = f"when {token} {{ ... }}" if flag else f"when {token} < 5 {{ ... }}"
+    else:
+        guess = closest(token, (*_NODE_WORDS, *words.actions))
+    what = "node" if source.text[token.end_pos :].lstrip().startswith("{") else "action"
+    return source.error_at(
+        token,
+        f"unknown {what} {shown(token)}",
+        expected=_node_words(words),
+        guess=guess,
+        kind=UnknownNameError,
+    )
+
+
+def syntax_error(
+    source: Source,
+    error: UnexpectedInput,
+    tokens: Iterator[Token],
+    vocabulary: Vocabulary | None,
+) -> TreeError:
+    """The error for a text that the grammar doesn't accept.
+
+    Args:
+        source: the text.
+        error: what the parser says.
+        tokens: the words of the text, read up to the fault.
+        vocabulary: the domain's words; None: any name could be one.
+    """
+    from lark.exceptions import UnexpectedToken
+
+    before = _words_before(tokens, error)
+    numbers = _names_of_numbers(before)
+    subtrees = {str(word) for previous, word in pairwise(before) if previous == "subtree"}
+    for at, (previous, word) in enumerate(zip(["", *before], before, strict=False)):
+        # A name that doesn't exist is the likelier cause than what came of it:
+        # in `slector { ... }` the parser takes offence at the brace.
+        if word.type != "NAME" or previous in _NAMING or vocabulary is None or at in numbers:
+            continue
+        asked = previous in (*GUARDS, "not", "and", "or", "(")
+        if asked and word not in vocabulary.keys:
+            return unknown_key(source, word, vocabulary)
+        if not asked and word not in vocabulary.actions:
+            return unknown_node(source, word, subtrees, vocabulary)
+    words = vocabulary or NOTHING
+    if not isinstance(error, UnexpectedToken):
+        character = source.text[error.pos_in_stream or 0]
+        message = f"unexpected character {character!r} (U+{ord(character):04X})"
+        return source.error(message, error.line, error.column)
+    accepted = set(error.accepts)
+    if _takes_nothing(before, words):
+        accepted.discard("LPAR")
+    if error.token.type == "$END":
+        return _unexpected_end(source, before, accepted, words)
+    return _unexpected_word(source, error.token, before, accepted, words)
+
+
+def _takes_nothing(before: Sequence[Token], words: Vocabulary) -> bool:
+    """Whether the last word is an action without arguments."""
+    if (
+        not before
+        or before[-1].type != "NAME"
+        or [*map(str, before[-2:-1])] in (["use"], ["subtree"])
+    ):
+        return False
+    return not words.action(str(before[-1])).arguments
+
+
+def _names_of_numbers(words: Sequence[Token]) -> set[int]:
+    """Which words stand for numbers, or in brackets behind a name: no key or action is there."""
+    found: set[int] = set()
+    inside = False  # the brackets behind the name of a subtree or an action
+    for at, word in enumerate(words):
+        before = [str(each) for each in words[max(0, at - 3) : at]]
+        if word == "(" and at > 0 and words[at - 1].type == "NAME":
+            inside = True
+        inside = inside and word != ")"
+        compared = at > 0 and words[at - 1].type == "OPERATOR"
+        if (
+            inside
+            or compared
+            or (at > 0 and words[at - 1] in COUNTED)
+            or before[:1] == ["constant"]
+        ):
+            found.add(at)
+    return found
+
+
+def _words_before(words: Iterator[Token], error: UnexpectedInput) -> list[Token]:
+    """The words before the fault; at a wrong character, those that don't touch it."""
+    from lark.exceptions import UnexpectedCharacters, UnexpectedToken
+
+    if isinstance(error, UnexpectedToken):
+        if error.token.type == "$END":  # its position is that of the last word
+            return list(words)
+        return list(takewhile(lambda word: word.start_pos != error.pos_in_stream, words))
+    found: list[Token] = []
+    with suppress(UnexpectedCharacters):  # the fault itself
+        found.extend(word for word in words if word.end_pos != error.pos_in_stream)
+    return found
+
+
+def _unexpected_end(
+    source: Source, before: Sequence[Token], accepted: Collection[str], words: Vocabulary
+) -> TreeError:
+    """Points behind the last word."""
+    if not before:
+        expected, _ = _expected(accepted, (), words)
+        return source.error("there is no tree in the text", 1, 1, expected=expected)
+    last = before[-1]
+    expected, _ = _expected(accepted, before, words)
+    line, column = last.end_line or 1, last.end_column or 1
+    return source.error("the text ends too early", line, column, expected=expected)
+
+
+def _unexpected_word(
+    source: Source,
+    token: Token,
+    before: Sequence[Token],
+    accepted: Collection[str],
+    words: Vocabulary,
+) -> TreeError:
+    previous = str(before[-1]) if before else ""
+    expected, spelled = _expected(accepted, before, words)
+    message = f"unexpected {shown(token)}"
+    only = set(accepted) - {"LPAR"}  # behind an action there may be its arguments
+    if only == {"RBRACE"}:
+        message += "; this node takes one child, so wrap several in a sequence or a selector"
+    elif only == {"$END"}:
+        message += "; a file holds one tree, after its subtrees"
+    elif accepted == {"NAME"} and previous == "subtree":
+        message += ", a word of the language, so it can't name a subtree"
+    guess = "==" if token == "=" and "==" in spelled else closest(token, spelled)
+    return source.error_at(token, message, expected=expected, guess=guess)
+
+
+def _expected(
+    accepted: Collection[str], before: Sequence[str], vocabulary: Vocabulary
+) -> tuple[str, tuple[str, ...]]:
+    """What would have been taken: for people, and as words to guess from."""
+    previous = str(before[-1]) if before else ""
+    if "SELECTOR" in accepted:
+        first = [
+            word
+            for word in ("domain", "include", "constant", "subtree")
+            if word.upper() in accepted
+        ]
+        words = (*first, *_NODE_WORDS, *vocabulary.actions)
+        return ("} or " if "RBRACE" in accepted else "") + _node_words(vocabulary), words
+    if "NAME" in accepted and "NUMBER" in accepted:
+        return "a number, or the name of one", ()
+    if "NAME" in accepted:
+        if previous == "(" and len(accepted) == 1:
+            defines = [*map(str, before[-3:-2])] == ["subtree"]
+            return f"the name of {'a parameter' if defines else 'an argument'}", ()
+        if previous in _NAMING:
+            return f"the name of a {'subtree' if previous == 'use' else previous}", ()
+        flags = tuple(name for name, key in vocabulary.keys.items() if key.flag)
+        words = ("not", "(", *vocabulary.keys) if "NOT" in accepted else flags
+        return f"a key: {', '.join(words)}" if vocabulary.keys else "a key", words
+    spelled: list[str] = []
+    for name in sorted(accepted, key=lambda name: (name in _SPELLING, name)):
+        if name == "OPERATOR":
+            spelled += OPERATORS
+        else:
+            spelled.append(_SPELLING.get(name, name.lower()))
+    return ("one of: " if len(spelled) > 1 else "") + " ".join(spelled), tuple(spelled)
+
+
+def _node_words(words: Vocabulary) -> str:
+    actions = f" ({', '.join(words.actions)})" if words.actions else ""
+    return f"a node ({', '.join(_NODE_WORDS)}) or an action{actions}"

@@ -1,0 +1,207 @@
+"""Runs a tree: compiles it to closures, one call a tick.
+
+What each node does is told in `docs/semantics.md`. Two ideas keep this small
+and fast. A node is a function of `fresh`: True starts it anew, False resumes it
+where it was RUNNING. So an abort needs no walk through the subtree: the node that
+aborts forgets that the subtree was running, and starts it fresh the next time.
+And because the blackboard doesn't change within a tick, checking guards on the
+way down from the root is the same as checking all of them when the tick starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Final, TypeAlias
+
+from islandgp.bt.core import closures
+from islandgp.bt.core.closures import Observed, Stop, Tick
+from islandgp.bt.core.condition import Board, condition
+from islandgp.bt.core.kinds import KINDS, count_of
+from islandgp.bt.core.node import AGAIN, RUNNING, SUCCESS, ActionArgs, Node, ParallelArgs, asked_in
+
+__all__ = ["ABORTED", "Board", "Tick", "Watch", "compile_tree", "condition", "thresholds"]
+
+ABORTED: Final = 4  # told to a watch only: the node was running and has been stopped
+
+Watch: TypeAlias = Callable[[int, int], None]  # (node's place in document order, status)
+
+
+Actions: TypeAlias = Mapping[str, Tick] | Callable[[ActionArgs], Tick]
+
+
+def compile_tree(
+    tree: Node,
+    actions: Actions,
+    board: Board,
+    places: Mapping[str, int],
+    *,
+    watch: Watch | None = None,
+) -> Callable[[], int]:
+    """A function that ticks the tree once and returns the root's status.
+
+    Args:
+        tree: what to run. A node that stands twice in it runs as two nodes.
+        actions: one per action name in the tree, looked up once for each leaf; or a function
+            that makes one from the arguments of a leaf. It is called with `fresh`: True when the
+            leaf starts now, False when it was RUNNING on the tick before.
+        board: a value per key; the caller changes them between ticks, never within one.
+        places: the index of each key on the board, as `Vocabulary.places`.
+        watch: called for each node that is ticked, children before parents, and
+            with ABORTED for each running node that is stopped. None costs nothing.
+
+    Returns:
+        The tick. It gives FAILURE, SUCCESS, RUNNING, or AGAIN (running, and the
+        next tick does something else although nothing changed). After RUNNING,
+        as long as each condition keeps its truth and each running action stays
+        RUNNING, further ticks only resume the actions that were RUNNING in this one.
+
+    Raises:
+        KeyError: an action of the tree is missing in `actions`, or a key in `places`.
+    """
+    compiler = _Compiler(actions, board, places, watch)
+    root = compiler.compile(tree, None)
+    fresh = True
+
+    def tick() -> int:
+        nonlocal fresh
+        status = root(fresh)
+        fresh = status < RUNNING
+        if compiler.cut_short:
+            compiler.cut_short = False
+            return AGAIN if status == RUNNING else status
+        return status
+
+    return tick
+
+
+class _Compiler:
+    """Turns nodes into closures, and numbers them in document order."""
+
+    __slots__ = ("_actions", "_board", "_places", "_running", "_stop", "_watch", "cut_short")
+
+    def __init__(
+        self,
+        actions: Actions,
+        board: Board,
+        places: Mapping[str, int],
+        watch: Watch | None,
+    ) -> None:
+        self._actions = actions
+        self._board = board
+        self._places = places
+        self._watch = watch
+        self._running: list[bool] = []  # by place; its length is the place of the next node
+        self._stop: Stop = _ignore if watch is None else self._tell_stopped
+        self.cut_short = False  # in this tick an action was RUNNING and then aborted
+
+    def compile(self, node: Node, observed: Observed | None) -> Tick:
+        """The closure of a node; `observed` belongs to the composite that holds its branch."""
+        place = len(self._running)
+        self._running.append(False)
+        args = node.args
+        if isinstance(args, ActionArgs):
+            tick = self._actions(args) if callable(self._actions) else self._actions[args.name]
+        else:
+            tick = _MADE[node.kind](self, node, observed)
+        return tick if self._watch is None else self._watched(tick, place, self._watch)
+
+    def _composite(self, node: Node, _: Observed | None) -> Tick:
+        """A selector or sequence."""
+        go_on = KINDS[node.kind].hands_over
+        assert go_on is not None
+        observed = Observed()
+        last = len(node.children) - 1
+        branches, places = [], []
+        for branch, child in enumerate(node.children):
+            places.append(len(self._running))
+            observed.branch = branch
+            # Nothing stands behind the last branch, so its guards are not observed.
+            branches.append(self.compile(child, observed if branch < last else None))
+        places.append(len(self._running))
+        if observed.guards:
+            return closures.observing_composite(branches, go_on, observed, places, self._stop)
+        return closures.composite(branches, go_on)
+
+    def _parallel(self, node: Node, _: Observed | None) -> Tick:
+        assert isinstance(node.args, ParallelArgs)
+        branches, places = [], []
+        for child in node.children:
+            places.append(len(self._running))
+            branches.append(self.compile(child, None))
+        places.append(len(self._running))
+        success, failure = node.args.needed(len(branches))
+        return closures.parallel(branches, success, failure, places, self._cut_short)
+
+    def _inverter(self, node: Node, observed: Observed | None) -> Tick:
+        return closures.inverter(self.compile(node.children[0], observed))
+
+    def _repeater(self, node: Node, observed: Observed | None) -> Tick:
+        counted = KINDS[node.kind].counts
+        assert counted is not None
+        return closures.repeater(self.compile(node.children[0], observed), count_of(node), counted)
+
+    def _forced(self, node: Node, observed: Observed | None) -> Tick:
+        end = KINDS[node.kind].ends[SUCCESS]
+        return closures.forced(self.compile(node.children[0], observed), end)
+
+    def _when(self, node: Node, observed: Observed | None) -> Tick:
+        assert node.guard is not None
+        holds = condition(node.guard.condition, self._board, self._places)
+        truth: list[bool | None] = [None]
+        slot = 0
+        if observed is not None and node.guard.interrupts:
+            truth, slot = observed.truth, observed.add(holds)
+        first = len(self._running)
+        child = self.compile(node.children[0], observed)
+        span = (first, len(self._running))
+        stops = node.guard.checks_itself
+        return closures.guard(child, holds, stops, truth, slot, span, self._stop)
+
+    def _watched(self, tick: Tick, place: int, watch: Watch) -> Tick:
+        running = self._running
+
+        def watched(fresh: bool) -> int:
+            status = tick(fresh)
+            running[place] = status >= RUNNING
+            watch(place, status)
+            return status
+
+        return watched
+
+    def _cut_short(self, first: int, end: int) -> None:
+        self.cut_short = True
+        self._stop(first, end)
+
+    def _tell_stopped(self, first: int, end: int) -> None:
+        assert self._watch is not None
+        for place in range(first, end):
+            if self._running[place]:
+                self._running[place] = False
+                self._watch(place, ABORTED)
+
+
+_MADE: Final[dict[str, Callable[[_Compiler, Node, Observed | None], Tick]]] = {
+    "selector": _Compiler._composite,
+    "sequence": _Compiler._composite,
+    "parallel": _Compiler._parallel,
+    "inverter": _Compiler._inverter,
+    "repeater": _Compiler._repeater,
+    "retry": _Compiler._repeater,
+    "force_success": _Compiler._forced,
+    "force_failure": _Compiler._forced,
+    "when": _Compiler._when,
+}
+"""How the closure of each kind of inner node is made."""
+
+
+def thresholds(tree: Node, key: str) -> tuple[float, ...]:
+    """The numbers that a tree compares a key with, ascending, each once.
+
+    As long as the key's value stays between two neighbours, and on neither of
+    them, no condition on it changes its truth.
+    """
+    return tuple(sorted({term.number for term in asked_in(tree) if term.key == key}))
+
+
+def _ignore(first: int, end: int) -> None:
+    """Without a watch."""

@@ -1,0 +1,163 @@
+"""Files that a tree file includes: found below its folder, each read once, all within limits."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from islandgp.bt.core.source import Source, plain, shown
+from islandgp.errors import LimitError
+
+_INCLUDE: Final = re.compile(r'^\s*include\s*"([^"\n]+)"', re.MULTILINE)
+
+MAX_FILES: Final = 50  # that a file includes, however indirectly
+MAX_READ: Final = 100_000  # characters of a file that `mentioned` reads; no tree has more
+
+
+class ParsedFile(NamedTuple):
+    """One file: what it says, and what the grammar makes of it."""
+
+    source: Source
+    tree: Any  # lark.Tree; of its grammar's rule start or library
+
+
+def gathered(
+    main: Source,
+    folder: Path | None,
+    grammar: Callable[[Source, str], Any],
+    most: int,
+    *,
+    start: str = "start",
+) -> list[ParsedFile]:
+    """The included files, each before those that include it, and then the main one.
+
+    Args:
+        main: the text that includes others.
+        folder: of the main file; nothing outside of it is read. None: it has none.
+        grammar: (text, start rule) -> lark.Tree; raises TreeError.
+        most: characters of all files together.
+        start: the rule of the main text.
+
+    Raises:
+        TreeError: a file cannot be read, lies outside of the folder, includes itself, or is not
+            in the language; the message names the place of the include.
+        LimitError: there are too many files, or too much is in them.
+    """
+    parts: list[ParsedFile] = []
+    done: set[Path] = set()
+    left = most - len(main.text)
+
+    def visit(source: Source, rule: str, beside: Path | None, above: tuple[Path, ...]) -> None:
+        nonlocal left
+        tree = grammar(source, rule)
+        for part in tree.children:
+            if getattr(part, "data", "") != "include":
+                continue
+            token = part.children[0]
+            path = _found(source, token, folder, beside)
+            if path in above:
+                raise source.error_at(
+                    token,
+                    f"{shown(token[1:-1])} includes itself",
+                    expected="files that do not include each other in a circle",
+                )
+            if path in done:
+                continue
+            if len(done) >= MAX_FILES:
+                raise source.error_at(
+                    token,
+                    "too many files are included",
+                    expected=f"at most {MAX_FILES}",
+                    kind=LimitError,
+                )
+            text = _text(source, token, path, left)
+            left -= len(text)
+            done.add(path)
+            visit(Source(text, _shown(path, folder)), "library", path.parent, (*above, path))
+        parts.append(ParsedFile(source, tree))
+
+    visit(main, start, folder, ())
+    return parts
+
+
+def mentioned(text: str, folder: Path) -> dict[Path, str]:
+    """The files that a text includes, however indirectly, with what stands in them.
+
+    Nothing is wrong here: what cannot be read is "", and what the language would not include is
+    left out. For programs that look at files while they are written.
+    """
+    top = folder.resolve()
+    found: dict[Path, str] = {}
+    waiting = [(text, top)]
+    while waiting:
+        source, beside = waiting.pop()
+        for name in _INCLUDE.findall(source):
+            with suppress(OSError, RuntimeError, ValueError):
+                path = (beside / name).resolve()
+                if path in found or not path.is_relative_to(top) or len(found) == MAX_FILES:
+                    continue
+                found[path] = ""
+                if path.is_file():  # no pipe, which would be waited for
+                    with path.open(encoding="utf-8") as opened:
+                        found[path] = opened.read(MAX_READ)
+                waiting.append((found[path], path.parent))
+    return found
+
+
+def _found(source: Source, token: Any, folder: Path | None, beside: Path | None) -> Path:
+    written = str(token)[1:-1]
+    if folder is None or beside is None:
+        raise source.error_at(
+            token, "this text stands in no file, so it can't include one", expected="no include"
+        )
+    if not written or "\\" in written or "\0" in written or Path(written).is_absolute():
+        raise source.error_at(
+            token,
+            f"{shown(written)} is not the name of a file beside this one",
+            expected='a relative name with /, such as "lib/recharge.bt"',
+        )
+    try:
+        top, path = folder.resolve(), (beside / written).resolve()
+    except (OSError, RuntimeError, ValueError):
+        raise source.error_at(token, f"there is no file {shown(written)}") from None
+    if not path.is_relative_to(top):
+        raise source.error_at(
+            token,
+            f"{shown(written)} leads out of the folder of the tree",
+            expected="a file in that folder or below it",
+        )
+    return path
+
+
+def _text(source: Source, token: Any, path: Path, most: int) -> str:
+    written = str(token)[1:-1]
+    if not path.is_file():
+        raise source.error_at(token, f"there is no file {shown(written)}", expected="a tree file")
+    try:
+        with path.open("rb") as file:
+            data = file.read(4 * most + 4)
+        text = data.decode("utf-8")
+    except UnicodeDecodeError:
+        if len(data) > 4 * most:
+            text = " " * (most + 1)
+        else:
+            raise source.error_at(token, f"{shown(written)} is no UTF-8 text") from None
+    except OSError as error:
+        raise source.error_at(token, f"{shown(written)}: {error.strerror}") from None
+    if len(text) > most:
+        raise source.error_at(
+            token,
+            "the included files are too long",
+            expected="fewer characters; all files together count as one",
+            kind=LimitError,
+        )
+    return plain(text)
+
+
+def _shown(path: Path, folder: Path | None) -> str:
+    """What messages call a file."""
+    assert folder is not None
+    return str(folder / path.relative_to(folder.resolve()))

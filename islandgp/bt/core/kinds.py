@@ -1,0 +1,237 @@
+"""The kinds of nodes: how each is written, printed and drawn, and what can be concluded from it.
+
+A kind is declared here once. The parser, the printer, pictures, `check`, `simplify`, `verify-tree`
+and evolution read its record. Only `engine`, which ticks a node, and `export`, which knows the
+nodes of other libraries, name kinds themselves. docs/semantics.md describes what each does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum, auto
+from typing import Any, Final, NamedTuple
+
+from islandgp.bt.core.node import (
+    FAILURE,
+    SUCCESS,
+    ActionArgs,
+    Args,
+    CountArgs,
+    GuardArgs,
+    Node,
+    ParallelArgs,
+)
+
+ANY: Final = 1_000_000  # "as many children as the limits allow"
+
+
+class Sort(Enum):
+    """What an argument is."""
+
+    NAME = auto()  # of an action
+    CONDITION = auto()  # as `condition` has it
+    COUNT = auto()  # a whole number within `range`
+    WORD = auto()  # one of `words`
+    VALUES = auto()  # of the arguments of an action
+
+
+@dataclass(frozen=True, slots=True)
+class Argument:
+    """An argument of a node kind.
+
+    One with a default is written behind its name and may be left out, as in `abort lower`; one
+    without stands right behind the word of the kind, as in `repeater 3`.
+    """
+
+    name: str  # as it is called in JSON, and in a text if it has a default
+    sort: Sort
+    meaning: str = ""  # one line, for editors
+    words: Mapping[str, str] = field(default_factory=dict)  # each with its meaning
+    range: tuple[float, float] = (0, 0)
+    default: str | None = None
+
+
+class Look(NamedTuple):
+    """How the nodes of a kind are drawn; kinds differ in shape and sign too."""
+
+    sign: str  # as the literature draws it
+    style: str  # of rich; a terminal without colours shows the same text
+    fill: str
+    line: str
+    dot: str = "box"  # shape of Graphviz
+    mermaid: tuple[str, str] = ("[", "]")  # brackets around its label
+    ends: str = "square"  # left and right end of its box in an SVG: square, round or pointed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NodeKind:
+    """What a node of a kind is made of, how it looks, and how its status comes about."""
+
+    meaning: str  # one line for people
+    children: tuple[int, int]  # fewest and most
+    look: Look
+    args: type[Any] = tuple  # the class of Node.args
+    arguments: tuple[Argument, ...] = ()  # the fields of args, in order
+
+    hands_over: int | None = None
+    """Of a selector or sequence: the status of a child with which the next one starts."""
+    dual: str = ""
+    """Of a selector or sequence: the kind that is the same with SUCCESS and FAILURE exchanged."""
+    together: bool = False
+    """It ticks all its children in each tick, and its args say how many of them decide."""
+    ends: tuple[int, int] = (FAILURE, SUCCESS)
+    """Of a decorator: its status when its child fails, and when its child succeeds."""
+    counts: int | None = None
+    """Of a decorator: the status of its child after which the child starts again in the next tick,
+    until that has happened as often as its args say."""
+
+    def made(self, values: Sequence[Any]) -> Args:
+        """The args of a node of this kind, from the values of its arguments in order."""
+        made: Args = self.args(*values) if values else ()
+        return made
+
+    paper: bool = True
+    """One of the paper's node types, section 2.2.3; prompts describe these."""
+
+    @property
+    def decorates(self) -> bool:
+        """Whether it has exactly one child; a composite observes guards through it."""
+        return self.children == (1, 1)
+
+    @property
+    def forces(self) -> bool:
+        """Whether it ends with one status only."""
+        return self.ends[FAILURE] == self.ends[SUCCESS]
+
+    @property
+    def inverts(self) -> bool:
+        """Whether it exchanges success and failure."""
+        return self.ends == (SUCCESS, FAILURE)
+
+
+ABORTS: Final = {
+    "none": "a change of the condition stops nobody",
+    "self": "the child is stopped when the condition turns false",
+    "lower": "later branches are stopped when the condition turns true",
+    "both": "self and lower",
+}
+"""The abort rules of a `when`, with their meanings."""
+POLICIES: Final = {"one": "one child", "all": "all children"}
+"""How many children of a parallel decide."""
+REPEATS: Final = (1, 100)
+"""Fewest and most repetitions."""
+
+KINDS: Final[dict[str, NodeKind]] = {
+    "selector": NodeKind(
+        meaning="tries its children in order until one succeeds",
+        children=(1, ANY),
+        look=Look("?", "bold cyan", "#d7ecfa", "#0072b2"),
+        hands_over=FAILURE,
+        dual="sequence",
+    ),
+    "sequence": NodeKind(
+        meaning="runs its children in order until one fails",
+        children=(1, ANY),
+        look=Look("\N{RIGHTWARDS ARROW}", "bold blue", "#dfe6f7", "#3f5fa8"),
+        hands_over=SUCCESS,
+        dual="selector",
+    ),
+    "parallel": NodeKind(
+        meaning="runs all its children at once",
+        children=(1, ANY),
+        args=ParallelArgs,
+        arguments=(
+            Argument(
+                "success", Sort.WORD, "how many children must succeed", POLICIES, default="all"
+            ),
+            Argument("failure", Sort.WORD, "how many children must fail", POLICIES, default="one"),
+        ),
+        look=Look("\N{RIGHTWARDS PAIRED ARROWS}", "bold magenta", "#f3e0ec", "#a8437e"),
+        together=True,
+    ),
+    "inverter": NodeKind(
+        meaning="turns success into failure and failure into success",
+        children=(1, 1),
+        look=Look("\N{NOT SIGN}", "red", "#fbe3d6", "#d55e00"),
+        ends=(SUCCESS, FAILURE),
+    ),
+    "repeater": NodeKind(
+        meaning="runs its child until it has succeeded that often",
+        children=(1, 1),
+        args=CountArgs,
+        arguments=(Argument("count", Sort.COUNT, "successes of the child", range=REPEATS),),
+        look=Look("\N{CLOCKWISE OPEN CIRCLE ARROW}", "magenta", "#efe3f5", "#7f4fa3"),
+        counts=SUCCESS,
+    ),
+    "retry": NodeKind(
+        meaning="runs its child until it succeeds, or has failed that often",
+        children=(1, 1),
+        args=CountArgs,
+        arguments=(Argument("count", Sort.COUNT, "failures of the child", range=REPEATS),),
+        look=Look("\N{ANTICLOCKWISE OPEN CIRCLE ARROW}", "magenta", "#f7e3f0", "#a23f7e"),
+        counts=FAILURE,
+        paper=False,
+    ),
+    "force_success": NodeKind(
+        meaning="turns failure into success",
+        children=(1, 1),
+        look=Look("\N{CHECK MARK}", "green", "#e3f3df", "#3f7f2f"),
+        ends=(SUCCESS, SUCCESS),
+        paper=False,
+    ),
+    "force_failure": NodeKind(
+        meaning="turns success into failure",
+        children=(1, 1),
+        look=Look("\N{BALLOT X}", "red", "#fbe0e0", "#b02f2f"),
+        ends=(FAILURE, FAILURE),
+        paper=False,
+    ),
+    "when": NodeKind(
+        meaning="runs its child while a condition holds",
+        children=(1, 1),
+        args=GuardArgs,
+        arguments=(
+            Argument("condition", Sort.CONDITION),
+            Argument(
+                "abort",
+                Sort.WORD,
+                "whom a change of the condition stops",
+                ABORTS,
+                default="both",
+            ),
+        ),
+        look=Look(
+            "\N{WHITE DIAMOND}", "yellow", "#fdf0cf", "#b57a00", "hexagon", ("{{", "}}"), "pointed"
+        ),
+    ),
+    "action": NodeKind(
+        meaning="acts on the world",
+        children=(0, 0),
+        args=ActionArgs,
+        arguments=(Argument("name", Sort.NAME), Argument("values", Sort.VALUES)),
+        look=Look("", "green", "#d6f1e6", "#00775a", "ellipse", ("([", "])"), "round"),
+    ),
+}
+"""By the word that stands for it in a text; `action` itself is no word."""
+
+INNER: Final = tuple(name for name, kind in KINDS.items() if kind.children != (0, 0))
+"""The kinds of nodes with children."""
+
+
+COUNTED: Final = tuple(n for n, k in KINDS.items() if k.args is CountArgs)
+"""The kinds whose word stands before a number."""
+
+GUARDS: Final = tuple(n for n, k in KINDS.items() if k.args is GuardArgs)
+"""The kinds whose word stands before a condition."""
+
+
+def kind_of(node: Node) -> NodeKind:
+    """The record of a node's kind."""
+    return KINDS[node.kind]
+
+
+def count_of(node: Node) -> int:
+    """The count of a node whose kind counts."""
+    assert isinstance(node.args, CountArgs)
+    return int(node.args.times)

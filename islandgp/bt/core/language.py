@@ -1,0 +1,233 @@
+"""From text to tree and back: `parse` and `to_text`.
+
+The grammar is `grammar/bt.lark`. Parsing is bounded, so that no text, however
+hostile, does worse than raise a clear `TreeError` at once.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from islandgp.bt.core.builder import MAX_LEVELS as MAX_LEVELS
+from islandgp.bt.core.builder import MAX_NODES as MAX_NODES
+from islandgp.bt.core.builder import MAX_NUMBER as MAX_NUMBER
+from islandgp.bt.core.builder import Builder
+from islandgp.bt.core.condition import Asked
+from islandgp.bt.core.diagnosis import syntax_error
+from islandgp.bt.core.includes import ParsedFile, gathered
+from islandgp.bt.core.node import Node
+from islandgp.bt.core.printer import to_text as to_text
+from islandgp.bt.core.source import Source, shown
+from islandgp.bt.core.source import plain as plain
+from islandgp.bt.core.vocabulary import Vocabulary
+from islandgp.errors import LimitError, OtherDomainError
+from islandgp.resources import resource
+
+if TYPE_CHECKING:
+    from lark import Lark, Token
+
+MAX_CHARACTERS: Final = 100_000  # of a text
+_GAP: Final = r"(?:[ \t\n]|#[^\n]*+)"  # between two words; possessive, so that it cannot backtrack
+_DOMAIN: Final = re.compile(rf"{_GAP}*+domain{_GAP}++([A-Za-z_][A-Za-z0-9_]*)")
+
+
+def parse(
+    text: str,
+    vocabulary: Vocabulary | None = None,
+    *,
+    name: str = "<tree>",
+    folder: Path | None = None,
+    marked: bool = False,
+) -> Node:
+    """The tree that a text describes, with every `use` expanded.
+
+    Args:
+        text: one tree in the language, perhaps after named subtrees. Line ends
+            of any system and a leading byte order mark are fine.
+        vocabulary: the actions and keys that there are. Without one only grammar
+            and sizes are checked, as for records that were checked when written.
+        name: what error messages call the text, e.g. its file name.
+        folder: of the file that holds the text; what it includes is there or below. None: the
+            text stands in no file, so it can include none.
+        marked: the root of each subtree that is used is a `Used`, which knows its name.
+
+    Raises:
+        TreeError: the text is not a tree of the language; the message shows the
+            place and what would have been accepted.
+        UnknownNameError: an action, a key, a constant or a subtree does not exist.
+        OtherDomainError: the text says that it is for another domain.
+        LimitError: the text is longer, or the tree deeper or larger, than any
+            limit on trees could allow.
+    """
+    parts = files_of(text, vocabulary, name=name, folder=folder)
+    return built(Builder(parts[-1].source, vocabulary, marked=marked), parts)
+
+
+def files_of(
+    text: str,
+    vocabulary: Vocabulary | None = None,
+    *,
+    name: str,
+    folder: Path | None,
+    start: str = "start",
+    placed: bool = False,
+) -> list[ParsedFile]:
+    """What a text and the files that it includes say, the text last. Raises as `parse`.
+
+    `placed`: each tree of the grammar knows where it begins and ends.
+    """
+    if len(text) > MAX_CHARACTERS:
+        raise Source(text[:MAX_CHARACTERS], name).error(
+            f"the text has {len(text)} characters",
+            line=1,
+            column=1,
+            expected=f"at most {MAX_CHARACTERS}",
+            kind=LimitError,
+        )
+
+    def grammar(source: Source, rule: str) -> Any:
+        return _parsed(source, rule, vocabulary, placed)
+
+    parts = gathered(Source(plain(text), name), folder, grammar, MAX_CHARACTERS, start=start)
+    for source, tree in parts:
+        if tree.children and getattr(tree.children[0], "data", "") == "domain":
+            _check_domain(source, tree.children[0].children[0], vocabulary)
+    return parts
+
+
+def built(builder: Builder, parts: Sequence[ParsedFile]) -> Node:
+    """The tree of `files_of`. Raises as `parse`."""
+    node = builder.build(parts)
+    size = builder.nodes * builder.levels
+    alone = len(parts) == 1 and len(parts[0].tree.children) == 1
+    _check_length(parts[-1].source, node, expanded=not alone, indents=size)
+    return node
+
+
+class PlacedTree(NamedTuple):
+    """The tree that a text means, with the names of its constants and parameters."""
+
+    node: Node
+    places: list[tuple[int, int]]  # line and column of each node, in document order
+    file: Any  # lark.Tree of the text
+
+
+def parse_placed(
+    text: str,
+    vocabulary: Vocabulary | None = None,
+    *,
+    name: str = "<tree>",
+    folder: Path | None = None,
+) -> PlacedTree:
+    """The tree of a text, and where its nodes are written. Arguments and errors as in `parse`."""
+    parts = files_of(text, vocabulary, name=name, folder=folder, placed=True)
+    built(Builder(parts[-1].source, vocabulary), parts)
+    builder = Builder(parts[-1].source, vocabulary, named=True)
+    return PlacedTree(builder.build(parts), builder.places(), parts[-1].tree)
+
+
+def _parsed(source: Source, rule: str, vocabulary: Vocabulary | None, placed: bool) -> Any:
+    """The lark.Tree of a text by a rule of the grammar. Raises TreeError."""
+    from lark.exceptions import UnexpectedInput
+
+    parser = _parser(placed)
+    try:
+        return parser.parse(source.text, start=rule)
+    except UnexpectedInput as error:
+        raise syntax_error(source, error, parser.lex(source.text), vocabulary) from None
+
+
+def following(text: str) -> frozenset[str]:
+    """The terminals of the grammar that may stand behind a text; none where it is wrong itself."""
+    from lark.exceptions import UnexpectedInput
+
+    interactive = _parser().parse_interactive(plain(text), start="library")
+    try:
+        interactive.exhaust_lexer()
+    except UnexpectedInput:
+        return frozenset()
+    return frozenset(interactive.accepts())  # type: ignore[no-untyped-call] # lark types it not
+
+
+def parse_condition(text: str, vocabulary: Vocabulary) -> Asked:
+    """The condition that a text says, as it stands behind `when`. Raises TreeError as `parse`."""
+    from lark.exceptions import UnexpectedInput
+
+    source = Source(plain(text[:MAX_CHARACTERS]), "<condition>")
+    try:
+        parsed = _parser().parse(source.text, start="disjunction")
+    except UnexpectedInput as error:
+        ends = not isinstance(error.column, int) or error.column < 1  # the text ends too early
+        raise source.error(
+            "unexpected end of the condition" if ends else "unexpected text in the condition",
+            line=1 if ends else error.line,
+            column=len(source.text) + 1 if ends else error.column,
+            expected="comparisons and flags, joined by and, or, not",
+        ) from None
+    return Builder(source, vocabulary).condition(parsed)
+
+
+def _check_length(source: Source, tree: Node, *, expanded: bool, indents: int) -> None:
+    """Refuses a tree whose canonical text `parse` would refuse. Raises LimitError."""
+    # Two lines a node, indented by two blanks a level; the words are those of the text.
+    if not expanded and 2 * len(source.text) + 4 * indents <= MAX_CHARACTERS:
+        return
+    length = len(to_text(tree))
+    if length > MAX_CHARACTERS:
+        raise source.error(
+            f"the tree's canonical text, each use expanded, has {length} characters",
+            line=1,
+            column=1,
+            expected=f"at most {MAX_CHARACTERS}; shorten the tree",
+            kind=LimitError,
+        )
+
+
+def domain_of(text: str) -> str:
+    """The domain that a text says it is for; "" where it says none, or is not a tree."""
+    found = _DOMAIN.match(plain(text))
+    return found[1] if found else ""
+
+
+def domain_place(text: str) -> tuple[int, int]:
+    """The line and the column where a text says which domain it is for; (1, 1) for none."""
+    found = _DOMAIN.match(plain(text))
+    before = plain(text)[: found.start(1) if found else 0]
+    return before.count("\n") + 1, len(before) - before.rfind("\n")
+
+
+def _check_domain(source: Source, name: Token, vocabulary: Vocabulary | None) -> None:
+    if vocabulary is not None and name != vocabulary.domain:
+        raise source.error_at(
+            name,
+            f"the tree is for the domain {shown(name)}, not for {vocabulary.domain!r}",
+            expected=f"domain {vocabulary.domain}, or a command with domain={name}",
+            kind=OtherDomainError,
+        )
+
+
+def words(text: str) -> Iterator[Token]:
+    """The words of a text that `parse` accepts, with their places in `plain(text)`."""
+    return _parser().lex(plain(text))
+
+
+@cache
+def _parser(placed: bool = False) -> Lark:  # to know all places takes a tenth longer
+    from lark import Lark
+
+    grammar = (resource("grammar") / "bt.lark").read_text(encoding="utf-8")
+    # The basic lexer knows every word everywhere; a contextual one would read
+    # `selfish` as `self` and `ish` where only abort rules are expected.
+    starts = ["start", "library", "disjunction"]
+    return Lark(
+        grammar,
+        parser="lalr",
+        lexer="basic",
+        maybe_placeholders=False,
+        propagate_positions=placed,
+        start=starts,
+    )

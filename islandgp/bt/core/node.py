@@ -1,0 +1,224 @@
+"""The nouns of the tree language: nodes with their arguments, and how large a tree may be.
+
+Section 2.2.3 of the paper. The kinds of nodes are declared in `kinds`; actions
+and blackboard keys are a domain's (`vocabulary`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final, NamedTuple, TypeAlias
+
+from islandgp.bt.core.condition import Asked, Condition, terms
+from islandgp.errors import LimitError
+
+# Statuses are plain integers because a tick is the innermost loop of a run.
+FAILURE: Final = 0
+SUCCESS: Final = 1
+RUNNING: Final = 2
+AGAIN: Final = 3  # running, and the very next tick will do something (a repetition is due)
+
+STATUS_NAMES: Final = ("FAILURE", "SUCCESS", "RUNNING", "RUNNING")
+
+
+Value: TypeAlias = float | str
+"""What an argument of an action is: a number, or a word; a flag is `yes` or `no`."""
+
+
+class ActionArgs(NamedTuple):
+    """Arguments of a leaf."""
+
+    name: str  # of the action
+    values: tuple[tuple[str, Value], ...] = ()  # what the tree gives to the action's arguments
+
+
+class GuardArgs(NamedTuple):
+    """Arguments of a `when`."""
+
+    condition: Asked
+    abort: str = "both"  # a key of ABORTS
+
+    @property
+    def checks_itself(self) -> bool:
+        """Whether the guard stops its own child when its condition turns false."""
+        return self.abort in ("self", "both")
+
+    @property
+    def interrupts(self) -> bool:
+        """Whether the guard stops later branches, if a composite observes it."""
+        return self.abort in ("lower", "both")
+
+
+class CountArgs(NamedTuple):
+    """Arguments of a repeater or a retry."""
+
+    times: float  # a whole number within REPEATS
+
+
+class ParallelArgs(NamedTuple):
+    """Arguments of a parallel."""
+
+    success: str = "all"  # a key of POLICIES: how many children must succeed
+    failure: str = "one"  # a key of POLICIES: how many must fail
+
+    def needed(self, children: int) -> tuple[int, int]:
+        """How many successes, and how many failures, of that many children decide."""
+        return (
+            1 if self.success == "one" else children,
+            1 if self.failure == "one" else children,
+        )
+
+
+class UseArgs(NamedTuple):
+    """Arguments of a `use` as it is written; an expanded tree has no such node."""
+
+    name: str  # of the subtree
+    numbers: tuple[float, ...] = ()
+
+
+Args: TypeAlias = tuple[()] | ActionArgs | GuardArgs | CountArgs | ParallelArgs | UseArgs
+
+
+class Node(NamedTuple):
+    """One node of a Behaviour Tree; a tree is its root. Equal nodes are equal trees."""
+
+    kind: str  # a key of KINDS
+    args: Args = ()  # an instance of KINDS[kind].args
+    children: tuple[Node, ...] = ()
+
+    @property
+    def action(self) -> str:
+        """The name of a leaf's action; "" for an inner node."""
+        return self.args.name if isinstance(self.args, ActionArgs) else ""
+
+    @property
+    def guard(self) -> GuardArgs | None:
+        """The arguments of a `when`; None for any other node."""
+        return self.args if isinstance(self.args, GuardArgs) else None
+
+
+def guard_of(node: Node) -> GuardArgs:
+    """The arguments of a node that is a `when`."""
+    assert node.guard is not None
+    return node.guard
+
+
+def leaf(name: str) -> Node:
+    """A leaf; its action's arguments have their defaults."""
+    return Node("action", ActionArgs(name))
+
+
+def guarded(condition: Asked, child: Node, abort: str = "both") -> Node:
+    """A `when` above a node."""
+    return Node("when", GuardArgs(condition, abort), (child,))
+
+
+def selector(*children: Node) -> Node:
+    """A selector of these branches."""
+    return Node("selector", (), children)
+
+
+def sequence(*children: Node) -> Node:
+    """A sequence of these branches."""
+    return Node("sequence", (), children)
+
+
+class Used(Node):
+    """The root of a named subtree where it is used; equal to the same node without a name."""
+
+    names: tuple[str, ...] = ()
+    """As `use` says them, `recharge(20, 3)`; several, the outermost first, where a subtree is
+    nothing but another one."""
+
+    @classmethod
+    def of(cls, node: Node, name: str) -> Used:
+        """The node under that name, outside of those that it has."""
+        made = cls._make(node)
+        made.names = (name, *names_of(node))
+        return made
+
+
+def names_of(node: Node) -> tuple[str, ...]:
+    """The names of the subtrees whose root this is; the outermost first."""
+    return node.names if isinstance(node, Used) else ()
+
+
+def walk(node: Node) -> Iterator[Node]:
+    """The nodes of a tree in document order (a parent before its children)."""
+    yield node
+    for child in node.children:
+        yield from walk(child)
+
+
+def asked_in(tree: Node) -> Iterator[Condition]:
+    """The single conditions that the guards of a tree ask, in document order."""
+    for node in walk(tree):
+        if node.guard:
+            yield from terms(node.guard.condition)
+
+
+def size(node: Node) -> int:
+    """Number of nodes, >= 1."""
+    return 1 + sum(map(size, node.children))
+
+
+def depth(node: Node) -> int:
+    """Number of levels, >= 1: a single action has depth 1."""
+    return 1 + max(map(depth, node.children), default=0)
+
+
+def levels(tree: Node, level: int = 1) -> list[int]:
+    """The level of each node, the root's being 1, in document order."""
+    return [level, *(below for child in tree.children for below in levels(child, level + 1))]
+
+
+def measured(tree: Node) -> list[tuple[Node, int, int]]:
+    """Each node with its size and depth, in document order."""
+    below: list[tuple[Node, int, int]] = []
+    depths = [0]
+    for child in tree.children:
+        nodes = measured(child)
+        depths.append(nodes[0][2])
+        below += nodes
+    return [(tree, 1 + len(below), 1 + max(depths)), *below]
+
+
+def replace_at(tree: Node, index: int, new: Node) -> Node:
+    """The tree with its node number `index` (document order, root 0) replaced by `new`."""
+    if index == 0:
+        return new
+    index -= 1
+    for i, child in enumerate(tree.children):
+        n = size(child)
+        if index < n:
+            child = replace_at(child, index, new)
+            return tree._replace(children=(*tree.children[:i], child, *tree.children[i + 1 :]))
+        index -= n
+    raise IndexError("expected an index below the tree's size")
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """The largest tree that is allowed; a `use` counts expanded."""
+
+    max_depth: int  # levels, >= 1
+    max_nodes: int  # nodes, >= 1
+
+
+def within(node: Node, limits: Limits) -> bool:
+    """Whether a tree keeps its limits."""
+    return depth(node) <= limits.max_depth and size(node) <= limits.max_nodes
+
+
+def check_limits(node: Node, limits: Limits) -> None:
+    """Raises LimitError for a tree that is too deep or too large."""
+    for what, found, most in (
+        ("levels", depth(node), limits.max_depth),
+        ("nodes", size(node), limits.max_nodes),
+    ):
+        if found > most:
+            raise LimitError(
+                f"Expected a tree of at most {most} {what}, found {found};"
+                " shorten it or raise the limit."
+            )

@@ -1,0 +1,190 @@
+"""Arguments of actions, as a domain declares them: numbers, whole numbers, words and flags.
+
+    "MoveTo": Action("goes to a place", arguments={
+        "goal": one_of("where to", ("dock", "door")),
+        "speed": real("how fast", 0.1, 1.0, unit="m/s", default=0.5),
+    })
+
+A tree writes `MoveTo(goal: door, speed: 0.8)`. What it leaves out has its default.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from math import inf, isfinite, sqrt
+from typing import Final, Literal
+
+from islandgp.bt.core.node import ActionArgs, Node, Value
+from islandgp.errors import DomainError
+
+NO_YES: Final = ("no", "yes")
+"""The words of a flag."""
+
+LARGEST: Final = 1_000_000  # magnitude of a number
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """An argument of an action."""
+
+    meaning: str  # one line
+    sort: Literal["number", "integer", "word", "flag"]
+    default: Value  # a number, or a word; of a flag "no" or "yes"
+    low: float = 0.0  # of a number
+    high: float = 1.0
+    step: float | None = None  # random numbers are `low` and a multiple of it; None: any number
+    logarithmic: bool = False  # random numbers are as likely from 1 to 10 as from 10 to 100
+    words: tuple[str, ...] = ()  # of a word or a flag
+    unit: str = ""
+
+    @property
+    def numeric(self) -> bool:
+        """Whether its values are numbers."""
+        return self.sort in ("number", "integer")
+
+
+def real(
+    meaning: str,
+    low: float,
+    high: float,
+    *,
+    default: float | None = None,
+    step: float | None = None,
+    logarithmic: bool = False,
+    unit: str = "",
+) -> Parameter:
+    """A number from `low` to `high`; its default is the middle of the range if none is given."""
+    if default is None:
+        default = sqrt(low * high) if logarithmic and low > 0 else (low + high) / 2
+    return Parameter(meaning, "number", default, low, high, step, logarithmic, (), unit)
+
+
+def whole(
+    meaning: str,
+    low: int,
+    high: int,
+    *,
+    default: int | None = None,
+    logarithmic: bool = False,
+    unit: str = "",
+) -> Parameter:
+    """A whole number from `low` to `high`; its default is `low` if none is given."""
+    default = low if default is None else default
+    return Parameter(meaning, "integer", default, low, high, 1.0, logarithmic, (), unit)
+
+
+def one_of(meaning: str, words: Collection[str], default: str | None = None) -> Parameter:
+    """One of a few words; its default is the first if none is given."""
+    first = next(iter(words), "")
+    return Parameter(meaning, "word", first if default is None else default, words=(*words,))
+
+
+def switch(meaning: str, *, default: bool = False) -> Parameter:
+    """Yes or no."""
+    return Parameter(meaning, "flag", NO_YES[default], words=NO_YES)
+
+
+def value_range(parameter: Parameter) -> str:
+    """The values that a parameter can have, in words: `0.1 to 1 m/s`, `dock | door`."""
+    if parameter.words:
+        return " | ".join(parameter.words)
+    kind = "a whole number from " if parameter.sort == "integer" else ""
+    return f"{kind}{parameter.low:g} to {parameter.high:g} {parameter.unit}".rstrip()
+
+
+def signature(name: str, parameters: Mapping[str, Parameter]) -> str:
+    """An action as it is written, with the values that its arguments can have."""
+    given = (f"{key}: {value_range(each)}" for key, each in parameters.items())
+    return f"{name}({', '.join(given)})" if parameters else name
+
+
+def described(meaning: str, parameters: Mapping[str, Parameter]) -> str:
+    """What an action does, with its arguments and their defaults."""
+    lines = (f"{key} {each.meaning}, else {each.default}" for key, each in parameters.items())
+    return "; ".join([meaning, *lines])
+
+
+def fits(parameter: Parameter, value: object) -> bool:
+    """Whether a parameter can have a value."""
+    if parameter.words:
+        return value in parameter.words
+    if isinstance(value, bool) or not isinstance(value, float | int):
+        return False
+    whole = parameter.sort == "number" or value == int(value)
+    return parameter.low <= value <= parameter.high and whole
+
+
+def leaf_of(name: str, values: Mapping[str, Value], parameters: Mapping[str, Parameter]) -> Node:
+    """A leaf in its canonical form: values in the declared order, and without defaults."""
+    kept = tuple(
+        (key, values[key])
+        for key, parameter in parameters.items()
+        if key in values and values[key] != parameter.default
+    )
+    return Node("action", ActionArgs(name, kept))
+
+
+def written(args: ActionArgs, parameters: Mapping[str, Parameter]) -> dict[str, Value]:
+    """The value of each parameter where a leaf has these arguments, as a tree writes it."""
+    given = dict(args.values)
+    return {key: given.get(key, each.default) for key, each in parameters.items()}
+
+
+def bound(args: ActionArgs, parameters: Mapping[str, Parameter]) -> dict[str, Value | bool]:
+    """The same as the leaf's code gets it: a flag is True or False, a whole number an int."""
+    return {
+        key: value == NO_YES[1]
+        if parameters[key].sort == "flag"
+        else _number(value, parameters[key])
+        for key, value in written(args, parameters).items()
+    }
+
+
+def _number(value: Value, parameter: Parameter) -> Value:
+    return int(value) if parameter.sort == "integer" else value
+
+
+def check_parameters(
+    parameters: Mapping[str, Parameter], where: str, is_name: Callable[[str], bool]
+) -> None:
+    """Raises DomainError for a parameter that the language cannot say.
+
+    Args:
+        parameters: by name.
+        where: what messages call their action.
+        is_name: whether a word is no word of the language.
+    """
+    for name, each in parameters.items():
+        at = f"the argument {name} of {where}"
+        if not isinstance(each, Parameter):
+            raise DomainError(f"Expected real, whole, one_of or switch for {at}, found {each!r}.")
+        words = {name: "a name", **dict.fromkeys(each.words, "words")}
+        for word in words:
+            if not is_name(word):
+                raise DomainError(
+                    f"Expected {words[word]} of letters, digits and _ that is no word of the"
+                    f" language for {at}, found {word!r}; rename it."
+                )
+        if each.sort == "word" and len(set(each.words)) < max(1, len(each.words)):
+            raise DomainError(f"Expected different words for {at}, found {[*each.words]}.")
+        if each.numeric:
+            _check_range(each, at)
+        if not fits(each, each.default):
+            raise DomainError(
+                f"Expected a default of {value_range(each)} for {at}, found {each.default!r}."
+            )
+
+
+def _check_range(each: Parameter, at: str) -> None:
+    least = 0.0 if each.logarithmic else -inf
+    if not (-LARGEST <= each.low < each.high <= LARGEST and each.low > least):
+        above = " above 0" if each.logarithmic else ""
+        raise DomainError(
+            f"Expected low < high{above}, at most {LARGEST:,}, for {at}, found {each.low:g},"
+            f" {each.high:g}."
+        )
+    if each.step is not None and not (isfinite(each.step) and each.step > 0):
+        raise DomainError(f"Expected a step above 0, or None, for {at}, found {each.step:g}.")
+    if each.sort == "integer" and (each.low != int(each.low) or each.high != int(each.high)):
+        raise DomainError(f"Expected whole numbers as low and high of {at}.")

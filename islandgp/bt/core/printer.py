@@ -1,0 +1,141 @@
+"""Prints a tree as canonical text: the genome that is hashed, cached, logged and sent.
+
+Equal trees have equal text, and parsing the text gives the tree again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from decimal import Decimal
+from functools import lru_cache
+from typing import Any, Self
+
+from islandgp.bt.core.condition import Asked, Compound
+from islandgp.bt.core.kinds import KINDS, Argument, Sort
+from islandgp.bt.core.node import ActionArgs, Node, UseArgs, Value, names_of
+
+WIDTH = 80  # columns of a line
+INDENT = "  "
+INLINE_LEVELS = 3  # levels that one line may hold: deeper ones are hard to read
+
+
+class Named(float):
+    """A number that is written by the name of a constant or a parameter."""
+
+    def __new__(cls, name: str, value: float) -> Self:
+        made = super().__new__(cls, value)
+        made.name = name
+        return made
+
+    name: str
+
+
+@lru_cache(maxsize=256)  # a run asks for each tree of a generation several times
+def to_text(node: Node) -> str:
+    """The canonical text of a tree; it ends in a line end.
+
+    A node stands on one line when it fits, is at most three levels deep and
+    holds no composite of anything but leaves. Defaults are not printed.
+    """
+    return "\n".join(_lines(node, "")) + "\n"
+
+
+def with_subtrees(tree: Node) -> str:
+    """The text of a tree with its named subtrees (`Used`) defined above it.
+
+    A name defines the first tree that bears it; one that differs is written where it is used.
+    """
+    bodies: dict[str, Node] = {}
+    texts: list[str] = []
+
+    def define(node: Node) -> Node:
+        inner = node._replace(children=tuple(map(define, node.children)))
+        for name in reversed(names_of(node)):
+            if name not in bodies:
+                bodies[name] = inner
+                texts.append(f"subtree {name} = {to_text(inner)}")
+            if bodies[name] == inner:
+                inner = Node("use", UseArgs(name))
+        return inner
+
+    root = define(tree)
+    return "\n".join([*texts, to_text(root)])
+
+
+def number_text(value: float) -> str:
+    """A number without exponent and without needless decimals, `25`, `12.5`, or its name."""
+    if isinstance(value, Named):
+        return value.name
+    if value == int(value):
+        return str(int(value))
+    return format(Decimal(repr(float(value))), "f")
+
+
+def use_text(name: str, numbers: Sequence[float]) -> str:
+    """What stands behind `use`: `recharge`, `recharge(20, 3)`."""
+    return f"{name}({', '.join(map(number_text, numbers))})" if numbers else name
+
+
+def head(node: Node) -> str:
+    """What stands before a node's brace; the whole of a leaf: `when charge < 25`."""
+    if isinstance(node.args, ActionArgs):
+        return call_text(*node.args)
+    if isinstance(node.args, UseArgs):
+        return f"use {use_text(*node.args)}"
+    pairs = zip(KINDS[node.kind].arguments, node.args, strict=True)
+    return " ".join([node.kind, *(t for arg, value in pairs if (t := _argument(arg, value)))])
+
+
+def call_text(action: str, values: Sequence[tuple[str, Value]]) -> str:
+    """An action with the values of its arguments: `MoveTo(goal: dock, speed: 0.5)`."""
+    given = (f"{name}: {v if isinstance(v, str) else number_text(v)}" for name, v in values)
+    return f"{action}({', '.join(given)})" if values else action
+
+
+def _argument(argument: Argument, value: Any) -> str:
+    """An argument as it stands behind the word of its node; "" for its default."""
+    if argument.sort is Sort.CONDITION:
+        return condition_text(value)
+    text = value if argument.sort is Sort.WORD else number_text(value)
+    if argument.default is None:
+        return text
+    return "" if value == argument.default else f"{argument.name} {text}"
+
+
+def condition_text(asked: Asked, *, brackets: bool = False) -> str:
+    """A condition as it is written; `brackets`: around one that is joined."""
+    if isinstance(asked, Compound):
+        if asked.word == "not":
+            return f"not {condition_text(asked.parts[0], brackets=True)}"
+        # `and` binds more than `or`, so only an `or` in an `and` needs them.
+        inside = [condition_text(part, brackets=asked.word == "and") for part in asked.parts]
+        text = f" {asked.word} ".join(inside)
+        return f"({text})" if brackets else text
+    if asked.operator == "is":
+        return asked.key
+    if asked.operator == "not":
+        return f"not {asked.key}"
+    return f"{asked.key} {asked.operator} {number_text(asked.number)}"
+
+
+def _lines(node: Node, indent: str) -> Iterator[str]:
+    line = inline(node, INLINE_LEVELS)
+    if line is not None and (len(indent) + len(line) <= WIDTH or not node.children):
+        yield f"{indent}{line}"
+        return
+    yield f"{indent}{head(node)} {{"
+    for child in node.children:
+        yield from _lines(child, indent + INDENT)
+    yield f"{indent}}}"
+
+
+def inline(node: Node, levels: int) -> str | None:
+    """The node as one line of any length; None if that would be hard to read."""
+    if not node.children:
+        return head(node)
+    if levels == 1 or (len(node.children) > 1 and any(c.children for c in node.children)):
+        return None
+    inside = [inline(child, levels - 1) for child in node.children]
+    if None in inside:
+        return None
+    return f"{head(node)} {{ {' '.join(map(str, inside))} }}"

@@ -1,0 +1,202 @@
+"""The words that a domain gives to the tree language: its actions and blackboard keys.
+
+Section 2.2.3 of the paper. A vocabulary is a value: the parser, the generator of
+random trees, the prompts, the exporters and the documentation all read it, and
+nothing else declares an action or a key.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import inf
+from numbers import Real
+from typing import Final
+
+from islandgp.bt.core.condition import Condition as Condition  # for those who declare actions
+from islandgp.bt.core.kinds import INNER, KINDS
+from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, Value
+from islandgp.bt.core.parameters import Parameter, check_parameters, leaf_of
+from islandgp.errors import DomainError
+
+NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+RESERVED: Final = frozenset((
+    "domain", "include", "constant", "subtree", "and", "or", "not", "use", *INNER,
+    *(a.name for kind in KINDS.values() for a in kind.arguments if a.default is not None),
+    *(word for kind in KINDS.values() for a in kind.arguments for word in a.words),
+))  # fmt: skip
+"""Words of the grammar: no action or key can have such a name."""
+
+STATUSES: Final = frozenset({FAILURE, SUCCESS, RUNNING})
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """A leaf that acts on the world.
+
+    What is said beside the meaning holds in every world of the domain: `simplify` rewrites
+    trees by the statuses, and `check` warns by the conditions.
+    """
+
+    meaning: str  # one line: what it does, when it succeeds and fails
+    statuses: frozenset[int] = STATUSES  # that it can return
+    to_start: tuple[Condition, ...] = ()  # what it fails at once without
+    to_succeed: tuple[Condition, ...] = ()  # true on the blackboard of the tick in which it does
+    changes: Mapping[str, int] = field(default_factory=dict)
+    """Keys that its success changes: -1 makes the value smaller, 1 larger."""
+    after: tuple[str, ...] = ()
+    """Actions whose success often comes right before it. Random trees put some of them in front."""
+    arguments: Mapping[str, Parameter] = field(default_factory=dict)
+    """By name, in the order in which trees are written."""
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """A blackboard entry that a `when` can ask for."""
+
+    meaning: str  # one line, with the unit
+    flag: bool = True  # yes or no; False: a number
+    low: float = 0.0  # least value
+    high: float = 1.0  # greatest threshold of a random tree
+    step: float = 1.0  # distance between two thresholds of random trees, > 0
+    most: float | None = None  # greatest value in any world; None: there is no such value
+    noise: float = 0.0  # standard deviation that perturbed worlds add to a number, >= 0
+
+
+def flag(meaning: str) -> Key:
+    """A key that is yes or no."""
+    return Key(meaning)
+
+
+def number(
+    meaning: str,
+    low: float,
+    high: float,
+    step: float = 1.0,
+    *,
+    most: float | None = None,
+    noise: float = 0.0,
+) -> Key:
+    """A key that is a number of at least `low`; random thresholds lie on a grid up to `high`."""
+    return Key(meaning, flag=False, low=low, high=high, step=step, most=most, noise=noise)
+
+
+def _is_name(word: str) -> bool:
+    """Whether a domain may give a word a meaning."""
+    return NAME.fullmatch(word) is not None and word not in RESERVED
+
+
+def must_be(kind: type, entries: Mapping[str, object], what: str) -> None:
+    """Raises DomainError for an entry of another type; `what` has {} for its name."""
+    for name, entry in entries.items():
+        if not isinstance(entry, kind):
+            raise DomainError(
+                f"Expected {kind.__name__}(...) for {what.format(name)}, found {entry!r}."
+            )
+
+
+def _must_be_known(action: Action, what: str, keys: Mapping[str, Key]) -> None:
+    """Raises DomainError for statuses, or keys of conditions, that there are not."""
+    if not action.statuses or not STATUSES.issuperset(action.statuses):
+        raise DomainError(
+            f"Expected statuses among FAILURE, SUCCESS and RUNNING for {what}, found"
+            f" {action.statuses!r}."
+        )
+    asked = [condition.key for condition in (*action.to_start, *action.to_succeed)]
+    for key in (*asked, *action.changes):
+        if key not in keys:
+            raise DomainError(
+                f"Expected keys of the vocabulary in the conditions and changes of {what}, found"
+                f" {key!r}."
+            )
+
+
+UNKNOWN: Final = Action("")
+"""Of an action that no vocabulary declares, nothing is known."""
+
+
+@dataclass(frozen=True)
+class Vocabulary:
+    """The actions and keys of one domain.
+
+    Raises:
+        DomainError: a name is not a word of the language, an entry is no Action or Key, or a
+            range is empty.
+    """
+
+    domain: str  # its name, as `domain NAME` in a tree file says it
+    actions: Mapping[str, Action]
+    keys: Mapping[str, Key]
+
+    def __post_init__(self) -> None:
+        """Refuses what the language cannot say."""
+        for name in (self.domain, *self.actions, *self.keys):
+            if not _is_name(name):
+                raise DomainError(
+                    f"Expected a name of letters, digits and _ that is no word of the language,"
+                    f" found {name!r} in the domain {self.domain!r}; rename it."
+                )
+        must_be(Action, self.actions, f"the action {{}} of the domain {self.domain}")
+        must_be(Key, self.keys, f"the key {{}} of the domain {self.domain}")
+        if both := self.actions.keys() & self.keys.keys():
+            raise DomainError(
+                f"Expected each name once in the domain {self.domain}, found {min(both)!r} as an"
+                " action and as a key; rename one."
+            )
+        for name, action in self.actions.items():
+            where = f"the action {name} of the domain {self.domain}"
+            _must_be_known(action, where, self.keys)
+            check_parameters(action.arguments, where, _is_name)
+            for before in action.after:
+                if before not in self.actions or before == name:
+                    raise DomainError(
+                        f"Expected other actions of the domain {self.domain} as `after` of the"
+                        f" action {name}, found {before!r}."
+                    )
+        for name, key in self.keys.items():
+            most = () if key.most is None else (key.most,)
+            bounds = (key.low, key.high, key.step, *most, key.noise)
+            if not all(isinstance(bound, Real) for bound in bounds):
+                raise DomainError(
+                    f"Expected numbers as low, high, step, most and noise of the key {name} of the"
+                    f" domain {self.domain}, found {', '.join(map(repr, bounds))}."
+                )
+            if not (-inf < key.low < key.high < inf and key.step > 0):
+                raise DomainError(
+                    f"Expected finite low < high and step > 0 for the key {name} of the domain"
+                    f" {self.domain}, found {key.low:g}, {key.high:g}, {key.step:g}."
+                )
+            if not 0 <= key.noise < inf or (key.flag and key.noise):
+                raise DomainError(
+                    f"Expected noise of at least 0, and only of numbers, for the key {name} of the"
+                    f" domain {self.domain}, found {key.noise:g}."
+                )
+
+    @cached_property
+    def places(self) -> dict[str, int]:
+        """The index of each key on a blackboard."""
+        return {name: place for place, name in enumerate(self.keys)}
+
+    @cached_property
+    def always(self) -> tuple[Condition, ...]:
+        """What holds on every blackboard."""
+        numbers = {name: key for name, key in self.keys.items() if not key.flag}
+        return (
+            *(Condition(name, ">=", key.low) for name, key in numbers.items()),
+            *(Condition(n, "<=", key.most) for n, key in numbers.items() if key.most is not None),
+        )
+
+    def leaf(self, name: str, values: Mapping[str, Value]) -> Node:
+        """A leaf in its canonical form."""
+        return leaf_of(name, values, self.action(name).arguments)
+
+    def action(self, name: str) -> Action:
+        """What is known of an action; UNKNOWN where it is not declared."""
+        return self.actions.get(name, UNKNOWN)
+
+
+NOTHING: Final = Vocabulary("nothing", {}, {})
+"""A vocabulary that declares nothing."""

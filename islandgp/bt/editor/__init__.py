@@ -1,0 +1,1 @@
+"""Editing of tree files: completion, meanings of names, canonical format."""

@@ -1,0 +1,282 @@
+"""What an editor asks about a tree file while it is written: completions, meanings, names.
+
+Places are offsets into the text as the editor has it. The text may be wrong anywhere.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Final, Literal, NamedTuple, TypeAlias
+
+from islandgp.bt.core.condition import OPERATORS
+from islandgp.bt.core.includes import mentioned
+from islandgp.bt.core.kinds import INNER, KINDS
+from islandgp.bt.core.language import following
+from islandgp.bt.core.node import STATUS_NAMES
+from islandgp.bt.core.parameters import Parameter, signature, value_range
+from islandgp.bt.core.printer import condition_text
+from islandgp.bt.core.vocabulary import NAME, RESERVED, STATUSES, Action, Key, Vocabulary
+from islandgp.errors import TreeError
+
+Sort: TypeAlias = Literal["action", "key", "word", "subtree", "number"]
+
+_WORD: Final = re.compile(r'#[^\n]*|"[^"\n]*"?|[A-Za-z_]\w*|-?\.?[0-9][0-9A-Za-z_.]*|[<>=!]=?|\S')
+
+MEANINGS: Final = {
+    **{name: KINDS[name].meaning for name in INNER},
+    "use": "stands for the whole subtree of that name",
+    "domain": "whose actions and keys the tree uses",
+    "include": "a file beside this one whose subtrees and constants can be used below",
+    "constant": "a name for a number",
+    "subtree": "a name for a tree, for use further down",
+    **{
+        argument.name: f"{argument.meaning}; without it: {argument.default}"
+        for kind in KINDS.values()
+        for argument in kind.arguments
+        if argument.default is not None
+    },
+    **{w: m for kind in KINDS.values() for a in kind.arguments for w, m in a.words.items()},
+    "and": "both conditions hold",
+    "or": "one of the conditions holds",
+    "not": "the condition does not hold",
+}
+"""Words of the language, each with what it is for."""
+
+
+class Word(NamedTuple):
+    """A word of a text, comments and names of files included."""
+
+    text: str
+    start: int
+    end: int
+
+
+@dataclass(frozen=True, slots=True)
+class Offer:
+    """A word that could stand at a place."""
+
+    text: str
+    sort: Sort
+    detail: str  # one line: what it is
+
+
+def words_of(text: str) -> list[Word]:
+    """The words of any text."""
+    return [Word(m[0], m.start(), m.end()) for m in _WORD.finditer(text)]
+
+
+def offers(
+    text: str,
+    offset: int,
+    vocabulary: Vocabulary,
+    folder: Path,
+    domains: Sequence[str] = (),
+) -> list[Offer]:
+    """The words that could stand at a place, in place of the one that is being typed there.
+
+    Args:
+        text: the file; what stands before the place should be right so far.
+        offset: of the place.
+        vocabulary: the actions and keys.
+        folder: of the file, for what it includes.
+        domains: names of those that a file can be for.
+    """
+    before = text[: _begin(text, offset)]
+    found = words_of(before)
+    if found and found[-1].text[0] == "#" and "\n" not in before[found[-1].end :]:
+        return []
+    code = [word.text for word in found if word.text[0] != "#"]
+    accepted = following(before)
+    words = [name.lower() for name in sorted(accepted) if name.lower() in MEANINGS]
+    made = [Offer(word, "word", MEANINGS[word]) for word in words]
+    if "OPERATOR" in accepted:
+        made += [Offer(sign, "word", "compares the key with a number") for sign in OPERATORS]
+    if "NAME" in accepted:
+        made += _names(code, accepted, vocabulary, f"{before}\n", folder, domains)
+    return made
+
+
+def _names(
+    code: Sequence[str],
+    accepted: frozenset[str],
+    vocabulary: Vocabulary,
+    before: str,
+    folder: Path,
+    domains: Sequence[str],
+) -> list[Offer]:
+    """The names that could stand behind these words."""
+    last = code[-1] if code else ""
+    if last == "use":
+        own = _unfinished(code)
+        trees = subtrees(before, folder).items()
+        return [Offer(name, "subtree", lead) for name, lead in trees if name != own]
+    if arguments := _arguments(code, vocabulary):
+        if last != ":":
+            about = {key: f"{each.meaning}: {value_range(each)}" for key, each in arguments.items()}
+            return [Offer(key, "key", told) for key, told in about.items()]
+        key = code[-2]
+        if key in arguments and (words := arguments[key].words):
+            return [Offer(word, "word", f"a value of {key}") for word in words]
+    if last == "domain":
+        return [Offer(name, "word", "a domain") for name in domains]
+    if "NUMBER" in accepted:
+        return [Offer(name, "number", told) for name, told in _numbers(before, folder).items()]
+    if "SELECTOR" in accepted:
+        actions = vocabulary.actions.items()
+        return [Offer(name, "action", action.meaning) for name, action in actions]
+    if "NOT" in accepted:
+        return [Offer(name, "key", key.meaning) for name, key in vocabulary.keys.items()]
+    return []  # a new name
+
+
+def _arguments(code: Sequence[str], vocabulary: Vocabulary) -> Mapping[str, Parameter]:
+    """The arguments of the action in whose brackets the last of these words stands, if it does."""
+    for at in range(len(code) - 1, 0, -1):
+        if code[at] in (")", "{", "}"):
+            break
+        if code[at] == "(":
+            return vocabulary.action(code[at - 1]).arguments
+    return {}
+
+
+def meaning(
+    text: str, offset: int, vocabulary: Vocabulary, folder: Path
+) -> tuple[str, Word] | None:
+    """What the word at a place means, as Markdown, and that word; None where there is nothing."""
+    found = _at(text, offset)
+    if found is None:
+        return None
+    word, previous = found
+    name = word.text
+    if previous in ("use", "subtree"):
+        lead = subtrees(text, folder).get(name)
+        return (f"```\n{lead}\n```", word) if lead else None
+    if name in vocabulary.actions:
+        return _about_action(name, vocabulary.actions[name]), word
+    if name in vocabulary.keys:
+        return _about_key(name, vocabulary.keys[name]), word
+    if name in MEANINGS:
+        return f"**{name}**: {MEANINGS[name]}", word
+    if name in (numbers := _numbers(text[: word.end], folder)):
+        return f"`{numbers[name]}`", word
+    return None
+
+
+def _about_action(name: str, action: Action) -> str:
+    lines = [f"**{signature(name, action.arguments)}**: {action.meaning}"]
+    for key, each in action.arguments.items():
+        lines.append(f"- `{key}`: {each.meaning}; without it: {each.default}")
+    if action.statuses != STATUSES:
+        ends = ", ".join(STATUS_NAMES[status] for status in sorted(action.statuses))
+        lines.append(f"It returns {ends}.")
+    needs = (("Starts only with", action.to_start), ("Succeeds with", action.to_succeed))
+    for what, needed in needs:
+        if needed:
+            lines.append(f"{what} `{' and '.join(map(condition_text, needed))}`.")
+    return "\n\n".join(lines)
+
+
+def _about_key(name: str, key: Key) -> str:
+    how = f"`when {name}`" if key.flag else f"`when {name} < {key.low + key.step:g}`"
+    most = "" if key.most is None else f" to {key.most:g}"
+    bounds = "" if key.flag else f"\n\nA number, from {key.low:g}{most}."
+    return f"**{name}**: {key.meaning}{bounds}\n\nAsked with {how}."
+
+
+def subtrees(text: str, folder: Path) -> dict[str, str]:
+    """The named subtrees of a text and of what it includes, each with its definition's line."""
+    return {name: f"subtree {lead}" for name, lead in _defined("subtree", text, folder)}
+
+
+def _numbers(text: str, folder: Path) -> dict[str, str]:
+    """The constants of a text and of what it includes, and parameters of the subtree at its end."""
+    found = {name: f"constant {lead}" for name, lead in _defined("constant", text, folder)}
+    code = [word.text for word in words_of(text) if word.text[0] != "#"]
+    own = _unfinished(code)
+    if own:
+        lead = dict(_defined("subtree", text, folder, own=True)).get(own, "")
+        inside = re.search(r"\(([^)]*)\)", lead.partition("=")[0])
+        names = inside[1].split(",") if inside else []
+        found |= {name.strip(): f"a parameter of {own}" for name in names}
+    return found
+
+
+def _unfinished(code: Sequence[str]) -> str:
+    """The subtree whose definition the words have not come to the end of; "" for none."""
+    if "subtree" not in code:
+        return ""
+    name, *rest = [*code[len(code) - code[::-1].index("subtree") :], ""]
+    body = rest[rest.index("=") + 1 : -1] if "=" in rest else []
+    level = 0
+    for word in body:
+        level += (word == "{") - (word == "}")
+        if word == "}" and level == 0:
+            return ""
+    leaf = bool(body) and body[0] not in KINDS
+    return "" if leaf and len(body) > (2 if body[0] == "use" else 1) and body[-1] != ")" else name
+
+
+def _defined(kind: str, text: str, folder: Path, *, own: bool = False) -> Iterator[tuple[str, str]]:
+    """Names that `subtree` or `constant` define, with the rest of their line without comments."""
+    for source in (*(() if own else mentioned(text, folder).values()), text):
+        found = words_of(source)
+        for word, name in pairwise(found):
+            if word.text == kind and NAME.fullmatch(name.text):
+                line = source[name.start :].partition("\n")[0].partition("#")[0]
+                yield name.text, line.strip()
+
+
+def subtree_at(text: str, offset: int) -> Word | None:
+    """The name of a subtree that stands at a place, where it is defined or used."""
+    found = _at(text, offset)
+    return found[0] if found and found[1] in ("use", "subtree") else None
+
+
+def renamed(text: str, offset: int, new: str, folder: Path) -> list[Word]:
+    """The places where the subtree at a place is named, all of which `new` can replace.
+
+    Raises:
+        TreeError: there is no subtree, it stands in another file, or `new` cannot be its name.
+    """
+    name = subtree_at(text, offset)
+    if name is None:
+        raise TreeError("Expected the name of a subtree, found none here.")
+    if name.text not in dict(_defined("subtree", text, folder, own=True)):
+        raise TreeError(f"Expected a subtree of this file, found {name.text} in one it includes.")
+    if not NAME.fullmatch(new) or new in RESERVED:
+        raise TreeError(
+            f"Expected letters, digits and _ that are no word of the language, found {new!r}."
+        )
+    if new != name.text and new in subtrees(text, folder):
+        raise TreeError(f"Expected a new name, found {new}, which is another subtree's.")
+    found = [word for word in words_of(text) if word.text[0] != "#"]
+    return [
+        word
+        for before, word in pairwise(found)
+        if before.text in ("use", "subtree") and word.text == name.text
+    ]
+
+
+def _begin(text: str, offset: int) -> int:
+    """Where the word that is being typed at a place begins."""
+    while offset and (text[offset - 1].isalnum() or text[offset - 1] == "_"):
+        offset -= 1
+    return offset
+
+
+def _at(text: str, offset: int) -> tuple[Word, str] | None:
+    """The word at a place, which is no comment, and the one before it."""
+    previous = ""
+    for word in words_of(text):
+        if word.text[0] == "#":
+            continue
+        if word.start <= offset <= word.end and NAME.fullmatch(word.text):
+            return word, previous
+        if word.start > offset:
+            return None
+        previous = word.text
+    return None

@@ -1,0 +1,190 @@
+"""A vocabulary from a file, for a robot whose domain is not installed here.
+
+The file is a domain's schema as JSON, as `islandgp domain NAME --json` prints it, or
+BehaviorTree.CPP XML with a `TreeNodesModel`. A model declares no blackboard entries,
+so the keys are those that the tree asks: a number where it compares, else a flag.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final, Literal
+
+from pydantic import BaseModel, Field, FiniteFloat, ValidationError
+
+from islandgp.bt.core.builder import MAX_NUMBER
+from islandgp.bt.core.condition import OPERATORS, Condition
+from islandgp.bt.core.language import domain_of, parse
+from islandgp.bt.core.node import FAILURE, STATUS_NAMES, SUCCESS, asked_in
+from islandgp.bt.core.parameters import Parameter
+from islandgp.bt.core.source import shown
+from islandgp.bt.core.vocabulary import RESERVED, Action, Key, Vocabulary
+from islandgp.bt.export.xml_reader import Element, read_xml
+from islandgp.errors import DomainError
+from islandgp.plain import read_json
+
+UNNAMED: Final = "model"
+"""The domain of a vocabulary from a TreeNodesModel, which names none."""
+
+_SCRIPTS: Final = ("code", "condition")  # attributes that ask the blackboard
+_WORD: Final = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)\s*([<>=!]=|[<>])?")
+
+
+def declared(
+    text: str, tree: str, *, name: str, tree_name: str = "<tree>", folder: Path | None = None
+) -> Vocabulary:
+    """The vocabulary that a file declares.
+
+    Args:
+        text: the declaration.
+        tree: the text of the tree that is read with it, of which a model takes its keys.
+        name: what messages call the declaration.
+        tree_name: what they call the tree.
+        folder: of the tree's file, as in `parse`.
+
+    Raises:
+        DomainError: it is neither of both forms, or declares what the language cannot say.
+        TreeError: it is no XML, or the tree is not one.
+    """
+    if text.lstrip("\ufeff \t\r\n").startswith("<"):
+        actions = dict(_model(read_xml(text, name=name), name))
+        if not actions:
+            raise DomainError(f"{name}: expected a <TreeNodesModel> with actions, found none.")
+        return Vocabulary(domain_of(tree) or UNNAMED, actions, _asked(tree, tree_name, folder))
+    return _schema(text, name)
+
+
+def _model(root: Element, name: str) -> Iterator[tuple[str, Action]]:
+    """The leaves that a model declares; what has children is known to the language or not."""
+    models = [root] if root.tag == "TreeNodesModel" else root.children
+    for model in models:
+        for element in model.children if model.tag == "TreeNodesModel" else ():
+            if element.tag not in ("Action", "Condition"):
+                continue
+            identity = element.attributes.get("ID", "")
+            if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", identity) or identity in RESERVED:
+                raise DomainError(
+                    f"{name}:{element.line}:{element.column}: expected an ID of letters, digits and"
+                    f" _ that is no word of the language, found {shown(identity)}; rename it."
+                )
+            at_once = frozenset({FAILURE, SUCCESS})
+            known = Action("") if element.tag == "Action" else Action("", at_once)
+            yield identity, known
+
+
+def _asked(tree: str, name: str, folder: Path | None) -> dict[str, Key]:
+    """The keys that a tree asks, in our language or in XML."""
+    numbers: dict[str, bool] = {}
+    if tree.lstrip("\ufeff \t\r\n").startswith("<"):
+        for script in _scripts(read_xml(tree, name=name)):
+            for word, compared in _WORD.findall(script):
+                if word not in ("and", "or", "not", "true", "false"):
+                    numbers[word] = numbers.get(word, False) or bool(compared)
+    else:
+        for term in asked_in(parse(tree, name=name, folder=folder)):
+            compares = term.operator in OPERATORS
+            numbers[term.key] = numbers.get(term.key, False) or compares
+    whole = Key("", flag=False, low=-float(MAX_NUMBER), high=float(MAX_NUMBER))
+    return {key: whole if number else Key("") for key, number in sorted(numbers.items())}
+
+
+def _scripts(element: Element) -> Iterator[str]:
+    waiting = [element]
+    while waiting:
+        each = waiting.pop()
+        yield from (each.attributes[a] for a in _SCRIPTS if a in each.attributes)
+        waiting += each.children
+
+
+_Condition = tuple[str, Literal["<", "<=", ">", ">=", "==", "!=", "is", "not"], FiniteFloat]
+
+
+class _Parameter(BaseModel, extra="forbid"):
+    """An entry of `arguments`."""
+
+    meaning: str = ""
+    sort: Literal["number", "integer", "word", "flag"]
+    default: FiniteFloat | str
+    low: FiniteFloat = 0.0
+    high: FiniteFloat = 1.0
+    step: FiniteFloat | None = None
+    logarithmic: bool = False
+    words: list[str] = []
+    unit: str = ""
+
+    def parameter(self) -> Parameter:
+        return Parameter(**{**dict(self), "words": tuple(self.words)})
+
+
+class _Action(BaseModel, extra="forbid"):
+    """An entry of `actions`."""
+
+    meaning: str = ""
+    statuses: list[Literal["FAILURE", "SUCCESS", "RUNNING"]] = Field(
+        default=["FAILURE", "SUCCESS", "RUNNING"], min_length=1
+    )
+    to_start: list[_Condition] = []
+    to_succeed: list[_Condition] = []
+    changes: dict[str, Literal[-1, 1]] = {}
+    after: list[str] = []
+    arguments: dict[str, _Parameter] = {}
+
+    def action(self) -> Action:
+        return Action(
+            self.meaning,
+            frozenset(map(STATUS_NAMES.index, self.statuses)),
+            tuple(Condition(*each) for each in self.to_start),
+            tuple(Condition(*each) for each in self.to_succeed),
+            self.changes,
+            tuple(self.after),
+            {name: each.parameter() for name, each in self.arguments.items()},
+        )
+
+
+class _Key(BaseModel, extra="forbid"):
+    """An entry of `keys`; one with a range is a number unless it says otherwise."""
+
+    meaning: str = ""
+    flag: bool = True
+    low: FiniteFloat = 0.0
+    high: FiniteFloat = 1.0
+    step: FiniteFloat = 1.0
+    most: FiniteFloat | None = None
+    noise: FiniteFloat = 0.0
+
+    def key(self) -> Key:
+        given = self.model_fields_set
+        return Key(**{**dict(self), "flag": self.flag if "flag" in given else given <= {"meaning"}})
+
+
+class _Words(BaseModel):
+    """A vocabulary; a schema's other entries are passed over."""
+
+    domain: str
+    actions: dict[str, _Action]
+    keys: dict[str, _Key] = {}
+
+
+def _schema(text: str, name: str) -> Vocabulary:
+    try:
+        found = read_json(text.removeprefix("\ufeff"))
+        words = found.get("vocabulary", found) if isinstance(found, dict) else found
+        given = _Words.model_validate_json(json.dumps(words), strict=True)
+        actions = {action: entry.action() for action, entry in given.actions.items()}
+        return Vocabulary(given.domain, actions, {k: e.key() for k, e in given.keys.items()})
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False)[0]
+        at, why = ".".join(map(str, first["loc"])) or "the file", first["msg"]
+        raise DomainError(
+            f"{name}: {at:.100}: {why[0].lower()}{why[1:]}; see `islandgp domain --json`."
+        ) from None
+    except DomainError as error:
+        raise DomainError(f"{name}: {error}") from None
+    except ValueError:
+        raise DomainError(
+            f"{name}: the file: expected JSON of `islandgp domain NAME --json`, or"
+            " BehaviorTree.CPP XML."
+        ) from None

@@ -1,0 +1,1 @@
+"""Genetic programming: individuals, random trees, operators, archive, records."""

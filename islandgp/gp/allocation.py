@@ -1,0 +1,139 @@
+"""Who makes up the next population: Table 1 (section 2.3).
+
+The slots are filled in a fixed order: elites, behavioural elites, resurrected,
+the supervisor's tree and random ones for diversity, and tournament children for
+the rest. Mutation comes afterwards and is not decided here.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+from islandgp.bt.core.node import Node
+from islandgp.gp.plan import Allocation, Plan
+from islandgp.gp.population import (
+    Ancestor,
+    Archive,
+    EditedTree,
+    Evaluated,
+    Individual,
+    Origin,
+    edited_individuals,
+    ranked,
+)
+from islandgp.gp.random_trees import random_tree
+from islandgp.gp.selection import pick_parent, selection
+from islandgp.gp.variation import crossover
+from islandgp.seeding import Stream, Streams
+
+
+def remember(
+    archive: Archive, population: Sequence[Evaluated], behaviours: Sequence[str], stage: int
+) -> dict[str, Ancestor]:
+    """The archive with this generation's best of each behaviour, where they are better.
+
+    Stages of the curriculum have scales of their own: what shows a behaviour in a later one
+    replaces the best of an earlier one, whatever their fitness.
+    """
+    kept = dict(archive)
+    for e in population:
+        for behaviour in e.verdict.behaviours:
+            best = kept.get(behaviour)
+            if best is None or (stage, e.merit) > (best.stage, best.merit):
+                i = e.individual
+                kept[behaviour] = Ancestor(i.id, i.tree, stage, e.fitness, e.violation)
+    return {name: kept[name] for name in behaviours if name in kept}
+
+
+def scaled(count: int, allocation: Allocation, population: int) -> int:
+    """A count of Table 1 for another population size, rounded half up, but none lost."""
+    return max(min(count, 1), (2 * count * population + allocation.per) // (2 * allocation.per))
+
+
+def diversity_slots(allocation: Allocation, population: int, taken: int, diversity: float) -> int:
+    """How many diversity slots: more when diversity is low, within Table 1's two ranges."""
+    least, most = (max(1, scaled(n, allocation, population)) for n in allocation.diversity)
+    few, many = (scaled(n, allocation, population) for n in allocation.tournament)
+    enough, low = allocation.diversity_targets
+    middle = (least + most + 1) // 2
+    wanted = least if diversity >= enough else most if diversity < low else middle
+    free = population - taken
+    wanted = max(wanted, min(most, free - many))
+    return max(min(wanted, free - few), min(least, free))
+
+
+def elites(
+    population: Sequence[Evaluated],
+    allocation: Allocation,
+    archive: Archive,
+    behaviours: Sequence[str],
+) -> list[tuple[Origin, str, Node]]:
+    """Elites, the best of each behaviour, and resurrected ones: (origin, parent, tree)."""
+    n, order = len(population), ranked(tuple(population))
+    best = order[: scaled(allocation.elites, allocation, n)]
+    taken = {e.individual.id for e in best}
+    slots = [(Origin.ELITE, e.individual.id, e.individual.tree) for e in best]
+    room = scaled(allocation.behavioural_elites, allocation, n)
+    for behaviour in behaviours:
+        first = next((e for e in order if behaviour in e.verdict.behaviours), None)
+        if room and first is not None and first.individual.id not in taken:
+            taken.add(first.individual.id)
+            room -= 1
+            slots.append((Origin.BEHAVIOURAL_ELITE, first.individual.id, first.individual.tree))
+    alive = {behaviour for e in population for behaviour in e.verdict.behaviours}
+    # One ancestor may be the best of several behaviours: it comes back once.
+    extinct = list({a.id: a for name, a in archive.items() if name not in alive}.values())
+    slots += [
+        (Origin.RESURRECTED, a.id, a.tree)
+        for a in extinct[: scaled(allocation.resurrected, allocation, n)]
+    ]
+    return slots
+
+
+def next_population(
+    plan: Plan,
+    population: Sequence[Evaluated],
+    *,
+    streams: Streams,
+    generation: int,
+    injected: Node | None,
+    archive: Archive,
+    diversity: float,
+    edited: Sequence[EditedTree] = (),
+) -> tuple[Individual, ...]:
+    """The population of `generation`, before mutation; as many individuals as before.
+
+    Edited trees take slots of tournament children.
+    """
+    n, gp, allocation = len(population), plan.gp, plan.allocation
+    select, cross = selection(gp.selection), crossover(gp.crossover)
+    kept = elites(population, allocation, archive, plan.classes.kept)[: n - 2 - len(edited)]
+    new = [
+        Individual(f"{generation}.{slot}", tree, origin, (parent,))
+        for slot, (origin, parent, tree) in enumerate(kept)
+    ]
+    for i in range(diversity_slots(allocation, n, len(new) + len(edited), diversity)):
+        slot = len(new)
+        if i == 0 and injected is not None:
+            new.append(Individual(f"{generation}.{slot}", injected, Origin.INJECTED))
+            continue
+        rng = streams(Stream.DIVERSITY, generation=generation, slot=slot)
+        new.append(Individual(f"{generation}.{slot}", random_tree(rng, plan.space), Origin.RANDOM))
+    new += edited_individuals(edited, generation, len(new))
+    supplied: Counter[str] = Counter()
+    most = allocation.niche_share * (n - len(new)) * (1 + gp.crossover_rate)
+    for slot in range(len(new), n):
+        rng = streams(Stream.SELECTION, generation=generation, slot=slot)
+        parents = []
+        for _ in range(2 if rng.random() < gp.crossover_rate else 1):
+            e = pick_parent(rng, select, population, supplied, most=most, entrants=gp.tournament)
+            supplied[e.verdict.specialist] += 1
+            parents.append(e.individual)
+        tree, origin = parents[0].tree, Origin.COPY
+        if len(parents) > 1:
+            rng = streams(Stream.CROSSOVER, generation=generation, slot=slot)
+            tree, origin = cross(rng, tree, parents[1].tree, gp.limits), Origin.CROSSOVER
+        ids = tuple(parent.id for parent in parents)
+        new.append(Individual(f"{generation}.{slot}", tree, origin, ids))
+    return tuple(new)

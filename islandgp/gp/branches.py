@@ -1,0 +1,304 @@
+"""Priority lists: selectors of guarded branches, and operators that keep a branch whole.
+
+A guarded branch is a child of a selector, mostly a `when` above a few actions. Most trees that
+people write are lists of such branches, the most urgent first. Subtree crossover and mutation
+seldom add one, as several nodes must appear at once; the operators here add, exchange and change
+branches as units. `variation` has them in its tables.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import floor, log10
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from islandgp.bt.analysis.simplify import simplify
+from islandgp.bt.core.condition import Asked, joined, terms, with_term
+from islandgp.bt.core.kinds import ABORTS, kind_of
+from islandgp.bt.core.node import (
+    FAILURE,
+    ActionArgs,
+    GuardArgs,
+    Limits,
+    Node,
+    depth,
+    guard_of,
+    guarded,
+    replace_at,
+    selector,
+    sequence,
+    size,
+    walk,
+)
+from islandgp.bt.core.parameters import leaf_of, written
+from islandgp.bt.core.vocabulary import Key
+from islandgp.gp.random_trees import (
+    TreeSpace,
+    moved_number,
+    random_abort,
+    random_leaf,
+    random_term,
+)
+
+if TYPE_CHECKING:  # variation imports this module
+    from islandgp.gp.variation import MutationSettings
+
+BODY: Final = {1: 0.5, 2: 0.4, 3: 0.1}
+"""Chance of each number of actions in a random branch."""
+DECLARED: Final = 0.5
+"""Chance that a random branch is guarded by what its first action declares that it needs."""
+PREPARED: Final = 0.7
+"""Chance that an action of a random branch comes behind one that it declares as `after`."""
+LONG: Final = 3
+"""Actions of a random branch to which no more are added."""
+FINE: Final = 200  # thresholds of tuned numbers are multiples of about range / FINE
+EVERY: Final = 0.3  # chance that `tune` changes every number of a tree and not only one
+
+
+def random_branch(rng: np.random.Generator, space: TreeSpace) -> Node:
+    """A guarded branch: `when CONDITION { ACTION }`, or a short sequence of actions.
+
+    Half of the guards are what the first action declares as `to_start`, where it declares
+    something; the others are random conditions. Without keys there is no guard.
+    """
+    body = _random_body(rng, space, 1 + int(rng.choice(len(BODY), p=list(BODY.values()))))
+    if not space.keys:
+        return body
+    declared = space.vocabulary.action(next(_actions(body)).action).to_start
+    if declared and rng.random() < DECLARED:
+        condition: Asked = joined("and", declared)
+    else:
+        condition = _random_condition(rng, space)
+    return guarded(condition, body, random_abort(rng, space))
+
+
+def _actions(tree: Node) -> Iterator[Node]:
+    return (node for node in walk(tree) if node.action)
+
+
+def _random_body(rng: np.random.Generator, space: TreeSpace, n: int) -> Node:
+    """A sequence of up to `n` random actions, each behind its preparations; or one alone.
+
+    None is added to a sequence of three actions or more.
+    """
+    names: list[str] = []
+    for _ in range(n):
+        if len(names) < LONG:
+            names += _prepared(rng, space.actions[rng.integers(len(space.actions))], space)
+    actions = [random_leaf(rng, name, space) for name in names]
+    return actions[0] if len(actions) == 1 else sequence(*actions)
+
+
+def _prepared(rng: np.random.Generator, name: str, space: TreeSpace) -> list[str]:
+    """The action behind some of those that it declares as `after`, and these behind theirs."""
+    names = [name]
+    options = list(space.vocabulary.action(name).after)
+    while options and rng.random() < PREPARED:
+        first = options.pop(int(rng.integers(len(options))))
+        names = [*_prepared(rng, first, space), *names]
+    return names
+
+
+def random_list(rng: np.random.Generator, space: TreeSpace) -> Node:
+    """A random priority list: two to five guarded branches, and a last one without a guard."""
+    branches = [random_branch(rng, space) for _ in range(int(rng.integers(2, 6)))]
+    return selector(*branches, _random_body(rng, space, 1))
+
+
+def _random_condition(rng: np.random.Generator, space: TreeSpace) -> Asked:
+    """A single condition, or two that are joined; `and` is likelier than `or`."""
+    condition = random_term(rng, space)
+    if rng.random() < 0.7:
+        return condition
+    word = "or" if rng.random() < 0.2 else "and"
+    return joined(word, [condition, random_term(rng, space)])
+
+
+def _selectors(tree: Node) -> list[tuple[int, Node]]:
+    return [(i, node) for i, node in enumerate(walk(tree)) if kind_of(node).hands_over == FAILURE]
+
+
+def _guards(tree: Node) -> list[tuple[int, Node, GuardArgs]]:
+    """The guards of a tree with their places in document order and their arguments."""
+    return [(i, node, node.guard) for i, node in enumerate(walk(tree)) if node.guard]
+
+
+def branches_of(tree: Node) -> list[Node]:
+    """The branches of a tree: the children of its selectors; of a tree without one, itself."""
+    return [c for _, node in _selectors(tree) for c in node.children] or [tree]
+
+
+def with_branch(rng: np.random.Generator, tree: Node, branch: Node) -> Node:
+    """The tree with a branch in front of, or between, the children of one of its selectors.
+
+    The outermost selector is the likeliest. A tree without a selector becomes the last child of
+    a new one.
+    """
+    selectors = _selectors(tree)
+    if not selectors:
+        return selector(branch, tree)
+    i, node = selectors[0 if rng.random() < 0.6 else int(rng.integers(len(selectors)))]
+    at = int(rng.integers(len(node.children)))  # never last: behind an action nothing is reached
+    children = (*node.children[:at], branch, *node.children[at:])
+    return replace_at(tree, i, node._replace(children=children))
+
+
+def guard(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
+    """A random guarded branch in front of, or between, the children of a selector."""
+    return with_branch(rng, tree, random_branch(rng, space))
+
+
+def wrap(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
+    """A `when` with a random condition above a node."""
+    if not space.keys:
+        return tree
+    nodes = list(walk(tree))
+    i = int(rng.integers(len(nodes)))
+    asked = _random_condition(rng, space)
+    return replace_at(tree, i, guarded(asked, nodes[i], random_abort(rng, space)))
+
+
+def extend(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
+    """Another action in an action's place, or before or behind it in a sequence.
+
+    It may come with its preparations, as in a random branch.
+    """
+    leaves = [(i, node) for i, node in enumerate(walk(tree)) if node.action]
+    i, old = leaves[rng.integers(len(leaves))]
+    new = _random_body(rng, space, 1)
+    where = rng.random()
+    if where < 0.5:
+        return replace_at(tree, i, new)
+    return replace_at(tree, i, sequence(old, new) if where < 0.75 else sequence(new, old))
+
+
+def condition(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
+    """One guard with another abort rule, or with a term more, less, or another one."""
+    guards = _guards(tree)
+    if not guards:
+        return tree
+    i, old, args = guards[rng.integers(len(guards))]
+    asked = args.condition
+    parts = list(terms(asked))
+    at, what = int(rng.integers(len(parts))), rng.random()
+    if what < 0.25:
+        others = [abort for abort in ABORTS if abort != args.abort]
+        return replace_at(
+            tree, i, old._replace(args=args._replace(abort=others[rng.integers(len(others))]))
+        )
+    new: Asked | None = random_term(rng, space)
+    if what < 0.5 and len(parts) < space.settings.conditions.terms:
+        word = "or" if rng.random() < 0.3 else "and"
+        assert new is not None
+        new = joined(word, [parts[at], new])
+    elif what < 0.65:
+        new = None
+    changed = with_term(asked, at, new)
+    if changed is None:  # the only term is gone, and the guard with it
+        return replace_at(tree, i, old.children[0])
+    return replace_at(tree, i, old._replace(args=args._replace(condition=changed)))
+
+
+def fulfil(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
+    """An action behind a guard that asks what the action declares that it needs.
+
+    The conditions are `to_start` and `to_succeed` of the vocabulary, which `check` uses too.
+    """
+    needy = [
+        (i, node, conditions)
+        for i, node in enumerate(walk(tree))
+        if node.action and (conditions := _declared(node.action, space))
+    ]
+    if not needy:
+        return tree
+    i, node, conditions = needy[rng.integers(len(needy))]
+    return replace_at(tree, i, guarded(joined("and", conditions), node, "none"))
+
+
+def _declared(action: str, space: TreeSpace) -> tuple[Asked, ...]:
+    """What an action declares that it needs to start and to succeed."""
+    known = space.vocabulary.action(action)
+    return tuple(dict.fromkeys((*known.to_start, *known.to_succeed)))
+
+
+def shrink(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:  # noqa: ARG001 -- every mutation's form
+    """The tree without what `simplify` proves to have no effect."""
+    return simplify(tree, space.vocabulary).tree
+
+
+def tune(rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings) -> Node:
+    """One number of the tree's conditions, or all of them, moved a little.
+
+    The standard deviation is drawn anew each time, log-uniform from `number_sd` / 20 to
+    `number_sd`, as a share of the key's range. Numbers leave the grid of random thresholds.
+    """
+    places = numbers_of(tree, space)
+    if not places:
+        return tree
+    sd = how.number_sd * 20 ** (rng.random() - 1)
+    if rng.random() >= EVERY:
+        places = [places[rng.integers(len(places))]]
+    for i, k in places:
+        tree = _moved(tree, i, k, rng.normal(0, sd), space)
+    return tree
+
+
+def numbers_of(tree: Node, space: TreeSpace) -> list[tuple[int, int]]:
+    """Where a tree holds numbers: (index of the node, index of the term or of the argument)."""
+    keys = space.vocabulary.keys
+    found: list[tuple[int, int]] = []
+    for i, node in enumerate(walk(tree)):
+        if node.guard:
+            compared = [not keys[term.key].flag for term in terms(node.guard.condition)]
+        else:
+            arguments = space.vocabulary.action(node.action).arguments.values()
+            compared = [each.numeric for each in arguments]
+        found += [(i, k) for k, number in enumerate(compared) if number]
+    return found
+
+
+def _moved(tree: Node, i: int, k: int, by: float, space: TreeSpace) -> Node:
+    """The tree with the number `k` of node `i` moved by a share of its range."""
+    node = next(node for at, node in enumerate(walk(tree)) if at == i)
+    if isinstance(node.args, ActionArgs):
+        arguments = space.vocabulary.action(node.action).arguments
+        values = written(node.args, arguments)
+        name = list(arguments)[k]
+        values[name] = moved_number(arguments[name], float(values[name]), by)
+        return replace_at(tree, i, leaf_of(node.action, values, arguments))
+    args = guard_of(node)
+    term = list(terms(args.condition))[k]
+    key = space.vocabulary.keys[term.key]
+    new = term._replace(number=fine(term.number + by * (key.high - key.low), key))
+    changed = with_term(args.condition, k, new)
+    assert changed is not None
+    return replace_at(tree, i, node._replace(args=args._replace(condition=changed)))
+
+
+def fine(value: float, key: Key) -> float:
+    """The value within the key's range, in as few digits as about range / FINE needs."""
+    digit = 10.0 ** floor(log10((key.high - key.low) / FINE))
+    unit = min(digit, key.step)
+    nearest = round(round(value / unit) * unit, 9)
+    return min(key.high, max(key.low, nearest)) + 0.0  # no -0
+
+
+def branch_crossover(rng: np.random.Generator, mother: Node, father: Node, limits: Limits) -> Node:
+    """A branch of `father` in `mother`: between the children of a selector, or in one's place."""
+    room = limits.max_nodes - size(mother)
+    donors = [b for b in branches_of(father) if size(b) < room and depth(b) < limits.max_depth]
+    if not donors:
+        return mother
+    branch = donors[rng.integers(len(donors))]
+    selectors = _selectors(mother)
+    if not selectors or rng.random() < 0.6:
+        child = with_branch(rng, mother, branch)
+    else:
+        i, node = selectors[rng.integers(len(selectors))]
+        at = int(rng.integers(len(node.children)))
+        children = (*node.children[:at], branch, *node.children[at + 1 :])
+        child = replace_at(mother, i, node._replace(children=children))
+    fits = size(child) <= limits.max_nodes and depth(child) <= limits.max_depth
+    return child if fits else mother

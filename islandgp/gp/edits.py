@@ -1,0 +1,326 @@
+"""Edits: changes of one tree that a supervisor advises, each with its place and its reason.
+
+An edit names an individual and a place in its tree. A place is a path such as `0/2/1`: the third
+child of the first child of the root is `0/2`, and "" is the root. It can also be the text of a
+subtree that stands in the tree once. EDITS has the kinds that there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from islandgp.bt.analysis.lint import warnings
+from islandgp.bt.core.condition import terms, with_term
+from islandgp.bt.core.kinds import REPEATS, kind_of
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import FAILURE, CountArgs, Limits, Node, depth, selector, size, within
+from islandgp.bt.core.vocabulary import Vocabulary
+from islandgp.errors import TreeError
+
+Path = tuple[int, ...]
+"""A place in a tree: the index of a child on each level, from the root on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Edit:
+    """A change of a tree that a supervisor advises.
+
+    Raises:
+        ValueError: there is no such kind, or a field is missing or of no use to the kind.
+    """
+
+    kind: str  # a key of EDITS
+    of: str  # id of the individual whose tree is changed, "<generation>.<slot>"
+    at: str = ""  # place in its tree
+    branch: Node | None = None  # front, insert, replace: what is put there
+    number: float | None = None  # number: the new value
+    term: int = 0  # number: which of the conditions of a `when`, from 0
+    donor: str = ""  # combine: id of the individual whose branch is taken
+    donor_at: str = ""  # combine: place in the donor's tree
+    reason: str = ""  # for people, and for the record
+
+    def __post_init__(self) -> None:
+        """Refuses what no kind of edit could use."""
+        if self.kind not in EDITS:
+            raise ValueError(
+                f"expected an edit of one of the kinds {', '.join(EDITS)}, found {self.kind!r}"
+            )
+        needs = EDITS[self.kind].needs
+        given = {
+            "branch": self.branch is not None,
+            "number": self.number is not None,
+            "donor": bool(self.donor),
+        }
+        for name, is_given in given.items():
+            if is_given != (name == needs):
+                wanted, found = ("a", "none") if name == needs else ("no", "one")
+                raise ValueError(f"expected {wanted} {name} in an edit {self.kind}, found {found}")
+
+
+@dataclass(frozen=True, slots=True)
+class EditKind:
+    """What a kind of edit needs and does."""
+
+    needs: str  # the field of `Edit` that it takes besides `of`, `at` and `reason`
+    meaning: str  # one line for people and prompts
+    change: Callable[[Node, Path, Edit, Node | None], Node]
+    """The changed tree, of the tree, the place, the edit, and the donor's branch.
+
+    Raises ValueError if the edit is not possible there.
+    """
+
+
+@dataclass(frozen=True, slots=True)
+class EditRecord:
+    """An edit as records keep it, and whether it was taken."""
+
+    kind: str
+    of: str
+    at: str
+    branch: str | None  # canonical text
+    number: float | None
+    term: int
+    donor: str
+    donor_at: str
+    reason: str
+    refused: str  # why it was not taken, or ""
+
+
+@dataclass(frozen=True, slots=True)
+class EditTrial:
+    """An edited tree in its first generation, beside the tree that was edited.
+
+    Both were evaluated in the same worlds.
+    """
+
+    id: str  # of the edited tree's individual
+    parent: str  # id of the individual that the edit named
+    fitness: float  # of the edited tree, points
+    parent_fitness: float  # of its tree before the edit, points
+
+
+def node_at(tree: Node, path: Path) -> Node:
+    """The node at a path. Raises ValueError if there is none."""
+    for level, index in enumerate(path):
+        if index >= len(tree.children):
+            raise ValueError(
+                f"expected a place in the tree, found {written(path)!r}: the node at"
+                f" {written(path[:level])!r} has {len(tree.children)} children"
+            )
+        tree = tree.children[index]
+    return tree
+
+
+def written(path: Path) -> str:
+    """A path as people write it: `0/2/1`, or "" for the root."""
+    return "/".join(map(str, path))
+
+
+def with_node(tree: Node, path: Path, new: Node) -> Node:
+    """The tree with the node at a path replaced; the path exists."""
+    if not path:
+        return new
+    first, *rest = path
+    children = list(tree.children)
+    children[first] = with_node(children[first], tuple(rest), new)
+    return tree._replace(children=tuple(children))
+
+
+def nodes_with_paths(tree: Node, path: Path = ()) -> Iterator[tuple[Path, Node]]:
+    """Each node of a tree and its path, in document order."""
+    yield path, tree
+    for index, child in enumerate(tree.children):
+        yield from nodes_with_paths(child, (*path, index))
+
+
+def path_of(tree: Node, at: str) -> Path:
+    """The path that a place names; the last index of a numeric one may be one too high.
+
+    Raises:
+        ValueError: the text is neither a path nor a tree, or the tree has no such subtree, or
+            several.
+    """
+    steps = [step.strip() for step in at.strip().strip("/").split("/")]
+    if steps == [""]:
+        return ()
+    if all(step.isascii() and step.isdigit() and len(step) < 7 for step in steps):
+        return tuple(map(int, steps))
+    try:
+        wanted = parse(at)
+    except TreeError:
+        raise ValueError(
+            f"expected a place such as 0/2/1, or the text of a subtree, found {at[:60]!r}"
+        ) from None
+    found = [path for path, node in nodes_with_paths(tree) if node == wanted]
+    if len(found) == 1:
+        return found[0]
+    if not found:
+        raise ValueError(f"expected a subtree of the tree as the place, found {at[:60]!r}")
+    raise ValueError(
+        f"expected a subtree that stands in the tree once, found it {len(found)} times, at"
+        f" {' and '.join(map(written, found[:3]))}; name one of these places"
+    )
+
+
+def put_in_front(tree: Node, path: Path, branch: Node) -> Node:
+    """The tree with a branch that is tried before the node at a path.
+
+    The branch becomes a child of the selector around the node, or of the node if that is a
+    selector, or of a new selector with the two.
+    """
+    node = node_at(tree, path)
+    if path and kind_of(node_at(tree, path[:-1])).hands_over == FAILURE:
+        return _with_child(tree, path, branch)
+    if kind_of(node).hands_over == FAILURE:
+        return with_node(tree, path, node._replace(children=(branch, *node.children)))
+    return with_node(tree, path, selector(branch, node))
+
+
+def _with_child(tree: Node, path: Path, branch: Node) -> Node:
+    """The tree with one more child at a path; the later ones move on by one."""
+    *above, index = path
+    parent = node_at(tree, tuple(above))
+    if index > len(parent.children):
+        raise ValueError(
+            f"expected a place among the {len(parent.children)} children of {written(path[:-1])!r}"
+            f" or behind the last, found {written(path)!r}"
+        )
+    children = (*parent.children[:index], branch, *parent.children[index:])
+    return with_node(tree, tuple(above), parent._replace(children=children))
+
+
+def _front(tree: Node, path: Path, edit: Edit, _: Node | None) -> Node:
+    assert edit.branch is not None
+    return put_in_front(tree, path, edit.branch)
+
+
+def _insert(tree: Node, path: Path, edit: Edit, _: Node | None) -> Node:
+    assert edit.branch is not None
+    if not path or kind_of(node_at(tree, path[:-1])).children[1] <= 1:
+        raise ValueError(
+            "expected the place of a child of a selector, sequence or parallel, found"
+            f" {edit.at[:60]!r}"
+        )
+    return _with_child(tree, path, edit.branch)
+
+
+def _replace(tree: Node, path: Path, edit: Edit, _: Node | None) -> Node:
+    assert edit.branch is not None
+    node_at(tree, path)
+    return with_node(tree, path, edit.branch)
+
+
+def _number(tree: Node, path: Path, edit: Edit, _: Node | None) -> Node:
+    node, number = node_at(tree, path), edit.number
+    assert number is not None
+    if isinstance(node.args, CountArgs):
+        fewest, most = REPEATS
+        if number != int(number) or not fewest <= number <= most:
+            raise ValueError(f"expected a count of {fewest} to {most}, found {number:g}")
+        return with_node(tree, path, node._replace(args=CountArgs(int(number))))
+    if node.guard is None:
+        raise ValueError(f"expected a `when` or a repeater at {edit.at[:60]!r}, found {node.kind}")
+    asked = node.guard.condition
+    conditions = list(terms(asked))
+    if not 0 <= edit.term < len(conditions):
+        raise ValueError(f"expected a term of 0 to {len(conditions) - 1}, found {edit.term}")
+    term = conditions[edit.term]
+    if term.operator in ("is", "not"):
+        raise ValueError(f"expected a comparison with a number, found the flag {term.key}")
+    changed = with_term(asked, edit.term, term._replace(number=float(number)))
+    assert changed is not None
+    return with_node(tree, path, node._replace(args=node.guard._replace(condition=changed)))
+
+
+def _combine(tree: Node, path: Path, _: Edit, donated: Node | None) -> Node:
+    assert donated is not None
+    return put_in_front(tree, path, donated)
+
+
+EDITS: Final[Mapping[str, EditKind]] = {
+    "front": EditKind("branch", "puts a branch in front of the node at the place", _front),
+    "insert": EditKind(
+        "branch",
+        "puts a branch at the place, as a child of the selector, sequence or parallel there",
+        _insert,
+    ),
+    "replace": EditKind("branch", "puts a branch in the place of the subtree there", _replace),
+    "number": EditKind(
+        "number", "changes a number of a `when`, or the count of a repeater", _number
+    ),
+    "combine": EditKind(
+        "donor", "puts the branch at a place of the donor in front of the node there", _combine
+    ),
+}
+
+
+def edited(edit: Edit, trees: Mapping[str, Node], vocabulary: Vocabulary, limits: Limits) -> Node:
+    """The tree that an edit makes.
+
+    Args:
+        edit: what is changed.
+        trees: by id, the trees that the edit may name.
+        vocabulary: of the domain; the tree is in its words.
+        limits: that the tree keeps.
+
+    Raises:
+        ValueError: the edit names what is not there, or changes nothing, or the tree would break
+            the limits, be none of the language, or hold a part that can never work.
+    """
+    tree, donated = _tree(edit.of, trees), None
+    if edit.donor:
+        donor = _tree(edit.donor, trees)
+        donated = node_at(donor, path_of(donor, edit.donor_at))
+    changed = EDITS[edit.kind].change(tree, path_of(tree, edit.at), edit, donated)
+    if changed == tree:
+        raise ValueError("expected a change, found that the tree stays as it is")
+    if not within(changed, limits):
+        raise ValueError(
+            f"expected at most {limits.max_nodes} nodes and {limits.max_depth} levels, found"
+            f" {size(changed)} and {depth(changed)}"
+        )
+    try:
+        text = to_text(changed)
+        changed = parse(text, vocabulary)
+    except TreeError as error:
+        raise ValueError(str(error).splitlines()[0]) from None
+    _check_working(to_text(tree), text, vocabulary)
+    return changed
+
+
+def _tree(name: str, trees: Mapping[str, Node]) -> Node:
+    if name not in trees:
+        raise ValueError(
+            f"expected an individual of the population or of the archive, found {name[:60]!r}"
+        )
+    return trees[name]
+
+
+def _check_working(before: str, after: str, vocabulary: Vocabulary) -> None:
+    """Raises ValueError if an edit makes a part that can never run or never succeed."""
+
+    def broken(text: str) -> list[str]:
+        found = warnings(text, vocabulary)
+        return [w.message for w in found if w.code in ("unreachable", "never-succeeds")]
+
+    known = broken(before)
+    if new := [message for message in broken(after) if message not in known]:
+        raise ValueError(new[0])
+
+
+def as_record(edit: Edit, refused: str) -> EditRecord:
+    """The record of an edit; `refused` says why it was not taken, or is ""."""
+    return EditRecord(
+        kind=edit.kind,
+        of=edit.of,
+        at=edit.at,
+        branch=None if edit.branch is None else to_text(edit.branch),
+        number=edit.number,
+        term=edit.term,
+        donor=edit.donor,
+        donor_at=edit.donor_at,
+        reason=edit.reason,
+        refused=refused,
+    )

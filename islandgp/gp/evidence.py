@@ -1,0 +1,50 @@
+"""How good trees are that were evaluated in different worlds.
+
+All individuals of a generation meet the same worlds, and worlds differ more than good trees do.
+So fitness is taken as the sum of the tree's level and the generation's effect. Both are
+estimated together; the effects are shrunk, as random effects are (Henderson 1975).
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from math import sqrt
+from statistics import fmean, pstdev
+from typing import Final
+
+SHRINKAGE: Final = 0.3  # residual variance over the variance of generations' effects
+ROUNDS: Final = 20  # of alternating estimates
+
+
+def estimate(fitness: Sequence[Mapping[int, float]]) -> tuple[list[float], float]:
+    """Each tree's level, and the standard deviation of a single evaluation around it.
+
+    Args:
+        fitness: of each tree, points by generation; at least one each.
+
+    Returns:
+        The levels in points, and the residual standard deviation in points, pooled over trees.
+        Where no tree was evaluated twice this is the standard deviation between trees.
+    """
+    if not fitness:
+        return [], 0.0
+    repeated = [values for values in fitness if len(values) > 1]
+    effects: dict[int, float] = defaultdict(float)
+    for _ in range(ROUNDS if repeated else 0):
+        sums: dict[int, float] = defaultdict(float)
+        counts: dict[int, int] = defaultdict(int)
+        for values in repeated:
+            level = fmean(v - effects[g] for g, v in values.items())
+            for g, v in values.items():
+                sums[g] += v - level
+                counts[g] += 1
+        effects.update({g: sums[g] / (counts[g] + SHRINKAGE) for g in sums})
+    levels = [fmean(v - effects[g] for g, v in values.items()) for values in fitness]
+    squares, freedom = 0.0, 0
+    for values, level in zip(fitness, levels, strict=True):
+        squares += sum((v - effects[g] - level) ** 2 for g, v in values.items())
+        freedom += len(values) - 1
+    if not freedom:
+        return levels, pstdev(levels)
+    return levels, sqrt(squares / freedom)

@@ -1,0 +1,194 @@
+"""What a run is made of: the settings of genetic programming and of supervision."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, Field, FiniteFloat, model_validator
+
+from islandgp.bt.core.node import Limits, Node
+from islandgp.bt.core.vocabulary import Vocabulary
+from islandgp.gp.archive import ArchiveSettings
+from islandgp.gp.population import Evaluated
+from islandgp.gp.random_trees import TreeSettings, TreeSpace
+from islandgp.gp.selection import SELECTIONS
+from islandgp.gp.variation import CROSSOVERS, MutationSettings
+from islandgp.plugin import function
+from islandgp.scoring.classes import Classes
+from islandgp.scoring.constraints import Constraints
+from islandgp.scoring.curriculum import Curriculum
+from islandgp.scoring.state import Crisis, StateSettings
+
+
+class GP(BaseModel, frozen=True, extra="forbid"):
+    """Genetic programming, section 2.3."""
+
+    population: int = Field(ge=4, le=10_000)
+    generations: int = Field(ge=1, le=100_000)  # evaluated ones, generation 0 included
+    selection: str  # of parents: an entry of SELECTIONS, or "module:function"
+    tournament: int = Field(ge=1)  # individuals that a selection compares
+    crossover: str  # an entry of CROSSOVERS, or "module:function"
+    crossover_rate: float = Field(ge=0, le=1)
+    mutation_rate: float = Field(ge=0, le=1)  # until a supervisor says otherwise
+    founders: bool = False  # the library's trees for its targets open the initial population
+    mutate_elites: bool  # mutation hits elites and the injected tree too
+    max_depth: int = Field(ge=2, le=50)
+    max_nodes: int = Field(ge=3, le=1000)
+    episodes: int = Field(ge=1, le=1000)  # an individual
+    validation: float = Field(ge=0, le=1)
+    """Episodes in which a run chooses its best robot, as a share of those of the run."""
+    new_worlds: Literal["generation", "epoch", "never"]  # when the worlds change
+    common_world: bool  # one world a generation for all, or one for each individual
+    trees: TreeSettings
+    mutation: MutationSettings
+    state: StateSettings
+    crisis: Crisis
+
+    @model_validator(mode="after")
+    def _known(self) -> GP:
+        for key, name, table in (
+            ("selection", self.selection, SELECTIONS),
+            ("crossover", self.crossover, CROSSOVERS),
+        ):
+            try:
+                function(name, table)
+            except ValueError as error:
+                raise ValueError(f"{key}: {error}") from None
+        return self
+
+    @property
+    def episodes_in_all(self) -> int:
+        """Episodes of a whole run."""
+        return self.population * self.generations * self.episodes
+
+    @property
+    def limits(self) -> Limits:
+        """The largest tree (section 2.2.3)."""
+        return Limits(self.max_depth, self.max_nodes)
+
+
+class Allocation(BaseModel, frozen=True, extra="forbid"):
+    """Table 1. Counts are for `per` individuals and scale with the population."""
+
+    per: int = Field(ge=1)
+    elites: int = Field(ge=0)  # at most
+    behavioural_elites: int = Field(ge=0)  # at most
+    resurrected: int = Field(ge=0)  # at most
+    diversity: tuple[int, int]  # least and most
+    tournament: tuple[int, int]  # least and most
+    diversity_targets: tuple[
+        float, float
+    ]  # Eq. (3): at or above the first the least slots, below the second the most
+    niche_share: float = Field(gt=0, le=1)  # a class gives at most this share of the parents
+
+    @model_validator(mode="after")
+    def _ranges(self) -> Allocation:
+        lowest = {"diversity": 1, "tournament": 0}  # without children it is a random search
+        for name in lowest:
+            least, most = getattr(self, name)
+            if not lowest[name] <= least <= most:
+                raise ValueError(
+                    f"{name}: expected {lowest[name]} <= least <= most, found [{least}, {most}]"
+                )
+        enough, low = self.diversity_targets
+        if not 0 <= low <= enough <= 1:
+            raise ValueError(
+                f"diversity_targets: expected 1 >= first >= second >= 0, found [{enough}, {low}]"
+            )
+        taken = self.elites + self.behavioural_elites + self.resurrected + self.diversity[0]
+        if taken + self.tournament[0] > self.per:
+            raise ValueError(
+                f"expected slots that fit into {self.per} individuals, found"
+                f" {taken} and at least {self.tournament[0]} tournament children"
+            )
+        return self
+
+
+class Budget(BaseModel, frozen=True, extra="forbid"):
+    """How many episodes a run may take, all of them counted."""
+
+    episodes: Annotated[int, Field(ge=1)] | None = None
+    """Episodes of training, of the archive and of validation; None: as `gp.generations` needs."""
+
+    def generations(self, population: int, episodes: int, validation: float) -> int:
+        """Generations that the budget allows, >= 1. There must be a budget.
+
+        Args:
+            population: individuals of a generation.
+            episodes: of an individual.
+            validation: episodes of validation, as a share of those of training.
+
+        Raises:
+            ValueError: the budget is smaller than one generation and its validation.
+        """
+        assert self.episodes is not None
+        one = population * episodes
+        least = one + round(validation * one)
+        if self.episodes < least:
+            raise ValueError(
+                f"budget.episodes: expected at least {least:,}, one generation and its validation,"
+                f" found {self.episodes:,}; raise it, or lower gp.population or gp.episodes"
+            )
+        return max(1, int(self.episodes / (1 + validation)) // one)
+
+
+class Stop(BaseModel, frozen=True, extra="forbid"):
+    """Targets that end a run before its last generation; validation follows as always."""
+
+    tier: str | None = None  # a tier that some individual of a generation reaches
+    fitness: FiniteFloat | None = None  # points that some individual of a generation reaches
+
+    def reason(self, population: Sequence[Evaluated]) -> str:
+        """Why a run ends after this generation, or "". Who breaks a constraint reaches nothing."""
+        able = [e for e in population if not e.violation]
+        if self.tier is not None and any(self.tier in e.verdict.tiers for e in able):
+            return f"stop.tier={self.tier}"
+        if self.fitness is not None and any(e.fitness >= self.fitness for e in able):
+            return f"stop.fitness={self.fitness:g}"
+        return ""
+
+
+class Switches(BaseModel, frozen=True, extra="forbid"):
+    """Which parts of a supervisor's guidance take effect; for ablations."""
+
+    adapt_mutation: bool  # its mutation rate takes effect
+    inject: bool  # its tree takes its slot; else a random tree does
+    lag: int = Field(ge=0, le=100)  # generations until an answer takes effect
+    edits: int = Field(0, ge=0, le=1000)  # slots of the next population for its edited trees
+    mutate_advice: bool = False  # its edited trees are mutated before their first evaluation
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What a run is made of, besides its seed, its supervisor and its evaluator."""
+
+    vocabulary: Vocabulary
+    gp: GP
+    allocation: Allocation
+    curriculum: Curriculum
+    classes: Classes
+    switches: Switches
+    budget: Budget = field(default_factory=Budget)
+    stop: Stop = field(default_factory=Stop)
+    archive: ArchiveSettings = field(default_factory=ArchiveSettings)
+    constraints: Constraints = field(default_factory=dict)
+    founders: tuple[Node, ...] = ()  # trees that open the initial population
+
+    def last(self, generation: int, spent: int) -> bool:
+        """Whether no generation follows this one.
+
+        Args:
+            generation: from 0.
+            spent: episodes of the run so far, those of this generation included.
+        """
+        if generation + 1 >= self.gp.generations:
+            return True
+        following = spent + self.gp.population * self.gp.episodes
+        return self.budget.episodes is not None and following > self.gp.episodes_in_all
+
+    @property
+    def space(self) -> TreeSpace:
+        """The trees that the run searches."""
+        return TreeSpace(self.gp.trees, self.vocabulary, self.gp.limits)

@@ -1,0 +1,104 @@
+"""The nouns of evolution: individuals before and after evaluation, and where they come from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Annotated
+
+from pydantic import PlainSerializer, PlainValidator
+
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import Node
+from islandgp.domain import Outcome
+from islandgp.scoring.classes import Verdict
+from islandgp.scoring.constraints import Merit, merit
+
+Tree = Annotated[Node, PlainValidator(parse), PlainSerializer(to_text)]
+"""A tree, which stands in files as its canonical text."""
+
+
+class Origin(StrEnum):
+    """How an individual came into its population (Table 1)."""
+
+    RANDOM = "random"  # generation 0, and diversity slots
+    CROSSOVER = "crossover"  # tournament child of two parents
+    COPY = "copy"  # tournament child of one parent
+    ELITE = "elite"
+    BEHAVIOURAL_ELITE = "behavioural_elite"
+    RESURRECTED = "resurrected"
+    INJECTED = "injected"  # the supervisor's tree, or one of the library in generation 0
+    EDITED = "edited"  # a tree of an earlier individual, changed as the supervisor advised
+
+
+@dataclass(frozen=True, slots=True)
+class Individual:
+    """A tree in a population, not yet evaluated."""
+
+    id: str  # "<generation>.<slot>"
+    tree: Tree
+    origin: Origin
+    parents: tuple[str, ...] = ()  # ids
+    mutation: str = ""  # the operator that changed it after construction, or ""
+
+
+@dataclass(frozen=True, slots=True)
+class EditedTree:
+    """A tree that a supervisor's edit has made, before it is evaluated."""
+
+    tree: Tree
+    parents: tuple[str, ...]  # ids: the individual that was edited, and the donor of a branch
+    operator: str  # "edit:<kind>"
+
+
+def edited_individuals(
+    edited: Sequence[EditedTree], generation: int, first: int
+) -> list[Individual]:
+    """Individuals of a generation for edited trees, in slots from `first` on."""
+    return [
+        Individual(f"{generation}.{slot}", e.tree, Origin.EDITED, e.parents, e.operator)
+        for slot, e in enumerate(edited, first)
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluated:
+    """An individual with what it achieved."""
+
+    individual: Individual
+    outcome: Outcome
+    verdict: Verdict
+    fitness: float  # points, Eq. (1): the outcome's
+    episodes: tuple[float, ...] = ()  # points in each episode
+    violation: float = 0.0  # of the constraints, >= 0; 0: it keeps all of them
+
+    @property
+    def merit(self) -> Merit:
+        """What individuals are ordered by: feasible before fit."""
+        return merit(self.fitness, self.violation)
+
+
+@dataclass(frozen=True, slots=True)
+class Ancestor:
+    """The best individual of a behaviour that has ever been (section 2.3)."""
+
+    id: str  # of the individual
+    tree: Tree
+    stage: int  # of the curriculum, in which it was evaluated
+    fitness: float  # points
+    violation: float = 0.0  # of the constraints, >= 0
+
+    @property
+    def merit(self) -> Merit:
+        """What individuals are ordered by: feasible before fit."""
+        return merit(self.fitness, self.violation)
+
+
+Archive = Mapping[str, Ancestor]
+"""The best of each behaviour in the last stage that had it: resurrected when it dies out."""
+
+
+def ranked(population: tuple[Evaluated, ...]) -> list[Evaluated]:
+    """Best first; equals in slot order."""
+    return sorted(population, key=lambda e: e.merit, reverse=True)

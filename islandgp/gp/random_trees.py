@@ -1,0 +1,285 @@
+"""Random trees, as for generation 0 and the diversity slots (sections 2.2.3 and 2.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from math import floor, inf, log10
+from typing import Final
+
+import numpy as np
+from pydantic import BaseModel, Field, model_validator
+
+from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS, Asked, Condition, joined
+from islandgp.bt.core.kinds import ABORTS, INNER, KINDS, Argument, Sort
+from islandgp.bt.core.node import Args, GuardArgs, Limits, Node, Value, within
+from islandgp.bt.core.parameters import Parameter, leaf_of
+from islandgp.bt.core.vocabulary import Key, Vocabulary
+from islandgp.domain import total
+
+MOST_NODES: Final = 2000.0  # expected of a random tree; a run takes at most 1,000
+
+
+class ConditionSettings(BaseModel, frozen=True, extra="forbid"):
+    """What random `when` nodes ask; by default a single key, as in the paper."""
+
+    joined: float = Field(default=0, ge=0, le=1)  # chance that a condition joins several
+    terms: int = Field(default=3, ge=2, le=8)  # most that evolution joins by `and`, `or`
+
+
+class TreeSettings(BaseModel, frozen=True, extra="forbid"):
+    """How random trees are grown."""
+
+    depth: tuple[int, int]  # least and most levels a tree aims at, >= 2
+    leaf: float = Field(ge=0, le=1)  # chance that a place above the last level is an action
+    children: tuple[int, int]  # least and most children of a composite, >= 1
+    repeats: int = Field(ge=1, le=100)  # most repetitions
+    kinds: dict[str, float]  # weight of each inner node kind
+    operators: dict[str, float]  # weight of each comparison with a number
+    aborts: dict[str, float]  # weight of each abort rule
+    conditions: ConditionSettings = ConditionSettings()
+
+    @model_validator(mode="after")
+    def _sound(self) -> TreeSettings:
+        check_weights("kinds", self.kinds, INNER)
+        check_weights("operators", self.operators, OPERATORS)
+        check_weights("aborts", self.aborts, ABORTS)
+        if not 1 <= self.children[0] <= self.children[1]:
+            raise ValueError(f"children: expected 1 <= least <= most, found {list(self.children)}")
+        if not 2 <= self.depth[0] <= self.depth[1]:
+            raise ValueError(f"depth: expected 2 <= least <= most, found {list(self.depth)}")
+        return self
+
+
+@dataclass(frozen=True)
+class TreeSpace:
+    """The trees that a run searches: how they are grown, of which words, and how large."""
+
+    settings: TreeSettings
+    vocabulary: Vocabulary
+    limits: Limits
+
+    @cached_property
+    def actions(self) -> tuple[str, ...]:
+        """The names of all actions."""
+        return tuple(self.vocabulary.actions)
+
+    @cached_property
+    def keys(self) -> tuple[str, ...]:
+        """The names of all keys."""
+        return tuple(self.vocabulary.keys)
+
+    @cached_property
+    def kinds(self) -> dict[str, float]:
+        """The weight of each inner node kind; without keys there is no guard."""
+        weights = self.settings.kinds
+        if self.keys:
+            return weights
+        return {k: w for k, w in weights.items() if KINDS[k].args is not GuardArgs}
+
+
+def check_weights(key: str, weights: Mapping[str, float], names: Iterable[str]) -> None:
+    """Raises ValueError unless `weighted` can draw some of `names` by these weights."""
+    known = list(names)
+    sound = all(name in known and 0 <= weight < inf for name, weight in weights.items())
+    if not sound or sum(weights.values()) <= 0:
+        raise ValueError(
+            f"{key}: expected weights >= 0 for some of {', '.join(known)}, one of them above 0,"
+            f" found {dict(weights)}"
+        )
+
+
+def weighted(rng: np.random.Generator, weights: Mapping[str, float]) -> str:
+    """A key drawn by its weight."""
+    left, last = rng.random() * total(weights.values()), ""
+    for name, weight in weights.items():
+        if weight > 0:
+            left, last = left - weight, name
+        if left < 0:
+            break
+    return last
+
+
+def random_action(rng: np.random.Generator, space: TreeSpace) -> Node:
+    """A leaf."""
+    return random_leaf(rng, space.actions[rng.integers(len(space.actions))], space)
+
+
+def random_leaf(rng: np.random.Generator, name: str, space: TreeSpace) -> Node:
+    """A leaf of that action, with random arguments where the action takes some."""
+    arguments = space.vocabulary.action(name).arguments
+    return leaf_of(
+        name, {key: random_value(rng, each) for key, each in arguments.items()}, arguments
+    )
+
+
+def random_value(rng: np.random.Generator, parameter: Parameter) -> Value:
+    """A value of an action's argument, evenly from its range or its logarithm, or of its words."""
+    if parameter.words:
+        return parameter.words[rng.integers(len(parameter.words))]
+    low, high = parameter.low, parameter.high
+    if parameter.logarithmic:
+        return rounded(float(np.exp(rng.uniform(np.log(low), np.log(high)))), parameter)
+    if parameter.step is None:
+        return rounded(float(rng.uniform(low, high)), parameter)
+    steps = floor((high - low) / parameter.step + 1e-9)
+    return rounded(low + float(rng.integers(steps + 1)) * parameter.step, parameter)
+
+
+def moved_value(rng: np.random.Generator, parameter: Parameter, value: Value, by: float) -> Value:
+    """A number moved by a share of its range, or of its logarithm's; another one of the words."""
+    if not isinstance(value, str):
+        return moved_number(parameter, value, by)
+    others = [word for word in parameter.words if word != value]
+    return others[rng.integers(len(others))] if others else value
+
+
+def moved_number(parameter: Parameter, value: float, by: float) -> float:
+    """A number moved by a share of its range, or of its logarithm's."""
+    low, high = parameter.low, parameter.high
+    moved = value * (high / low) ** by if parameter.logarithmic else value + by * (high - low)
+    if parameter.sort == "integer" and round(moved) == value:
+        moved = value + (1 if by > 0 else -1)
+    return rounded(moved, parameter)
+
+
+def rounded(value: float, parameter: Parameter) -> float:
+    """The nearest value within a parameter's range, in about three digits."""
+    if parameter.sort == "integer":
+        value = float(round(value))
+    else:
+        size = abs(value) if parameter.logarithmic else parameter.high - parameter.low
+        digits = 2 - floor(log10(size)) if size > 0 else 0
+        value = round(value, min(9, digits if parameter.logarithmic else digits + 1))
+    return min(parameter.high, max(parameter.low, value)) + 0.0  # no -0
+
+
+def random_args(rng: np.random.Generator, kind: str, space: TreeSpace) -> Args:
+    """The arguments of an inner node."""
+    if KINDS[kind].args is GuardArgs:
+        return _random_guard(rng, space)
+    return KINDS[kind].made([_drawn(rng, each, space) for each in KINDS[kind].arguments])
+
+
+def _drawn(rng: np.random.Generator, argument: Argument, space: TreeSpace) -> float | str:
+    if argument.sort is Sort.COUNT:
+        return float(rng.integers(1, space.settings.repeats + 1))
+    return list(argument.words)[rng.integers(len(argument.words))]
+
+
+def _random_guard(rng: np.random.Generator, space: TreeSpace) -> GuardArgs:
+    how = space.settings.conditions
+    if how.joined and rng.random() < how.joined:
+        asked = _random_joined(rng, space, int(rng.integers(2, how.terms + 1)))
+        return GuardArgs(asked, random_abort(rng, space))
+    name = space.keys[rng.integers(len(space.keys))]
+    abort = random_abort(rng, space)
+    return GuardArgs(_about(rng, name, space), abort)
+
+
+def random_abort(rng: np.random.Generator, space: TreeSpace) -> str:
+    """An abort rule, by the weights of the settings."""
+    return weighted(rng, space.settings.aborts)
+
+
+def _random_joined(rng: np.random.Generator, space: TreeSpace, terms: int) -> Asked:
+    if terms == 1:
+        return random_term(rng, space)
+    left = int(rng.integers(1, terms))
+    word = ("and", "or")[rng.integers(2)]
+    return joined(word, [_random_joined(rng, space, n) for n in (left, terms - left)])
+
+
+def random_term(rng: np.random.Generator, space: TreeSpace) -> Condition:
+    """A single condition."""
+    return _about(rng, space.keys[rng.integers(len(space.keys))], space)
+
+
+def _about(rng: np.random.Generator, name: str, space: TreeSpace) -> Condition:
+    key = space.vocabulary.keys[name]
+    if key.flag:
+        return Condition(name, FLAG_OPERATORS[rng.integers(len(FLAG_OPERATORS))], 0.0)
+    op = weighted(rng, space.settings.operators)
+    steps = round((key.high - key.low) / key.step)
+    return Condition(name, op, on_grid(key, float(rng.integers(steps + 1))))
+
+
+def on_grid(key: Key, steps: float) -> float:
+    """A threshold so many steps above the least value, in as few digits as people write."""
+    return round(key.low + steps * key.step, 9) + 0.0  # no -0
+
+
+def inner_node(rng: np.random.Generator, space: TreeSpace, depth: int) -> Node:
+    """A random composite or decorator whose tree has at most `depth` >= 2 levels."""
+    kind = weighted(rng, space.kinds)
+    least, most = space.settings.children
+    n = 1 if KINDS[kind].children[1] == 1 else int(rng.integers(least, most + 1))
+    args = random_args(rng, kind, space)
+    return Node(kind, args, tuple(grow(rng, space, depth - 1) for _ in range(n)))
+
+
+def grow(rng: np.random.Generator, space: TreeSpace, depth: int) -> Node:
+    """A random tree of at most `depth` levels; a branch ends where chance or depth ends it."""
+    if depth <= 1 or rng.random() < space.settings.leaf:
+        return random_action(rng, space)
+    return inner_node(rng, space, depth)
+
+
+def random_tree(rng: np.random.Generator, space: TreeSpace) -> Node:
+    """A random tree within the limits; a bare action only where they leave nothing else."""
+    least, most = space.settings.depth
+    for _ in range(100):
+        depth = min(int(rng.integers(least, most + 1)), space.limits.max_depth)
+        if depth < 2:
+            break
+        tree = inner_node(rng, space, depth)
+        if within(tree, space.limits):
+            return tree
+    return random_action(rng, space)
+
+
+def expected_nodes(trees: TreeSettings, depth: int) -> float:
+    """Mean nodes of `grow` with this depth, >= 1; counted up to MOST_NODES."""
+    weight = sum(trees.kinds.values())
+    several = sum(w for kind, w in trees.kinds.items() if KINDS[kind].children[1] != 1) / weight
+    children = 1 - several + several * sum(trees.children) / 2
+    nodes = 1.0
+    for _ in range(1, depth):
+        before, nodes = nodes, trees.leaf + (1 - trees.leaf) * (1 + children * nodes)
+        if nodes > MOST_NODES or nodes == before:
+            break
+    return nodes
+
+
+def check_growth(
+    trees: TreeSettings, limits: Limits, subtree_depth: int, where: str = "gp.mutation"
+) -> None:
+    """Raises ValueError where making random trees would take for ever.
+
+    A tree that is too large is made all the same before another one is tried. `where` is the
+    path of the settings with that `subtree_depth`.
+    """
+    most = trees.depth[1]
+    if most > 1000:
+        raise ValueError(f"gp.trees.depth: expected at most 1000 levels, found {most}")
+    if subtree_depth > limits.max_depth:
+        raise ValueError(
+            f"{where}.subtree_depth: expected at most gp.max_depth={limits.max_depth},"
+            f" found {subtree_depth}"
+        )
+    if trees.children[1] > limits.max_nodes:
+        raise ValueError(
+            f"gp.trees.children: expected at most gp.max_nodes={limits.max_nodes} children,"
+            f" found {trees.children[1]}"
+        )
+    depths = [min(depth, limits.max_depth) for depth in range(trees.depth[0], most + 1)]
+    for key, found in (
+        ("gp.trees.depth", sum(expected_nodes(trees, depth) for depth in depths) / len(depths)),
+        (f"{where}.subtree_depth", expected_nodes(trees, subtree_depth)),
+    ):
+        if found > MOST_NODES:
+            raise ValueError(
+                f"{key}: expected random trees of at most {MOST_NODES:,.0f} nodes on average,"
+                " found larger ones; lower it or gp.trees.children, or raise gp.trees.leaf"
+            )

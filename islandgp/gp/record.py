@@ -1,0 +1,178 @@
+"""What a run leaves behind for each generation, and what it needs to go on.
+
+Both are plain values without times or machine names: the same seed gives the
+same bytes. Costs are kept apart for that reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Annotated, Any
+
+from pydantic import Field, PlainSerializer
+
+from islandgp.bt.core.node import depth, size
+from islandgp.gp.archive import ArchiveRecord, Elite
+from islandgp.gp.edits import EditRecord, EditTrial
+from islandgp.gp.population import Evaluated
+from islandgp.plain import plain
+from islandgp.scoring.constraints import (
+    NO_CONSTRAINTS,
+    Constraints,
+    Merit,
+    merit,
+    violation,
+)
+from islandgp.scoring.snapshot import Snapshot
+
+
+@dataclass(frozen=True, slots=True)
+class IndividualRecord:
+    """One individual's line: lineage, tree, behaviour, fitness."""
+
+    id: str  # "<generation>.<slot>"
+    origin: str  # a value of population.Origin
+    parents: tuple[str, ...]  # ids
+    mutation: str  # operator, or ""
+    tree: str  # canonical text
+    nodes: int  # >= 1
+    depth: int  # levels, >= 1
+    fitness: float  # points, Eq. (1)
+    components: dict[str, float]  # points by component of the domain
+    specialist: str  # its exclusive class (section 2.3.3)
+    tiers: tuple[str, ...]  # rows of Table 4, best first
+    counters: dict[str, float]  # by counter of the domain, mean over episodes
+    endings: tuple[str, ...]  # why each episode ended
+
+
+def line(e: Evaluated, text: str) -> IndividualRecord:
+    """An individual's line; `text` is its tree's canonical text."""
+    i, o = e.individual, e.outcome
+    return IndividualRecord(
+        id=i.id,
+        origin=i.origin,
+        parents=i.parents,
+        mutation=i.mutation,
+        tree=text,
+        nodes=size(i.tree),
+        depth=depth(i.tree),
+        fitness=e.fitness,
+        components=dict(o.components),
+        specialist=e.verdict.specialist,
+        tiers=e.verdict.tiers,
+        counters=dict(o.counters),
+        endings=o.endings,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class GuidanceRecord:
+    """What the supervisor said after a generation, and what was done with it."""
+
+    asked_at: int | None  # generation whose state was answered; None: no answer was due yet
+    source: str  # who it comes from
+    phase: str | None  # row of Table 8
+    pattern: str | None  # row of Table 6
+    target: str | None  # row of Table 7: what the tree is for
+    intervention: bool  # the supervisor saw a need to step in
+    wanted_rate: float | None  # in [0, 1]; None: it said nothing to that
+    crisis: str  # Eq. (7): why it is a crisis, or ""
+    applied_rate: float  # Eq. (8): the rate that made the next population
+    tree: str | None  # canonical text
+    injected: bool  # the tree took its slot in the next population
+    refused: str  # why a tree was not injected, or ""
+    risk: str  # these four as in supervision.base.Guidance
+    reasoning: str
+    rationale: str
+    notes: dict[str, str]
+    edits: tuple[EditRecord, ...] = ()  # that it advised
+
+
+@dataclass(frozen=True, slots=True)
+class GenerationRecord:
+    """One generation."""
+
+    snapshot: Snapshot
+    worlds: tuple[int, ...]  # world seeds
+    origins: dict[str, int]  # individuals by origin
+    stagnant_generations: int  # since the best of the present stage last rose
+    individuals: tuple[IndividualRecord, ...]  # in slot order
+    guidance: GuidanceRecord | None  # for the next generation; None after the last
+    archive: ArchiveRecord | None = None  # after it; runs of older versions kept none
+    trials: tuple[EditTrial, ...] = ()  # edited trees that it evaluated first, in slot order
+
+
+def record_values(record: GenerationRecord) -> dict[str, Any]:
+    """A record as JSON values. Without edits it is written as before there were any."""
+    values = asdict(record)
+    if not record.trials:
+        del values["trials"]
+    if record.guidance is not None and not record.guidance.edits:
+        del values["guidance"]["edits"]
+    return values
+
+
+@dataclass(frozen=True, slots=True)
+class Champion:
+    """The best individual so far: with constraints feasible before fit, else the fittest."""
+
+    generation: int  # in which it was evaluated, from 0
+    record: IndividualRecord
+
+
+def fittest(
+    before: Champion | None,
+    generation: int,
+    lines: Sequence[IndividualRecord],
+    constraints: Constraints = NO_CONSTRAINTS,
+) -> Champion:
+    """The champion after `generation`, feasible before fit; the earlier of equals."""
+
+    def worth(line: IndividualRecord) -> Merit:
+        return merit(line.fitness, violation(line.counters, constraints))
+
+    best = max(lines, key=worth)
+    if before is not None and worth(before.record) >= worth(best):
+        return before
+    return Champion(generation, best)
+
+
+@dataclass(frozen=True, slots=True)
+class RunState:
+    """Everything the next generation depends on, besides configuration and seed."""
+
+    generation: Annotated[int, Field(ge=0)]  # the next to be evaluated
+    rate: float  # mutation rate of this generation
+    history: tuple[Snapshot, ...]  # of the generations before, oldest first
+    memory: Annotated[Any, PlainSerializer(plain)]
+    """`SearchState.memory`; as plain values where it was read from a checkpoint."""
+    champion: Champion | None
+    spent: Annotated[int, Field(ge=0)] = 0  # episodes of the generations before
+    archive: tuple[Elite, ...] = ()  # by cell
+    edit_parents: dict[str, str] = field(default_factory=dict)
+    """By id, the texts of the trees whose edited forms the next generation evaluates."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """What a generation took. Not part of the record: it differs from machine to machine."""
+
+    evaluation: float  # s
+    supervision: float  # s spent waiting for guidance
+    operators: float  # s, everything else in the loop
+    episodes: int  # asked for
+    simulated: int  # really run; the others came from the cache
+    llm: dict[str, float] = field(default_factory=dict)  # supervision since the start, by name
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One generation's yield."""
+
+    record: GenerationRecord
+    state: RunState | None  # to go on from; None after the last generation
+    champion: Champion
+    cost: Cost
+    stopped: str = ""  # the target of `stop` that ended the run here, or ""
+    archive: tuple[Elite, ...] = ()  # after it, by cell

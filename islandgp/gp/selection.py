@@ -1,0 +1,59 @@
+"""Who becomes a parent: tournaments, with niche protection (section 2.3)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import numpy as np
+
+from islandgp.gp.population import Evaluated
+from islandgp.plugin import function
+
+
+def tournament(
+    rng: np.random.Generator, population: Sequence[Evaluated], entrants: int
+) -> Evaluated:
+    """The best of `entrants` >= 1 individuals drawn with replacement; the first of equals."""
+    drawn = [population[int(i)] for i in rng.integers(len(population), size=entrants)]
+    return max(drawn, key=lambda e: e.merit)
+
+
+Selection = Callable[[np.random.Generator, Sequence[Evaluated], int], Evaluated]
+
+SELECTIONS: Final[dict[str, Selection]] = {"tournament": tournament}
+"""Ways to choose a parent. A new one is a function and an entry."""
+
+
+def selection(name: str) -> Selection:
+    """The selection of a name or path. Raises PartError for what is no individual."""
+    return function(name, SELECTIONS, _must_be_individual)
+
+
+def _must_be_individual(made: object, *_: object) -> None:
+    if not isinstance(made, Evaluated):
+        raise TypeError(
+            f"expected it to return an individual (Evaluated), found {type(made).__name__}"
+        )
+
+
+def pick_parent(
+    rng: np.random.Generator,
+    select: Selection,
+    population: Sequence[Evaluated],
+    supplied: Counter[str],
+    *,
+    most: float,
+    entrants: int,
+) -> Evaluated:
+    """A selected individual, with niche protection.
+
+    A class that has given `most` parents sits out as long as another class of
+    working robots has room: then one of those is selected.
+    """
+    first = select(rng, population, entrants)
+    if supplied[first.verdict.specialist] < most:
+        return first
+    others = [e for e in population if supplied[e.verdict.specialist] < most and e.verdict.working]
+    return select(rng, others, entrants) if others else first

@@ -1,0 +1,297 @@
+"""Variation (section 2.3; line 15 of Algorithm 1): crossover and mutation of trees.
+
+Each operator is a function of trees and a generator, which it consumes. What a mutation
+makes may break the limits or be the same tree: `mutate` sees to that. A new operator is
+a function, and an entry of CROSSOVERS or MUTATIONS or its path in the configuration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+from pydantic import BaseModel, Field, model_validator
+
+from islandgp.bt.core.condition import Asked, Condition, joined, terms, with_term
+from islandgp.bt.core.kinds import KINDS, REPEATS
+from islandgp.bt.core.node import (
+    ActionArgs,
+    CountArgs,
+    GuardArgs,
+    Limits,
+    Node,
+    levels,
+    measured,
+    replace_at,
+    size,
+    walk,
+    within,
+)
+from islandgp.bt.core.parameters import leaf_of, written
+from islandgp.bt.core.vocabulary import Key
+from islandgp.gp import branches
+from islandgp.gp.random_trees import (
+    TreeSpace,
+    check_weights,
+    grow,
+    inner_node,
+    moved_value,
+    on_grid,
+    random_action,
+    random_args,
+    random_term,
+    random_value,
+    weighted,
+)
+from islandgp.plugin import function
+
+TRIES: Final = 8  # attempts at a mutation that keeps the limits and changes something
+
+
+class MutationSettings(BaseModel, frozen=True, extra="forbid"):
+    """Which mutations there are, and how strong."""
+
+    operators: dict[str, float]  # weight of each of MUTATIONS, or of a "module:function"
+    subtree_depth: int = Field(ge=1)  # most levels of a new subtree
+    number_sd: float = Field(gt=0, le=1)  # sd of a number's change, as a share of its key's range
+
+    @model_validator(mode="after")
+    def _operators_exist(self) -> MutationSettings:
+        own = [name for name in self.operators if ":" in name]
+        for name in own:
+            function(name, MUTATIONS)
+        check_weights("operators", self.operators, [*MUTATIONS, *own])
+        return self
+
+
+def _subtree_crossover(
+    rng: np.random.Generator, mother: Node, father: Node, limits: Limits
+) -> Node:
+    """A random subtree of `mother` gives way to one of `father` that fits."""
+    nodes, depths = list(walk(mother)), levels(mother)
+    cut = int(rng.integers(len(nodes)))
+    room = limits.max_nodes - len(nodes) + size(nodes[cut])
+    below = limits.max_depth - depths[cut] + 1
+    donors = [node for node, n, d in measured(father) if n <= room and d <= below]
+    if not donors:
+        return mother
+    return replace_at(mother, cut, donors[rng.integers(len(donors))])
+
+
+Crossover = Callable[[np.random.Generator, Node, Node, Limits], Node]
+
+CROSSOVERS: Final[dict[str, Crossover]] = {
+    "subtree": _subtree_crossover,
+    "branch": branches.branch_crossover,
+}
+
+
+def crossover(name: str) -> Crossover:
+    """The crossover of a name or path. Raises PartError for a child that it must not make."""
+    return function(name, CROSSOVERS, _must_be_child)
+
+
+def _must_be_child(made: object, _: object, __: object, ___: object, limits: Limits) -> None:
+    if not within(_tree(made), limits):
+        raise ValueError(
+            f"expected a tree of at most {limits.max_nodes} nodes and depth {limits.max_depth},"
+            f" found {size(_tree(made))} nodes and depth {max(levels(_tree(made)))}"
+        )
+
+
+def _tree(made: object) -> Node:
+    if not isinstance(made, Node):
+        raise TypeError(f"expected it to return a tree (Node), found {type(made).__name__}")
+    return made
+
+
+def _subtree(rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings) -> Node:
+    """A new random subtree in place of an old one."""
+    return replace_at(tree, int(rng.integers(size(tree))), grow(rng, space, how.subtree_depth))
+
+
+def _node(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
+    """Another kind of node, or another action, in the same place with the same children."""
+    nodes = list(walk(tree))
+    i = int(rng.integers(len(nodes)))
+    old = nodes[i]
+    if old.action:
+        return replace_at(tree, i, random_action(rng, space))
+    n = len(old.children)
+    kinds = [
+        name
+        for name, kind in KINDS.items()
+        if space.kinds.get(name, 0) > 0 and kind.children[0] <= n <= kind.children[1]
+    ]
+    if not kinds:
+        return tree
+    kind = kinds[rng.integers(len(kinds))]
+    return replace_at(tree, i, Node(kind, random_args(rng, kind, space), old.children))
+
+
+def _parameter(
+    rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings
+) -> Node:
+    """A nudged number, or a new argument, of one node that has arguments."""
+    nodes = [
+        (i, node)
+        for i, node in enumerate(walk(tree))
+        if (node.args and node.children) or space.vocabulary.action(node.action).arguments
+    ]
+    if not nodes:
+        return tree
+    i, old = nodes[rng.integers(len(nodes))]
+    if isinstance(old.args, ActionArgs):
+        return replace_at(tree, i, _other_argument(rng, old.args, space, how))
+    args = random_args(rng, old.kind, space)
+    nudge = rng.normal(0, how.number_sd)
+    if isinstance(old.args, CountArgs):
+        least, most = REPEATS
+        moved = round(old.args.times + nudge * space.settings.repeats)
+        args = CountArgs(float(min(most, max(least, moved))))
+    elif isinstance(old.args, GuardArgs):
+        asked = old.args.condition
+        if not isinstance(asked, Condition) or (
+            space.settings.conditions.joined and rng.random() < space.settings.conditions.joined
+        ):
+            args = old.args._replace(condition=_rejoined(rng, asked, nudge, space))
+        elif not space.vocabulary.keys[asked.key].flag and rng.random() < 0.5:
+            key = space.vocabulary.keys[asked.key]
+            args = old.args._replace(condition=_nudged(asked, key, nudge))
+    return replace_at(tree, i, old._replace(args=args))
+
+
+def _other_argument(
+    rng: np.random.Generator, args: ActionArgs, space: TreeSpace, how: MutationSettings
+) -> Node:
+    """A leaf with one of its arguments moved, or drawn anew."""
+    arguments = space.vocabulary.action(args.name).arguments
+    values = written(args, arguments)
+    key = list(arguments)[rng.integers(len(arguments))]
+    if rng.random() < 0.5:
+        values[key] = random_value(rng, arguments[key])
+    else:
+        by = rng.normal(0, how.number_sd)
+        values[key] = moved_value(rng, arguments[key], values[key], by)
+    return leaf_of(args.name, values, arguments)
+
+
+def _nudged(asked: Condition, key: Key, nudge: float) -> Condition:
+    """A comparison with its number moved by `nudge` ranges of its key, on the key's grid."""
+    moved = asked.number + nudge * (key.high - key.low)
+    nearest = on_grid(key, round((moved - key.low) / key.step))
+    return asked._replace(number=min(key.high, max(key.low, nearest)))
+
+
+def _rejoined(rng: np.random.Generator, asked: Asked, nudge: float, space: TreeSpace) -> Asked:
+    """A condition with one part more, one part less, or one part changed."""
+    parts, how = list(terms(asked)), space.settings.conditions
+    at = int(rng.integers(len(parts)))
+    key = space.vocabulary.keys[parts[at].key]
+    if how.joined and len(parts) < how.terms and rng.random() < 0.5:
+        new = joined(("and", "or")[rng.integers(2)], [parts[at], random_term(rng, space)])
+        return with_term(asked, at, new) or asked
+    if rng.random() < 0.5:
+        return with_term(asked, at, None) or random_term(rng, space)
+    if not key.flag and rng.random() < 0.5:
+        return with_term(asked, at, _nudged(parts[at], key, nudge)) or asked
+    return with_term(asked, at, random_term(rng, space)) or asked
+
+
+def _insert(rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings) -> Node:
+    """A new inner node above a node, or a new child in a composite."""
+    nodes = list(walk(tree))
+    i = int(rng.integers(len(nodes)))
+    old = nodes[i]
+    if old.children and KINDS[old.kind].children[1] > 1 and rng.random() < 0.5:
+        at = int(rng.integers(len(old.children) + 1))
+        new = grow(rng, space, how.subtree_depth)
+        return replace_at(
+            tree, i, old._replace(children=(*old.children[:at], new, *old.children[at:]))
+        )
+    parent = inner_node(rng, space, 2)
+    at = int(rng.integers(len(parent.children)))
+    children = (*parent.children[:at], old, *parent.children[at + 1 :])
+    return replace_at(tree, i, parent._replace(children=children))
+
+
+def _delete(rng: np.random.Generator, tree: Node, _: TreeSpace, __: MutationSettings) -> Node:
+    """One child less in a composite, or an inner node's place taken by a child of it."""
+    inner = [(i, node) for i, node in enumerate(walk(tree)) if node.children]
+    if not inner:
+        return tree
+    i, old = inner[rng.integers(len(inner))]
+    at = int(rng.integers(len(old.children)))
+    if len(old.children) > 1 and rng.random() < 0.5:
+        return replace_at(
+            tree, i, old._replace(children=old.children[:at] + old.children[at + 1 :])
+        )
+    return replace_at(tree, i, old.children[at])
+
+
+def _swap(rng: np.random.Generator, tree: Node, _: TreeSpace, __: MutationSettings) -> Node:
+    """Two children of a composite change places."""
+    wide = [(i, node) for i, node in enumerate(walk(tree)) if len(node.children) > 1]
+    if not wide:
+        return tree
+    i, old = wide[rng.integers(len(wide))]
+    a, b = (int(k) for k in rng.choice(len(old.children), 2, replace=False))
+    children = list(old.children)
+    children[a], children[b] = children[b], children[a]
+    return replace_at(tree, i, old._replace(children=tuple(children)))
+
+
+Mutation = Callable[[np.random.Generator, Node, TreeSpace, MutationSettings], Node]
+
+MUTATIONS: Final[dict[str, Mutation]] = {
+    "subtree": _subtree,
+    "node": _node,
+    "parameter": _parameter,
+    "insert": _insert,
+    "delete": _delete,
+    "swap": _swap,
+    # Those below keep the meaning of the rest of the tree; the paper has none of them.
+    "guard": branches.guard,
+    "wrap": branches.wrap,
+    "extend": branches.extend,
+    "condition": branches.condition,
+    "fulfil": branches.fulfil,
+    "shrink": branches.shrink,
+    "tune": branches.tune,
+}
+
+
+def _must_be_mutant(made: object, _: object, __: object, space: TreeSpace, ___: object) -> None:
+    for node in walk(_tree(made)):
+        if node.action and node.action not in space.vocabulary.actions:
+            known = ", ".join(space.vocabulary.actions)
+            raise ValueError(f"expected actions of the domain ({known}), found {node.action}")
+        if node.kind not in KINDS or not isinstance(node.args, KINDS[node.kind].args):
+            raise TypeError(
+                "expected nodes as the functions of islandgp.bt.core.node make them,"
+                f" found {node!r:.80}"
+            )
+
+
+def mutate(
+    rng: np.random.Generator,
+    tree: Node,
+    *,
+    rate: float,
+    space: TreeSpace,
+    how: MutationSettings,
+) -> tuple[Node, str]:
+    """With chance `rate`, one mutation: (new tree, its operator), else (the same tree, "").
+
+    A mutation that breaks the limits or changes nothing is tried again; after
+    TRIES attempts the tree stays as it is.
+    """
+    if rng.random() >= rate:
+        return tree, ""
+    for _ in range(TRIES):
+        name = weighted(rng, how.operators)
+        new = function(name, MUTATIONS, _must_be_mutant)(rng, tree, space, how)
+        if new != tree and within(new, space.limits):
+            return new, name
+    return tree, ""

@@ -1,0 +1,1 @@
+"""Sweeps: their folder, jobs, progress, and searches that choose the jobs."""

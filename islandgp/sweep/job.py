@@ -1,0 +1,170 @@
+"""One job of a sweep, in whatever process a launcher chose for it."""
+
+from __future__ import annotations
+
+import multiprocessing
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from hydra.core.hydra_config import HydraConfig
+from hydra.core.utils import JobReturn
+from hydra.experimental.callback import Callback
+from omegaconf import DictConfig
+
+from islandgp.config.compose import is_choice, read, run_folder
+from islandgp.config.settings import Settings
+from islandgp.errors import BusyError
+from islandgp.evaluation.processes import cores
+from islandgp.plugin import Part
+from islandgp.records.folder import RunFolder
+from islandgp.records.parameters import without_credentials
+from islandgp.running.printing import shown
+from islandgp.running.run import Judge, Pruned, run
+from islandgp.sweep.folder import SweepJob
+from islandgp.sweep.progress import Start, job_line, sweep_line
+
+ALONE: Final = frozenset({"BasicLauncher", "SlurmLauncher"})
+"""Launchers whose jobs have a terminal, or a log, to themselves."""
+
+LASTING: Final = frozenset({"BasicLauncher", "JoblibLauncher"})
+"""Launchers whose processes live on after a job."""
+
+
+class Forget(Callback):
+    """Drops the configurations of each job, which Hydra keeps until a sweep ends: 0.4 MiB a job."""
+
+    def on_job_end(self, config: DictConfig, job_return: JobReturn, **_: Any) -> None:  # noqa: ARG002 -- as in Hydra
+        """See `Callback`."""
+        job_return.cfg = job_return.hydra_cfg = None
+
+
+def sweep_job(start: Start) -> Callable[[DictConfig], None]:
+    """The function that Hydra calls for each job.
+
+    It never raises because a job failed: an exception would end the other jobs
+    with some launchers. The job's folder tells what happened.
+    """
+
+    def job(config: DictConfig) -> None:
+        # joblib's workers leave a start method of their own as the default, with which
+        # the evaluator's processes cannot start.
+        multiprocessing.set_start_method(None, force=True)
+        plain, settings = read(config)
+        hydra = HydraConfig.get()
+        home = Path(hydra.runtime.cwd)
+        named = run_folder(plain, list(hydra.overrides.task), home)
+        with shown():  # in a process of its own the command's is not known
+            target, own = start.run(named), fitted(settings, hydra.launcher, len(start.jobs))
+            if start.failed(target):
+                return  # it failed in this sweep before a launcher broke down
+            attempt(target, plain, own, home, start.jobs[named].command, lambda: start)
+
+    return job
+
+
+def attempt(
+    target: RunFolder,
+    config: dict[str, Any],
+    settings: Settings,
+    home: Path,
+    command: str,
+    start: Callable[[], Start],
+    judge: Judge | None = None,
+) -> None:
+    """Runs a job of a sweep; what becomes of it is in its folder.
+
+    Args:
+        target: where it runs.
+        config: resolved, as plain values.
+        settings: read from it, and fitted to the launcher.
+        home: where the command was given.
+        command: that runs this job alone.
+        start: the jobs of the sweep so far.
+        judge: gets each generation with its highest fitness, and may raise Pruned.
+
+    Raises:
+        Pruned: as `judge`.
+    """
+    alone = settings.progress != "off"
+    if alone:
+        print(sweep_line(start(), target), file=sys.stderr, flush=True)
+    try:
+        run(
+            settings,
+            config,
+            target.path,
+            home=home,
+            command=command,
+            keep_display=False,
+            judge=judge,
+        )
+    except BusyError as error:  # the folder is the other process's: nothing is written there
+        print(f"islandgp: {error}", file=sys.stderr)
+    except Pruned:
+        raise
+    except Exception as error:  # whatever it is, it must not end the other jobs
+        if not target.error():  # the run came too short to write it down itself
+            target.fail(error)
+    finally:
+        if alone:
+            print(job_line(target), file=sys.stderr, flush=True)
+
+
+def sweep_entry(
+    config: Mapping[str, Any],
+    overrides: Sequence[str],
+    named: Path,
+    folder: Path,
+    command: str,
+    search: str = "",
+) -> SweepJob:
+    """A job as the sweep's file has it.
+
+    `config` and `overrides` are the job's, which name one folder, and it may run in another.
+    """
+    return SweepJob(
+        slot=named.name,
+        folder=folder.name,
+        supervisor=str(config["supervisor"]["name"]),
+        seed=int(config["seed"]),
+        choices=tuple(without_credentials(o) for o in overrides if is_choice(o)),
+        generations=int(config["gp"]["generations"]),
+        command=command,
+        search=search,
+    )
+
+
+def fitted(settings: Settings, launcher: Mapping[str, Any], jobs: int) -> Settings:
+    """The settings of a job among others; the recorded configuration stays the user's own."""
+    kind = str(launcher["_target_"]).rpartition(".")[2]
+    changes: dict[str, Any] = {}
+    if settings.resume == "never":
+        changes["resume"] = "auto"  # the sweep has chosen its new folder
+    if kind not in ALONE:
+        changes["progress"] = "off"  # the launching process shows it
+    if (workers := workers_of(launcher, jobs)) and settings.evaluator.policy.get("workers") == 0:
+        changes["evaluator"] = _with_policy(settings.evaluator, "workers", workers)
+    if kind in LASTING and "patience" in settings.tracking.policy:
+        # The job need not wait for its tracker, which goes on in the background.
+        changes["tracking"] = _with_policy(settings.tracking, "patience", 0)
+    return settings.model_copy(update=changes)
+
+
+def _with_policy(part: Part, key: str, value: int) -> Part:
+    return part.model_copy(update={"policy": {**part.policy, key: value}})
+
+
+def workers_of(launcher: Mapping[str, Any], jobs: int) -> int:
+    """A job's share of this machine's cores under a launcher of parallel jobs; 0: all of them."""
+    kind = str(launcher["_target_"]).rpartition(".")[2]
+    if kind == "JoblibLauncher":
+        n = launcher["n_jobs"] or 1
+        at_once = min(jobs, n if n > 0 else max(1, cores() + 1 + n))
+        return max(1, cores() // at_once)
+    if kind == "RayLauncher":
+        return max(1, int(launcher["ray"].get("remote", {}).get("num_cpus", 1)))
+    if kind == "LocalLauncher":  # submitit's, for trying it out
+        return max(1, cores() // jobs)
+    return 0

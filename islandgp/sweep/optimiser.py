@@ -1,0 +1,309 @@
+"""A sweep whose jobs a sweeper of Hydra's chooses while it runs: `hydra/sweeper=optuna`.
+
+Each job enters itself into the sweep's file when it begins, in whatever process a
+launcher chose for it, and returns the values of `objectives`.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from math import nan
+from pathlib import Path
+from time import time
+from typing import Any, Final, Literal
+from uuid import uuid4
+
+import yaml
+from hydra.core.hydra_config import HydraConfig
+from hydra.core.override_parser.types import IntervalSweep, Override
+from omegaconf import DictConfig
+from pydantic import BaseModel, Field, ValidationError
+
+from islandgp.config.compose import MOST_JOBS, Planned, Searched, command_line, plain, run_folder
+from islandgp.config.settings import Settings, read_settings, setting_at
+from islandgp.errors import ConfigError, RunError, brief
+from islandgp.records.files import objectives
+from islandgp.records.folder import RunFolder
+from islandgp.records.parameters import redacted, without_credentials
+from islandgp.running.printing import say, shown
+from islandgp.running.resume import choose
+from islandgp.running.run import Pruned
+from islandgp.sweep.folder import SweepFolder, SweepJob
+from islandgp.sweep.job import attempt, fitted, sweep_entry
+from islandgp.sweep.progress import Start
+from islandgp.sweep.run import Launch, end_ray, finish_sweep, jobs_in, launched
+from islandgp.trust import names_in, trust
+
+RESULTS: Final = "optimization_results.yaml"
+"""What Hydra's sweepers that search call the file of their results."""
+
+OURS: Final = "hydra_plugins.islandgp_optuna.OptunaSweeper"
+
+Direction = Literal["minimize", "maximize"]
+
+
+class SweeperSettings(BaseModel, frozen=True, extra="forbid"):
+    """The keys of `conf/hydra/sweeper/optuna.yaml`."""
+
+    n_trials: int = Field(ge=1, le=MOST_JOBS)
+    n_jobs: int = Field(ge=1, le=MOST_JOBS)
+    direction: Direction | tuple[Direction, ...]
+    params: dict[str, Any]
+    sampler: dict[str, Any]  # which trials are tried: conf/hydra/sweeper/sampler
+    pruner: dict[str, Any] | None = None  # which trials are ended early: conf/hydra/sweeper/pruner
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """A search at its start; jobs get it wherever they run, so it holds plain values only."""
+
+    id: str
+    at: float  # s since 1970
+    folder: Path  # the sweep's
+    flags: tuple[str, ...]  # of each job's command
+    at_once: int  # jobs that a launcher gets at a time; 1 where that is not known
+    trials: int  # in all; 0 where that is not known
+
+    def start(self) -> Start:
+        """The trials that have begun so far."""
+        file = SweepFolder(self.folder).read()
+        jobs = {
+            self.folder / job.slot: job
+            for job in (file.jobs if file else ())
+            if job.search == self.id
+        }
+        return Start(self.at, jobs, 0, {}, self.trials, self.folder.name)
+
+
+def run_search(searched: Searched, command: str, launch: Launch) -> int:
+    """Lets the sweeper choose and launch jobs; returns the exit code, as `run_sweep`.
+
+    Raises:
+        ConfigError: the sweeper's configuration is wrong.
+        RunError: another sweep is at work in the same folder, or the sweeper failed.
+    """
+    check(searched)
+    first = searched.ends[0]
+    if len({job.folder.parent for job in searched.ends}) > 1:
+        raise ConfigError(
+            "name: expected one name for all trials of a search, found several; give one name=..."
+        )
+    sweep = SweepFolder(first.folder.parent)
+    search = Search(
+        uuid4().hex,
+        time(),
+        sweep.path,
+        searched.flags,
+        int(searched.sweeper.get("n_jobs", 1)),
+        int(searched.sweeper.get("n_trials", 0)),
+    )
+    interrupted = False
+    sweep.open(command, ())
+    results = sweep.path / RESULTS
+    try:
+        results.unlink(missing_ok=True)
+        launched(sweep.path, first, search.start, search_job(search), launch)
+    except KeyboardInterrupt:
+        interrupted = True
+    except Exception as error:
+        cause = error.__cause__ if isinstance(error.__cause__, Exception) else error
+        raise RunError(
+            f"Expected the sweeper to search, found that it cannot: {brief(cause)};"
+            " change hydra.sweeper or hydra.launcher. Trials that are finished are kept."
+        ) from error
+    finally:
+        entries = {sweep: search.start().jobs}
+        end_ray(entries)
+        sweep.close()
+    jobs = jobs_in(entries)
+    pruned = sum(job.pruned is not None for _, job in jobs)
+    failed = sum(bool(run.error()) for run, _ in jobs)
+    say(f"\nSearch: {len(jobs)} different runs, {pruned} pruned, {failed} failed")
+    if results.exists():
+        say(best_lines(yaml.safe_load(results.read_bytes()), first.settings.objectives))
+    return finish_sweep(entries, [first.settings], interrupted)
+
+
+def best_lines(results: Mapping[str, Any], names: Sequence[str]) -> str:
+    """What a sweeper has written into RESULTS, for people.
+
+    Args:
+        results: Hydra's form: best_params and best_value, or solutions with params and values.
+        names: the objectives.
+    """
+    found = results.get("solutions")
+    title = "None of these is worse than another one in every objective:"
+    if found is None:
+        found = [{"params": results["best_params"], "values": [results["best_value"]]}]
+        title = "Best:"
+    lines = [
+        f"  {', '.join(f'{n} {v:,.6g}' for n, v in zip(names, one['values'], strict=True))}"
+        f" with {' '.join(f'{key}={value}' for key, value in one['params'].items())}"
+        for one in found
+        if one["params"] is not None
+    ]
+    return "\n".join([title, *lines]) if lines else "No run came to its end."
+
+
+def check(searched: Searched) -> None:
+    """Raises ConfigError where Optuna could not search; other sweepers check that themselves."""
+    first = searched.ends[0]
+    for override in searched.sweeps:
+        _must_be_whole(override, first.settings)
+    if searched.sweeper.get("_target_") != OURS:
+        return
+    if find_spec("optuna") is None:
+        raise ConfigError(
+            "hydra/sweeper: expected Optuna, found it not installed; pip install 'islandgp[optuna]'"
+        )
+    _must_fit_together(_sweeper_settings(searched.sweeper), first)
+    if not searched.sweeps:
+        raise ConfigError(
+            "Expected something to search, found no sweep; for instance"
+            " 'gp.mutation_rate=interval(0.05,0.9)'."
+        )
+    from islandgp.sweep.optuna_trials import axis
+
+    for override in searched.sweeps:
+        try:
+            axis(override)
+        except ValueError as error:
+            raise ConfigError(
+                f"{override.input_line}: expected values to search, found that Optuna cannot:"
+                f" {brief(error)}"
+            ) from None
+
+
+def _sweeper_settings(sweeper: Mapping[str, Any]) -> SweeperSettings:
+    try:
+        return SweeperSettings(**{key: v for key, v in sweeper.items() if key != "_target_"})
+    except ValidationError as error:
+        lines = {
+            e["loc"][0]: f"hydra.sweeper.{e['loc'][0]}={e['input']!r}:"
+            f" {e['msg'][:1].lower()}{e['msg'][1:]}"
+            for e in reversed(error.errors())
+        }
+        raise ConfigError("\n".join(lines.values())) from None
+
+
+def _must_fit_together(settings: SweeperSettings, first: Planned) -> None:
+    """Raises ConfigError for a sweeper that does not fit the jobs, or Optuna."""
+    n = 1 if isinstance(settings.direction, str) else len(settings.direction)
+    aims = first.settings.objectives
+    if n != len(aims):
+        raise ConfigError(
+            f"hydra.sweeper.direction: expected one for each of the {len(aims)} objectives"
+            f" ({', '.join(aims)}), found {n}; write"
+            f" hydra.sweeper.direction=[{','.join(['maximize'] * len(aims))}]."
+        )
+    for key, part in (("sampler", settings.sampler), ("pruner", settings.pruner)):
+        target = str(part.get("_target_")) if part else ""
+        if part and not target.startswith(f"optuna.{key}s."):
+            raise ConfigError(
+                f"hydra.sweeper.{key}._target_: expected a class of optuna.{key}s, found {target}."
+            )
+    if settings.pruner and (first.launcher != "BasicLauncher" or n > 1 or settings.n_jobs > 1):
+        raise ConfigError(
+            "hydra/sweeper/pruner: expected one objective, hydra.sweeper.n_jobs=1 and the basic"
+            f" launcher, found {n}, {settings.n_jobs} and {first.launcher}: trials can be stopped"
+            " only one after the other in this process; leave the pruner out, or the others."
+        )
+
+
+def _must_be_whole(override: Override, settings: Settings) -> None:
+    """Raises ConfigError for an interval of decimals where the key takes whole numbers."""
+    found = override.value()
+    value: Any = settings
+    for part in override.key_or_group.split("."):
+        value = setting_at(value, part)
+    whole = isinstance(value, int) and not isinstance(value, bool)
+    if isinstance(found, IntervalSweep) and whole and isinstance(found.start, float):
+        key = override.get_key_element()
+        text = str(override.input_line).partition("=")[2]
+        raise ConfigError(
+            f"{override.input_line}: expected an interval of whole numbers, found one of"
+            f" decimals; write '{key}=int({text})'."
+        )
+
+
+AT_WORK: Final[dict[int, Callable[[int, float], bool]]] = {}
+"""By the number of a trial's job in Hydra's count: takes a generation and its highest fitness, and
+tells whether the trial is to be stopped as others are better. The search fills it, so it works
+where the launcher runs the jobs in the process of the search."""
+
+
+def search_job(search: Search) -> Callable[[DictConfig], float | tuple[float, ...] | None]:
+    """The function that Hydra calls for each trial.
+
+    It returns the objectives, or None for a trial that was stopped. It never raises because a
+    trial failed: then it returns NaN, and the trial's folder tells.
+    """
+
+    def job(config: DictConfig) -> float | tuple[float, ...] | None:
+        multiprocessing.set_start_method(None, force=True)  # as in `sweep_job`
+        hydra = HydraConfig.get()
+        home, overrides = Path(hydra.runtime.cwd), list(hydra.overrides.task)
+        ours = plain(config)
+        named, command = (
+            run_folder(ours, overrides, home),
+            command_line([*search.flags, *overrides]),
+        )
+        with shown():
+            try:
+                trust(names_in(ours))
+                settings = read_settings(ours)
+                found = choose(RunFolder(named), settings, redacted(ours))
+            except (ConfigError, RunError) as error:
+                # It failed, and its folder tells why.
+                folder = RunFolder(named)
+                if folder.begun():  # it is another run's
+                    folder = RunFolder(named.with_name(f"{named.name}~refused"))
+                where = folder.path
+                SweepFolder(search.folder).enter(
+                    sweep_entry(ours, overrides, where, where, command, search.id)
+                )
+                folder.fail(error)
+                print(f"islandgp: {without_credentials(str(error))}", file=sys.stderr)
+                return nan
+            entry = sweep_entry(ours, overrides, named, found.path, command, search.id)
+            judge = AT_WORK.get(int(hydra.job.num))
+            own = fitted(settings, hydra.launcher, search.at_once)
+            return _run(search, entry, ours, own, home, judge)
+
+    return job
+
+
+def _run(
+    search: Search,
+    entry: SweepJob,
+    config: dict[str, Any],
+    settings: Settings,
+    home: Path,
+    judge: Callable[[int, float], bool] | None,
+) -> float | tuple[float, ...] | None:
+    sweep = SweepFolder(search.folder)
+    sweep.enter(entry)
+    target = sweep.run(entry)
+    if judge is not None and target.finished():
+        for record in target.records():  # for the judgement of other trials
+            judge(record["snapshot"]["generation"], record["snapshot"]["best"])
+
+    def judged(generation: int, best: float) -> None:
+        assert judge is not None
+        if judge(generation, best):
+            sweep.enter(replace(entry, pruned=generation))
+            raise Pruned
+
+    watched = None if judge is None else judged
+    try:
+        attempt(target, config, settings, home, entry.command, search.start, watched)
+    except Pruned:
+        return None
+    if not target.finished():
+        return nan
+    found = objectives(target.summary(), settings.objectives)
+    return found[0] if len(found) == 1 else found

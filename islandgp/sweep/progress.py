@@ -1,0 +1,170 @@
+"""How far a sweep is, in one line: read from its folders, so that no launcher matters."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from threading import Event, Thread
+from time import time
+from typing import Final, Literal, Self
+
+from islandgp.records.files import score
+from islandgp.records.folder import RunFolder, Status
+from islandgp.running.progress import duration
+from islandgp.sweep.folder import SweepJob, job_of
+from islandgp.text import title
+
+PERIOD: Final = 1.0  # s between two looks
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """A sweep at its start; jobs get it wherever they run, so it holds plain values only."""
+
+    at: float  # s since 1970, by this process's clock
+    jobs: dict[Path, SweepJob]  # by the folder that their configuration names
+    before: int  # generations that were there already
+    errors: dict[str, tuple[int, int]]  # the error files that were there already, by path
+    trials: int = 0  # that a search will make; 0: that is not known
+    search: str = ""  # what a search is called; "": the jobs are known
+
+    @classmethod
+    def now(cls, jobs: dict[Path, SweepJob]) -> Self:
+        """The sweep starts now."""
+        start = cls(time(), jobs, 0, {})
+        return replace(
+            start,
+            before=sum(run.settled() for run in start.runs()),
+            errors={str(run.path): file for run in start.runs() if (file := _error_file(run))},
+        )
+
+    def run(self, named: Path) -> RunFolder:
+        """The folder of the job whose configuration names the folder `named`."""
+        return RunFolder(named.with_name(self.jobs[named].folder))
+
+    def runs(self) -> Iterator[RunFolder]:
+        """All jobs' folders."""
+        return (self.run(named) for named in self.jobs)
+
+    def failed(self, run: RunFolder) -> bool:
+        """Whether a job has failed since. The file system's clock may differ from this one's."""
+        file = _error_file(run)
+        return file is not None and file != self.errors.get(str(run.path))
+
+
+def sweep_line(start: Start, beginning: RunFolder | None = None) -> str:
+    """Jobs done, running and failed, and the time left.
+
+    The job of the folder `beginning` counts as running, unless it is finished.
+    """
+    found = [(run.path, run.status(), run.settled()) for run in start.runs()]
+    states = [
+        Status.RUNNING
+        if beginning is not None and path == beginning.path and status is not Status.FINISHED
+        else status
+        for path, status, _ in found
+    ]
+    failed = sum(
+        status is Status.FAILED and start.failed(run)
+        for run, status in zip(start.runs(), states, strict=True)
+    )
+    pruned = sum(job.pruned is not None for job in start.jobs.values())
+    names = ", ".join(dict.fromkeys(path.parent.name for path in start.jobs))
+    counts = (
+        f"{states.count(Status.FINISHED)} of {max(len(states), start.trials)} done,"
+        f" {states.count(Status.RUNNING)} running, {failed} failed"
+    )
+    if start.search:
+        return f"search {start.search}: {counts}, {pruned} pruned"
+    generations = sum(settled for _, _, settled in found)
+    total = sum(job.generations for job in start.jobs.values())
+    new = generations - start.before
+    left = f", {duration((time() - start.at) * (total - generations) / new)} left" if new else ""
+    return f"sweep {names}: {counts}, generation {generations} of {total}{left}"
+
+
+def _error_file(run: RunFolder) -> tuple[int, int] | None:
+    """What tells a run's error file from another one in its place; None if there is none."""
+    try:
+        found = (run.path / "error.txt").stat()
+    except OSError:
+        return None
+    return found.st_ino, found.st_mtime_ns
+
+
+def job_line(run: RunFolder) -> str:
+    """The result of one job in a line."""
+    if not run.finished():
+        if run.status() is Status.RUNNING:
+            return f"{run.path.name}: another process is at work on it"
+        _, job = job_of(run.path)
+        if job is not None and job.pruned is not None:
+            return f"{run.path.name}: pruned in generation {job.pruned}"
+        why = run.reason()
+        return f"{run.path.name}: {f'failed: {why}' if why else 'stopped'}"
+    s = run.summary()
+    tier, first = next(iter(s["first"].items()))  # the easiest milestone
+    robot = f"{title(tier)} Robot"
+    emerged = f"no {robot}" if first is None else f"first {robot} in generation {first}"
+    best = score(s)
+    return f"{run.path.name}: best robot {best:,.0f}, {emerged}, {duration(s['seconds'])}"
+
+
+class Watch:
+    """Shows the line while a launcher is at work. A context manager."""
+
+    def __init__(self, look: Callable[[], Start], how: Literal["auto", "plain", "off"]) -> None:
+        """`look` gives the jobs so far.
+
+        `auto`: one live line on a terminal, else a line whenever a job has ended.
+        """
+        self.look = look
+        self.how = how
+        self._over = Event()
+        self._thread = Thread(target=self._work, name="sweep progress", daemon=True)
+
+    def __enter__(self) -> Self:
+        if self.how != "off":
+            self._thread.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._over.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _work(self) -> None:
+        if self.how == "auto" and sys.stderr.isatty():
+            self._live()
+            return
+        for n, (start, ended) in enumerate(self._looks()):
+            for run in ended:
+                print(job_line(run), file=sys.stderr, flush=True)
+            if ended or not n:
+                print(sweep_line(start), file=sys.stderr, flush=True)
+
+    def _live(self) -> None:
+        from rich.console import Console
+        from rich.live import Live
+
+        with Live(console=Console(stderr=True), auto_refresh=False) as live:
+            for start, ended in self._looks():
+                for run in ended:
+                    live.console.print(job_line(run), highlight=False)
+                live.update(sweep_line(start), refresh=True)
+
+    def _looks(self) -> Iterator[tuple[Start, list[RunFolder]]]:
+        """The jobs at each look, and those that have ended since the look before."""
+        start = self.look()
+        told = {run.path for run in start.runs() if run.finished()}
+        yield start, []
+        over = False
+        while not over:
+            over = self._over.wait(PERIOD)
+            start = self.look()
+            runs = (run for run in start.runs() if run.finished() or start.failed(run))
+            ended = [run for run in runs if run.path not in told]
+            told.update(run.path for run in ended)
+            yield start, ended

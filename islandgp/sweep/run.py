@@ -1,0 +1,258 @@
+"""A sweep: many jobs, by any launcher, and one account of them at the end.
+
+The result of a job is read from its folder: so it is known however the job was
+launched, and also when its process died.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+from time import monotonic, sleep
+from typing import Any, Final
+
+from hydra.core.override_parser.types import Quote, QuotedString
+from omegaconf import DictConfig
+
+from islandgp.atomic_files import remove_leftovers
+from islandgp.config.compose import Planned
+from islandgp.config.settings import Settings
+from islandgp.errors import ConfigError, RunError, brief
+from islandgp.evaluation.processes import end_with_parent
+from islandgp.evaluation.ray import own_token
+from islandgp.records.folder import RunFolder, Status
+from islandgp.records.parameters import redacted, shape
+from islandgp.resources import program
+from islandgp.running.printing import say
+from islandgp.running.report import MOSTLY_FALLBACK, is_mostly_fallback
+from islandgp.running.resume import choose, differences
+from islandgp.sweep.folder import SweepFolder, SweepJob
+from islandgp.sweep.job import sweep_entry, sweep_job
+from islandgp.sweep.progress import Start, Watch
+from islandgp.tracking.summary import arm_lines, arms
+
+Job = Callable[[DictConfig], Any]
+"""What Hydra calls for each job."""
+
+Launch = Callable[[Job, list[str]], None]
+"""Hands a job function to Hydra, with overrides besides the command's own."""
+
+ENDING: Final = 10.0  # s that a cluster may take to end a job
+LAUNCHES: Final = 3  # starts of a launcher that breaks down, the first one included
+
+
+Entries = dict[SweepFolder, dict[Path, SweepJob]]
+"""Each sweep's jobs, by the folder that a job's configuration names.
+
+There is more than one sweep where the command sweeps over names.
+"""
+
+
+def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
+    """Runs the jobs; returns the exit code.
+
+    0: all is done; 1: jobs failed; 3: a fallback gave too many answers; 130: Ctrl-C.
+
+    Raises:
+        ConfigError: two jobs are the same run, or would share a folder.
+        RunError: another sweep is at work in the same folder, or the launcher starts no job.
+    """
+    entries = _entries(jobs)
+    interrupted = False
+    with ExitStack() as stack:
+        for sweep, own in entries.items():
+            sweep.open(command, list(own.values()))
+            stack.callback(sweep.close)
+            remove_leftovers(sweep.path, "sweep.json.*")
+        try:
+            _launch_all(jobs, entries, launch)
+        except KeyboardInterrupt:
+            interrupted = True
+        end_ray(entries)
+    return finish_sweep(entries, [job.settings for job in jobs], interrupted)
+
+
+def finish_sweep(entries: Entries, settings: Sequence[Settings], interrupted: bool) -> int:
+    """Sends what the tracking store lacks, tells the results; returns the exit code."""
+    try:
+        _send(entries, settings)
+    except KeyboardInterrupt:
+        interrupted = True
+    for sweep in entries:
+        if (file := sweep.read()) is not None:
+            say(f"\n{arm_lines(arms(sweep, file))}\n\nResults: {sweep.path}")
+    if interrupted:
+        print("islandgp: stopped; the same command goes on from here", file=sys.stderr)
+        return 130
+    return _report_unfinished(entries) or _report_fallbacks(entries)
+
+
+def _entries(jobs: Sequence[Planned]) -> Entries:
+    _must_differ(jobs)
+    sweeps: dict[Path, dict[Path, SweepJob]] = {}
+    for job in jobs:
+        folder = choose(RunFolder(job.folder), job.settings, redacted(job.config)).path
+        entry = sweep_entry(job.config, job.overrides, job.folder, folder, job.command)
+        sweeps.setdefault(job.folder.parent, {})[job.folder] = entry
+    return {SweepFolder(path): own for path, own in sweeps.items()}
+
+
+def _must_differ(jobs: Sequence[Planned]) -> None:
+    """Raises ConfigError where two jobs are the same run, or would share a folder."""
+    configs: dict[Hashable, Planned] = {}
+    folders: dict[Path, Planned] = {}
+    for job in jobs:
+        same = configs.setdefault(_frozen(shape(redacted(job.config))), job)
+        if same is not job:
+            names = " and ".join(dict.fromkeys([same.folder.name, job.folder.name]))
+            raise ConfigError(
+                f"Expected jobs that differ, found two that are the same run: {names};"
+                " take one of them out of the sweep."
+            )
+        other = folders.setdefault(job.folder, job)
+        if other is not job:
+            changed = differences(redacted(other.config), redacted(job.config))
+            raise ConfigError(
+                f"Expected a folder for each job, found two jobs in {job.folder} that differ in"
+                f" {', '.join(changed)}; give each of them another name=..."
+            )
+
+
+def _frozen(value: Any) -> Hashable:
+    """Plain values as a key to look up: 1 equals 1.0, and None a key that is not there."""
+    if isinstance(value, Mapping):
+        return frozenset((key, _frozen(v)) for key, v in value.items() if v is not None)
+    return tuple(map(_frozen, value)) if isinstance(value, list) else value
+
+
+def jobs_in(entries: Entries) -> list[tuple[RunFolder, SweepJob]]:
+    """All jobs, with the folders that they run in."""
+    return [(sweep.run(job), job) for sweep, own in entries.items() for job in own.values()]
+
+
+def launched(
+    path: Path, first: Planned, look: Callable[[], Start], job: Job, launch: Launch
+) -> None:
+    """Hands the jobs of the sweep in `path` to its launcher, and shows how far they are.
+
+    `first` is one of them, and `look` gives the jobs so far.
+    """
+    if first.launcher == "JoblibLauncher":
+        tie_joblib_workers()
+    if first.own_ray:
+        own_token()
+    place = QuotedString(str(path), Quote.single).with_quotes()
+    with Watch(look, "off" if first.launcher == "BasicLauncher" else first.settings.progress):
+        launch(job, [f"hydra.sweep.dir={place}"])
+
+
+def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> None:
+    """Launches what is not finished, again if the launcher itself breaks down under way.
+
+    Raises:
+        RunError: the launcher has not started any job.
+    """
+    first = next(iter(entries))
+    start = Start.now({named: job for own in entries.values() for named, job in own.items()})
+    begun = _begun(start)
+    for _ in range(LAUNCHES):
+        try:
+            launched(first.path, jobs[0], lambda: start, sweep_job(start), launch)
+            break
+        except Exception as error:
+            if _begun(start) == begun:
+                raise RunError(
+                    "Expected the launcher to start the jobs, found that it cannot:"
+                    f" {brief(error)}; change hydra.launcher, or choose another hydra/launcher."
+                ) from None
+            print(f"islandgp: the launcher broke down ({brief(error)})", file=sys.stderr)
+        finally:
+            # Hydra writes the whole command into it, with any secret that it holds.
+            (first.path / "multirun.yaml").unlink(missing_ok=True)
+        if all(run.finished() or start.failed(run) for run in start.runs()):
+            break
+
+
+def _begun(start: Start) -> list[int]:
+    """When each job was last begun, ns since 1970; 0 if never."""
+    files = (run.path / "about.json" for run in start.runs())
+    return [file.stat().st_mtime_ns if file.exists() else 0 for file in files]
+
+
+def end_ray(entries: Entries) -> None:
+    """Ends the jobs that Ray's launcher has started: interrupted, it would leave them at work."""
+    ray = sys.modules.get("ray")
+    if ray is None or not ray.is_initialized():
+        return
+    ray.shutdown()
+    end = monotonic() + ENDING
+    while monotonic() < end:
+        if not any(run.status() is Status.RUNNING for run, _ in jobs_in(entries)):
+            break
+        sleep(0.2)
+
+
+def _send(entries: Entries, settings: Sequence[Settings]) -> None:
+    """Lets the tracking store know how the jobs and the sweep as a whole ended."""
+    patience = max(float(s.tracking.policy.get("patience", 20)) for s in settings)
+    from islandgp.tracking.mlflow import MLflow, send_sweeps
+
+    parts = [s.tracking for s in settings if s.tracking.factory is MLflow]
+    if not parts:
+        return
+    places = [MLflow.make(part.settings(), Path.cwd()).place for part in parts]
+    if reason := send_sweeps([sweep.path for sweep in entries], patience, places):
+        paths = " ".join(str(sweep.path) for sweep in entries)
+        print(
+            f"MLflow has not got all records ({reason}). They are safe; this sends them:\n"
+            f"  {program()} sync {paths}",
+            file=sys.stderr,
+        )
+
+
+def _report_unfinished(entries: Entries) -> int:
+    """Lists each job that is not finished with the command that runs it again."""
+    jobs = jobs_in(entries)
+    bad = [(run, job) for run, job in jobs if job.pruned is None and not run.finished()]
+    if not bad:
+        return 0
+    print(f"\n{len(bad)} of {len(jobs)} jobs not finished:", file=sys.stderr)
+    for run, job in bad:
+        busy = run.status() is Status.RUNNING
+        why = "another process is at work on it" if busy else run.reason() or "its process died"
+        print(f"\n  {job.folder}: {why}", file=sys.stderr)
+        if run.error():
+            print(f"    error:  {run.path / 'error.txt'}", file=sys.stderr)
+        print(f"    again:  {job.command}", file=sys.stderr)
+    return 1
+
+
+def _report_fallbacks(entries: Entries) -> int:
+    """Lists each job in which a language model's fallback gave too many of the answers."""
+    runs = [run for run, job in jobs_in(entries) if job.pruned is None]
+    bad = [run for run in runs if is_mostly_fallback(run.summary())]
+    if not bad:
+        return 0
+    print(f"\nislandgp: in {len(bad)} of {len(runs)} jobs {MOSTLY_FALLBACK}", file=sys.stderr)
+    for run in bad:
+        print(f"  {run.path.name}", file=sys.stderr)
+    return 3
+
+
+def tie_joblib_workers() -> None:
+    """Makes the workers that joblib starts from now on end with this process."""
+    from joblib import register_parallel_backend  # type: ignore[import-untyped] # as above
+    from joblib.parallel import LokyBackend  # type: ignore[import-untyped] # it has no types
+
+    class Tied(LokyBackend):  # type: ignore[misc] # joblib has no types
+        def configure(self, *args: Any, **options: Any) -> Any:
+            """Gives joblib's executor a function that each worker calls at its start."""
+            return super().configure(
+                *args, initializer=partial(end_with_parent, os.getpid()), **options
+            )
+
+    register_parallel_backend("loky", Tied)  # by which name Hydra's launcher asks for it
