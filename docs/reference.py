@@ -25,7 +25,7 @@ from pydantic.fields import FieldInfo
 
 from islandgp.commands.setting import configured
 from islandgp.config.settings import Settings
-from islandgp.plugin import Part, path_of
+from islandgp.plugin import ComponentConfig, path_of
 from islandgp.resources import resource
 from islandgp.supervision.expert import ExpertSettings
 from islandgp.sweep.optimiser import SweeperSettings
@@ -170,7 +170,7 @@ def _keys(
         inner: where the model stands in its file.
     """
     for name, field in model.model_fields.items():
-        if name == "policy" and isinstance(value, Part):
+        if name == "policy" and isinstance(value, ComponentConfig):
             policy = value.factory.Settings
             yield from _keys(
                 policy, value.settings(), f"{path}.{name}", comments, f"{inner}{name}."

@@ -29,7 +29,7 @@ from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.domain_files import class_vocabulary, domain_files
 from islandgp.errors import DomainError, OtherDomainError
 from islandgp.leaves import Leaf, is_flag, is_number, status_of, steps
-from islandgp.plugin import defined_in, shown
+from islandgp.plugin import defined_in, short_repr
 from islandgp.text_files import read_text_file
 
 
@@ -116,7 +116,7 @@ class Tree:
                 if name not in known[what]:
                     near = closest(str(name), known[what])
                     hint = f"; perhaps {near} is meant" if near else ""
-                    yield f"{shown(name)}, which the domain {words.domain} does not have{hint}"
+                    yield f"{short_repr(name)}, which the domain {words.domain} does not have{hint}"
 
 
 class RobotTree:
@@ -285,7 +285,7 @@ def _entry(source: object, name: str) -> Any:
 def _uncallable(entry: object, arguments: Mapping[str, object]) -> str:
     """Why something cannot be called with these arguments; "" where it can."""
     if not callable(entry) or isinstance(entry, type):
-        return f"{shown(entry)}, which is no function"
+        return f"{short_repr(entry)}, which is no function"
     if iscoroutinefunction(entry):
         return "a coroutine; write `def` in place of `async def`"
     try:
@@ -305,6 +305,6 @@ def _value(source: object, name: str) -> float:
     if not is_number(found) and not is_flag(found):
         raise DomainError(
             f"Expected a finite number, True or False as the value of the key {name}, found"
-            f" {shown(found)}{defined_in(entry)}."
+            f" {short_repr(found)}{defined_in(entry)}."
         )
     return float(found)

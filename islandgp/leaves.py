@@ -16,7 +16,7 @@ from typing import Any, TypeAlias
 
 from islandgp.bt.core.node import RUNNING
 from islandgp.errors import DomainError
-from islandgp.plugin import defined_in, shown
+from islandgp.plugin import defined_in, short_repr
 
 Leaf: TypeAlias = Callable[..., int] | Callable[..., Generator[None, None, bool]]
 
@@ -67,7 +67,7 @@ def status_of(found: object, name: str, leaf: object) -> int:
         return int(bool(found))
     raise DomainError(
         f"Expected True, False or RUNNING from the action {name}, found"
-        f" {shown(found)}{_hint(found)}{defined_in(leaf)}."
+        f" {short_repr(found)}{_hint(found)}{defined_in(leaf)}."
     )
 
 

@@ -1,4 +1,4 @@
-"""What configuration chooses by a class or a function of ours or of the user's own."""
+"""Load the classes and functions that the configuration names."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from islandgp.errors import DomainError, IslandError, PartError
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-class Plugin(BaseModel, frozen=True, extra="forbid"):
+class ImportedClass(BaseModel, frozen=True, extra="forbid"):
     """A class that configuration names."""
 
     needs: ClassVar[tuple[str, ...]] = ("make",)  # methods of the class
@@ -48,7 +48,7 @@ class Plugin(BaseModel, frozen=True, extra="forbid"):
                 f"expected a module of yours, found {top!r}, which is one of Python's own; give the"
                 " file another name"
             )
-        with blaming(str(path)):
+        with plugin_errors(str(path)):
             _load(path)
             return proceed(path)
 
@@ -69,7 +69,7 @@ class Plugin(BaseModel, frozen=True, extra="forbid"):
         return factory
 
 
-class Part(Plugin, frozen=True, extra="forbid"):
+class ComponentConfig(ImportedClass, frozen=True, extra="forbid"):
     """A part that configuration chooses: a class, and the settings for it.
 
     The class carries a pydantic model `Settings` and is made by `make(settings, ...)`.
@@ -81,7 +81,7 @@ class Part(Plugin, frozen=True, extra="forbid"):
     @classmethod
     def _fits_factory(cls, policy: dict[str, Any], found: ValidationInfo) -> dict[str, Any]:
         if (factory := found.data.get("factory")) is not None:
-            with blaming(path_of(factory)):
+            with plugin_errors(path_of(factory)):
                 factory.Settings.model_validate(policy)  # its errors become errors of this field
         return policy
 
@@ -105,7 +105,7 @@ def _load(path: object) -> None:
 
 def imported(path: str) -> Any:
     """What a path names: "package.module:name". Raises ValidationError, PartError."""
-    with blaming(path):
+    with plugin_errors(path):
         _load(path)
         return TypeAdapter(ImportString[Any]).validate_python(path)
 
@@ -132,7 +132,7 @@ def function(
 
 @cache
 def _own(path: str, check: Callable[..., None] | None) -> Callable[..., Any] | None:
-    """The user's function, whose faults are told as its author's; None: there is none."""
+    """Import a user's function; its exceptions become PartError. None if it cannot be imported."""
     try:
         found = imported(path)
     except ValidationError:
@@ -141,7 +141,7 @@ def _own(path: str, check: Callable[..., None] | None) -> Callable[..., Any] | N
         return None
 
     def call(*arguments: Any) -> Any:
-        with blaming(path):
+        with plugin_errors(path):
             if (made := found(*arguments)) is None:
                 raise TypeError("expected it to return something, found None")
             if check is not None:
@@ -182,7 +182,7 @@ def place_of_frame(frame: FrameType | None, outer: FrameType | None) -> str:
     return _place(reversed(found))
 
 
-def shown(value: object) -> str:
+def short_repr(value: object) -> str:
     """A value in a message: its `repr`, cut, and without addresses in memory."""
     return re.sub(r" at 0x[0-9a-fA-F]+", "", f"{value!r:.200}")[:80]
 
@@ -231,11 +231,11 @@ def _known(file: str) -> bool:
 
 
 @contextmanager
-def blaming(path: str) -> Iterator[None]:
-    """Around a call into a class that configuration names: an exception of it is its author's.
+def plugin_errors(path: str) -> Iterator[None]:
+    """Turn exceptions of a class that the configuration names into PartError.
 
     Raises:
-        PartError: whatever went wrong inside, unless the class is one of ours.
+        PartError: the class at `path` raised an exception and is not part of this package.
     """
     try:
         yield

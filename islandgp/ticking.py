@@ -35,7 +35,7 @@ from islandgp.bt.core.vocabulary import Key, Vocabulary
 from islandgp.domain import Observer, Outcome, Schema
 from islandgp.errors import DomainError
 from islandgp.leaves import Leaf, is_flag, is_number, status_of, steps
-from islandgp.plugin import defined_in, shown
+from islandgp.plugin import defined_in, short_repr
 from islandgp.scoring.rewards import RewardTable, worth
 from islandgp.sensors import SensorFaults
 from islandgp.time_limit import Overdue
@@ -90,7 +90,7 @@ class EventLog:
         self.counts[event] += 1
         if not is_number(amount):
             raise DomainError(
-                f"Expected a finite amount of the event {event!r}, found {shown(amount)}."
+                f"Expected a finite amount of the event {event!r}, found {short_repr(amount)}."
             )
         if self._logged is not None:
             self._logged(event)
@@ -275,7 +275,7 @@ def _leaf(episode: Any, name: str) -> Leaf:
     """The episode's method for an action. Raises DomainError where there is none."""
     found = getattr(episode, name, None)
     if not callable(found):
-        what = "none" if found is None else shown(found)
+        what = "none" if found is None else short_repr(found)
         raise DomainError(
             f"Expected a method {name} in {type(episode).__name__} for the action of that name,"
             f" found {what}{defined_in(type(episode))}."
@@ -307,7 +307,7 @@ def _must_be_values(keys: Mapping[str, Key], values: Any, sense: object) -> None
     where = defined_in(sense)
     if not isinstance(values, Mapping):
         raise DomainError(
-            f"Expected a dict of values by key from `sense`, found {shown(values)}{where}."
+            f"Expected a dict of values by key from `sense`, found {short_repr(values)}{where}."
         )
     for name, key in keys.items():
         if name not in values:
@@ -319,7 +319,7 @@ def _must_be_values(keys: Mapping[str, Key], values: Any, sense: object) -> None
             expected = "True or False" if key.flag else f"a number of at least {key.low:g}{most}"
             raise DomainError(
                 f"Expected {expected} as the value of the key {name} from `sense`, found"
-                f" {shown(values[name])}{where}."
+                f" {short_repr(values[name])}{where}."
             )
     for name in values:
         if name not in keys:
@@ -333,7 +333,7 @@ def _no_ending(found: object, step: object) -> str:
     hint = "; leave `yield` out of it" if isgenerator(found) else ""
     return (
         'Expected why the episode is over from `step`, a text, or "" to go on, found'
-        f" {shown(found)}{hint}{defined_in(step)}."
+        f" {short_repr(found)}{hint}{defined_in(step)}."
     )
 
 
@@ -348,7 +348,7 @@ def _counters(schema: Schema, log: EventLog, measures: Any) -> dict[str, float]:
 def _wrong_measure(schema: Schema, found: Any) -> str:
     """What is wrong with the values from `measures`, or ""."""
     if not isinstance(found, Mapping):
-        return f"Expected a dict of values by counter from `measures`, found {shown(found)}"
+        return f"Expected a dict of values by counter from `measures`, found {short_repr(found)}"
     for name, value in found.items():
         if name not in schema.counters:
             return (
@@ -357,7 +357,7 @@ def _wrong_measure(schema: Schema, found: Any) -> str:
             )
         if not is_number(value) and not is_flag(value):
             expected = f"Expected a finite number as the counter {name} from `measures`"
-            return f"{expected}, found {shown(value)}"
+            return f"{expected}, found {short_repr(value)}"
     for name in schema.counters:
         if name not in found and name not in schema.events:
             return f"Expected the counter {name} from `measures`, as it is no event, found none"

@@ -26,7 +26,7 @@ from islandgp.commands.setting import (
     with_timeout_option,
 )
 from islandgp.domain import Domain, Schema
-from islandgp.plugin import shown
+from islandgp.plugin import short_repr
 
 if TYPE_CHECKING:
     from islandgp.config.settings import Settings
@@ -173,7 +173,9 @@ def _check(
             faults += 1
             click.echo(indent(fault, " " * 8))
     if printed.first:
-        click.echo(f"\nIts code prints while episodes run, e.g. {shown(printed.first.strip())}")
+        click.echo(
+            f"\nIts code prints while episodes run, e.g. {short_repr(printed.first.strip())}"
+        )
     if not suite.trees_run:
         click.echo("The other promises are checked as soon as the episode of a tree runs.")
         return 1

@@ -30,7 +30,14 @@ from islandgp.evaluation.worlds import staged
 from islandgp.gp.archive import ArchiveSettings
 from islandgp.gp.plan import GP, Allocation, Budget, Plan, Stop, Switches
 from islandgp.gp.random_trees import check_growth
-from islandgp.plugin import Part, Plugin, blaming, defined_in, imported, path_of
+from islandgp.plugin import (
+    ComponentConfig,
+    ImportedClass,
+    defined_in,
+    imported,
+    path_of,
+    plugin_errors,
+)
 from islandgp.records.files import VALUES
 from islandgp.scoring.classes import CLASS_NAME, Classes
 from islandgp.scoring.constraints import Bound
@@ -65,14 +72,14 @@ MACHINES_TAGS: Final = ("mlflow.", "islandgp.")
 """How the names of tags begin that MLflow and the mirror need."""
 
 
-class DomainSettings(Plugin, frozen=True, extra="forbid"):
+class DomainSettings(ImportedClass, frozen=True, extra="forbid"):
     """The group `domain`: the class of the world that trees live in."""
 
     needs = ("make", "run_episode")
     models = ("World", "Rewards")
 
 
-class SupervisorSettings(Switches, Part, frozen=True, extra="forbid"):
+class SupervisorSettings(Switches, ComponentConfig, frozen=True, extra="forbid"):
     """The group `supervisor`."""
 
     needs = SUPERVISES
@@ -80,7 +87,7 @@ class SupervisorSettings(Switches, Part, frozen=True, extra="forbid"):
     name: str = Field(pattern=r"^[a-z][a-z0-9_]*$")  # in records, tags and folders' names
 
 
-class SearchSettings(Part, frozen=True, extra="forbid"):
+class SearchSettings(ComponentConfig, frozen=True, extra="forbid"):
     """The group `search`: the class that decides which trees are evaluated."""
 
     needs = SEARCHES
@@ -112,13 +119,13 @@ PAPERS: Final = {"name": "paper", "factory": "islandgp.search.paper:Paper", "ran
 """The search of configurations that name none: those of versions before 0.3."""
 
 
-class EvaluatorSettings(Part, frozen=True, extra="forbid"):
+class EvaluatorSettings(ComponentConfig, frozen=True, extra="forbid"):
     """The group `evaluator`."""
 
     cache: bool
 
 
-class TrackingSettings(Part, frozen=True, extra="forbid"):
+class TrackingSettings(ComponentConfig, frozen=True, extra="forbid"):
     """The group `tracking`."""
 
 
@@ -214,7 +221,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     def make_domain(self) -> Domain:
         """The domain with its world and rewards. Raises ConfigError where they do not fit."""
         factory = self.domain.factory
-        with blaming(path_of(factory)):
+        with plugin_errors(path_of(factory)):
             domain: Domain = factory.make(self.world, self.rewards)
             schema = getattr(domain, "schema", None)
             if not isinstance(schema, Schema):
@@ -234,7 +241,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
         factory = self.domain.factory
         how = self.perturb
         wanted = (how is not None and how.training) if perturbed is None else perturbed
-        with blaming(path_of(factory)):
+        with plugin_errors(path_of(factory)):
             return Problem.of(
                 factory, self.world, self.rewards, self.curriculum, how if wanted else None
             )
@@ -300,13 +307,13 @@ def _faults(settings: Settings) -> Iterator[str]:
     yield from settings.classes.faults(schema)
     search = settings.search.settings()
     if hasattr(search, "faults"):
-        with blaming(path_of(settings.search.factory)):
+        with plugin_errors(path_of(settings.search.factory)):
             yield from search.faults(schema)
     yield from settings.archive.faults(schema)
     yield from constraint_faults(settings.constraints, schema)
     if settings.perturb is not None:
         factory = settings.domain.factory
-        with blaming(path_of(factory)):
+        with plugin_errors(path_of(factory)):
             yield from settings.perturb.faults(factory, settings.world, settings.rewards, schema)
 
 
@@ -322,7 +329,7 @@ def _staged_worlds(settings: Settings, schema: Schema) -> Iterator[str]:
             given = {**before, **stage.world}
             yield from _lines(error, given, model=type(settings.world), at=(path,))
             continue
-        with blaming(path_of(settings.domain.factory)):
+        with plugin_errors(path_of(settings.domain.factory)):
             found = settings.domain.factory.make(world, settings.rewards).schema
         if (found.vocabulary, *map(tuple, (found.components, found.counters))) != (
             schema.vocabulary,
@@ -352,7 +359,7 @@ def _counted(config: Any, settings: Any, path: str = "") -> Iterator[str]:
 
 def setting_at(settings: Any, key: int | str) -> Any:
     """What stands at a key of the configuration, or what it became; None for nothing."""
-    if isinstance(settings, Part) and key == "policy":
+    if isinstance(settings, ComponentConfig) and key == "policy":
         return settings.settings()
     if isinstance(settings, Mapping):
         return settings.get(key)
@@ -414,7 +421,7 @@ def _kind_below(kind: Any, part: int | str, config: Any) -> Any:
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         if kind is Settings and part in ("world", "rewards"):
             return getattr(_factory(setting_at(config, "domain")), str(part).capitalize(), None)
-        if issubclass(kind, Part) and part == "policy":
+        if issubclass(kind, ComponentConfig) and part == "policy":
             return getattr(_factory(config), "Settings", None)
         field = kind.model_fields.get(str(part))
         kind = field and field.annotation

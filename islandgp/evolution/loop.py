@@ -32,7 +32,7 @@ from islandgp.gp.record import (
     line,
 )
 from islandgp.plain import made_of, plain
-from islandgp.plugin import blaming, path_of
+from islandgp.plugin import path_of, plugin_errors
 from islandgp.scoring.classes import judge
 from islandgp.scoring.constraints import violation
 from islandgp.scoring.snapshot import Snapshot, measure
@@ -309,7 +309,7 @@ def asked_of(
     search: Search, state: SearchState, streams: Streams, plan: Plan
 ) -> tuple[Individual, ...]:
     """The individuals of a generation. Raises PartError for what a run cannot evaluate."""
-    with blaming(path_of(type(search))):
+    with plugin_errors(path_of(type(search))):
         individuals = tuple(search.ask(state, streams))
         if not 1 <= len(individuals) <= plan.gp.population:
             raise ValueError(
@@ -350,7 +350,7 @@ def told_to(
 ) -> SearchState:
     """The state of the next generation. Raises PartError for what a checkpoint cannot keep."""
     path = path_of(type(search))
-    with blaming(path):
+    with plugin_errors(path):
         told = search.tell(state, population, advice)
         if not isinstance(told, SearchState) or told.generation != state.generation + 1:
             raise ValueError(

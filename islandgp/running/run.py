@@ -29,7 +29,7 @@ from islandgp.evolution.validation import worlds_of as validation_worlds
 from islandgp.gp.archive import Elite, archive_record
 from islandgp.gp.plan import Plan
 from islandgp.gp.record import Champion, Step
-from islandgp.plugin import blaming, path_of
+from islandgp.plugin import path_of, plugin_errors
 from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.files import PAGE
 from islandgp.records.folder import RunFolder, Status
@@ -121,7 +121,7 @@ def plan_of(settings: Settings, domain: Domain) -> Plan:
 def make_supervisor(settings: Settings, folder: Path | None) -> Supervisor:
     """The supervisor that the settings choose. Raises SupervisionError when it cannot work."""
     part = settings.supervisor
-    with blaming(path_of(part.factory)):
+    with plugin_errors(path_of(part.factory)):
         context = run_context(settings, folder)
         supervisor: Supervisor = part.factory.make(part.settings(), context)
         if not callable(getattr(supervisor, "advise", None)):
@@ -141,12 +141,12 @@ def check_ready(settings: Settings, coming: frozenset[Path] = frozenset()) -> No
         plan_of(settings, settings.make_domain())
     tracking = settings.tracking
     if hasattr(tracking.factory, "ready"):
-        with blaming(path_of(tracking.factory)):
+        with plugin_errors(path_of(tracking.factory)):
             tracking.factory.ready(tracking.settings(), Path.cwd())
     make_search(settings, settings.plan(settings.make_domain()))
     part = settings.supervisor
     if hasattr(part.factory, "ready"):
-        with blaming(path_of(part.factory)):
+        with plugin_errors(path_of(part.factory)):
             context = replace(run_context(settings), coming=coming)
             part.factory.ready(part.settings(), context)
 
@@ -161,7 +161,7 @@ def make_search(settings: Settings, plan: Plan) -> Search:
             return {}
         return make_library(settings, settings.make_domain()).trees
 
-    with blaming(path_of(part.factory)):
+    with plugin_errors(path_of(part.factory)):
         search: Search = part.factory.make(part.settings(), SearchContext(plan, library))
     return search
 
@@ -259,7 +259,7 @@ def _evolve(
     judge: Judge | None,
 ) -> None:
     if isinstance(supervisor, Service):
-        with blaming(path_of(type(supervisor))):
+        with plugin_errors(path_of(type(supervisor))):
             line = supervisor.start()
         if line:
             print(line, file=sys.stderr)

@@ -24,7 +24,7 @@ from islandgp.bt.core.node import Node
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import SupervisionError, TreeError
 from islandgp.gp.edits import Edit
-from islandgp.plugin import blaming, path_of
+from islandgp.plugin import path_of, plugin_errors
 from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.base import Guidance, Pattern, Phase, Seen, Service, Supervisor, Witness
@@ -42,7 +42,7 @@ def ask(
         SupervisionError: it is no guidance that a population could be given.
         PartError: a supervisor of the user's own failed.
     """
-    with blaming(path_of(type(supervisor))):
+    with plugin_errors(path_of(type(supervisor))):
         found = supervisor.advise(state, rng)
     if not isinstance(found, Guidance):
         raise _wrong(supervisor, "a Guidance", found)
@@ -170,7 +170,7 @@ class SupervisorQueue:
     def recall(self, seen: Seen) -> None:
         """Tells the supervisor of a generation that is not asked about; before the first `ask`."""
         if isinstance(self.supervisor, Witness):
-            with blaming(path_of(type(self.supervisor))):
+            with plugin_errors(path_of(type(self.supervisor))):
                 self.supervisor.see(seen)
 
     def ask(self, state: PopulationState, seen: Seen | None = None) -> None:
@@ -191,7 +191,7 @@ class SupervisorQueue:
         """What supervision has taken so far, by name; empty for a supervisor that takes nothing."""
         if not isinstance(self.supervisor, Service):
             return {}
-        with blaming(path_of(type(self.supervisor))):
+        with plugin_errors(path_of(type(self.supervisor))):
             return self.supervisor.spent()
 
     def close(self) -> None:
@@ -200,7 +200,7 @@ class SupervisorQueue:
             answer.cancel()
         self._waiting.put(None)
         if isinstance(self.supervisor, Service):
-            with blaming(path_of(type(self.supervisor))):
+            with plugin_errors(path_of(type(self.supervisor))):
                 self.supervisor.close()
 
     def _advise(self, state: PopulationState, seen: Seen | None) -> Guidance:

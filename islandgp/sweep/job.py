@@ -17,7 +17,7 @@ from islandgp.config.compose import is_choice, read, run_folder
 from islandgp.config.settings import Settings
 from islandgp.errors import BusyError
 from islandgp.evaluation.processes import cores
-from islandgp.plugin import Part
+from islandgp.plugin import ComponentConfig
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import without_credentials
 from islandgp.running.printing import shown
@@ -152,7 +152,7 @@ def fitted(settings: Settings, launcher: Mapping[str, Any], jobs: int) -> Settin
     return settings.model_copy(update=changes)
 
 
-def _with_policy(part: Part, key: str, value: int) -> Part:
+def _with_policy(part: ComponentConfig, key: str, value: int) -> ComponentConfig:
     return part.model_copy(update={"policy": {**part.policy, key: value}})
 
 

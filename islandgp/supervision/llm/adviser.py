@@ -18,7 +18,7 @@ import numpy as np
 
 from islandgp.bt.core.node import Limits
 from islandgp.errors import SupervisionError
-from islandgp.plugin import blaming, path_of
+from islandgp.plugin import path_of, plugin_errors
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.asking import ask
 from islandgp.supervision.base import Guidance, RunContext, Seen, Supervisor
@@ -143,7 +143,7 @@ class Adviser:
             size = _size(settings.explore)
             render(prompt, {**self.values, **size, **dict.fromkeys(_PER_GENERATION, "")})
         part = settings.fallback
-        with blaming(path_of(part.factory)):
+        with plugin_errors(path_of(part.factory)):
             self.fallback: Supervisor = part.factory.make(part.settings(), context)
 
     def advise(

@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 
 from pydantic import BaseModel, Field, SecretStr, field_validator, model_validator
 
-from islandgp.plugin import Part
+from islandgp.plugin import ComponentConfig
 from islandgp.supervision.base import SUPERVISES, Phase, check_ranges
 from islandgp.supervision.llm.calls import DAY, RetrySettings
 from islandgp.supervision.llm.informed import InformedSettings
@@ -92,7 +92,7 @@ class Useless(BaseModel, frozen=True, extra="forbid"):
     then: Literal["fallback", "stop"]  # the fallback goes on, or the run ends
 
 
-class Fallback(Part, frozen=True, extra="ignore"):
+class Fallback(ComponentConfig, frozen=True, extra="ignore"):
     """The supervisor that answers where the model does not; its switches and lag do not count."""
 
     needs = SUPERVISES
