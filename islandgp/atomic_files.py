@@ -10,7 +10,7 @@ from shutil import copymode
 from tempfile import TemporaryFile
 
 from islandgp.errors import RunError, TreeError, brief
-from islandgp.plain import UNREADABLE
+from islandgp.plain import DECODE_ERRORS
 
 
 @contextmanager
@@ -67,7 +67,7 @@ def reading(what: str, file: Path) -> Iterator[None]:
     """Around what makes something of a file: raises RunError where it does not hold `what`."""
     try:
         yield
-    except (*UNREADABLE, TreeError) as error:
+    except (*DECODE_ERRORS, TreeError) as error:
         raise damaged(what, file, brief(error)) from error
 
 

@@ -13,7 +13,7 @@ from typing import Final
 import click
 
 from islandgp.errors import IslandError, in_the_way
-from islandgp.running.printing import printed, shown
+from islandgp.running.printing import checked_stdout, tolerant_stderr
 
 COMMANDS: Final[dict[str, str]] = {
     "run": "evolve trees: the same as python -m islandgp",
@@ -119,7 +119,7 @@ def islandgp() -> None:
 
 def main() -> None:
     """The console script: a user's error is one message and exit code 2, Ctrl-C 130."""
-    with shown():
+    with tolerant_stderr():
         _main()
 
 
@@ -158,7 +158,7 @@ def _main() -> None:
     if "_ISLANDGP_COMPLETE" in os.environ:
         from islandgp.commands import completion_command  # noqa: F401 -- it makes bash's known
     try:
-        with printed():
+        with checked_stdout():
             sys.exit(islandgp.main(prog_name="islandgp", standalone_mode=False) or 0)
     except IslandError as error:
         print(f"islandgp: {error}", file=sys.stderr)

@@ -12,7 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 
 T = TypeVar("T")
 
-UNREADABLE: Final = (
+DECODE_ERRORS: Final = (
     ValueError,
     KeyError,
     TypeError,
@@ -21,7 +21,7 @@ UNREADABLE: Final = (
     OverflowError,
     RecursionError,
 )
-"""What it raises to make something of plain values that are not what was expected."""
+"""Exceptions of reading plain values that do not have the expected form."""
 
 
 def read_json(text: str | bytes) -> Any:
@@ -40,7 +40,7 @@ def _no_number(name: str) -> NoReturn:
     raise ValueError(f"{name} is no number")
 
 
-def must_fit(kind: Any, text: str | bytes) -> Any:
+def validate_json(kind: Any, text: str | bytes) -> Any:
     """The plain values of a JSON text that fits a dataclass, or another type.
 
     Fields too many are fine.
@@ -52,13 +52,13 @@ def must_fit(kind: Any, text: str | bytes) -> Any:
     return read_json(text)
 
 
-def made_of(kind: type[T], value: Any) -> T:
-    """A dataclass of JSON values, those inside it included. Raises ValueError as `must_fit`."""
+def from_json(kind: type[T], value: Any) -> T:
+    """A dataclass, with those inside it, of JSON values. Raises ValueError as `validate_json`."""
     found: T = _validated(kind, json.dumps(value).encode())
     return found
 
 
-def plain(value: Any) -> Any:
+def to_json(value: Any) -> Any:
     """A dataclass as JSON values, those inside it included."""
     return _adapter(cast("Any", type(value))).dump_python(value, mode="json")
 
@@ -82,8 +82,8 @@ def _validated(kind: Any, text: bytes) -> Any:
         raise ValueError(f"{at:.100}: {message[0].lower()}{message[1:]:.100}") from None
 
 
-def typed(kind: type[T], plain: Any) -> T:
-    """The value of a dataclass from plain values that `must_fit`, with all that is inside it."""
+def from_plain(kind: type[T], plain: Any) -> T:
+    """A dataclass, with those inside it, from plain values that `validate_json` has checked."""
     adapter: TypeAdapter[T] = _adapter(cast("Any", kind))
     return adapter.validate_python(plain)
 

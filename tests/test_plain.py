@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from islandgp.plain import made_of, must_fit, nan_to_none
+from islandgp.plain import from_json, nan_to_none, validate_json
 
 TEXTS = st.lists(
     st.sampled_from(["\\", "u", "d8", '"', "\udcff", "\ud800", "\U0001f600", "é", "00"]), max_size=8
@@ -30,7 +30,7 @@ class Named:
 def test_any_text_that_json_writes_fits(text: str, as_bytes: bool) -> None:
     """Also the path of a folder whose name is no text."""
     written = json.dumps({"name": text, "n": 1, "more": text})
-    must_fit(Named, written.encode() if as_bytes else written)
+    validate_json(Named, written.encode() if as_bytes else written)
 
 
 def test_nan_is_null_at_every_depth() -> None:
@@ -44,7 +44,7 @@ def test_nan_is_null_at_every_depth() -> None:
 def test_another_type_does_not_fit(text: str, n: Any) -> None:
     """And the message names the field."""
     with pytest.raises(ValueError, match=r"^n: "):
-        must_fit(Named, json.dumps({"name": text, "n": n}))
+        validate_json(Named, json.dumps({"name": text, "n": n}))
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,6 @@ class Pair:
 def test_dataclasses_are_made_whole() -> None:
     """Those inside as well; what is too much is left out, and nothing becomes another type."""
     plain = {"both": [{"name": "a", "n": 1, "more": 2}]}
-    assert made_of(Pair, plain) == Pair((Named("a", 1),))
+    assert from_json(Pair, plain) == Pair((Named("a", 1),))
     with pytest.raises(ValueError, match=r"^both\.0\.n: "):
-        made_of(Pair, {"both": [{"name": "a", "n": "1"}]})
+        from_json(Pair, {"both": [{"name": "a", "n": "1"}]})

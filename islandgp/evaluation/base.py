@@ -17,7 +17,7 @@ from islandgp.evaluation.perturbation import (
     recorded_perturbation,
 )
 from islandgp.evaluation.worlds import staged
-from islandgp.plain import UNREADABLE
+from islandgp.plain import DECODE_ERRORS
 from islandgp.plugin import imported, raised_in
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.time_limit import TimeLimit
@@ -93,7 +93,7 @@ class Problem:
             wanted = (how is not None and how.training) if perturbed is None else perturbed
             curriculum = Curriculum(**config["curriculum"])
             return cls.of(factory, world, rewards, curriculum, how if wanted else None)
-        except UNREADABLE as error:
+        except DECODE_ERRORS as error:
             raise RunError(
                 f"Expected the configuration of a run, found a damaged one ({brief(error)}); run"
                 " its command again under another name."

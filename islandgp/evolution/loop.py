@@ -31,7 +31,7 @@ from islandgp.gp.record import (
     fittest,
     line,
 )
-from islandgp.plain import made_of, plain
+from islandgp.plain import from_json, to_json
 from islandgp.plugin import path_of, plugin_errors
 from islandgp.scoring.classes import judge
 from islandgp.scoring.constraints import violation
@@ -357,7 +357,7 @@ def told_to(
                 f"expected tell to return SearchState({state.generation + 1}, ...), found {told!r}"
             )
         if not (path.startswith("islandgp.") or told.memory is None):
-            again = made_of(search.Memory, plain(told.memory))
+            again = from_json(search.Memory, to_json(told.memory))
             if state.generation == 0 and again != told.memory:
                 raise ValueError("expected a Memory that is the same after a checkpoint")
     return told
@@ -368,7 +368,7 @@ def restored(state: RunState, search: Search) -> RunState:
     if state.memory is None or isinstance(state.memory, search.Memory):
         return state
     try:
-        return replace(state, memory=made_of(search.Memory, state.memory))
+        return replace(state, memory=from_json(search.Memory, state.memory))
     except ValueError as error:
         raise RunError(
             f"Expected a checkpoint of the search {type(search).__name__}, found other contents"

@@ -16,7 +16,7 @@ from islandgp.bt.core.node import depth, size
 from islandgp.gp.archive import ArchiveRecord, Elite
 from islandgp.gp.edits import EditRecord, EditTrial
 from islandgp.gp.population import Evaluated
-from islandgp.plain import plain
+from islandgp.plain import to_json
 from islandgp.scoring.constraints import (
     NO_CONSTRAINTS,
     Constraints,
@@ -145,7 +145,7 @@ class RunState:
     generation: Annotated[int, Field(ge=0)]  # the next to be evaluated
     rate: float  # mutation rate of this generation
     history: tuple[Snapshot, ...]  # of the generations before, oldest first
-    memory: Annotated[Any, PlainSerializer(plain)]
+    memory: Annotated[Any, PlainSerializer(to_json)]
     """`SearchState.memory`; as plain values where it was read from a checkpoint."""
     champion: Champion | None
     spent: Annotated[int, Field(ge=0)] = 0  # episodes of the generations before

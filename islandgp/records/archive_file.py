@@ -11,7 +11,7 @@ from typing import Final
 
 from islandgp.errors import RunError, brief
 from islandgp.gp.archive import ArchiveRecord, Elite
-from islandgp.plain import UNREADABLE, made_of, read_json
+from islandgp.plain import DECODE_ERRORS, from_json, read_json
 from islandgp.records.manifest import must_be_as_written
 from islandgp.trust import must_have_no_links
 
@@ -75,7 +75,7 @@ def read_archive(path: Path) -> tuple[ArchiveFile, str]:
     try:
         if len(data) > MOST_BYTES:
             raise ValueError(f"it has more than {MOST_BYTES:,} bytes")
-        found = made_of(ArchiveFile, read_json(data))
+        found = from_json(ArchiveFile, read_json(data))
         sizes = [len(edges) for edges in found.cells.values()]
         for e in found.elites:
             if len(e.cell) != len(sizes) or any(
@@ -83,7 +83,7 @@ def read_archive(path: Path) -> tuple[ArchiveFile, str]:
             ):
                 raise ValueError(f"the elite {e.id} is in no cell of its grid")
         return found, hashlib.sha256(data).hexdigest()[:12]
-    except UNREADABLE as error:
+    except DECODE_ERRORS as error:
         raise RunError(
             f"Expected an archive in {file}, found a damaged file ({brief(error)}); give the"
             " archive of another run."

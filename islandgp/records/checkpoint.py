@@ -15,7 +15,7 @@ from typing import Any
 
 from islandgp.atomic_files import reading, write_atomic
 from islandgp.gp.record import RunState
-from islandgp.plain import made_of, plain, read_json
+from islandgp.plain import from_json, read_json, to_json
 
 
 def dump(value: Any) -> str:
@@ -34,7 +34,7 @@ def save_state(
         records: the digest of the generations' records before it.
         previous: where the checkpoint that stood in `path` is kept.
     """
-    kept = plain(replace(state, history=()))
+    kept = to_json(replace(state, history=()))
     del kept["history"]
     body = dump({"generation": state.generation, "records": records, **kept})
     digest = hashlib.sha256(body.encode()).hexdigest()
@@ -55,7 +55,7 @@ def read_checkpoint(path: Path) -> tuple[RunState, str]:
         found = whole["state"]
         if hashlib.sha256(dump(found).encode()).hexdigest() != whole["sha256"]:
             raise ValueError("its checksum differs")
-        return made_of(RunState, {**found, "history": []}), str(found.get("records", ""))
+        return from_json(RunState, {**found, "history": []}), str(found.get("records", ""))
 
 
 def generation_of(checkpoint: Path) -> int:

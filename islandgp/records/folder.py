@@ -20,7 +20,7 @@ from filelock import FileLock
 from islandgp.atomic_files import damaged, reading, remove_leftovers, usable, write_atomic
 from islandgp.errors import BusyError, IslandError, RunError, brief
 from islandgp.gp.record import Cost, GenerationRecord, RunState, Step, record_values
-from islandgp.plain import must_fit, typed
+from islandgp.plain import from_plain, validate_json
 from islandgp.records.archive_file import NAME as ARCHIVE
 from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.checkpoint import generation_of, read_checkpoint, save_state
@@ -144,7 +144,7 @@ class RunFolder:
         if not file.exists():
             return None
         with reading("what a run says of itself", file):
-            return RunMetadata(**must_fit(RunMetadata, file.read_bytes()))
+            return RunMetadata(**validate_json(RunMetadata, file.read_bytes()))
 
     def begun(self) -> bool:
         """Whether there was a run here before. Raises RunError where the folder cannot be read."""
@@ -266,7 +266,7 @@ class RunFolder:
         if expected and (why := wrong_record(lines, expected, self._sums)):
             raise damaged(self._generations.what, self._generations.path, why)
         history = [self._generations.value(line, i) for i, line in enumerate(lines)]
-        snapshots = tuple(typed(Snapshot, record["snapshot"]) for record in history)
+        snapshots = tuple(from_plain(Snapshot, record["snapshot"]) for record in history)
         return replace(state, history=snapshots), bool(expected)
 
     def restore(self) -> None:
@@ -368,7 +368,7 @@ class RunFolder:
 
     def generations(self) -> Iterator[GenerationRecord]:
         """The same, as the loop made them. Raises RunError."""
-        return (typed(GenerationRecord, record) for record in self.checked_records())
+        return (from_plain(GenerationRecord, record) for record in self.checked_records())
 
     def costs(self, first: int = 0) -> Iterator[dict[str, Any]]:
         """What the generations took, from the `first` on; `at` is ms since 1970."""
@@ -380,7 +380,7 @@ class RunFolder:
         file = self.path / "summary.json"
         self._must_be_as_written(file.name)
         with reading("a finished run's summary", file):
-            return dict(must_fit(Summary, file.read_bytes()))
+            return dict(validate_json(Summary, file.read_bytes()))
 
 
 COPIES: Final = frozenset({"mlartifacts", "mlruns"})

@@ -17,7 +17,7 @@ from typing import Any
 
 from islandgp.atomic_files import reading, write_atomic
 from islandgp.errors import RunError
-from islandgp.plain import must_fit
+from islandgp.plain import validate_json
 from islandgp.records.checkpoint import dump
 
 Stamp = tuple[int, int, int] | None  # bytes, ns of the last change, inode
@@ -57,7 +57,7 @@ class Lines:
     def value(self, line: bytes, i: int) -> dict[str, Any]:
         """What line `i` holds. Raises RunError."""
         with reading(f"{self.what} in line {i + 1}", self.path):
-            return dict(must_fit(self.kind, line))
+            return dict(validate_json(self.kind, line))
 
     def whole(self) -> Iterator[bytes]:
         """The lines that have an end, with it."""

@@ -17,7 +17,7 @@ from typing import Final
 
 from islandgp.atomic_files import damaged, reading, write_atomic
 from islandgp.errors import RunError
-from islandgp.plain import UNREADABLE, made_of, read_json
+from islandgp.plain import DECODE_ERRORS, from_json, read_json
 from islandgp.records.files import PAGE, pretty
 from islandgp.trust import must_have_no_links
 
@@ -101,7 +101,7 @@ def read_manifest(folder: Path) -> Manifest | None:
             raise damaged("the checksums of a finished run", file, "missing")
         return None
     with reading("the checksums of a finished run", file):
-        return made_of(Manifest, read_json(file.read_bytes()))
+        return from_json(Manifest, read_json(file.read_bytes()))
 
 
 def damaged_files(folder: Path) -> list[DamagedFile]:
@@ -175,7 +175,7 @@ def _promised(folder: Path) -> bool:
         try:
             if read_json((folder / name).read_bytes()).get("manifest"):
                 return True
-        except (OSError, *UNREADABLE):  # whoever reads the file itself reports it
+        except (OSError, *DECODE_ERRORS):  # whoever reads the file itself reports it
             continue
     return False
 

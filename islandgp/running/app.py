@@ -40,7 +40,7 @@ from islandgp.errors import ConfigError, IslandError, PartError, brief
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import redacted, without_credentials
 from islandgp.resources import resource
-from islandgp.running.printing import printed, say, shown
+from islandgp.running.printing import checked_stdout, echo, tolerant_stderr
 from islandgp.running.report import MOSTLY_FALLBACK
 from islandgp.running.resume import choose
 from islandgp.running.run import End, check_ready, run
@@ -55,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     0: all is done; 1: a job failed; 2: the user's error; 3: all is done, but a language model's
     fallback gave more of the answers than allowed; 130: stopped by Ctrl-C, SIGTERM or SIGHUP.
     """
-    with shown():
+    with tolerant_stderr():
         return _main(arguments)
 
 
@@ -65,10 +65,10 @@ def _main(arguments: Sequence[str] | None) -> int:
     try:
         words = without_key(sys.argv[1:] if arguments is None else arguments)
         if "--version" in words:
-            say(f"islandgp, version {version('islandgp')}; Hydra {version('hydra-core')}")
+            echo(f"islandgp, version {version('islandgp')}; Hydra {version('hydra-core')}")
             return 0
         args, words = _parsed(words)
-        with printed(), as_ctrl_c("SIGTERM", "SIGHUP"):  # a cluster, a lost terminal
+        with checked_stdout(), as_ctrl_c("SIGTERM", "SIGHUP"):  # a cluster, a lost terminal
             _must_be_somewhere()
             if args.help or args.hydra_help or args.info or args.cfg or args.shell_completion:
                 _show(args, words)
@@ -193,7 +193,7 @@ def _run_single(words: Sequence[str]) -> int:
             home, overrides = Path(hydra.runtime.cwd), list(hydra.overrides.task)
             folder = run_folder(plain, overrides, home)
             end = run(settings, plain, folder, home=home, command=command_line(words))
-            say(end.text)
+            echo(end.text)
             found.append(end)
         except Exception as error:  # Hydra would print the overrides, and any secret in them
             found.append(error)

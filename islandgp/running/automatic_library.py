@@ -20,7 +20,7 @@ from islandgp.errors import ConfigError
 from islandgp.evaluation.base import Evaluator
 from islandgp.evaluation.worlds import staged
 from islandgp.evolution.single_behaviours import single_behaviours
-from islandgp.plain import must_fit
+from islandgp.plain import validate_json
 from islandgp.running.resume import domain_code
 from islandgp.supervision.library import Library
 
@@ -90,7 +90,7 @@ def library_file(settings: Settings, domain: Domain) -> Path:
 def kept_texts(file: Path) -> dict[str, str]:
     """The trees of a kept library, by behaviour. Raises RunError where the file is damaged."""
     with reading("a library that was searched for", file):
-        texts: dict[str, str] = must_fit(dict[str, str], file.read_bytes())
+        texts: dict[str, str] = validate_json(dict[str, str], file.read_bytes())
     return texts
 
 

@@ -21,7 +21,7 @@ FULL: Final = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
 
 @contextmanager
-def printed() -> Iterator[None]:
+def checked_stdout() -> Iterator[None]:
     """What is printed in this context arrives, with `?` for characters that the output lacks.
 
     Raises:
@@ -55,7 +55,7 @@ def _drop(stream: TextIO) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def say(text: str) -> None:
+def echo(text: str) -> None:
     """Prints what is also kept elsewhere: an output without a reader is no error."""
     try:
         print(text, flush=True)
@@ -95,7 +95,7 @@ class Display:
 
 
 @contextmanager
-def shown() -> Iterator[None]:
+def tolerant_stderr() -> Iterator[None]:
     """In this context the error stream is a `Display`, also where there was none."""
     _fill_standard_files()
     before = sys.stderr

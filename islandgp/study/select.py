@@ -18,7 +18,7 @@ import yaml
 from islandgp.errors import RunError, StudyError, brief
 from islandgp.evaluation.base import check_version
 from islandgp.gp.record import Champion, Cost
-from islandgp.plain import UNREADABLE, typed
+from islandgp.plain import DECODE_ERRORS, from_plain
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import flatten
 from islandgp.study.arms import Arm, Run
@@ -77,14 +77,14 @@ def read(found: Found) -> Run:
             flat=found.flat,
             records=tuple(folder.generations()),
             costs=tuple(_cost(plain) for plain in folder.costs()),
-            champion=typed(Champion, champion),
+            champion=from_plain(Champion, champion),
             validation=tuple(validation["worlds"]),
             validated=validation["mean"],
             feasible=validation.get("feasible"),
         )
     except RunError as error:
         raise StudyError(str(error)) from error
-    except (OSError, *UNREADABLE) as error:
+    except (OSError, *DECODE_ERRORS) as error:
         raise StudyError(
             f"Expected a finished run's records in {found.path}, found {type(error).__name__}:"
             f" {brief(error)}. They are damaged or from another version: run it again."

@@ -12,7 +12,7 @@ import numpy as np
 
 from islandgp.errors import SupervisionError, brief
 from islandgp.gp.record import GenerationRecord, IndividualRecord
-from islandgp.plain import must_fit
+from islandgp.plain import validate_json
 from islandgp.supervision.base import RunContext, Seen
 from islandgp.supervision.editor import Branch, Editor, EditorSettings, Requirement
 from islandgp.supervision.yoked import Yoked, YokedSettings
@@ -132,5 +132,5 @@ class EditorYoked(Editor):
 
 def counters_of(line: bytes) -> tuple[str, ...]:
     """The counters that the edits of a generation's record are for. Raises ValueError."""
-    guidance = must_fit(GenerationRecord, line)["guidance"]
+    guidance = validate_json(GenerationRecord, line)["guidance"]
     return () if guidance is None else tuple(guidance["notes"].get("counters", "").split())

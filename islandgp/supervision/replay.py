@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from islandgp.errors import SupervisionError
-from islandgp.plain import made_of
+from islandgp.plain import from_json
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, RunContext, Seen
 from islandgp.supervision.llm.adviser import Adviser
@@ -67,7 +67,7 @@ class Replay:
             must_trust_code(start.get("settings") or {})
             recorded = LLMSettings.model_validate(start["settings"])
             if start["dialect"] is not None:
-                made_of(Dialect, start["dialect"])
+                from_json(Dialect, start["dialect"])
         except (KeyError, TypeError, ValueError) as error:
             raise SupervisionError(
                 f"Expected the settings of a recorded run at the top of {path}, found"

@@ -16,7 +16,7 @@ from pydantic import BaseModel, Field
 from islandgp.bt.core.language import parse
 from islandgp.errors import SupervisionError, TreeError, brief
 from islandgp.gp.record import GenerationRecord
-from islandgp.plain import must_fit
+from islandgp.plain import validate_json
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Pattern, Phase, RunContext
 
@@ -100,7 +100,7 @@ class Yoked:
 
 def repeated(line: bytes) -> Guidance:
     """The guidance of a generation's record. Raises ValueError or TreeError where it has none."""
-    said = must_fit(GenerationRecord, line)["guidance"]
+    said = validate_json(GenerationRecord, line)["guidance"]
     if said is None:
         return Guidance(None, None, Yoked.name, reasoning="the other run ended here")
     return Guidance(

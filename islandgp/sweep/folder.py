@@ -17,7 +17,7 @@ from filelock import FileLock
 
 from islandgp.atomic_files import usable, write_atomic
 from islandgp.errors import RunError, brief
-from islandgp.plain import UNREADABLE, must_fit
+from islandgp.plain import DECODE_ERRORS, validate_json
 from islandgp.records.files import pretty
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.locks import locked, take
@@ -107,10 +107,10 @@ class SweepFolder:
         if not path.exists():
             return None
         try:
-            plain = must_fit(SweepFile, path.read_bytes())
+            plain = validate_json(SweepFile, path.read_bytes())
             jobs = (SweepJob(**{**j, "choices": tuple(j["choices"])}) for j in plain["jobs"])
             return SweepFile(**{**plain, "commands": tuple(plain["commands"]), "jobs": tuple(jobs)})
-        except UNREADABLE as error:
+        except DECODE_ERRORS as error:
             raise RunError(
                 f"Expected the jobs of a sweep in {path}, found a damaged file ({brief(error)});"
                 " delete it: the runs beside it stay as they are."

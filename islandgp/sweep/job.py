@@ -20,7 +20,7 @@ from islandgp.evaluation.processes import cores
 from islandgp.plugin import ComponentConfig
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import without_credentials
-from islandgp.running.printing import shown
+from islandgp.running.printing import tolerant_stderr
 from islandgp.running.run import Judge, Pruned, run
 from islandgp.sweep.folder import SweepJob
 from islandgp.sweep.progress import Start, job_line, sweep_line
@@ -55,7 +55,7 @@ def sweep_job(start: Start) -> Callable[[DictConfig], None]:
         hydra = HydraConfig.get()
         home = Path(hydra.runtime.cwd)
         named = run_folder(plain, list(hydra.overrides.task), home)
-        with shown():  # in a process of its own the command's is not known
+        with tolerant_stderr():  # in a process of its own the command's is not known
             target, own = start.run(named), fitted(settings, hydra.launcher, len(start.jobs))
             if start.failed(target):
                 return  # it failed in this sweep before a launcher broke down

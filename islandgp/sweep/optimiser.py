@@ -29,7 +29,7 @@ from islandgp.errors import ConfigError, RunError, brief
 from islandgp.records.files import objectives
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import redacted, without_credentials
-from islandgp.running.printing import say, shown
+from islandgp.running.printing import echo, tolerant_stderr
 from islandgp.running.resume import choose
 from islandgp.running.run import Pruned
 from islandgp.sweep.folder import SweepFolder, SweepJob
@@ -122,9 +122,9 @@ def run_search(searched: Searched, command: str, launch: Launch) -> int:
     jobs = jobs_in(entries)
     pruned = sum(job.pruned is not None for _, job in jobs)
     failed = sum(bool(run.error()) for run, _ in jobs)
-    say(f"\nSearch: {len(jobs)} different runs, {pruned} pruned, {failed} failed")
+    echo(f"\nSearch: {len(jobs)} different runs, {pruned} pruned, {failed} failed")
     if results.exists():
-        say(best_lines(yaml.safe_load(results.read_bytes()), first.settings.objectives))
+        echo(best_lines(yaml.safe_load(results.read_bytes()), first.settings.objectives))
     return finish_sweep(entries, [first.settings], interrupted)
 
 
@@ -252,7 +252,7 @@ def search_job(search: Search) -> Callable[[DictConfig], float | tuple[float, ..
             run_folder(ours, overrides, home),
             command_line([*search.flags, *overrides]),
         )
-        with shown():
+        with tolerant_stderr():
             try:
                 trust(names_in(ours))
                 settings = read_settings(ours)

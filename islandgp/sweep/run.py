@@ -27,7 +27,7 @@ from islandgp.evaluation.ray import own_token
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import redacted, shape
 from islandgp.resources import program
-from islandgp.running.printing import say
+from islandgp.running.printing import echo
 from islandgp.running.report import MOSTLY_FALLBACK, is_mostly_fallback
 from islandgp.running.resume import choose, differences
 from islandgp.sweep.folder import SweepFolder, SweepJob
@@ -84,7 +84,7 @@ def finish_sweep(entries: Entries, settings: Sequence[Settings], interrupted: bo
         interrupted = True
     for sweep in entries:
         if (file := sweep.read()) is not None:
-            say(f"\n{arm_lines(arms(sweep, file))}\n\nResults: {sweep.path}")
+            echo(f"\n{arm_lines(arms(sweep, file))}\n\nResults: {sweep.path}")
     if interrupted:
         print("islandgp: stopped; the same command goes on from here", file=sys.stderr)
         return 130

@@ -8,7 +8,7 @@ from typing import Any
 from islandgp.domain import total
 from islandgp.gp.edit_fates import EditFate, edit_fates
 from islandgp.gp.record import GenerationRecord, GuidanceRecord
-from islandgp.plain import typed
+from islandgp.plain import from_plain
 from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, merit, violation
 from islandgp.supervision.decisions import Decisions, decisions
 
@@ -118,7 +118,7 @@ def final_metrics(records: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, f
     edited: list[GenerationRecord] = []
     for record in records:
         if edited or (record["guidance"] or {}).get("edits"):
-            edited.append(typed(GenerationRecord, record))
+            edited.append(from_plain(GenerationRecord, record))
         s = record["snapshot"]
         best = max(best, s["best"]) if diversities else s["best"]
         diversities.append(s["diversity"])

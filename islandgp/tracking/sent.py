@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from islandgp.atomic_files import write_atomic
-from islandgp.plain import UNREADABLE, must_fit
+from islandgp.plain import DECODE_ERRORS, validate_json
 from islandgp.records.files import pretty
 from islandgp.tracking.store import Place
 
@@ -36,8 +36,8 @@ class Sent:
 def read_sent(folder: Path) -> Sent | None:
     """What the folder remembers; None if nothing was ever sent, or the file is not ours."""
     try:
-        return Sent(**must_fit(Sent, (folder / FILE).read_bytes()))
-    except (FileNotFoundError, *UNREADABLE):
+        return Sent(**validate_json(Sent, (folder / FILE).read_bytes()))
+    except (FileNotFoundError, *DECODE_ERRORS):
         return None  # the mirror then asks the store
 
 

@@ -24,7 +24,7 @@ from islandgp.evolution.loop import evolve
 from islandgp.gp.edits import Edit
 from islandgp.gp.plan import Plan
 from islandgp.gp.record import RunState, Step
-from islandgp.plain import plain
+from islandgp.plain import to_json
 from islandgp.records.checkpoint import read_checkpoint, save_state
 from islandgp.running.run import make_search, plan_of
 from islandgp.scoring.constraints import violation
@@ -154,7 +154,7 @@ def test_the_memory_is_plain(case: Case) -> None:
         assert memory is None or isinstance(memory, kind)
     last = steps[-2].state
     assert last is not None
-    assert len(json.dumps(plain(last.memory), allow_nan=False)) < 30 * 12 * 4000
+    assert len(json.dumps(to_json(last.memory), allow_nan=False)) < 30 * 12 * 4000
 
 
 TREES = pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import SupervisionError
 from islandgp.gp.edits import EDITS, Edit, edited
 from islandgp.gp.record import GenerationRecord, Step, record_values
-from islandgp.plain import made_of
+from islandgp.plain import from_json
 from islandgp.records.checkpoint import dump
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Seen
@@ -271,7 +271,7 @@ def test_a_record_without_edits_is_as_before() -> None:
     assert "trials" not in without
     assert "edits" not in without["guidance"]
     record = run(plan("+supervisor.edits=2"), Edits())[1].record
-    assert made_of(GenerationRecord, json.loads(dump(record_values(record)))) == record
+    assert from_json(GenerationRecord, json.loads(dump(record_values(record)))) == record
 
 
 def test_what_is_no_edit_ends_the_run() -> None:

@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 from islandgp.errors import SupervisionError
-from islandgp.plain import made_of
+from islandgp.plain import from_json
 from islandgp.supervision.llm.calls import Calls
 from islandgp.supervision.llm.message import TRANSIENT, Failure, FailureKind, Reply, Request
 from islandgp.supervision.llm.settings import LLMSettings
@@ -85,10 +85,10 @@ class Dialects:
     def _known(self, generation: int) -> Dialect | None:
         start, learnt = self.transcript.start, self.transcript.learnt
         if start is not None and start["dialect"] is not None:
-            return made_of(Dialect, start["dialect"])
+            return from_json(Dialect, start["dialect"])
         if learnt is None or learnt[0] > generation:
             return None
-        return made_of(Dialect, learnt[1])
+        return from_json(Dialect, learnt[1])
 
 
 def find_dialect(calls: Calls, settings: LLMSettings, generation: int = -1) -> Dialect | Failure:

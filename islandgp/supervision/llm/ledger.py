@@ -19,7 +19,7 @@ from typing import Final
 
 from pydantic import BaseModel, Field
 
-from islandgp.plain import UNREADABLE, read_json
+from islandgp.plain import DECODE_ERRORS, read_json
 from islandgp.supervision.llm.message import CHARGED, UNSENT, Failure, Reply, Request, Usage
 from islandgp.supervision.llm.transcript import Attempt, Transcript
 
@@ -247,7 +247,7 @@ def recorded_requests(folder: Path) -> int:
         return 0
     found = 0
     for line in lines:
-        with suppress(*UNREADABLE):  # a damaged line is told where records are read
+        with suppress(*DECODE_ERRORS):  # a damaged line is told where records are read
             found = max(found, int(read_json(line)["llm"].get("requests", 0)))
     return found
 

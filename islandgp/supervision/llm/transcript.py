@@ -28,7 +28,7 @@ from threading import Lock
 from typing import Any, Final
 
 from islandgp.errors import SupervisionError
-from islandgp.plain import UNREADABLE, made_of, read_json
+from islandgp.plain import DECODE_ERRORS, from_json, read_json
 from islandgp.supervision.llm.message import (
     CHARGED,
     Failure,
@@ -131,7 +131,7 @@ def from_line(line: Mapping[str, Any], systems: Mapping[str, str]) -> Attempt:
     asked = {**line["request"], "system": systems[line["request"]["system"]]}
     answer = line["failure"] if line["reply"] is None else line["reply"]
     own = {"call": line, "number": line["attempt"], "request": asked, "answer": answer}
-    return made_of(Attempt, {**line, **own})
+    return from_json(Attempt, {**line, **own})
 
 
 NAME: Final = "transcript.jsonl"
@@ -172,7 +172,7 @@ def read_lines(lines: Iterable[bytes]) -> Iterator[TranscriptLine]:
         try:
             plain = _object(raw)
             entry = _entry(plain, systems)
-        except UNREADABLE as error:
+        except DECODE_ERRORS as error:
             yield TranscriptLine(number, plain, None, f"{type(error).__name__}: {error}")
         else:
             yield TranscriptLine(number, plain, entry, change=_change(plain, entry))
@@ -186,7 +186,7 @@ def _object(raw: bytes) -> Mapping[str, Any]:
 
 
 def _entry(plain: Mapping[str, Any], systems: dict[str, str]) -> Entry | None:
-    """What a line holds; one of a sort that is not known is passed over. Raises UNREADABLE."""
+    """What a line holds; one of a sort that is not known is passed over. Raises DECODE_ERRORS."""
     kind = plain["line"]
     if kind == "system":
         systems[plain["sha256"]] = plain["text"]
@@ -194,7 +194,7 @@ def _entry(plain: Mapping[str, Any], systems: dict[str, str]) -> Entry | None:
         plain["generation"], plain["dialect"]
     if kind == "attempt":
         return from_line(plain, systems)
-    return made_of(_KINDS[kind], plain) if kind in _KINDS else None
+    return from_json(_KINDS[kind], plain) if kind in _KINDS else None
 
 
 def _change(plain: Mapping[str, Any], entry: Entry | None) -> str:
