@@ -143,7 +143,7 @@ def command(
         files = write(report, study, folder)
     except OSError as error:
         raise unusable(folder, error) from error
-    said = [f"not comparable: {doubt}" for doubt in study.doubts]
+    said = [f"not comparable: {doubt}" for doubt in study.comparability_warnings]
     said += [f"note: {note}" for note in study.notes]
     click.echo("\n".join([*said, *_results(report)]))
     click.echo(f"\n{folder / 'index.html'}: the page; beside it report.md, tables/, figures/")
@@ -237,6 +237,13 @@ def _publish(
         params={f"arm.{arm.name}": arm.selection for arm in study.arms},
         metrics=metrics(report.findings),
         note="\n".join(
-            [f"**{report.title}**", "", *report.doubts, "```", *_results(report), "```"]
+            [
+                f"**{report.title}**",
+                "",
+                *report.comparability_warnings,
+                "```",
+                *_results(report),
+                "```",
+            ]
         ),
     )

@@ -26,7 +26,7 @@ from islandgp.config.settings import Settings, read_settings, with_generations
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError
 from islandgp.records.parameters import (
-    MACHINERY,
+    RUNTIME_KEYS,
     ending_in_digest,
     is_secret,
     without_credentials,
@@ -34,7 +34,7 @@ from islandgp.records.parameters import (
 from islandgp.redaction import HIDDEN
 from islandgp.trust import names_in, trust
 
-NOT_IN_FOLDER: Final = MACHINERY | {
+NOT_IN_FOLDER: Final = RUNTIME_KEYS | {
     "hydra",
     "name",
     "seed",
@@ -234,9 +234,9 @@ def _safe(name: str) -> str:
 
 
 def is_choice(override: str) -> bool:
-    """Whether an override tells arms apart: all do but name, seed, machinery and secrets."""
+    """True if the override is part of an arm's identity."""
     group = _group(override)
-    return not is_secret(_key(override)) and group not in MACHINERY | {"hydra", "name", "seed"}
+    return not is_secret(_key(override)) and group not in RUNTIME_KEYS | {"hydra", "name", "seed"}
 
 
 def command_line(words: Sequence[str]) -> str:

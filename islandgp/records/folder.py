@@ -320,7 +320,7 @@ class RunFolder:
                 " for a new folder beside this one."
             )
 
-    def settled(self) -> int:
+    def completed_generations(self) -> int:
         """How many generations no resumption will take back, >= 0."""
         if self.finished():
             return int(self.summary()["generations"])

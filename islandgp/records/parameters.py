@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from islandgp.redaction import FREE, HIDDEN, names_secret, without_secrets
 
-MACHINERY: Final = frozenset(
+RUNTIME_KEYS: Final = frozenset(
     {"evaluator", "tracking", "runs", "resume", "progress", "objectives", "tags"}
 )
 """Top-level keys that do not change a run's records; an evaluator of the user's own may."""
@@ -26,19 +26,19 @@ def redacted(config: Mapping[str, Any]) -> dict[str, Any]:
     return {str(key): _hidden(str(key), value) for key, value in config.items()}
 
 
-def shape(config: Mapping[str, Any]) -> dict[str, Any]:
+def identity_config(config: Mapping[str, Any]) -> dict[str, Any]:
     """The part of a configuration that may shape a run's records: its identity."""
-    without = machinery(config)
+    without = runtime_keys(config)
     return {key: value for key, value in config.items() if key not in without}
 
 
-def machinery(*configs: Mapping[str, Any]) -> frozenset[str]:
-    """The keys of MACHINERY that shape the records of none of these configurations.
+def runtime_keys(*configs: Mapping[str, Any]) -> frozenset[str]:
+    """The keys of RUNTIME_KEYS that shape the records of none of these configurations.
 
     The evaluators of this package give the same outcomes, those of others need not.
     """
     own = all(_factory(config, "evaluator").startswith("islandgp.") for config in configs)
-    return MACHINERY if own else MACHINERY - {"evaluator"}
+    return RUNTIME_KEYS if own else RUNTIME_KEYS - {"evaluator"}
 
 
 def _factory(config: Mapping[str, Any], key: str) -> str:

@@ -43,7 +43,7 @@ from islandgp.resources import resource
 from islandgp.running.printing import checked_stdout, echo, tolerant_stderr
 from islandgp.running.report import MOSTLY_FALLBACK
 from islandgp.running.resume import choose
-from islandgp.running.run import End, check_ready, run
+from islandgp.running.run import RunResult, check_ready, run
 from islandgp.running.stopping import as_ctrl_c
 from islandgp.sweep.optimiser import run_search
 from islandgp.sweep.run import Job, run_sweep
@@ -184,7 +184,7 @@ def _run_single(words: Sequence[str]) -> int:
         ConfigError: Hydra cannot start it.
         Exception: what the run raises.
     """
-    found: list[End | Exception] = []
+    found: list[RunResult | Exception] = []
 
     def job(config: DictConfig) -> None:
         try:

@@ -19,7 +19,7 @@ from islandgp.plugin import path_of
 from islandgp.records.archive_file import read_archive
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
-from islandgp.records.parameters import flatten, machinery, shape
+from islandgp.records.parameters import flatten, identity_config, runtime_keys
 
 AGAIN: Final = "~"
 """Before the number of a run that is made anew; no folder that a configuration names holds it."""
@@ -75,7 +75,7 @@ def _start_changed(settings: Settings, before: str, finished: bool) -> bool:
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     """The keys that shape the records and whose values differ, as `key: old -> new`."""
-    without = machinery(old, new)
+    without = runtime_keys(old, new)
     was, now = (
         flatten({key: value for key, value in config.items() if key not in without})
         for config in (old, new)
@@ -95,7 +95,7 @@ def about_run(
 ) -> RunMetadata:
     """The same id and start as before, where a run goes on."""
     before = target.about()
-    shaping, start = shape(config), start_digest(settings)
+    shaping, start = identity_config(config), start_digest(settings)
     if start:
         shaping["start"] = start  # wherever the archive is
     alike = {key: value for key, value in shaping.items() if key not in {"seed", "name"}}

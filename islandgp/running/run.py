@@ -57,7 +57,7 @@ Judge = Callable[[int, float], None]
 
 
 @dataclass(frozen=True, slots=True)
-class End:
+class RunResult:
     """How a finished run ended."""
 
     text: str  # its result, for people
@@ -182,7 +182,7 @@ def run(
     command: str = "",
     keep_display: bool = True,
     judge: Judge | None = None,
-) -> End:
+) -> RunResult:
     """Runs an experiment, or what is missing of it, in `folder`.
 
     `config` is the resolved configuration that `settings` were read from, `home` the
@@ -228,12 +228,12 @@ def run(
     return _end(target, where)
 
 
-def _end(target: RunFolder, *more: str) -> End:
+def _end(target: RunFolder, *more: str) -> RunResult:
     text = "\n".join((report(target), *more)).rstrip()
-    return End(text, is_mostly_fallback(target.summary()))
+    return RunResult(text, is_mostly_fallback(target.summary()))
 
 
-def _complete(target: RunFolder, tracker: Tracker) -> End:
+def _complete(target: RunFolder, tracker: Tracker) -> RunResult:
     """A finished run as it is; the tracker sends what is missing of it.
 
     Raises:

@@ -104,7 +104,7 @@ class Comparison:
     """Two or more arms, and what stands against comparing them."""
 
     arms: tuple[Arm, ...]
-    doubts: tuple[str, ...]  # differences that make a comparison doubtful; shown in the report
+    comparability_warnings: tuple[str, ...]  # differences that make the comparison doubtful
     notes: tuple[str, ...]  # what a reader should know besides
     sources: tuple[str, ...]  # where the runs were looked for
     paper: Paper | None = None  # published figures to show beside; None: there are none of the kind

@@ -9,7 +9,7 @@ from itertools import combinations
 from typing import Any, Final
 
 from islandgp.errors import StudyError
-from islandgp.records.parameters import machinery
+from islandgp.records.parameters import runtime_keys
 from islandgp.study.arms import Arm, Comparison, Run, cut
 from islandgp.study.episodes import cost_warnings
 from islandgp.study.paper import paper_of
@@ -54,17 +54,17 @@ def compare_arms(
     _check_vocabulary(arms)
     selections = [parse_selection(arm.selection) for arm in arms]
     asked: list[str] = []  # differences that the selections ask for
-    doubts = _inside(arms)
+    warnings = _inside(arms)
     for key, values in _differences(arms):
         if _may_differ(key, selections):
             asked.append(f"The arms differ in {key}: {values}.")
         else:
-            doubts.append(f"{key} differs: {values}")
-    doubts += _seeds(arms)
-    if doubts and not force:
+            warnings.append(f"{key} differs: {values}")
+    warnings += _seeds(arms)
+    if warnings and not force:
         raise StudyError(
             "Expected arms that differ only in what is studied, found:\n  "
-            + "\n  ".join(doubts)
+            + "\n  ".join(warnings)
             + "\nSelect other runs, or say --force: the report then lists these differences."
         )
     papers = [paper_of(run.config) for arm in arms for run in arm.runs]
@@ -72,7 +72,7 @@ def compare_arms(
     whole = tuple(replace(a, runs=tuple(cut(run, horizon) for run in a.runs)) for a in arms)
     return Comparison(
         arms=whole,
-        doubts=tuple(doubts),
+        comparability_warnings=tuple(warnings),
         notes=(*asked, *_cuts(arms), *cost_warnings(whole), *_alike(whole), *notes),
         sources=tuple(sources),
         paper=papers[0] if all(paper == papers[0] for paper in papers) else None,
@@ -168,25 +168,25 @@ def _vocabulary(run: Run) -> tuple[object, ...]:
 
 def _inside(arms: Sequence[Arm]) -> list[str]:
     """Differences between the runs of one arm."""
-    doubts = []
+    warnings = []
     irrelevant = _irrelevant(arms)
     for arm in arms:
         ignored = irrelevant
         mixed = {str(run.flat["supervisor.name"]) for run in arm.runs}
         if len(mixed) > 1:  # then the rest of their settings differs as well
             ignored |= {"supervisor"}
-            doubts.append(f"within {arm.name}: supervisor.name is {_list(mixed)}")
+            warnings.append(f"within {arm.name}: supervisor.name is {_list(mixed)}")
         for key in sorted({key for run in arm.runs for key in run.flat}):
             values = {str(run.flat.get(key)) for run in arm.runs}
             if len(values) > 1 and _group(key) not in ignored:
-                doubts.append(f"within {arm.name}: {key} is {_list(values)}")
+                warnings.append(f"within {arm.name}: {key} is {_list(values)}")
         twice = [seed for seed, n in Counter(arm.seeds).items() if n > 1]
         if twice:
-            doubts.append(
+            warnings.append(
                 f"within {arm.name}: seeds {in_short(sorted(twice))} are there more than once;"
                 " name=... selects one sweep"
             )
-    return doubts
+    return warnings
 
 
 def _differences(arms: Sequence[Arm]) -> list[tuple[str, str]]:
@@ -209,7 +209,7 @@ def _differences(arms: Sequence[Arm]) -> list[tuple[str, str]]:
 def _irrelevant(arms: Sequence[Arm]) -> frozenset[str]:
     """Groups that change no record of these arms, or that are looked at by themselves."""
     own = {"seed", "name", "archive"}  # the archive changes no population
-    return machinery(*(run.config for arm in arms for run in arm.runs)) | own
+    return runtime_keys(*(run.config for arm in arms for run in arm.runs)) | own
 
 
 def _may_differ(key: str, selections: Sequence[Selection]) -> bool:

@@ -71,7 +71,7 @@ class Report:
     """Everything that a comparison has to say."""
 
     title: str
-    doubts: tuple[str, ...]
+    comparability_warnings: tuple[str, ...]
     sections: tuple[Section, ...]
     findings: tuple[Finding, ...]  # family by family
     unseen: tuple[Generalisation, ...] = ()  # champions and yardsticks in unseen worlds
@@ -120,7 +120,7 @@ def build(
     sections = (Section(heading, tuple(items)) for heading, items in chapters.items())
     return Report(
         title=" against ".join(arm.name for arm in study.arms),
-        doubts=study.doubts,
+        comparability_warnings=study.comparability_warnings,
         sections=tuple(section for section in sections if section.items),
         findings=findings,
         unseen=tuple(unseen),

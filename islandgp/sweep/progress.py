@@ -36,7 +36,7 @@ class Start:
         start = cls(time(), jobs, 0, {})
         return replace(
             start,
-            before=sum(run.settled() for run in start.runs()),
+            before=sum(run.completed_generations() for run in start.runs()),
             errors={str(run.path): file for run in start.runs() if (file := _error_file(run))},
         )
 
@@ -59,7 +59,7 @@ def sweep_line(start: Start, beginning: RunFolder | None = None) -> str:
 
     The job of the folder `beginning` counts as running, unless it is finished.
     """
-    found = [(run.path, run.status(), run.settled()) for run in start.runs()]
+    found = [(run.path, run.status(), run.completed_generations()) for run in start.runs()]
     states = [
         Status.RUNNING
         if beginning is not None and path == beginning.path and status is not Status.FINISHED

@@ -25,7 +25,7 @@ from islandgp.errors import ConfigError, RunError, brief
 from islandgp.evaluation.processes import end_with_parent
 from islandgp.evaluation.ray import own_token
 from islandgp.records.folder import RunFolder, Status
-from islandgp.records.parameters import redacted, shape
+from islandgp.records.parameters import identity_config, redacted
 from islandgp.resources import program
 from islandgp.running.printing import echo
 from islandgp.running.report import MOSTLY_FALLBACK, is_mostly_fallback
@@ -106,7 +106,7 @@ def _must_differ(jobs: Sequence[Planned]) -> None:
     configs: dict[Hashable, Planned] = {}
     folders: dict[Path, Planned] = {}
     for job in jobs:
-        same = configs.setdefault(_frozen(shape(redacted(job.config))), job)
+        same = configs.setdefault(_frozen(identity_config(redacted(job.config))), job)
         if same is not job:
             names = " and ".join(dict.fromkeys([same.folder.name, job.folder.name]))
             raise ConfigError(

@@ -124,7 +124,7 @@ class Mirror:
         self.store.client.log_text(run, self.folder.config() or "", "config.yaml")
 
     def _generations(self, sent: Sent) -> Sent:
-        settled = self.folder.settled()
+        settled = self.folder.completed_generations()
         while sent.generations < settled:
             batch, upto = self._batch(sent.generations, settled)
             self.store.client.log_batch(sent.run, metrics=batch)
@@ -207,7 +207,7 @@ def up_to_date(folder: RunFolder, place: Place) -> bool:
     about, sent = folder.about(), read_sent(folder.path)
     if about is None or sent is None or not sent.is_in(place, about.identity):
         return False
-    return sent.done == end_of(folder.status(), folder.settled())
+    return sent.done == end_of(folder.status(), folder.completed_generations())
 
 
 def kept(folder: RunFolder, store: Store) -> bool:

@@ -310,7 +310,7 @@ def _resume(folder: Path) -> None:
         run.restore()
     run.status()
     run.reason()
-    run.settled()
+    run.completed_generations()
 
 
 READERS: Final[tuple[Callable[[Path], object], ...]] = (

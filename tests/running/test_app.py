@@ -19,7 +19,7 @@ from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
 from islandgp.records.lines import Lines
 from islandgp.records.manifest import add_to_manifest
-from islandgp.records.parameters import shape
+from islandgp.records.parameters import identity_config
 from islandgp.resources import resource
 from islandgp.running.app import main
 from islandgp.running.resume import differences
@@ -233,7 +233,7 @@ def test_a_generation_that_cannot_be_written_down_ends_the_run(
         assert f"found: {os.strerror(reason)}; mend that" in in_a_line(capsys, *INSTANT)
     (name,) = leaf(here)
     folder = RunFolder(here / "runs/default" / name)
-    assert folder.settled() == generation
+    assert folder.completed_generations() == generation
     assert os.strerror(reason) in folder.reason()
     assert main(INSTANT) == 0
     assert len(list(folder.records())) == 6
@@ -461,8 +461,8 @@ def test_evaluators_of_the_package_are_not_part_of_a_runs_identity(other: dict[s
     """They give the same outcomes; those of others need not."""
     ours = {"factory": "islandgp.evaluation.processes:Processes", "cache": True, "policy": {}}
     theirs = {**ours, "factory": "mine:Evaluator"}
-    assert shape({"seed": 1, "evaluator": ours}) == {"seed": 1}
-    assert shape({"seed": 1, "evaluator": theirs}) == {"seed": 1, "evaluator": theirs}
+    assert identity_config({"seed": 1, "evaluator": ours}) == {"seed": 1}
+    assert identity_config({"seed": 1, "evaluator": theirs}) == {"seed": 1, "evaluator": theirs}
     assert differences({"evaluator": ours}, {"evaluator": ours | other}) == []
     assert len(differences({"evaluator": theirs}, {"evaluator": theirs | other})) == 1
     assert differences({"evaluator": ours}, {"evaluator": theirs}) == [

@@ -15,7 +15,7 @@ from click.testing import CliRunner
 import islandgp as library
 from islandgp.cli import islandgp
 from islandgp.records.folder import RunFolder
-from islandgp.records.parameters import MACHINERY
+from islandgp.records.parameters import RUNTIME_KEYS
 from islandgp.results import COLUMNS
 from islandgp.running.app import main
 from islandgp.running.progress import columns
@@ -178,10 +178,10 @@ def test_every_section_of_charts_is_named() -> None:
 
 
 def test_what_may_differ_at_a_resumption_is_named() -> None:
-    """The keys of MACHINERY, and no others."""
+    """The keys of RUNTIME_KEYS, and no others."""
     sentence = re.search(r"^(.*) may always differ", TEXT, re.MULTILINE)
     assert sentence is not None
-    assert set(re.findall(r"`(\w+)`", sentence[1])) == MACHINERY
+    assert set(re.findall(r"`(\w+)`", sentence[1])) == RUNTIME_KEYS
 
 
 def test_the_head_of_the_table_is_the_programs() -> None:

@@ -99,7 +99,7 @@ def test_a_job_of_a_sweep_names_the_class_too(
     assert "Traceback" not in said
     (error,) = here.rglob("error.txt")
     assert "mysup.py" in error.read_text(encoding="utf-8")
-    assert RunFolder(error.parent).settled() == 2
+    assert RunFolder(error.parent).completed_generations() == 2
     assert command(here, WELL, "seed=4", "-m") == 0
 
 

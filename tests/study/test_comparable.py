@@ -27,7 +27,7 @@ def _arm(name: str, seeds: range, selection: str = "", **changes: Any) -> Arm:
 def test_supervisors_may_differ() -> None:
     """Two supervisors on the same seeds are comparable and come in pairs."""
     study = compare_arms([_arm("expert", range(3)), _arm("baseline", range(3))])
-    assert study.doubts == ()
+    assert study.comparability_warnings == ()
     assert paired(*study.pairs[0])
     assert any("supervisor.name: expert expert, baseline baseline" in n for n in study.notes)
 
@@ -49,7 +49,7 @@ def test_another_world_budget_or_gp_is_refused(key: str, value: Any) -> None:
     dotted = key.replace("__", ".")
     with pytest.raises(StudyError, match=f"{dotted} differs: expert .*, baseline {value}"):
         compare_arms(arms)
-    assert any(dotted in doubt for doubt in compare_arms(arms, force=True).doubts)
+    assert any(dotted in doubt for doubt in compare_arms(arms, force=True).comparability_warnings)
 
 
 @pytest.mark.parametrize(("factory", "doubted"), [("theirs:Pool", True), ("", False)])
@@ -60,7 +60,7 @@ def test_an_evaluator_of_ones_own_may_make_a_difference(factory: str, doubted: b
         _arm("expert", range(2), evaluator__policy__workers=1, **own),
         _arm("baseline", range(2), evaluator__policy__workers=2),
     ]
-    found = " ".join(compare_arms(arms, force=True).doubts)
+    found = " ".join(compare_arms(arms, force=True).comparability_warnings)
     assert ("evaluator.policy.workers differs" in found) is doubted
 
 
@@ -187,7 +187,7 @@ def test_a_library_is_chosen_as_a_whole() -> None:
         (("supervisor=expert", "library.folder=mine"), False),
     ):
         arms = [_arm("a", range(2), selections[0]), _arm("b", range(2), selections[1], **other)]
-        doubts = compare_arms(arms, force=True).doubts
+        doubts = compare_arms(arms, force=True).comparability_warnings
         assert (not any(doubt.startswith("library.") for doubt in doubts)) is allowed
 
 
@@ -201,7 +201,9 @@ def test_a_search_is_chosen_as_a_whole() -> None:
     ):
         arms = [_arm("a", range(2), selections[0]), _arm("b", range(2), selections[1], **other)]
         study = compare_arms(arms, force=True)
-        assert (not any(doubt.startswith("search.") for doubt in study.doubts)) is allowed
+        assert (
+            not any(doubt.startswith("search.") for doubt in study.comparability_warnings)
+        ) is allowed
         assert not allowed or any("search.name: a paper, b hill" in n for n in study.notes)
 
 

@@ -122,11 +122,11 @@ def test_a_damaged_record_before_the_checkpoint_is_an_error(tmp_path: Path, line
 def test_settled_generations_follow_the_checkpoint(tmp_path: Path) -> None:
     """None at first, then as many as the checkpoint has behind it, then all."""
     folder = begun(tmp_path / "one", tmp_path)
-    assert folder.settled() == 0
+    assert folder.completed_generations() == 0
     folder.append(steps()[0])
-    assert folder.settled() == 1
+    assert folder.completed_generations() == 1
     folder.close()
-    assert written(tmp_path / "two", tmp_path).settled() == 5
+    assert written(tmp_path / "two", tmp_path).completed_generations() == 5
 
 
 def test_a_line_that_is_being_written_is_not_read(tmp_path: Path) -> None:
@@ -170,7 +170,7 @@ def test_a_newest_checkpoint_that_is_missing_costs_one_generation(tmp_path: Path
     """As a damaged one, and settled generations are counted by the one before it."""
     folder = written(tmp_path / "one", tmp_path, 4)
     (folder.path / "checkpoint.json").unlink()
-    assert folder.settled() == 3
+    assert folder.completed_generations() == 3
     generation, (line,) = told(folder)
     assert generation == 3
     assert line.startswith(f"There is no {folder.path / 'checkpoint.json'};")
