@@ -24,7 +24,7 @@ from islandgp.config.settings import Settings
 from islandgp.domain import Domain, Outcome
 from islandgp.errors import ConfigError
 from islandgp.evaluation.serial import Serial
-from islandgp.evolution.loop import evaluate, evolve, worlds_of
+from islandgp.evolution.loop import evaluate, evolve, training_seeds
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Evaluated, Individual
 from islandgp.gp.record import Step
@@ -96,7 +96,7 @@ class Experiment:
             raise ConfigError(f"generation: expected 0 or more, found {generation!r}")
         plan = self.plan
         if worlds is None:
-            seeds = list(worlds_of(plan, self.settings.seed, int(generation)))
+            seeds = list(training_seeds(plan, self.settings.seed, int(generation)))
         else:
             seeds = _seeds(worlds)
             if not seeds:

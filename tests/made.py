@@ -13,8 +13,8 @@ from islandgp.domain import Outcome
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.gp.population import Evaluated, Individual, Origin
 from islandgp.resources import resource
-from islandgp.scoring.classes import Classes, judge
-from islandgp.scoring.snapshot import Snapshot
+from islandgp.scoring.classes import Classes, classify
+from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import Crisis, PopulationState, StateSettings, population_state
 
 _PAPER = resource("conf") / "classes" / "paper.yaml"
@@ -30,7 +30,7 @@ NOTHING: Final = Outcome(
     endings=("time",),
 )
 
-QUIET: Final = Snapshot(
+QUIET: Final = GenerationStats(
     generation=0,
     epoch=1,
     stage=0,
@@ -86,7 +86,7 @@ def snapshot(
     excellent: int = 0,
     counters: dict[str, float] | None = None,
     **changes: Any,
-) -> Snapshot:
+) -> GenerationStats:
     """A generation in which everything is done by somebody and nobody is Complete."""
     return replace(
         QUIET,
@@ -98,7 +98,7 @@ def snapshot(
     )
 
 
-def state(history: Sequence[Snapshot], **changes: Any) -> PopulationState:
+def state(history: Sequence[GenerationStats], **changes: Any) -> PopulationState:
     """The state after a history, as a run with the paper's numbers sees it."""
     found = population_state(
         history,
@@ -119,4 +119,4 @@ def evaluated(
 ) -> Evaluated:
     """An individual with an outcome, classified."""
     individual = Individual(name, parse(tree), Origin.RANDOM)
-    return Evaluated(individual, done, judge(done, classes), done.fitness)
+    return Evaluated(individual, done, classify(done, classes), done.fitness)

@@ -9,7 +9,7 @@ from islandgp.bt.core.kinds import ABORTS, POLICIES, REPEATS
 from islandgp.bt.core.language import MAX_NUMBER
 from islandgp.bt.core.node import CountArgs, GuardArgs, Node, ParallelArgs, leaf
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
-from islandgp.scoring.snapshot import Snapshot
+from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import PopulationState
 from tests.made import CLASSES, state
 
@@ -90,13 +90,13 @@ def nodes(
     return st.recursive(action, grown, max_leaves=max_leaves)
 
 
-def snapshots(generation: int, population: int = 30) -> st.SearchStrategy[Snapshot]:
+def snapshots(generation: int, population: int = 30) -> st.SearchStrategy[GenerationStats]:
     """One generation in any numbers that a population can have."""
     count = st.integers(0, population)
     share = st.floats(0, 1)
     points = st.floats(-1e5, 1e6)
     return st.builds(
-        Snapshot,
+        GenerationStats,
         generation=st.just(generation),
         epoch=st.just(max(1, -(-generation // 5))),
         stage=st.integers(0, 3),

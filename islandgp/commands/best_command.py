@@ -141,7 +141,7 @@ def _rows(
     runs: Sequence[RunFolder], evaluator: Evaluator, tier: str, worlds: int
 ) -> tuple[list[Row], UnseenWorlds]:
     """The race's winner first, the others by falling mean in validation worlds; and the test."""
-    from islandgp.evolution.validation import validate, worlds_of
+    from islandgp.evolution.validation import validate, validation_seeds
     from islandgp.intervals import interval
     from islandgp.scoring.classes import Classes, tiers
     from islandgp.scoring.constraints import feasible_share, recorded_constraints
@@ -159,11 +159,11 @@ def _rows(
         found = _best_robots(runs, tier)
     used = frozenset(world for run in runs for world in _used(run))
     stage = max(record["snapshot"]["stage"] for run in runs for record in run.records())
-    race = worlds_of(seed, used, EFFORT * worlds)
+    race = validation_seeds(seed, used, EFFORT * worlds)
     finalists = validate(
         found, race, evaluator, stage, classes, episodes=EFFORT * worlds, constraints=constraints
     )
-    test = worlds_of(seed, used.union(race), worlds, Stream.TEST)
+    test = validation_seeds(seed, used.union(race), worlds, Stream.TEST)
     trees: dict[str, tuple[str, bool]] = {}
     for candidate, _ in finalists[:3]:
         trees.setdefault(candidate.tree, (candidate.id, True))

@@ -28,14 +28,14 @@ from islandgp.gp.record import (
     IndividualRecord,
     RunState,
     Step,
-    fittest,
-    line,
+    to_record,
+    updated_champion,
 )
 from islandgp.plain import from_json, to_json
 from islandgp.plugin import path_of, plugin_errors
-from islandgp.scoring.classes import judge
+from islandgp.scoring.classes import classify
 from islandgp.scoring.constraints import violation
-from islandgp.scoring.snapshot import Snapshot, measure
+from islandgp.scoring.generation_stats import GenerationStats, generation_stats
 from islandgp.scoring.state import PopulationState, population_state
 from islandgp.search.base import Advice, Search, SearchState
 from islandgp.search.paper import Paper
@@ -44,7 +44,7 @@ from islandgp.supervision.asking import SupervisorQueue
 from islandgp.supervision.base import Seen, Supervisor
 
 
-def worlds_of(plan: Plan, seed: int, generation: int) -> tuple[int, ...]:
+def training_seeds(plan: Plan, seed: int, generation: int) -> tuple[int, ...]:
     """World seeds of a generation: one an episode, or one an individual and episode."""
     since = {"generation": generation, "epoch": plan.curriculum.epoch(generation), "never": 0}
     n = plan.gp.episodes * (1 if plan.gp.common_world else plan.gp.population)
@@ -73,8 +73,8 @@ def evaluate(
         own = outcomes[k * n : (k + 1) * n]
         o, points = combine(own), tuple(episode.fitness for episode in own)
         broken = violation(o.counters, plan.constraints)
-        verdict = judge(o, plan.classes)
-        found.append(Evaluated(individual, o, verdict, o.fitness, points, broken))
+        labels = classify(o, plan.classes)
+        found.append(Evaluated(individual, o, labels, o.fitness, points, broken))
     return tuple(found)
 
 
@@ -91,7 +91,7 @@ def combine(outcomes: Sequence[Outcome]) -> Outcome:
     )
 
 
-def view(plan: Plan, history: Sequence[Snapshot]) -> PopulationState:
+def view(plan: Plan, history: Sequence[GenerationStats]) -> PopulationState:
     """Line 6: Table 5, after the last generation of `history`."""
     stage = plan.curriculum.stage(history[-1].generation + 1)
     return population_state(
@@ -206,7 +206,7 @@ def _generation(
     asked = SearchState(g, state.memory)
     individuals = asked_of(parts.search, asked, parts.streams, plan)
     texts = [to_text(i.tree) for i in individuals]
-    worlds = worlds_of(plan, parts.streams.seed, g)
+    worlds = training_seeds(plan, parts.streams.seed, g)
     started = perf_counter()
     population = evaluate(plan, g, individuals, texts, worlds, evaluator)
     archive = archived(parts, state.archive, population, texts, worlds, g)
@@ -215,9 +215,9 @@ def _generation(
         plan, population, texts, worlds, state.edit_parents, evaluator, stage=stage
     )
     evaluation, supervision = perf_counter() - started, 0.0
-    now = measure(
+    now = generation_stats(
         [e.outcome for e in population],
-        [e.verdict for e in population],
+        [e.labels for e in population],
         [size(e.individual.tree) for e in population],
         plan.classes,
         plan.curriculum,
@@ -227,8 +227,8 @@ def _generation(
     )
     history = (*state.history, now)
     seen = view(plan, history)
-    lines = tuple(line(e, text) for e, text in zip(population, texts, strict=True))
-    champion = fittest(state.champion, g, lines, plan.constraints)
+    lines = tuple(to_record(e, text) for e, text in zip(population, texts, strict=True))
+    champion = updated_champion(state.champion, g, lines, plan.constraints)
     spent = state.spent + len(population) * plan.gp.episodes + archive.episodes + extra
     stopped = plan.stop.reason(population)
     guidance = following = None

@@ -220,7 +220,7 @@ def _shown(individual: Mapping[str, Any], classes: Classes) -> set[str]:
     return {*individual["tiers"], individual["specialist"], *does}
 
 
-def worlds_of(
+def validation_seeds(
     seed: int, used: frozenset[int], n: int, purpose: Stream = Stream.VALIDATION
 ) -> tuple[int, ...]:
     """The first `n` worlds of a run for a purpose, by default validation, that are not used."""

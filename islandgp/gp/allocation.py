@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from islandgp.bt.core.node import Node
 from islandgp.gp.plan import Allocation, Plan
 from islandgp.gp.population import (
-    Ancestor,
-    Archive,
+    BehaviourArchive,
+    BehaviourBest,
     EditedTree,
     Evaluated,
     Individual,
@@ -28,9 +28,12 @@ from islandgp.gp.variation import crossover
 from islandgp.seeding import Stream, Streams
 
 
-def remember(
-    archive: Archive, population: Sequence[Evaluated], behaviours: Sequence[str], stage: int
-) -> dict[str, Ancestor]:
+def update_behaviour_archive(
+    archive: BehaviourArchive,
+    population: Sequence[Evaluated],
+    behaviours: Sequence[str],
+    stage: int,
+) -> dict[str, BehaviourBest]:
     """The archive with this generation's best of each behaviour, where they are better.
 
     Stages of the curriculum have scales of their own: what shows a behaviour in a later one
@@ -38,11 +41,11 @@ def remember(
     """
     kept = dict(archive)
     for e in population:
-        for behaviour in e.verdict.behaviours:
+        for behaviour in e.labels.behaviours:
             best = kept.get(behaviour)
             if best is None or (stage, e.merit) > (best.stage, best.merit):
                 i = e.individual
-                kept[behaviour] = Ancestor(i.id, i.tree, stage, e.fitness, e.violation)
+                kept[behaviour] = BehaviourBest(i.id, i.tree, stage, e.fitness, e.violation)
     return {name: kept[name] for name in behaviours if name in kept}
 
 
@@ -66,7 +69,7 @@ def diversity_slots(allocation: Allocation, population: int, taken: int, diversi
 def elites(
     population: Sequence[Evaluated],
     allocation: Allocation,
-    archive: Archive,
+    archive: BehaviourArchive,
     behaviours: Sequence[str],
 ) -> list[tuple[Origin, str, Node]]:
     """Elites, the best of each behaviour, and resurrected ones: (origin, parent, tree)."""
@@ -76,12 +79,12 @@ def elites(
     slots = [(Origin.ELITE, e.individual.id, e.individual.tree) for e in best]
     room = scaled(allocation.behavioural_elites, allocation, n)
     for behaviour in behaviours:
-        first = next((e for e in order if behaviour in e.verdict.behaviours), None)
+        first = next((e for e in order if behaviour in e.labels.behaviours), None)
         if room and first is not None and first.individual.id not in taken:
             taken.add(first.individual.id)
             room -= 1
             slots.append((Origin.BEHAVIOURAL_ELITE, first.individual.id, first.individual.tree))
-    alive = {behaviour for e in population for behaviour in e.verdict.behaviours}
+    alive = {behaviour for e in population for behaviour in e.labels.behaviours}
     # One ancestor may be the best of several behaviours: it comes back once.
     extinct = list({a.id: a for name, a in archive.items() if name not in alive}.values())
     slots += [
@@ -98,7 +101,7 @@ def next_population(
     streams: Streams,
     generation: int,
     injected: Node | None,
-    archive: Archive,
+    archive: BehaviourArchive,
     diversity: float,
     edited: Sequence[EditedTree] = (),
 ) -> tuple[Individual, ...]:
@@ -128,7 +131,7 @@ def next_population(
         parents = []
         for _ in range(2 if rng.random() < gp.crossover_rate else 1):
             e = pick_parent(rng, select, population, supplied, most=most, entrants=gp.tournament)
-            supplied[e.verdict.specialist] += 1
+            supplied[e.labels.specialist] += 1
             parents.append(e.individual)
         tree, origin = parents[0].tree, Origin.COPY
         if len(parents) > 1:

@@ -143,7 +143,7 @@ class Stop(BaseModel, frozen=True, extra="forbid"):
     def reason(self, population: Sequence[Evaluated]) -> str:
         """Why a run ends after this generation, or "". Who breaks a constraint reaches nothing."""
         able = [e for e in population if not e.violation]
-        if self.tier is not None and any(self.tier in e.verdict.tiers for e in able):
+        if self.tier is not None and any(self.tier in e.labels.tiers for e in able):
             return f"stop.tier={self.tier}"
         if self.fitness is not None and any(e.fitness >= self.fitness for e in able):
             return f"stop.fitness={self.fitness:g}"

@@ -12,7 +12,7 @@ from pydantic import PlainSerializer, PlainValidator
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node
 from islandgp.domain import Outcome
-from islandgp.scoring.classes import Verdict
+from islandgp.scoring.classes import BehaviourLabels
 from islandgp.scoring.constraints import Merit, merit
 
 Tree = Annotated[Node, PlainValidator(parse), PlainSerializer(to_text)]
@@ -68,7 +68,7 @@ class Evaluated:
 
     individual: Individual
     outcome: Outcome
-    verdict: Verdict
+    labels: BehaviourLabels
     fitness: float  # points, Eq. (1): the outcome's
     episodes: tuple[float, ...] = ()  # points in each episode
     violation: float = 0.0  # of the constraints, >= 0; 0: it keeps all of them
@@ -80,7 +80,7 @@ class Evaluated:
 
 
 @dataclass(frozen=True, slots=True)
-class Ancestor:
+class BehaviourBest:
     """The best individual of a behaviour that has ever been (section 2.3)."""
 
     id: str  # of the individual
@@ -95,7 +95,7 @@ class Ancestor:
         return merit(self.fitness, self.violation)
 
 
-Archive = Mapping[str, Ancestor]
+BehaviourArchive = Mapping[str, BehaviourBest]
 """The best of each behaviour in the last stage that had it: resurrected when it dies out."""
 
 

@@ -24,7 +24,7 @@ from islandgp.scoring.constraints import (
     merit,
     violation,
 )
-from islandgp.scoring.snapshot import Snapshot
+from islandgp.scoring.generation_stats import GenerationStats
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class IndividualRecord:
     endings: tuple[str, ...]  # why each episode ended
 
 
-def line(e: Evaluated, text: str) -> IndividualRecord:
+def to_record(e: Evaluated, text: str) -> IndividualRecord:
     """An individual's line; `text` is its tree's canonical text."""
     i, o = e.individual, e.outcome
     return IndividualRecord(
@@ -59,8 +59,8 @@ def line(e: Evaluated, text: str) -> IndividualRecord:
         depth=depth(i.tree),
         fitness=e.fitness,
         components=dict(o.components),
-        specialist=e.verdict.specialist,
-        tiers=e.verdict.tiers,
+        specialist=e.labels.specialist,
+        tiers=e.labels.tiers,
         counters=dict(o.counters),
         endings=o.endings,
     )
@@ -93,7 +93,7 @@ class GuidanceRecord:
 class GenerationRecord:
     """One generation."""
 
-    snapshot: Snapshot
+    snapshot: GenerationStats
     worlds: tuple[int, ...]  # world seeds
     origins: dict[str, int]  # individuals by origin
     stagnant_generations: int  # since the best of the present stage last rose
@@ -121,7 +121,7 @@ class Champion:
     record: IndividualRecord
 
 
-def fittest(
+def updated_champion(
     before: Champion | None,
     generation: int,
     lines: Sequence[IndividualRecord],
@@ -144,7 +144,7 @@ class RunState:
 
     generation: Annotated[int, Field(ge=0)]  # the next to be evaluated
     rate: float  # mutation rate of this generation
-    history: tuple[Snapshot, ...]  # of the generations before, oldest first
+    history: tuple[GenerationStats, ...]  # of the generations before, oldest first
     memory: Annotated[Any, PlainSerializer(to_json)]
     """`SearchState.memory`; as plain values where it was read from a checkpoint."""
     champion: Champion | None

@@ -53,7 +53,7 @@ def pick_parent(
     working robots has room: then one of those is selected.
     """
     first = select(rng, population, entrants)
-    if supplied[first.verdict.specialist] < most:
+    if supplied[first.labels.specialist] < most:
         return first
-    others = [e for e in population if supplied[e.verdict.specialist] < most and e.verdict.working]
+    others = [e for e in population if supplied[e.labels.specialist] < most and e.labels.working]
     return select(rng, others, entrants) if others else first

@@ -50,7 +50,7 @@ from islandgp.records.manifest import (
 )
 from islandgp.records.manifest import NAME as MANIFEST
 from islandgp.records.parameters import without_credentials
-from islandgp.scoring.snapshot import Snapshot
+from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.trust import must_have_no_links
 
 
@@ -266,7 +266,7 @@ class RunFolder:
         if expected and (why := wrong_record(lines, expected, self._sums)):
             raise damaged(self._generations.what, self._generations.path, why)
         history = [self._generations.value(line, i) for i, line in enumerate(lines)]
-        snapshots = tuple(from_plain(Snapshot, record["snapshot"]) for record in history)
+        snapshots = tuple(from_plain(GenerationStats, record["snapshot"]) for record in history)
         return replace(state, history=snapshots), bool(expected)
 
     def restore(self) -> None:

@@ -24,8 +24,8 @@ from islandgp.evolution.validation import (
     candidates,
     candidates_by_evidence,
     validate,
+    validation_seeds,
 )
-from islandgp.evolution.validation import worlds_of as validation_worlds
 from islandgp.gp.archive import Elite, archive_record
 from islandgp.gp.plan import Plan
 from islandgp.gp.record import Champion, Step
@@ -345,7 +345,7 @@ def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> B
             stage = record["snapshot"]["stage"]
         winner, verdict = validate(
             found,
-            validation_worlds(settings.seed, frozenset(used), episodes),
+            validation_seeds(settings.seed, frozenset(used), episodes),
             evaluator,
             stage,
             settings.classes,

@@ -162,8 +162,8 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
-    """What an individual is, by what it did."""
+class BehaviourLabels:
+    """Class, tiers and behaviours of an individual."""
 
     specialist: str  # its exclusive class
     tiers: tuple[str, ...]  # that it reaches, best first
@@ -188,11 +188,11 @@ def tiers(o: Outcome, classes: Classes) -> tuple[str, ...]:
     return tuple(name for name in classes.tiers if found.issuperset(classes.needed(name)))
 
 
-def judge(o: Outcome, classes: Classes) -> Verdict:
-    """Everything that an outcome says of an individual."""
+def classify(o: Outcome, classes: Classes) -> BehaviourLabels:
+    """The class, tiers and behaviours of an individual, by its outcome."""
     kind, done = specialist(o, classes), classes.shown(o.counters)
     shown = {kind, *(name for name in done if name not in classes.specialists.of)}
-    return Verdict(
+    return BehaviourLabels(
         specialist=kind,
         tiers=tiers(o, classes),
         behaviours=tuple(name for name in classes.kept if name in shown),

@@ -1,7 +1,7 @@
 """The population's state that a supervisor sees: Table 5 and the list of section 2.4.5.
 
-A `Snapshot` is what one generation measured. The state is a function of the
-snapshots so far, so that it can be made again from a run's history.
+A `GenerationStats` is one generation in numbers. The state is a function of the
+generations so far, so that it can be made again from a run's history.
 
 The emergency override in a crisis is that of Eq. (7) and (8), section 2.4.3.
 """
@@ -16,7 +16,7 @@ from pydantic import BaseModel, Field
 
 from islandgp.domain import total
 from islandgp.scoring.classes import Classes
-from islandgp.scoring.snapshot import Snapshot
+from islandgp.scoring.generation_stats import GenerationStats
 
 
 class Crisis(BaseModel, frozen=True, extra="forbid"):
@@ -53,8 +53,8 @@ class PopulationState:
     another scale. When a stage begins its changes, trends and plateau begin at 0.
     """
 
-    now: Snapshot
-    history: tuple[Snapshot, ...]  # the last generations, oldest first, `now` included
+    now: GenerationStats
+    history: tuple[GenerationStats, ...]  # the last generations, oldest first, `now` included
     best_rose: bool  # the best of the present stage has just risen
     best_rise: float  # rise of the best over the window, as a share of what it was
     best_change: float  # points: best now minus the best of the previous generation
@@ -98,7 +98,7 @@ def trend(values: Sequence[float]) -> float:
     return top / total((i - centre) ** 2 for i in range(n))
 
 
-def stagnant(history: Sequence[Snapshot], improvement: float) -> int:
+def stagnant(history: Sequence[GenerationStats], improvement: float) -> int:
     """Generations since the best of the present stage last rose by more than `improvement`."""
     stage, best, since = -1, 0.0, 0
     for snapshot in history:
@@ -109,7 +109,7 @@ def stagnant(history: Sequence[Snapshot], improvement: float) -> int:
 
 
 def population_state(
-    history: Sequence[Snapshot],
+    history: Sequence[GenerationStats],
     settings: StateSettings,
     crisis: Crisis,
     classes: Classes,

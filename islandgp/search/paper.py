@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Final
 
-from islandgp.gp.allocation import next_population, remember
+from islandgp.gp.allocation import next_population, update_behaviour_archive
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import (
-    Ancestor,
+    BehaviourBest,
     EditedTree,
     Evaluated,
     Individual,
@@ -18,7 +18,7 @@ from islandgp.gp.population import (
 )
 from islandgp.gp.random_trees import random_tree
 from islandgp.gp.variation import mutate
-from islandgp.scoring.snapshot import diversity
+from islandgp.scoring.generation_stats import diversity
 from islandgp.search.base import Advice, NoSettings, SearchContext, SearchState
 from islandgp.seeding import Stream, Streams
 
@@ -33,7 +33,7 @@ class Parents:
     population: tuple[Evaluated, ...]
     rate: float  # mutation rate, in [0, 1]
     tree: Tree | None  # to inject
-    ancestors: dict[str, Ancestor] = field(default_factory=dict)
+    archive: dict[str, BehaviourBest] = field(default_factory=dict)
     """The best individual of each behaviour, resurrected when the behaviour dies out."""
     edited: tuple[EditedTree, ...] = ()  # of the supervisor
 
@@ -72,8 +72,8 @@ class Paper:
             generation=state.generation,
             injected=parents.tree,
             edited=parents.edited,
-            archive=parents.ancestors,
-            diversity=diversity([e.verdict.specialist for e in parents.population]),
+            archive=parents.archive,
+            diversity=diversity([e.labels.specialist for e in parents.population]),
         )
         return mutated(self.plan, population, streams, state.generation, parents.rate)
 
@@ -82,9 +82,9 @@ class Paper:
     ) -> SearchState:
         """See `Search`."""
         stage = self.plan.curriculum.stage(state.generation)
-        before = {} if state.memory is None else state.memory.ancestors
-        ancestors = remember(before, evaluated, self.plan.classes.kept, stage)
-        parents = Parents(tuple(evaluated), advice.rate, advice.tree, ancestors, advice.edited)
+        before = {} if state.memory is None else state.memory.archive
+        archive = update_behaviour_archive(before, evaluated, self.plan.classes.kept, stage)
+        parents = Parents(tuple(evaluated), advice.rate, advice.tree, archive, advice.edited)
         return SearchState(state.generation + 1, parents)
 
 

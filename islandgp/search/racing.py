@@ -184,7 +184,7 @@ class Racing:
         Both are steps towards a good robot that may cost points at first.
         """
         classes, how = self.plan.classes, self.settings
-        reached = len(set(e.verdict.tiers) & set(classes.milestones))
+        reached = len(set(e.labels.tiers) & set(classes.milestones))
         return how.milestone * reached + how.behaviour * len(classes.shown(e.outcome.counters))
 
     def _ranked(self, entries: Sequence[Entry], side: float) -> list[Entry]:

@@ -13,11 +13,11 @@ from islandgp.gp.record import (
     GenerationRecord,
     GuidanceRecord,
     IndividualRecord,
-    fittest,
+    updated_champion,
 )
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import Constraints, recorded_constraints
-from islandgp.scoring.snapshot import Snapshot
+from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.study.paper import Paper
 
 
@@ -59,7 +59,7 @@ class Run:
         return Classes(**self.config["classes"])
 
     @property
-    def snapshots(self) -> tuple[Snapshot, ...]:
+    def snapshots(self) -> tuple[GenerationStats, ...]:
         """The generations in numbers."""
         return tuple(r.snapshot for r in self.records)
 
@@ -72,7 +72,7 @@ class Run:
     def best(self) -> tuple[IndividualRecord, ...]:
         """The best individual of each generation: with constraints feasible before fit."""
         limits = self.constraints
-        return tuple(fittest(None, 0, r.individuals, limits).record for r in self.records)
+        return tuple(updated_champion(None, 0, r.individuals, limits).record for r in self.records)
 
     @property
     def constraints(self) -> Constraints:
@@ -142,7 +142,7 @@ def cut(run: Run, generations: int) -> Run:
     champion = None
     for generation, record in enumerate(records):
         if record.snapshot.stage == last.snapshot.stage:
-            champion = fittest(champion, generation, record.individuals, run.constraints)
+            champion = updated_champion(champion, generation, record.individuals, run.constraints)
     assert champion is not None
     return replace(
         run,

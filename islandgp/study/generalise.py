@@ -21,7 +21,7 @@ from pydantic import ValidationError
 from islandgp.domain import Outcome
 from islandgp.errors import RunError, StudyError, UntrustedError
 from islandgp.evaluation.base import Evaluator, Job, Problem
-from islandgp.evolution.validation import worlds_of
+from islandgp.evolution.validation import validation_seeds
 from islandgp.scoring.classes import tiers
 from islandgp.seeding import Stream
 from islandgp.statistics import Interval, paired_difference
@@ -73,7 +73,7 @@ def unseen_worlds(study: Comparison, n: int) -> tuple[int, ...]:
     runs = [run for arm in study.arms for run in arm.runs]
     used = {world for run in runs for record in run.records for world in record.worlds}
     used |= {world for run in runs for world in run.validation}
-    return worlds_of(0, frozenset(used), n, Stream.UNSEEN)
+    return validation_seeds(0, frozenset(used), n, Stream.UNSEEN)
 
 
 def yardsticks(study: Comparison) -> dict[str, str]:

@@ -12,7 +12,7 @@ from statistics import fmean
 from typing import Final
 
 from islandgp.scoring.classes import Classes
-from islandgp.scoring.snapshot import Snapshot
+from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.study.arms import Comparison, Run
 from islandgp.study.emergence import first
 from islandgp.text import title
@@ -65,19 +65,21 @@ class Measure:
     emergence: bool = False  # a generation, which may be censored
 
 
-def span_mean(run: Run, span: Span, value: Callable[[Snapshot], float]) -> float:
+def span_mean(run: Run, span: Span, value: Callable[[GenerationStats], float]) -> float:
     """The mean of a number over a span's generations, nan when the run has none of them."""
     snapshots = run.snapshots
     inside = [value(snapshots[g]) for g in span.generations(len(snapshots))]
     return fmean(inside) if inside else float("nan")
 
 
-best: Final[Callable[[Snapshot], float]] = attrgetter("best")  # highest fitness of a generation
-diversity: Final[Callable[[Snapshot], float]] = attrgetter("diversity")  # Eq. (3)
+best: Final[Callable[[GenerationStats], float]] = attrgetter(
+    "best"
+)  # highest fitness of a generation
+diversity: Final[Callable[[GenerationStats], float]] = attrgetter("diversity")  # Eq. (3)
 
 
 def _by_span(
-    key: str, label: str, unit: str, value: Callable[[Snapshot], float]
+    key: str, label: str, unit: str, value: Callable[[GenerationStats], float]
 ) -> tuple[Measure, ...]:
     """The mean of a number over each part of training."""
 
@@ -88,7 +90,7 @@ def _by_span(
     return tuple(map(measure, SPANS))
 
 
-def _mean(key: str, label: str, unit: str, value: Callable[[Snapshot], float]) -> Measure:
+def _mean(key: str, label: str, unit: str, value: Callable[[GenerationStats], float]) -> Measure:
     """The mean of a number over all generations."""
     return Measure(key, label, unit, lambda run: fmean(map(value, run.snapshots)))
 
@@ -138,7 +140,7 @@ def all_measures(study: Comparison) -> tuple[Measure, ...]:
     return (*main_family(study.milestones), *FURTHER)
 
 
-def shown(behaviour: str, s: Snapshot, classes: Classes) -> int:
+def shown(behaviour: str, s: GenerationStats, classes: Classes) -> int:
     """Table 13: individuals of a behaviour's exclusive class, or with its label if it has none."""
     return (s.specialists if behaviour in classes.specialists.of else s.doing)[behaviour]
 

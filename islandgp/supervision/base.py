@@ -20,7 +20,7 @@ from islandgp.gp.record import GuidanceRecord, IndividualRecord
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import Constraints
 from islandgp.scoring.curriculum import Curriculum
-from islandgp.scoring.snapshot import Snapshot
+from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import Crisis, PopulationState
 from islandgp.supervision.library import Library
 
@@ -104,7 +104,7 @@ class RunContext:
 class Seen:
     """One generation as records keep it: what a state does not tell."""
 
-    snapshot: Snapshot
+    snapshot: GenerationStats
     worlds: tuple[int, ...]  # seeds: one an episode, or one an individual and episode
     multipliers: Mapping[str, float]  # of its stage, by component
     individuals: tuple[IndividualRecord, ...]  # in slot order

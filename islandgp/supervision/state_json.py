@@ -16,7 +16,7 @@ import yaml
 from islandgp.domain import Schema
 from islandgp.resources import resource
 from islandgp.scoring.classes import Classes
-from islandgp.scoring.snapshot import Snapshot
+from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import Crisis, PopulationState
 from islandgp.text import rounded, title
 
@@ -130,7 +130,7 @@ def state_text(state: PopulationState, crisis: Crisis) -> str:
     return "{" + ",\n ".join(lines) + "}"
 
 
-def _line(s: Snapshot, milestones: Iterable[str]) -> dict[str, Any]:
+def _line(s: GenerationStats, milestones: Iterable[str]) -> dict[str, Any]:
     return {
         "generation": s.generation,
         "best": rounded(s.best),

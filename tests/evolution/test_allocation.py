@@ -16,11 +16,16 @@ from pydantic import ValidationError
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node
 from islandgp.domain import Outcome
-from islandgp.gp.allocation import diversity_slots, next_population, remember, scaled
+from islandgp.gp.allocation import (
+    diversity_slots,
+    next_population,
+    scaled,
+    update_behaviour_archive,
+)
 from islandgp.gp.plan import Allocation
-from islandgp.gp.population import Ancestor, Evaluated, Individual, Origin, ranked
+from islandgp.gp.population import BehaviourBest, Evaluated, Individual, Origin, ranked
 from islandgp.gp.selection import pick_parent, tournament
-from islandgp.scoring.snapshot import diversity
+from islandgp.scoring.generation_stats import diversity
 from islandgp.seeding import Streams
 from tests.composed import composed, composed_plan
 from tests.made import CLASSES, evaluated, outcome
@@ -72,7 +77,7 @@ def built(
     *,
     seed: int = 1,
     injected: Node | None = None,
-    archive: Mapping[str, Ancestor] | None = None,
+    archive: Mapping[str, BehaviourBest] | None = None,
     allocation: Allocation | None = None,
 ) -> tuple[Individual, ...]:
     """The population of generation 5."""
@@ -83,14 +88,16 @@ def built(
         streams=Streams(seed),
         generation=5,
         injected=injected,
-        archive=remember({}, population, BEHAVIOURS, 0) if archive is None else archive,
-        diversity=diversity([e.verdict.specialist for e in population]),
+        archive=update_behaviour_archive({}, population, BEHAVIOURS, 0)
+        if archive is None
+        else archive,
+        diversity=diversity([e.labels.specialist for e in population]),
     )
 
 
-def remembered(population: Sequence[Evaluated]) -> dict[str, Ancestor]:
+def archived(population: Sequence[Evaluated]) -> dict[str, BehaviourBest]:
     """The archive after a first generation."""
-    return remember({}, population, BEHAVIOURS, 0)
+    return update_behaviour_archive({}, population, BEHAVIOURS, 0)
 
 
 def counted(new: Sequence[Individual]) -> Counter[str]:
@@ -104,10 +111,10 @@ def counted(new: Sequence[Individual]) -> Counter[str]:
     return Counter(rows.get(i.origin, i.origin.value) for i in new)
 
 
-def archives() -> st.SearchStrategy[dict[str, Ancestor]]:
+def archives() -> st.SearchStrategy[dict[str, BehaviourBest]]:
     """Any memory of earlier generations."""
     ancestor = st.builds(
-        Ancestor,
+        BehaviourBest,
         id=st.sampled_from(["1.3", "2.7", "3.1"]),
         tree=st.sampled_from(TREES),
         fitness=st.just(1.0),
@@ -121,7 +128,7 @@ def archives() -> st.SearchStrategy[dict[str, Ancestor]]:
 )
 def test_table_1(
     population: tuple[Evaluated, ...],
-    archive: dict[str, Ancestor],
+    archive: dict[str, BehaviourBest],
     seed: int,
     tree: Node | None,
 ) -> None:
@@ -130,7 +137,7 @@ def test_table_1(
         population,
         seed=seed,
         injected=tree,
-        archive={**archive, **remembered(population)},
+        archive={**archive, **archived(population)},
     )
     found = counted(new)
     assert len(new) == 30
@@ -144,12 +151,12 @@ def test_table_1(
 @examples(max_examples=100)
 @given(data=st.data(), size=st.integers(4, 70), archive=archives(), seed=SEEDS)
 def test_other_sizes(
-    data: st.DataObject, size: int, archive: dict[str, Ancestor], seed: int
+    data: st.DataObject, size: int, archive: dict[str, BehaviourBest], seed: int
 ) -> None:
     """Table 1 scales: populations keep their size, and every row its scaled range."""
     population = data.draw(populations(size))
     table = composed().allocation
-    found = counted(built(population, seed=seed, archive={**archive, **remembered(population)}))
+    found = counted(built(population, seed=seed, archive={**archive, **archived(population)}))
     assert sum(found.values()) == size
     assert found["elite"] <= scaled(2, table, size)
     assert found["behavioural_elite"] <= scaled(5, table, size)
@@ -209,7 +216,7 @@ def test_behavioural_elites(population: tuple[Evaluated, ...], seed: int) -> Non
     kept = [i.parents[0] for i in new if i.origin in (Origin.ELITE, Origin.BEHAVIOURAL_ELITE)]
     assert len(kept) == len(set(kept))
     for behaviour in BEHAVIOURS:
-        doing = [e for e in ranked(population) if behaviour in e.verdict.behaviours]
+        doing = [e for e in ranked(population) if behaviour in e.labels.behaviours]
         assert not doing or doing[0].individual.id in kept
 
 
@@ -217,8 +224,8 @@ def test_resurrection() -> None:
     """A behaviour that died out comes back from the archive; one that lives does not."""
     population = people([outcome(fitness=float(i), pickups=3) for i in range(30)])
     archive = {
-        "pickup": Ancestor("1.1", TREES[0], 0, 1e6),
-        "humanoid": Ancestor("2.5", TREES[3], 0, 500.0),
+        "pickup": BehaviourBest("1.1", TREES[0], 0, 1e6),
+        "humanoid": BehaviourBest("2.5", TREES[3], 0, 500.0),
     }
     new = built(population, archive=archive)
     back = [(i.parents, i.tree) for i in new if i.origin is Origin.RESURRECTED]
@@ -234,7 +241,7 @@ def test_nothing_to_resurrect() -> None:
 def test_an_ancestor_comes_back_once() -> None:
     """The best of two behaviours that died out takes one slot, and a third behaviour the other."""
     population = people([outcome()] * 30)
-    twice, once = Ancestor("2.5", TREES[3], 0, 500.0), Ancestor("3.3", TREES[1], 0, 400.0)
+    twice, once = BehaviourBest("2.5", TREES[3], 0, 500.0), BehaviourBest("3.3", TREES[1], 0, 400.0)
     new = built(population, archive={"humanoid": twice, "balanced": twice, "charging": once})
     assert [i.parents for i in new if i.origin is Origin.RESURRECTED] == [("2.5",), ("3.3",)]
 
@@ -242,10 +249,10 @@ def test_an_ancestor_comes_back_once() -> None:
 def test_remember() -> None:
     """The archive keeps the best of each behaviour, the first of equals."""
     first = people([outcome(fitness=5.0, pickups=1), outcome(fitness=5.0, pickups=1, charges=1)])
-    archive = remember({}, first, BEHAVIOURS, 0)
+    archive = update_behaviour_archive({}, first, BEHAVIOURS, 0)
     assert {name: a.id for name, a in archive.items()} == {"pickup": "4.0", "charging": "4.1"}
     later = people([outcome(fitness=4.0, pickups=1), outcome(fitness=6.0, charges=1)])
-    again = remember(archive, later, BEHAVIOURS, 0)
+    again = update_behaviour_archive(archive, later, BEHAVIOURS, 0)
     assert (again["pickup"], again["charging"].fitness) == (archive["pickup"], 6.0)
     assert archive["charging"].fitness == 5.0, "the archive given is not changed"
 
@@ -253,10 +260,15 @@ def test_remember() -> None:
 def test_remember_by_stage() -> None:
     """Another stage, another scale: whoever shows a behaviour in a later one is remembered."""
     first = people([outcome(fitness=9.0, pickups=1), outcome(fitness=9.0, charges=1)])
-    archive = remember({}, first, BEHAVIOURS, 0)
-    again = remember(archive, people([outcome(fitness=4.0, pickups=1)]), BEHAVIOURS, 1)
+    archive = update_behaviour_archive({}, first, BEHAVIOURS, 0)
+    again = update_behaviour_archive(
+        archive, people([outcome(fitness=4.0, pickups=1)]), BEHAVIOURS, 1
+    )
     assert (again["pickup"].fitness, again["charging"].fitness) == (4.0, 9.0)
-    assert remember(again, people([outcome(fitness=3.0, pickups=1)]), BEHAVIOURS, 1) == again
+    assert (
+        update_behaviour_archive(again, people([outcome(fitness=3.0, pickups=1)]), BEHAVIOURS, 1)
+        == again
+    )
 
 
 @examples(max_examples=60)
@@ -280,7 +292,7 @@ def test_niche_protection() -> None:
     strong = [outcome(fitness=1000.0 + i, pickups=3) for i in range(15)]
     weak = [outcome(fitness=float(i), interactions=3) for i in range(15)]
     population = people([*strong, *weak])
-    rich = {e.individual.id for e in population if e.verdict.specialist == "pickup"}
+    rich = {e.individual.id for e in population if e.labels.specialist == "pickup"}
 
     def share(niche_share: float) -> float:
         table = composed().allocation.model_copy(update={"niche_share": niche_share})
@@ -334,7 +346,7 @@ def test_names_and_parents(population: tuple[Evaluated, ...], seed: int) -> None
 def test_slots_are_filled_in_order() -> None:
     """Elites, behavioural elites, resurrected, diversity, tournament: the order of section 2.3."""
     outcomes = [outcome(fitness=float(i), pickups=i % 3, charges=i % 2) for i in range(30)]
-    archive = {"humanoid": Ancestor("1.0", TREES[3], 0, 9.0)}
+    archive = {"humanoid": BehaviourBest("1.0", TREES[3], 0, 9.0)}
     rows = [
         "elite", "behavioural_elite", "resurrected", "injected", "random", "crossover", "copy",
     ]  # fmt: skip

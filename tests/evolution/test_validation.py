@@ -20,7 +20,7 @@ from islandgp.evolution.validation import (
     interval,
     rounds,
     validate,
-    worlds_of,
+    validation_seeds,
 )
 from islandgp.seeding import Stream, seed_of
 from tests.composed import composed
@@ -99,7 +99,7 @@ def test_rounds_keep_the_budget(n: int, episodes: int) -> None:
 def test_the_best_wins_and_luck_in_training_does_not() -> None:
     """The winner is the tree that is worth most in unseen worlds, with its interval and shares."""
     found = [Candidate(0, f"0.{i}", f"tree {i}\n", trained=100.0 - i) for i in range(10)]
-    worlds = worlds_of(0, frozenset(), 200)
+    worlds = validation_seeds(0, frozenset(), 200)
     evaluator = Worlds({f"tree {i}\n": 10.0 * i for i in range(10)} | {"yardstick\n": 50.0})
     (winner, verdict), *_ = validate(
         found, worlds, evaluator, 0, CLASSES, episodes=200, yardstick=("good", "yardstick\n")
@@ -119,7 +119,7 @@ def test_the_best_wins_and_luck_in_training_does_not() -> None:
 def test_a_single_candidate_is_measured() -> None:
     """With nobody to race against it meets as many worlds as there may be episodes."""
     found = [Candidate(0, "0.0", "tree\n", trained=1.0)]
-    worlds = worlds_of(0, frozenset(), 30)
+    worlds = validation_seeds(0, frozenset(), 30)
     ((_, verdict),) = validate(found, worlds, Worlds({"tree\n": 1.0}), 0, CLASSES, episodes=30)
     assert len(verdict.worlds) == 30
 
@@ -128,10 +128,10 @@ def test_a_single_candidate_is_measured() -> None:
 def test_validation_worlds_trained_nobody(seed: int) -> None:
     """They come from a stream of their own, and worlds that a run used are left out."""
     used = frozenset(seed_of(seed, Stream.WORLD, generation=g) for g in range(41))
-    worlds = worlds_of(seed, used, 50)
+    worlds = validation_seeds(seed, used, 50)
     assert len(set(worlds)) == 50
     assert not used & set(worlds)
-    assert worlds_of(seed, used | {worlds[0]}, 49) == worlds[1:]
+    assert validation_seeds(seed, used | {worlds[0]}, 49) == worlds[1:]
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from threading import Lock
 from typing import Any
 
 from islandgp.running.run import run_context
-from islandgp.scoring.snapshot import Snapshot
+from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.base import Guidance, RunContext
@@ -59,9 +59,11 @@ def context(folder: Path | None = None, *overrides: str) -> RunContext:
     return run_context(found, folder)
 
 
-def snapshot(generation: int, best: float, *, complete: int = 0, excellent: int = 0) -> Snapshot:
+def snapshot(
+    generation: int, best: float, *, complete: int = 0, excellent: int = 0
+) -> GenerationStats:
     """A generation whose numbers all differ."""
-    return Snapshot(
+    return GenerationStats(
         generation=generation,
         epoch=2,
         stage=0,

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from islandgp.bt.core.vocabulary import Action, Vocabulary
 from islandgp.domain import Counter, Event, Outcome, Schema
-from islandgp.scoring.classes import AIMS, Classes, judge, specialist, tiers
+from islandgp.scoring.classes import AIMS, Classes, classify, specialist, tiers
 from tests.composed import composed
 from tests.made import CLASSES, outcome
 
@@ -116,7 +116,7 @@ def test_circles_and_names_given_twice_are_refused(changes: dict[str, Any], said
 def test_labels_do_not_depend_on_the_class() -> None:
     """Charging and clearing are labels; a robot that only charges is still patrol-only."""
     done = outcome(charges=1, deliveries=1)
-    found = judge(done, CLASSES)
+    found = classify(done, CLASSES)
     assert (found.specialist, found.behaviours) == ("patrol_only", ("charging", "clearing"))
     assert not found.working
 
@@ -185,8 +185,8 @@ def test_the_names_of_the_paper() -> None:
     ],
 )
 def test_behaviours(counts: dict[str, Any], shown: tuple[str, ...], done: tuple[str, ...]) -> None:
-    """A verdict names the class, unless it is idle, and the labels; `does` all that was done."""
-    assert judge(outcome(**counts), CLASSES).behaviours == shown
+    """The labels name the class, unless it is idle, and the labels; `does` all that was done."""
+    assert classify(outcome(**counts), CLASSES).behaviours == shown
     assert CLASSES.shown(outcome(**counts).counters) == done
 
 
@@ -221,7 +221,7 @@ def done(reds: float = 0, greens: float = 0, blues: float = 0, steps: float = 0)
 @pytest.mark.parametrize(("reds", "expected"), [(0, "lazy"), (0.5, "red"), (9, "red")])
 def test_one_behaviour_alone(reds: float, expected: str) -> None:
     """Where nothing competes, whoever does it at all is its specialist; nobody is mixed."""
-    found = judge(done(reds=reds, greens=9), colours("red"))
+    found = classify(done(reds=reds, greens=9), colours("red"))
     assert found.specialist == expected
     assert found.working == (expected == "red")
     assert found.behaviours == (*(("red",) if reds else ()), "green")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from islandgp.domain import Outcome
-from islandgp.scoring.classes import judge
-from islandgp.scoring.snapshot import diversity, measure
+from islandgp.scoring.classes import classify
+from islandgp.scoring.generation_stats import diversity, generation_stats
 from tests.composed import composed
 from tests.made import CLASSES, outcome
 
@@ -32,10 +32,12 @@ def test_diversity(classes: list[str], expected: float) -> None:
 
 def working_ratio(outcomes: list[Outcome]) -> float:
     """Eq. (4) of a population."""
-    verdicts = [judge(o, CLASSES) for o in outcomes]
+    labels = [classify(o, CLASSES) for o in outcomes]
     sizes = [1] * len(outcomes)
     curriculum = composed().curriculum
-    return measure(outcomes, verdicts, sizes, CLASSES, curriculum, generation=0, rate=0.4).working
+    return generation_stats(
+        outcomes, labels, sizes, CLASSES, curriculum, generation=0, rate=0.4
+    ).working
 
 
 def test_working_ratio() -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from islandgp.scoring.classes import judge
-from islandgp.scoring.snapshot import measure
+from islandgp.scoring.classes import classify
+from islandgp.scoring.generation_stats import generation_stats
 from islandgp.scoring.state import stagnant, trend
 from tests.composed import composed
 from tests.made import CLASSES, outcome, snapshot, state
@@ -68,9 +68,11 @@ def test_measure() -> None:
         outcome(fitness=20000, pickups=2, interactions=1, deliveries=1, charges=1, gathered=9,
                 distance=400, inactive=40),
     ]  # fmt: skip
-    verdicts = [judge(o, CLASSES) for o in outcomes]
+    labels = [classify(o, CLASSES) for o in outcomes]
     table = composed().curriculum
-    found = measure(outcomes, verdicts, [3, 5, 7, 9], CLASSES, table, generation=12, rate=0.3)
+    found = generation_stats(
+        outcomes, labels, [3, 5, 7, 9], CLASSES, table, generation=12, rate=0.3
+    )
     assert (found.generation, found.epoch, found.stage, found.rate) == (12, 3, 1, 0.3)
     assert (found.best, found.mean) == (20000, 5175)
     # deviations -5275, -4875, -4675, 14825: sum of squares 293,227,500, a quarter is 73,306,875

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from typing import Any
 
 from islandgp.bt.core.language import parse, to_text
-from islandgp.evolution.loop import evaluate, worlds_of
+from islandgp.evolution.loop import evaluate, training_seeds
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Evaluated, Individual, Origin
 from islandgp.resources import resource
 from islandgp.running.run import make_search, plan_of
-from islandgp.scoring.classes import judge
+from islandgp.scoring.classes import classify
 from islandgp.search.base import Advice, SearchState
 from islandgp.seeding import Streams
 from tests.composed import composed
@@ -48,7 +48,7 @@ def done(
 ) -> Evaluated:
     """An individual with these points and counters."""
     o = outcome(None if components else fitness, components=components, **counters)
-    return Evaluated(individual(name, tree), o, judge(o, CLASSES), o.fitness, tuple(episodes))
+    return Evaluated(individual(name, tree), o, classify(o, CLASSES), o.fitness, tuple(episodes))
 
 
 def generations(
@@ -59,7 +59,7 @@ def generations(
     for g in range(n):
         population = search.ask(state, streams)
         texts = [to_text(i.tree) for i in population]
-        worlds = worlds_of(plan, seed, g)
+        worlds = training_seeds(plan, seed, g)
         found.append(evaluate(plan, g, population, texts, worlds, fake))
         state = search.tell(state, found[-1], advice)
     return found, state

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from islandgp.bt.core.node import Node, depth, size, walk, within
 from islandgp.errors import ConfigError
 from islandgp.running.run import run_context
-from islandgp.scoring.snapshot import Snapshot
+from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Pattern, Phase, RunContext, check_ranges
 from islandgp.supervision.expert import (
@@ -72,7 +72,7 @@ def expert() -> Expert:
     return Expert.make(how(), context())
 
 
-def past(n: int, **changes: object) -> list[Snapshot]:
+def past(n: int, **changes: object) -> list[GenerationStats]:
     """`n` generations that are all alike: their best stagnates for n - 1."""
     return [snapshot(g, **changes) for g in range(n)]  # type: ignore[arg-type]
 
@@ -114,7 +114,7 @@ PHASES = [
 
 
 @pytest.mark.parametrize(("history", "phase"), PHASES)
-def test_phase(history: list[Snapshot], phase: Phase) -> None:
+def test_phase(history: list[GenerationStats], phase: Phase) -> None:
     """Table 8: each phase in the states it is for, and next to its borders."""
     assert classify_phase(state(history), how()) is phase
 
@@ -134,7 +134,7 @@ PATTERNS = [
 
 
 @pytest.mark.parametrize(("history", "pattern"), PATTERNS)
-def test_pattern(history: list[Snapshot], pattern: Pattern) -> None:
+def test_pattern(history: list[GenerationStats], pattern: Pattern) -> None:
     """Table 6: each label in the states it is for."""
     assert classify_pattern(state(history), how()) is pattern
 
@@ -170,12 +170,12 @@ TARGETS = [
 
 
 @pytest.mark.parametrize(("history", "target"), TARGETS)
-def test_target(history: list[Snapshot], target: str) -> None:
+def test_target(history: list[GenerationStats], target: str) -> None:
     """Table 7: what the next tree is for."""
     assert choose_target(state(history), how()) == target
 
 
-def lives() -> list[list[Snapshot]]:
+def lives() -> list[list[GenerationStats]]:
     """Runs of 41 generations under the paper's curriculum whose best never rises within a stage."""
     curriculum = composed().curriculum
     kinds: list[dict[str, Any]] = [

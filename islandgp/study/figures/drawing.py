@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 import numpy as np
 
 from islandgp.scoring.curriculum import Curriculum
-from islandgp.scoring.snapshot import Snapshot
+from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.texts import title_and_caption
 
@@ -140,7 +140,7 @@ def picture(
 def curve_picture(
     key: str,
     study: Comparison,
-    of: Callable[[Snapshot], float],
+    of: Callable[[GenerationStats], float],
     label: str,
     dress: Callable[[Axes], object],
     *,

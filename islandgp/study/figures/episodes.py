@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from islandgp.scoring.snapshot import Snapshot
+from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.emergence import first
 from islandgp.study.episodes import episodes_until
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 COLUMNS: Final = 2
 HEIGHT: Final = 2.6  # inches, of a panel
 
-CURVES: Final[tuple[tuple[str, Callable[[Snapshot], float], str], ...]] = (
+CURVES: Final[tuple[tuple[str, Callable[[GenerationStats], float], str], ...]] = (
     ("Best fitness of a generation", best, "Points"),
     ("Behavioural diversity", diversity, "Eq. (3)"),
     ("Mutation rate", attrgetter("rate"), "Rate"),
@@ -58,7 +58,7 @@ def by_episodes(study: Comparison) -> drawing.Picture:
 
 
 def at_episodes(
-    arm: Arm, of: Callable[[Snapshot], float]
+    arm: Arm, of: Callable[[GenerationStats], float]
 ) -> tuple[Sequence[float], list[list[float]]]:
     """A number of the last generation that a run has finished, by episodes.
 

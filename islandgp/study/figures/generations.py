@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from islandgp.scoring.snapshot import Snapshot
+from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.statistics import mean_sd
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.figures import drawing
@@ -215,7 +215,7 @@ def _shares(
     arm: Arm,
     generations: int,
     names: Sequence[str],
-    counts: Callable[[Snapshot], Mapping[str, int]],
+    counts: Callable[[GenerationStats], Mapping[str, int]],
 ) -> Any:
     """Shares of the population, names x generations: means over an arm's runs."""
     rows = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
-from islandgp.scoring.snapshot import Snapshot
+from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import PopulationState, StateSettings, population_state
 from islandgp.supervision.base import RunContext
 from islandgp.supervision.llm.adviser import Adviser
@@ -108,7 +108,7 @@ def _requests(settings: LLMSettings, context: RunContext) -> list[tuple[Request,
 def _state(context: RunContext) -> PopulationState:
     """A state in the middle of a run."""
     classes = context.classes
-    now = Snapshot(
+    now = GenerationStats(
         generation=20,
         epoch=4,
         stage=1,

@@ -20,8 +20,8 @@ from islandgp.domain import Schema
 from islandgp.gp.population import Origin
 from islandgp.gp.record import GuidanceRecord, IndividualRecord
 from islandgp.scoring.classes import Classes
+from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.rewards import Reward, RewardTable
-from islandgp.scoring.snapshot import Snapshot
 from islandgp.scoring.state import Crisis, PopulationState
 from islandgp.supervision.base import RunContext, Seen
 from islandgp.supervision.llm.episode import describe_episode
@@ -67,8 +67,8 @@ class PastDecision:
     """A decision, and the generations before and after it."""
 
     guidance: GuidanceRecord
-    before: Snapshot
-    after: Snapshot
+    before: GenerationStats
+    after: GenerationStats
 
 
 @dataclass(frozen=True, slots=True)

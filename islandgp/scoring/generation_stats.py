@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from statistics import fmean, pstdev
 
 from islandgp.domain import Outcome
-from islandgp.scoring.classes import Classes, Verdict
+from islandgp.scoring.classes import BehaviourLabels, Classes
 from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, merit, violation
 from islandgp.scoring.curriculum import Curriculum
 
 
 @dataclass(frozen=True, slots=True)
-class Snapshot:
+class GenerationStats:
     """One generation in numbers."""
 
     generation: int  # from 0
@@ -48,9 +48,9 @@ def overlapping(doing: Mapping[str, int]) -> float:
     return 1 - max(doing.values()) / shown if shown else 0.0
 
 
-def measure(
+def generation_stats(
     outcomes: Sequence[Outcome],
-    verdicts: Sequence[Verdict],
+    labels: Sequence[BehaviourLabels],
     sizes: Sequence[int],
     classes: Classes,
     curriculum: Curriculum,
@@ -58,24 +58,24 @@ def measure(
     generation: int,
     rate: float,
     constraints: Constraints = NO_CONSTRAINTS,
-) -> Snapshot:
-    """Line 5 of Algorithm 1: the snapshot of an evaluated population, which `rate` made."""
-    labels = [verdict.specialist for verdict in verdicts]
-    reached = Counter(tier for verdict in verdicts for tier in verdict.tiers)
+) -> GenerationStats:
+    """Line 5 of Algorithm 1: the numbers of an evaluated population, which `rate` made."""
+    specialists = [own.specialist for own in labels]
+    reached = Counter(tier for own in labels for tier in own.tiers)
     fitness = [o.fitness for o in outcomes]
     merits = (merit(o.fitness, violation(o.counters, constraints)) for o in outcomes)
-    counts = Counter(labels)
+    counts = Counter(specialists)
     done = Counter(name for o in outcomes for name in classes.shown(o.counters))
-    return Snapshot(
+    return GenerationStats(
         generation=generation,
         epoch=curriculum.epoch(generation),
         stage=curriculum.stage(generation),
         best=max(merits)[1],
         mean=fmean(fitness),
         sd=pstdev(fitness),
-        diversity=diversity(labels),
+        diversity=diversity(specialists),
         overlapping=overlapping({name: done[name] for name in classes.behaviours}),
-        working=sum(verdict.working for verdict in verdicts) / len(verdicts),
+        working=sum(own.working for own in labels) / len(labels),
         specialists={name: counts[name] for name in classes.specialist_names},
         doing={name: done[name] for name in classes.behaviours},
         tiers={name: reached[name] for name in classes.tiers},
