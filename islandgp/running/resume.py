@@ -149,12 +149,22 @@ def _code_version() -> str:
 
 
 def _commit(checkout: Path) -> str:
+    """The commit of a checkout, with -dirty if a tracked file is changed; "" if unknown.
+
+    `git describe --dirty` writes the index, also without optional locks; `git status` does not.
+    """
     if not (checkout / ".git").exists():
         return ""
-    how = ("--always", "--dirty", "--abbrev=12", "--exclude=*")
+    commit = _git(checkout, "rev-parse", "--short=12", "HEAD")
+    changes = _git(checkout, "status", "--porcelain", "--untracked-files=no")
+    return f"{commit}-dirty" if commit and changes else commit
+
+
+def _git(checkout: Path, *words: str) -> str:
+    """What a git command prints; "" if it fails."""
     try:
         found = subprocess.run(
-            ["git", "--no-optional-locks", "describe", *how],
+            ["git", "--no-optional-locks", *words],
             cwd=checkout,
             capture_output=True,
             text=True,
@@ -163,4 +173,4 @@ def _commit(checkout: Path) -> str:
         )
     except (OSError, subprocess.TimeoutExpired):
         return ""
-    return found.stdout.strip()
+    return "" if found.returncode else found.stdout.strip()

@@ -116,3 +116,22 @@ def test_a_signal_while_a_command_starts(name: str, module: str) -> None:
         cwd=ROOT, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "islandgp: stopped\n")
+
+
+DRAWS = """
+import os, signal
+from islandgp.domains.gymnasium.domain import environment
+env = environment("CartPole-v1", "{}", True)
+env.reset()
+env.render()
+os.kill(os.getpid(), signal.SIGTERM)
+"""
+
+
+@pytest.mark.process
+@pytest.mark.skipif(os.name != "posix", reason="needs SIGTERM")
+def test_sigterm_ends_a_script_that_has_drawn_a_scene() -> None:
+    """The library that draws CartPole leaves the signal alone."""
+    pytest.importorskip("pygame")
+    words = [sys.executable, "-c", DRAWS]
+    assert subprocess.run(words, cwd=ROOT, check=False).returncode == -signal.SIGTERM
