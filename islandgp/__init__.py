@@ -17,9 +17,11 @@ Imported names are loaded when they are first used, as some take seconds.
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
+TYPE_CHECKING = False  # of typing, whose import takes time in which a signal may come
 if TYPE_CHECKING:
+    from typing import Any
+
     from islandgp.binding import NodeStatus, RobotTree, Tree, load_tree
     from islandgp.bt.core.language import parse, to_text
     from islandgp.errors import IslandError, TreeError

@@ -14,6 +14,7 @@ import click
 
 from islandgp.errors import IslandError, in_the_way
 from islandgp.running.printing import checked_stdout, tolerant_stderr
+from islandgp.running.stopping import as_ctrl_c
 
 COMMANDS: Final[dict[str, str]] = {
     "run": "evolve trees: the same as python -m islandgp",
@@ -115,6 +116,9 @@ class Lazy(click.Group):
 @click.version_option(package_name="islandgp")
 def islandgp() -> None:
     """Evolve robot Behaviour Trees under a supervisor, and work with trees and runs."""
+    context = click.get_current_context()
+    if context.invoked_subcommand != "run":  # it does so itself, after its imports
+        context.with_resource(as_ctrl_c("SIGTERM", "SIGHUP"))
 
 
 def main() -> None:

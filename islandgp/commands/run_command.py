@@ -7,6 +7,8 @@ import sys
 import click
 from click.shell_completion import CompletionItem
 
+from islandgp.running.app import main
+
 
 def _complete(ctx: click.Context, _: click.Parameter, incomplete: str) -> list[CompletionItem]:
     from islandgp.commands.completion_command import overrides
@@ -21,9 +23,4 @@ def _complete(ctx: click.Context, _: click.Parameter, incomplete: str) -> list[C
 @click.argument("overrides", nargs=-1, type=click.UNPROCESSED, shell_complete=_complete)
 def command(overrides: tuple[str, ...]) -> None:
     """The same as `python -m islandgp OVERRIDES...`."""
-    from islandgp.running.stopping import stop_before_work
-
-    stop_before_work("SIGTERM", "SIGHUP")
-    from islandgp.running.app import main
-
     sys.exit(main(overrides))

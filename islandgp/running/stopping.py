@@ -1,8 +1,7 @@
-"""Signals that end a command as cleanly as Ctrl-C does."""
+"""Signals that end a command as Ctrl-C does."""
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 import threading
@@ -11,26 +10,10 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Final
 
+from islandgp.startup import stop_at_once
+
 AGAIN: Final = 0.05
 """Seconds until a signal that was lost comes again."""
-
-
-def stop_at_once(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 -- a handler's
-    """Ends the process with one line and exit code 130, whatever it is at."""
-    os.write(2, b"islandgp: stopped\n")
-    os._exit(130)
-
-
-def stop_before_work(*names: str) -> None:
-    """Ctrl-C and the signals of these names end the process at once, until `as_ctrl_c`.
-
-    For the start of a command: an exception would be lost in an import, or end in a traceback.
-    A signal that is ignored, or has a handler already, keeps it.
-    """
-    for name in ("SIGINT", *names):
-        number = getattr(signal, name, None)
-        if number and signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
-            signal.signal(number, stop_at_once)
 
 
 @contextmanager

@@ -16,6 +16,7 @@ from tests.architecture.sources import PACKAGE, ROOT, imports, module_name, modu
 LAYERS: list[tuple[str, ...]] = [
     # A module imports from its own layer and those above it in this list, never from below.
     (
+        "startup",
         "errors",
         "plain",
         "seeding",

@@ -11,9 +11,12 @@ from collections.abc import Iterator
 
 import pytest
 
-from islandgp.running import stopping
-from islandgp.running.stopping import as_ctrl_c, stop_before_work
+from islandgp import startup
+from islandgp.commands import fmt_command
+from islandgp.running.stopping import as_ctrl_c
+from islandgp.startup import stop_before_work
 from tests.running.commands import ROOT
+from tests.trees.shell import shell
 
 
 class Finalized:
@@ -70,7 +73,7 @@ def test_a_signal_before_the_work_ends_the_process_with_a_line(
 ) -> None:
     """Exit code 130, before `as_ctrl_c` and after it; within it there is an exception."""
     codes: list[int] = []
-    monkeypatch.setattr(stopping.os, "_exit", codes.append)
+    monkeypatch.setattr(startup.os, "_exit", codes.append)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -101,21 +104,49 @@ class Sends:
             os.kill(os.getpid(), signal.{signal})
 sys.meta_path.insert(0, Sends())
 sys.argv[0] = "islandgp"
-runpy.run_module("islandgp", run_name="__main__", alter_sys=True)
+{start}
 """
+STARTS = {
+    "module": 'runpy.run_module("islandgp", run_name="__main__", alter_sys=True)',
+    "script": "from islandgp.__main__ import script; script()",
+}
 
 
 @pytest.mark.process
 @pytest.mark.skipif(os.name != "posix", reason="needs SIGTERM")
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
-@pytest.mark.parametrize("module", ["islandgp.running.app", "hydra.errors"])
-def test_a_signal_while_a_command_starts(name: str, module: str) -> None:
+@pytest.mark.parametrize(
+    ("start", "module"),
+    [
+        ("module", "islandgp.running.app"),
+        ("module", "hydra.errors"),
+        ("script", "islandgp.cli"),
+        ("script", "click.core"),
+    ],
+)
+def test_a_signal_while_a_command_starts(name: str, start: str, module: str) -> None:
     """A line and exit code 130 while modules are imported, in place of a traceback or -15."""
+    code = AT_AN_IMPORT.format(module=module, signal=name, start=STARTS[start])
     done = subprocess.run(
-        [sys.executable, "-c", AT_AN_IMPORT.format(module=module, signal=name), "--version"],
+        [sys.executable, "-c", code, "--version"],
         cwd=ROOT, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "islandgp: stopped\n")
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_stops_any_command_with_a_line(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As it stops a run: exit code 130."""
+
+    def read(_: str) -> str:
+        signal.raise_signal(getattr(signal, name))
+        return ""
+
+    monkeypatch.setattr(fmt_command, "read_text", read)
+    said = shell(monkeypatch, capsys)("fmt", "-")
+    assert (said.code, said.err.strip()) == (130, "islandgp: stopped")
 
 
 DRAWS = """

@@ -1,0 +1,28 @@
+"""Signals that come while a command starts; it imports nothing that takes time."""
+
+from __future__ import annotations
+
+import os
+import signal
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from types import FrameType
+
+
+def stop_at_once(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 -- a handler's
+    """End the process with one line and exit code 130."""
+    os.write(2, b"islandgp: stopped\n")
+    os._exit(130)
+
+
+def stop_before_work(*names: str) -> None:
+    """Let Ctrl-C and the signals of these names end the process at once, until `as_ctrl_c`.
+
+    For the start of a command: an exception would be lost in an import, or end in a traceback.
+    A signal that is ignored, or has a handler already, keeps it.
+    """
+    for name in ("SIGINT", *names):
+        number = getattr(signal, name, None)
+        if number and signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+            signal.signal(number, stop_at_once)
