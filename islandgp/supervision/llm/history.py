@@ -23,8 +23,8 @@ from islandgp.gp.population import Origin
 from islandgp.gp.record import GuidanceRecord, IndividualRecord
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import merit, violation
-from islandgp.scoring.rewards import Reward, RewardTable
 from islandgp.scoring.generation_stats import GenerationStats
+from islandgp.scoring.rewards import Reward, RewardTable
 from islandgp.scoring.state import Crisis, PopulationState
 from islandgp.supervision.base import RunContext, Seen
 from islandgp.supervision.llm.checks import LONGEST
