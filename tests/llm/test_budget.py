@@ -356,7 +356,9 @@ class Killed(BaseException):
     """The process ends here."""
 
 
-@pytest.mark.parametrize("every", [2, 3, 5, 7, 8, 11])
+@pytest.mark.parametrize(
+    "every", [2, 5, 7, *(pytest.param(n, marks=pytest.mark.slow) for n in (3, 8, 11))]
+)
 @pytest.mark.parametrize(
     ("cap", "name", "most"),
     [

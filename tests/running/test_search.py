@@ -22,7 +22,6 @@ from islandgp.errors import ConfigError, RunError
 from islandgp.records.files import objectives, values
 from islandgp.records.folder import RunFolder, Status
 from islandgp.running.app import main
-from islandgp.sweep import optuna_trials as optuna_search
 from islandgp.sweep.folder import SweepFile, SweepFolder
 from islandgp.sweep.optimiser import check
 from islandgp.sweep.progress import job_line
@@ -102,7 +101,7 @@ def test_a_search_that_goes_on_judges_as_before(monkeypatch: pytest.MonkeyPatch)
         judged.append((trial.number, generation, best))
         return False
 
-    monkeypatch.setattr(optuna_search, "_judge", judge)
+    monkeypatch.setattr("islandgp.sweep.optuna_trials._judge", judge)
     words = [*INSTANT, "gp.mutation_rate=0.1,0.2", "hydra/sweeper/pruner=halving", *OPTUNA]
     assert main([*words, "hydra.sweeper.n_trials=2"]) == 0
     before = judged.copy()
