@@ -51,7 +51,7 @@ lines: $(STAMP)  ## lines of code by folder, without comments and docstrings
 coverage: $(STAMP) ## lines and branches that the unit tests reach
 	$(PYTEST) -m $(UNIT) --cov
 
-mutants: $(STAMP) ## which changes of the core the unit tests notice
+mutants: $(STAMP) ## which changes of the package the unit tests notice
 	$(BIN)/python -m tests.mutants $(ARGS)
 
 INPUTS := 50000
