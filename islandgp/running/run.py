@@ -43,7 +43,12 @@ from islandgp.running.report import is_mostly_fallback, report, summary
 from islandgp.running.resume import about_run, choose
 from islandgp.running.start import start_trees
 from islandgp.search.base import Search, SearchContext
-from islandgp.supervision.base import RunContext, Service, Supervisor, Witness
+from islandgp.supervision.base import (
+    GenerationListener,
+    RunContext,
+    Supervisor,
+    SupervisorLifecycle,
+)
 from islandgp.supervision.library import Library, library_folder, read_library, read_tree
 from islandgp.tracking.base import Tracker
 from islandgp.trust import names_in, trust
@@ -259,7 +264,7 @@ def _evolve(
     keep_display: bool,
     judge: Judge | None,
 ) -> None:
-    if isinstance(supervisor, Service):
+    if isinstance(supervisor, SupervisorLifecycle):
         with plugin_errors(path_of(type(supervisor))):
             line = supervisor.start()
         if line:
@@ -274,7 +279,7 @@ def _evolve(
     stopped = ""
     elites: tuple[Elite, ...] = ()
     plan = plan_of(settings, settings.make_domain())
-    needed = isinstance(supervisor, Witness) or plan.switches.edits
+    needed = isinstance(supervisor, GenerationListener) or plan.switches.edits
     past = target.generations() if done and needed else ()
     search = make_search(settings, plan)
     steps = evolve(

@@ -22,7 +22,7 @@ from islandgp.evolution.loop import evolve
 from islandgp.gp.record import GenerationRecord, RunState, Step
 from islandgp.records.checkpoint import dump
 from islandgp.running.run import make_supervisor, run_context
-from islandgp.supervision.base import Service
+from islandgp.supervision.base import SupervisorLifecycle
 from islandgp.supervision.decisions import decisions
 from islandgp.supervision.replay import Replay
 from islandgp.testing.faults import Fault, Script, every, no_faults
@@ -221,7 +221,7 @@ def test_answers_hide_behind_episodes(tmp_path: Path) -> None:
         part = settings.supervisor
         part = part.model_copy(update={"policy": {**part.policy, "base_url": server.url}})
         made = make_supervisor(settings.model_copy(update={"supervisor": part}), tmp_path)
-        assert isinstance(made, Service)
+        assert isinstance(made, SupervisorLifecycle)
         evaluating.set()  # for the probe
         made.start()
         evaluating.clear()

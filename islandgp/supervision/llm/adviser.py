@@ -22,7 +22,7 @@ from islandgp.errors import SupervisionError
 from islandgp.plugin import path_of, plugin_errors
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.asking import ask
-from islandgp.supervision.base import Guidance, RunContext, Seen, Supervisor
+from islandgp.supervision.base import GenerationView, Guidance, RunContext, Supervisor
 from islandgp.supervision.llm.answers import (
     DecisionAnswer,
     EditsAnswer,
@@ -177,8 +177,8 @@ class Adviser:
                 guidance = replace(guidance, **{name: getattr(said, name) for name in FILLS[part]})
         return replace(guidance, edits=edits)
 
-    def see(self, generation: Seen) -> None:
-        """See `Witness`: keeps what prompts show of a run; others need nothing of it."""
+    def on_generation(self, generation: GenerationView) -> None:
+        """See `GenerationListener`: keeps what prompts show of a run; others need nothing of it."""
         if self.uses_history or self.settings.refuse_copies or self.context.edits:
             self._history = self._history.followed_by(generation)
 

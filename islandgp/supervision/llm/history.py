@@ -26,7 +26,7 @@ from islandgp.scoring.constraints import merit, violation
 from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.rewards import Reward, RewardTable
 from islandgp.scoring.state import Crisis, PopulationState
-from islandgp.supervision.base import RunContext, Seen
+from islandgp.supervision.base import GenerationView, RunContext
 from islandgp.supervision.llm.checks import LONGEST
 from islandgp.supervision.llm.episode import components, cut, trace_of
 from islandgp.supervision.llm.settings import KEPT, InformedSettings
@@ -79,12 +79,12 @@ class PastEdit:
 class RunHistory:
     """A run so far."""
 
-    now: Seen | None = None  # the last generation
+    now: GenerationView | None = None  # the last generation
     injected: tuple[InjectedTree, ...] = ()  # of the trees injected last, oldest first
     decisions: tuple[PastDecision, ...] = ()  # the last decisions, oldest first
     edits: tuple[PastEdit, ...] = ()  # the last edits, oldest first
 
-    def followed_by(self, seen: Seen) -> RunHistory:
+    def followed_by(self, seen: GenerationView) -> RunHistory:
         """With one generation more. Generations that it was not given are not in it."""
         order = ranked(seen.individuals)
         ranks = {i.id: rank for rank, i in enumerate(order, 1)}
@@ -105,7 +105,7 @@ def ranked(individuals: Sequence[IndividualRecord]) -> list[IndividualRecord]:
     return sorted(individuals, key=lambda i: -i.fitness)
 
 
-def _new(i: IndividualRecord, seen: Seen, ranks: dict[str, int]) -> InjectedTree:
+def _new(i: IndividualRecord, seen: GenerationView, ranks: dict[str, int]) -> InjectedTree:
     target = "" if seen.guidance is None else seen.guidance.target or ""
     rank = ranks[i.id]
     return InjectedTree(
@@ -121,7 +121,7 @@ def _new(i: IndividualRecord, seen: Seen, ranks: dict[str, int]) -> InjectedTree
     )
 
 
-def _followed(tree: InjectedTree, seen: Seen, ranks: dict[str, int]) -> InjectedTree:
+def _followed(tree: InjectedTree, seen: GenerationView, ranks: dict[str, int]) -> InjectedTree:
     heirs = [i for i in seen.individuals if not tree.alive.isdisjoint(i.parents)]
     return replace(
         tree,
@@ -232,7 +232,7 @@ def _earnings(individuals: Sequence[IndividualRecord], classes: Classes) -> Iter
             )
 
 
-def _injected(tree: InjectedTree, now: Seen) -> str:
+def _injected(tree: InjectedTree, now: GenerationView) -> str:
     tiers = ", ".join(f"{title(tier)} Robot" for tier in tree.new.tiers)
     start = (
         f"Generation {tree.generation}, for {tree.target or 'nothing'}"
@@ -276,19 +276,19 @@ def most_lacking(individuals: Sequence[IndividualRecord], classes: Classes) -> I
     return min(ranked(individuals)[::-1], key=lambda i: (len(classes.shown(i.counters)), i.fitness))
 
 
-def _traces(context: RunContext, state: PopulationState, now: Seen) -> tuple[str, int]:
+def _traces(context: RunContext, state: PopulationState, now: GenerationView) -> tuple[str, int]:
     """The best tree and the most lacking one in the first world in which they were evaluated."""
     best, worst = ranked(now.individuals)[0], most_lacking(now.individuals, context.classes)
     named = [("The fittest tree", best)]
     if worst.tree != best.tree:
         shown = context.classes.shown(worst.counters)
-        lacking = ", ".join(name for name in state.lacking if name not in shown)
+        lacking = ", ".join(name for name in state.rarest_behaviours if name not in shown)
         named.append((f"The most lacking tree (no {lacking or 'behaviour lacks'})", worst))
     texts = [trace_of(name, i, context, now) for name, i in named]
     return "\n\n".join(texts), len(texts)
 
 
-def parents_of(seen: Seen, context: RunContext, most: int) -> list[IndividualRecord]:
+def parents_of(seen: GenerationView, context: RunContext, most: int) -> list[IndividualRecord]:
     """The individuals to improve: the fittest, then those of other classes, each tree once."""
 
     def worth(i: IndividualRecord) -> tuple[float, float]:
@@ -339,7 +339,7 @@ def _head(i: IndividualRecord) -> str:
     )
 
 
-def _parent(i: IndividualRecord, context: RunContext, seen: Seen) -> str:
+def _parent(i: IndividualRecord, context: RunContext, seen: GenerationView) -> str:
     tree = parse(i.tree, context.schema.vocabulary)
     return "\n".join((_head(i), *listing(tree), trace_of("It", i, context, seen)))
 
@@ -373,7 +373,7 @@ def _past(past: PastEdit) -> str:
     return f"{text[:LONGEST]}; {in_points(before)} -> {in_points(after)} points ({gain})"
 
 
-def nameable(seen: Seen) -> dict[str, str]:
+def nameable(seen: GenerationView) -> dict[str, str]:
     """By id, the texts of the trees that an edit may name."""
     elites = {e.id: e.tree for e in seen.archive}
     return elites | {i.id: i.tree for i in seen.individuals}
