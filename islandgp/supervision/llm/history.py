@@ -7,8 +7,8 @@ a resumed run and a replay have as well, and has a largest size.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from statistics import fmean
 from typing import Final
 
@@ -37,6 +37,9 @@ SHOWN: Final = 2000  # characters of rewards that are no table of events
 PAST: Final = 8  # earlier edits that are shown, at most
 NEIGHBOURS: Final = 3  # individuals beside the parents that are shown, at most
 LINES: Final = 60  # nodes of a listed tree, at most
+
+EDIT_MODELS: Final = "edit_models"
+"""The note of a guidance that has the model of each edit, where several are asked."""
 
 EDIT_VALUES: Final = ("parents", "neighbours", "past_edits")
 """Values of `prompts/edits.md` that a generation changes."""
@@ -83,6 +86,8 @@ class RunHistory:
     injected: tuple[InjectedTree, ...] = ()  # of the trees injected last, oldest first
     decisions: tuple[PastDecision, ...] = ()  # the last decisions, oldest first
     edits: tuple[PastEdit, ...] = ()  # the last edits, oldest first
+    gains: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    """By model: edits that made a tree better, and the others, over the whole run."""
 
     def followed_by(self, seen: GenerationView) -> RunHistory:
         """With one generation more. Generations that it was not given are not in it."""
@@ -91,13 +96,20 @@ class RunHistory:
         trees = [_followed(tree, seen, ranks) for tree in self.injected]
         trees += [_new(i, seen, ranks) for i in seen.individuals if i.origin == Origin.INJECTED]
         decisions, trials, edits = self.decisions, list(seen.trials), [*self.edits]
+        guidance, gains = seen.guidance, {**self.gains}
+        models = guidance.notes.get(EDIT_MODELS, "").split() if guidance is not None else []
         if self.now is not None and seen.guidance is not None:
             decision = PastDecision(seen.guidance, self.now.snapshot, seen.snapshot)
             decisions = (*decisions, decision)
-        for edit in () if seen.guidance is None else seen.guidance.edits:
+        for k, edit in enumerate(() if guidance is None else guidance.edits):
             trial = trials.pop(0) if trials and not edit.refused else None
             edits.append(PastEdit(seen.snapshot.generation, edit, trial))
-        return RunHistory(seen, tuple(trees[-KEPT:]), decisions[-KEPT:], tuple(edits[-PAST:]))
+            if k < len(models):
+                won, lost = gains.get(models[k], (0, 0))
+                gained = trial is not None and trial.fitness > trial.parent_fitness
+                gains[models[k]] = (won + gained, lost + (not gained))
+        last = tuple(edits[-PAST:])
+        return RunHistory(seen, tuple(trees[-KEPT:]), decisions[-KEPT:], last, gains)
 
 
 def ranked(individuals: Sequence[IndividualRecord]) -> list[IndividualRecord]:

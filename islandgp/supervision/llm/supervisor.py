@@ -26,7 +26,7 @@ from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.answers import find_object
 from islandgp.supervision.llm.calls import Calls, LiveCalls
 from islandgp.supervision.llm.client import AnthropicClient
-from islandgp.supervision.llm.ledger import Ledger, recorded_requests
+from islandgp.supervision.llm.ledger import Ledger, SweepLedger, recorded_requests
 from islandgp.supervision.llm.message import (
     TRANSIENT,
     Client,
@@ -36,7 +36,7 @@ from islandgp.supervision.llm.message import (
     Reply,
     Request,
 )
-from islandgp.supervision.llm.settings import LLMSettings, check_address
+from islandgp.supervision.llm.settings import LLMSettings, SweepCaps, check_address
 from islandgp.supervision.llm.transcript import NAME, Call, Transcript
 
 _SYSTEM: Final = "Answer in one short sentence."
@@ -165,7 +165,10 @@ class LLM:
         if self._calls is None:
             folder, how = self.context.folder, self.settings
             transcript = Transcript(None if folder is None else folder / NAME)
-            ledger = Ledger(transcript, how.price, how.caps)
+            sweep = None
+            if folder is not None and how.sweep_caps != SweepCaps():
+                sweep = SweepLedger(folder.parent, how.price, how.sweep_caps)
+            ledger = Ledger(transcript, how.price, how.caps, prices=how.prices.models, sweep=sweep)
             self._calls = LiveCalls(
                 self.client,
                 transcript,
