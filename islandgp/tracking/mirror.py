@@ -1,6 +1,6 @@
 """Sends a run's folder to MLflow: whatever of it is not there yet, each point once.
 
-A run's sender and `islandgp sync` do this same thing. Doing it twice changes nothing: a run is
+The child beside a run and `islandgp sync` both do this. Doing it twice changes nothing: a run is
 found again by its own id, points are sent from the last step that the store has, and a point's
 time is part of the folder, so that MLflow takes a repeated point for the one it has.
 """
@@ -30,7 +30,7 @@ from islandgp.tracking.artifacts import TABLE, Artifact, artifacts, note
 from islandgp.tracking.metrics import final_metrics, metrics
 from islandgp.tracking.parent import parent_run
 from islandgp.tracking.sent import FILE, LOCK, Sent, read_sent, write_sent
-from islandgp.tracking.store import POINTS, Place, Store, metric
+from islandgp.tracking.store import ARM, POINTS, Place, Store, metric
 from islandgp.viewer.run_page import NAME_OF_PAGE
 
 if TYPE_CHECKING:
@@ -102,10 +102,11 @@ class Mirror:
             self._begin(sent.run)
             self._alive()
             sent = replace(sent, begun=True)
+        arm = arm_of(self.folder.path) or self.about.tags.get("arm", "")
+        self.store.client.set_tag(sent.run, ARM, arm)
         parent = parent_run(self.folder.path, self.store)
         if parent is not None:
             self.store.client.set_tag(sent.run, "mlflow.parentRunId", parent)
-            self.store.client.set_tag(sent.run, "arm", arm_of(self.folder.path))
         if status is Status.RUNNING:
             self.store.client.update_run(sent.run, status=Status.RUNNING)
             sent = replace(sent, done="")

@@ -14,10 +14,9 @@ from filelock import FileLock
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import ending_in_digest, flat
 from islandgp.sweep.folder import SweepFile, SweepFolder
-from islandgp.tracking.chart import svg
 from islandgp.tracking.sent import LOCK, Sent, read_sent, write_sent
-from islandgp.tracking.store import POINTS, Store, metric
-from islandgp.tracking.summary import ArmSummary, arm_table, arms, panels, sweep_note
+from islandgp.tracking.store import ARM, POINTS, Store, metric
+from islandgp.tracking.summary import ArmSummary, arm_table, arms, sweep_note
 
 LONGEST: Final = 180  # characters of an arm's name in a metric's; MLflow takes 250 for the whole
 
@@ -63,14 +62,12 @@ def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> str | None:
         client = store.client
         client.set_tag(sent.run, "mlflow.note.content", sweep_note(sweep, file, found, status))
         client.log_text(sent.run, arm_table(found), "arms.md")
-        if any(arm.curves for arm in found):
-            client.log_text(sent.run, svg(panels(found)), "curves.svg")
         client.log_artifact(sent.run, str(sweep.path / "sweep.json"))
         for job in file.jobs:
             child = read_sent(sweep.path / job.folder)
             if child is not None and child.uri == sent.uri:
                 store.client.set_tag(child.run, "mlflow.parentRunId", sent.run)
-                store.client.set_tag(child.run, "arm", file.arm(job))
+                store.client.set_tag(child.run, ARM, file.arm(job))
         write_sent(sweep.path, replace(sent, done=f"{status} {key}"))
         return sent.run
 
@@ -121,9 +118,9 @@ def _curves(run: str, store: Store, found: list[ArmSummary], at: int) -> None:
 def _points(found: list[ArmSummary]) -> Iterator[tuple[str, float, int]]:
     for arm, name in zip(found, metric_names([arm.name for arm in found]), strict=True):
         for curve in arm.curves:
-            for step, mean in enumerate(curve.values):
+            for step, mean in enumerate(curve.means):
                 yield f"sweep/{name} {curve.name} mean", mean, step
-            for step, sd in enumerate(curve.spread):  # a single run has none
+            for step, sd in enumerate(curve.deviations):  # a single run has none
                 yield f"sweep/{name} {curve.name} sd", sd, step
 
 

@@ -44,7 +44,7 @@ def tracker(home: Path, uri: str, patience: float) -> MLflow:
 def test_a_server_that_is_away_costs_patience_and_nothing_else(
     server: Callable[[], AbstractContextManager[str]], home: Path, store: Store
 ) -> None:
-    """The end waits no longer than was said (`test_sender`); the message names the remedy."""
+    """The end waits no longer than was said (`test_follow`); the message names the remedy."""
     folder = begun(home / "runs/a/one", home)
     with server() as uri:
         follows = tracker(home, uri, 1.5)

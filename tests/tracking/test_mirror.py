@@ -107,7 +107,6 @@ def test_a_finished_run_has_everything_that_people_look_for(home: Path, store: S
         "best.svg",
         "config.yaml",
         "costs.jsonl",
-        "curves.svg",
         "generations.json",
         "generations.jsonl",
         "lineage.csv",

@@ -137,8 +137,8 @@ def test_jobs_find_the_same_parent(home: Path, store: Store) -> None:
     assert parent_run(home / "runs/s/two", store) == first
 
 
-def test_a_finished_sweep_is_described_and_drawn(home: Path, store: Store) -> None:
-    """Table and commands as Markdown, curves over seeds as metrics and picture, children nested."""
+def test_a_finished_sweep_is_described(home: Path, store: Store) -> None:
+    """Table and commands as Markdown, curves over seeds as metrics, children nested."""
     sweep = opened(home / "runs/s", job("b-seed1", seed=1), job("b-seed2", seed=2))
     for seed in (1, 2):
         written(home / f"runs/s/b-seed{seed}", home, seed=seed)
@@ -156,7 +156,7 @@ def test_a_finished_sweep_is_described_and_drawn(home: Path, store: Store) -> No
     assert found.data.params["seed"] == "1, 2"
     assert found.data.params["supervisor.name"] == "baseline"
     names = {file.path for file in store.client.list_artifacts(parent)}
-    assert names == {"arms.md", "curves.svg", "sweep.json"}
+    assert names == {"arms.md", "sweep.json"}
     for entry in file_of(sweep).jobs:
         child = read_sent(sweep.path / entry.folder)
         assert child is not None
