@@ -17,7 +17,7 @@ from islandgp.bt.core.node import size
 from islandgp.commands.play_command import Column, fitting, numbers, parts, width_of
 from islandgp.resources import resource
 from islandgp.viewer.recording import IDLE, record
-from islandgp.viewer.trace import ELLIPSIS, courses, drawn, merged, stints, timeline
+from islandgp.viewer.trace import ELLIPSIS, action_spans, courses, drawn, merged, timeline
 from islandgp.viewer.watch import frame, lines, watch
 from tests.trees.shell import Cli
 from tests.viewer.episodes import going, island, small
@@ -210,15 +210,15 @@ def test_trace(islandgp: Cli) -> None:
 
 
 def test_trace_tells_every_call() -> None:
-    """The stints of the actions cover each tick in which an action was called, once."""
+    """The spans of the actions cover each tick in which an action was called, once."""
     recording = record(parse(GOOD.read_text()), island(), seed=1, stage=3)
     for place, codes in enumerate(recording.statuses):
-        own = [s for s in stints(recording) if s.place == place]
+        own = [s for s in action_spans(recording) if s.place == place]
         called = sum(s.end - s.start + 1 for s in own)
         if own:
             assert called == sum(code != IDLE for code in codes)
-    won = sum(s.points for s in stints(recording))
-    assert sum(s.points for s in merged(stints(recording))) == pytest.approx(won)
+    won = sum(s.points for s in action_spans(recording))
+    assert sum(s.points for s in merged(action_spans(recording))) == pytest.approx(won)
     credited = sum(
         c.points
         for c in recording.credits
@@ -328,9 +328,9 @@ def test_a_timeline_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     cut = [line.plain for line in timeline(recording)]
     assert cut[:-1] == whole[:6]
     assert cut[-1].startswith("More than 5 lines")
-    every = list(stints(recording))
+    every = list(action_spans(recording))
     for begin in (0, 1, every[3].start, every[3].start + 1, recording.ticks):
-        assert list(stints(recording, begin)) == [s for s in every if s.start >= begin]
+        assert list(action_spans(recording, begin)) == [s for s in every if s.start >= begin]
 
 
 def test_a_line_has_few_guards() -> None:
