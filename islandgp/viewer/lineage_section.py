@@ -70,7 +70,9 @@ def _item(view: RunView, step: LineageStep, most: float) -> str:
         gain = '<span class="gain"><small>another stage</small></span>'
     kept = ""
     if step.until > step.generation:
-        kept = f", kept to generation {step.until} (mean of {step.evaluated} evaluations)"
+        last = "" if view.champion is None else view.champion["id"]
+        name = f" as {last}" if last.startswith(f"{step.until}.") else ""
+        kept = f", kept to generation {step.until}{name} (mean of {step.evaluated} evaluations)"
     return (
         f'<li class="{kind}"><div class="head"><b>{escape(step.id)}</b>'
         f"<span>{escape(_origin(step))}</span>{gain}</div>"

@@ -13,9 +13,9 @@ from islandgp.records.manifest import add_to_manifest
 from islandgp.sweep.folder import SweepFile, SweepFolder, SweepJob
 from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.parent import metric_names, parent_run, send_sweep
-from islandgp.tracking.sent import read_sent
 from islandgp.tracking.store import Store
 from islandgp.tracking.summary import arm_table, arms
+from islandgp.tracking.sync_state import read_state
 from tests.tracking.folders import begun, written
 
 
@@ -158,7 +158,7 @@ def test_a_finished_sweep_is_described(home: Path, store: Store) -> None:
     names = {file.path for file in store.client.list_artifacts(parent)}
     assert names == {"arms.md", "sweep.json"}
     for entry in file_of(sweep).jobs:
-        child = read_sent(sweep.path / entry.folder)
+        child = read_state(sweep.path / entry.folder)
         assert child is not None
         assert store.client.get_run(child.run).data.tags["mlflow.parentRunId"] == parent
 
