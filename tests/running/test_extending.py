@@ -57,7 +57,8 @@ def write_files(folder: Path) -> None:
 def words_of(words: list[str]) -> list[str]:
     """The arguments of `islandgp` in a command of the page, a run as a small one."""
     if words[0] == "islandgp":
-        return words[1:]
+        short = ("--set", "world.episode.length=20") if "--check" in words else ()
+        return [*words[1:], *short]
     assert words[:3] == ["python", "-m", "islandgp"]
     return ["run", *words[3:], "evaluator=serial", *SMALL]
 

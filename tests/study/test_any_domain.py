@@ -78,7 +78,7 @@ UNSEEN = (Generalisation("expert", 0, 50.0, (40.0,) * 9, dict.fromkeys(TIERS, 0.
 
 
 @pytest.fixture(scope="module")
-def report() -> Report:
+def report(blank_module: None) -> Report:  # noqa: ARG001 -- figures are not rendered
     """Two arms in a maze whose class cannot even be imported."""
     return build(compare_arms(_arms()), UNSEEN, 9)
 

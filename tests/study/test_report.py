@@ -235,6 +235,7 @@ def test_validated_means_are_scores_too() -> None:
     assert champion_scores(compare_arms([one, arms[1]], force=True), ()) == {}
 
 
+@pytest.mark.usefixtures("blank")
 def test_a_run_that_is_cut_has_no_validated_mean() -> None:
     """Its champion is another one then, so nothing but the reason is shown."""
     arms = [
@@ -280,6 +281,7 @@ def test_champions_stand_beside_the_yardsticks(written: tuple[Report, Path]) -> 
     )
 
 
+@pytest.mark.usefixtures("blank")
 def test_families_are_by_question() -> None:
     """The first pair answers the paper's claims; the other pairs are a family of their own."""
     report = build(_study("expert", "baseline", "fixed"), (), 0)
@@ -316,6 +318,7 @@ def test_arms_that_inject_are_a_family_by_themselves() -> None:
     ]
 
 
+@pytest.mark.usefixtures("blank")
 def test_a_plan_is_reported_as_it_was_laid_down() -> None:
     """Primary endpoint first and not adjusted; a family by name; margins decide what is alike."""
     plan = parse_plan(
@@ -390,6 +393,7 @@ def test_one_run_an_arm_is_reported_and_shows_nothing() -> None:
     assert "nan" not in writing.tests_csv(report.findings)
 
 
+@pytest.mark.usefixtures("blank")
 def test_a_forced_comparison_says_so_on_top() -> None:
     """The differences stand in the page before anything else."""
     report = build(_study("expert", "baseline", force=True), (), 0)
@@ -398,6 +402,7 @@ def test_a_forced_comparison_says_so_on_top() -> None:
     assert page.index("not comparable") < page.index("<h2")
 
 
+@pytest.mark.usefixtures("blank")
 def test_arms_without_supervision_leave_figures_out() -> None:
     """Without patterns there is no Figure 8, without injection no Figure 9, and it is said."""
     report = build(_study("baseline", "fixed"), (), 0)
@@ -458,6 +463,7 @@ def test_claims_say_their_family(written: tuple[Report, Path]) -> None:
     assert units["Behavioural diversity is higher"] == "Eq. (3)"
 
 
+@pytest.mark.usefixtures("blank")
 def test_two_arms_without_any_have_no_difference_in_it() -> None:
     """A tier that nobody reached is 'never' and a dash, not "0.0 [0.0, 0.0]"."""
     arms = [made_arm(name, [made_run(name, s) for s in (0, 1)]) for name in ("expert", "baseline")]
