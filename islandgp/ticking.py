@@ -229,7 +229,7 @@ class Stepped:
         places = self.schema.vocabulary.places
         board = [0.0] * len(places)
         watch = None if observer is None else observer.node
-        tick = compile_tree(tree, leaves.tick_of, board, places, watch=watch)
+        tick = compile_tree(tree, leaves.tick_of, board, places, watch=watch, step_s=self.step_s)
         done, ending = 0, ""
         while not ending and done < self.world.ticks:
             values = episode.sense()

@@ -27,9 +27,17 @@ class TreeNode:
     """A tree at work in a node of ROS 2."""
 
     def __init__(
-        self, node: Any, file: Path, robot_map: RobotMap, vocabulary: Path | None = None
+        self,
+        node: Any,
+        file: Path,
+        robot_map: RobotMap,
+        vocabulary: Path | None = None,
+        *,
+        step_s: float | None = None,
     ) -> None:
         """Makes clients and subscriptions of `node`, an rclpy Node.
+
+        `vocabulary` and `step_s` are those of `load_tree` and `Tree.bind`.
 
         Raises:
             ConfigError: the map names an interface or a field that there is not.
@@ -39,7 +47,7 @@ class TreeNode:
 
         self._log = node.get_logger()
         self._file, self._vocabulary = file, vocabulary
-        self._message = String
+        self._message, self._step_s = String, step_s
         self._actions = RosLeaves(node, robot_map.actions)
         self._keys = ros_keys(node, robot_map.keys)
         self._stamp = _stamp(file)
@@ -83,7 +91,9 @@ class TreeNode:
         return self._keys[key]() is None
 
     def _load(self) -> RobotTree:
-        return load_tree(self._file, self._vocabulary).bind(self._actions.leaves, self._keys)
+        return load_tree(self._file, self._vocabulary).bind(
+            self._actions.leaves, self._keys, step_s=self._step_s
+        )
 
     def _reload(self) -> None:
         """Loads the tree again where a file has changed; a file with errors changes nothing."""

@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 from islandgp.bt.analysis.outcomes import dead_end, hands_over, never
 from islandgp.bt.analysis.truth import (
-    Standing,
+    NodeContext,
     below,
     excludes,
     implies,
@@ -22,7 +22,7 @@ from islandgp.bt.analysis.truth import (
     shorter,
     whenever_asked,
 )
-from islandgp.bt.core.condition import Asked, terms
+from islandgp.bt.core.condition import ConditionExpr, terms
 from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.language import parse_placed, plain
 from islandgp.bt.core.node import FAILURE, SUCCESS, GuardArgs, Node, size
@@ -65,7 +65,7 @@ class _Place(NamedTuple):
     """A node where it stands in the expanded tree."""
 
     node: Node
-    standing: Standing
+    context: NodeContext
     above: Above
 
 
@@ -94,10 +94,10 @@ def warnings(
     return sorted(found)
 
 
-def _places(node: Node, standing: Standing, above: Above) -> Iterator[_Place]:
-    yield _Place(node, standing, above)
+def _places(node: Node, context: NodeContext, above: Above) -> Iterator[_Place]:
+    yield _Place(node, context, above)
     for index, child in enumerate(node.children):
-        yield from _places(child, below(node, standing, index), (*above, (node, index)))
+        yield from _places(child, below(node, context, index), (*above, (node, index)))
 
 
 def _unused(file: Any) -> Iterator[LintWarning]:
@@ -112,20 +112,20 @@ def _unused(file: Any) -> Iterator[LintWarning]:
 
 def _about(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, str]]:
     """Warnings about one node: where, which of CODES, and in words."""
-    node, standing, above = place
+    node, context, above = place
     kind = kind_of(node)
     if kind.hands_over is not None:
-        yield from _never_goes_on(node, standing, at)
+        yield from _never_goes_on(node, context, at)
     elif kind.inverts and kind_of(node.children[0]).inverts:
         yield at, "double-inverter", "double inverter: the two undo each other"
     elif node.guard:
-        yield from _guard(node.guard, standing, above, at)
+        yield from _guard(node.guard, context, above, at)
     elif node.action:
         yield from _action(place, at, course)
 
 
-def _never_goes_on(node: Node, standing: Standing, at: int) -> Iterator[tuple[int, str, str]]:
-    index = dead_end(node, standing)
+def _never_goes_on(node: Node, context: NodeContext, at: int) -> Iterator[tuple[int, str, str]]:
+    index = dead_end(node, context)
     if index is not None:
         word = "fails" if hands_over(node) == FAILURE else "succeeds"
         message = (
@@ -136,39 +136,39 @@ def _never_goes_on(node: Node, standing: Standing, at: int) -> Iterator[tuple[in
 
 
 def _guard(
-    guard: GuardArgs, standing: Standing, above: Above, at: int
+    guard: GuardArgs, context: NodeContext, above: Above, at: int
 ) -> Iterator[tuple[int, str, str]]:
-    asked = guard.condition
-    if never(guard, standing):
-        why = _why_not(asked, standing.at_start, above, standing.vocabulary)
+    expr = guard.condition
+    if never(guard, context):
+        why = _why_not(expr, context.at_start, above, context.vocabulary)
         yield at + 1, "unreachable", f"this branch can never run: {why}"
         return
-    if implies(standing.at_start, asked):
-        needless = not guard.checks_itself or implies(standing.always, asked)
-        if needless and not may_interrupt(guard, standing):
-            message = f"this guard says nothing new: {_why(asked, above)}"
+    if implies(context.at_start, expr):
+        needless = not guard.checks_itself or implies(context.always, expr)
+        if needless and not may_interrupt(guard, context):
+            message = f"this guard says nothing new: {_why(expr, above)}"
             yield at, "needless-guard", message
             return
-    elif guard.abort == "lower" and standing.observer is None:
+    elif guard.abort == "lower" and context.observer is None:
         message = "abort lower is abort none here: no composite has a later branch to stop"
         yield at, "needless-abort", message
-    if (same := shorter(asked, whenever_asked(guard, standing))) != asked:
+    if (same := shorter(expr, whenever_asked(guard, context))) != expr:
         message = f"this condition is the same as a shorter one: {condition_text(same)}"
         yield at, "long-condition", message
 
 
 def _action(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, str]]:
-    node, standing, above = place
+    node, context, above = place
     name = node.action
-    known = standing.vocabulary.action(name)
-    needs = [(needed, standing.at_start) for needed in known.to_start]
-    needs += [(needed, standing.always) for needed in known.to_succeed]
+    known = context.vocabulary.action(name)
+    needs = [(needed, context.at_start) for needed in known.to_start]
+    needs += [(needed, context.always) for needed in known.to_succeed]
     for needed, holding in needs:
         if not excludes(holding, needed):
             continue
         if course.changed_before(needed.key, known.changes.get(needed.key, 0), at):
             continue
-        reason = _why_not(needed, holding, above, standing.vocabulary, for_action=True)
+        reason = _why_not(needed, holding, above, context.vocabulary, for_action=True)
         yield at, "never-succeeds", f"{name} can never succeed here: {reason}"
         return
 
@@ -202,10 +202,10 @@ class _Course:
 
         def visit(before: bool) -> tuple[bool, bool]:
             """Whether an action below changes the key, and one whose success may not pass up."""
-            node, standing, _ = places[len(found)]
+            node, context, _ = places[len(found)]
             found.append(before)
             if node.action:
-                known = standing.vocabulary.action(node.action)
+                known = context.vocabulary.action(node.action)
                 return known.changes.get(key, 0) * sign < 0, False
             changes = stays = False
             for index in range(len(node.children)):
@@ -230,8 +230,8 @@ def _passes_up(node: Node, index: int) -> bool:
 
 
 def _why_not(
-    needed: Asked,
-    known: Sequence[Asked],
+    needed: ConditionExpr,
+    known: Sequence[ConditionExpr],
     above: Above,
     vocabulary: Vocabulary,
     *,
@@ -253,13 +253,13 @@ def _why_not(
     return f"{lead}, but above it stands {stands}"
 
 
-def _why(asked: Asked, above: Above) -> str:
+def _why(expr: ConditionExpr, above: Above) -> str:
     """Why a condition always holds."""
-    same = [c for c in _guards(above) if implies((c,), asked)]
+    same = [c for c in _guards(above) if implies((c,), expr)]
     if not same:
-        return f"{condition_text(asked)} always holds"
+        return f"{condition_text(expr)} always holds"
     return f"when {condition_text(same[-1])} stands above it already"
 
 
-def _guards(above: Above) -> list[Asked]:
+def _guards(above: Above) -> list[ConditionExpr]:
     return [node.guard.condition for node, _ in above if node.guard]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from textwrap import shorten
 from typing import Any, Final, TypeAlias
 
-from islandgp.bt.core.condition import OPERATORS, Asked, Condition, denied, joined
+from islandgp.bt.core.condition import OPERATORS, Condition, ConditionExpr, conjoin, negate
 from islandgp.bt.core.diagnosis import unknown_argument, unknown_key, unknown_node
 from islandgp.bt.core.includes import ParsedFile
 from islandgp.bt.core.kinds import KINDS, Argument, Sort
@@ -41,7 +41,7 @@ _Places: TypeAlias = list[Any]
 
 
 @dataclass(frozen=True, slots=True)
-class _Subtree:
+class _BuiltSubtree:
     node: Node
     nodes: int  # expanded
     levels: int  # expanded
@@ -55,7 +55,7 @@ class _Template:
 
     parameters: tuple[str, ...]
     body: _Tree
-    whole: _Subtree  # with 1 for each parameter
+    whole: _BuiltSubtree  # with 1 for each parameter
 
 
 class Builder:
@@ -86,7 +86,7 @@ class Builder:
         self.nodes = 0  # of the tree that is being built, so far
         self.levels = 0
         self._templates: dict[str, _Template] = {}
-        self._instances: dict[tuple[str, tuple[float, ...]], _Subtree] = {}
+        self._instances: dict[tuple[str, tuple[float, ...]], _BuiltSubtree] = {}
         self._constants: dict[str, float] = {}
         self._values: dict[str, float] = {}  # of parameters of the subtree that is being built
         self._defining = False  # whether each parameter has the value 1 until the subtree is used
@@ -112,7 +112,7 @@ class Builder:
             return NO_TREE
         return self._whole(last[0])
 
-    def condition(self, tree: _Tree) -> Asked:
+    def condition(self, tree: _Tree) -> ConditionExpr:
         """A condition alone."""
         self._terms = 0
         return self._asked(tree, 1)
@@ -144,7 +144,7 @@ class Builder:
         self._values = {}
         self._later.discard(str(name))
 
-    def _instance(self, name: _Token, given: Sequence[_Token], level: int) -> _Subtree:
+    def _instance(self, name: _Token, given: Sequence[_Token], level: int) -> _BuiltSubtree:
         """The subtree with these arguments; each is built once."""
         template = self._templates[str(name)]
         if given and not template.parameters:
@@ -184,8 +184,8 @@ class Builder:
         self.nodes, self.levels, self._places = outside
         return found
 
-    def _finished(self, node: Node) -> _Subtree:
-        return _Subtree(node, self.nodes, self.levels, self._places, self._source)
+    def _finished(self, node: Node) -> _BuiltSubtree:
+        return _BuiltSubtree(node, self.nodes, self.levels, self._places, self._source)
 
     def _whole(self, tree: _Tree, name: str = "", base: int = 1) -> Node:
         """A tree whose root is on the level `base` of all that is being built."""
@@ -274,13 +274,20 @@ class Builder:
             )
         return value
 
-    def _argument(self, kind: str, argument: Argument, tree: _Tree) -> Asked | float | str:
+    def _argument(self, kind: str, argument: Argument, tree: _Tree) -> ConditionExpr | float | str:
         """The value of an argument, from what stands for it."""
         if argument.sort is Sort.CONDITION:
             return self.condition(tree)
+        if argument.sort is Sort.SECONDS:
+            return self._seconds(kind, argument, tree)
         if argument.sort is Sort.COUNT:
-            return self._count_of(kind, argument, tree)
-        return str(tree.children[0])
+            return self._count_of(argument, tree, f"a {kind} can't repeat {{}} times")
+        word = tree.children[0]
+        if word.type in ("NAME", "NUMBER"):
+            return self._count_of(
+                argument, word, f"{{}} is no number of children for {argument.name}"
+            )
+        return str(word)
 
     def written(self, tree: _Tree, parameters: Sequence[str]) -> Node:
         """A tree of what has been built, as it is written, in a subtree with these parameters.
@@ -318,7 +325,7 @@ class Builder:
                 kind=LimitError,
             )
 
-    def _asked(self, tree: _Tree, level: int) -> Asked:
+    def _asked(self, tree: _Tree, level: int) -> ConditionExpr:
         form, parts = str(tree.data), tree.children
         if form in ("comparison", "flag"):
             self._terms += 1
@@ -331,10 +338,10 @@ class Builder:
         self._bounded(_first_word(tree), level)
         inside = [self._asked(part, level + 1) for part in parts]
         if form == "negation":
-            return denied(inside[0])
+            return negate(inside[0])
         if form == "brackets":
             return inside[0]
-        return joined("and" if form == "conjunction" else "or", inside)
+        return conjoin("and" if form == "conjunction" else "or", inside)
 
     def _bounded(self, at: _Token, level: int) -> None:
         if self._terms > MAX_TERMS or level > MAX_NESTED:
@@ -384,7 +391,18 @@ class Builder:
             )
         return value
 
-    def _count_of(self, kind: str, argument: Argument, token: _Token) -> float:
+    def _seconds(self, kind: str, argument: Argument, token: _Token) -> float:
+        least, most = argument.range
+        seconds = self._number(token)
+        if not least <= seconds <= most:
+            raise self._source.error_at(
+                token,
+                f"a {kind} can't last {shown(token)} seconds",
+                expected=f"seconds from {least:g} to {most:,}",
+            )
+        return seconds
+
+    def _count_of(self, argument: Argument, token: _Token, message: str) -> float:
         fewest, most = argument.range
         count = 0.0
         if token.type == "NAME":
@@ -394,7 +412,7 @@ class Builder:
         if count != int(count) or not fewest <= count <= most:
             raise self._source.error_at(
                 token,
-                f"a {kind} can't repeat {shown(token)} times",
+                message.format(shown(token)),
                 expected=f"a whole number from {fewest} to {most}",
             )
         return count if isinstance(count, Named) else int(count)

@@ -8,7 +8,7 @@ from itertools import pairwise, takewhile
 from typing import TYPE_CHECKING
 
 from islandgp.bt.core.condition import OPERATORS
-from islandgp.bt.core.kinds import COUNTED, GUARDS, INNER
+from islandgp.bt.core.kinds import COUNTED, GUARDS, INNER, TIMED
 from islandgp.bt.core.parameters import Parameter, value_range
 from islandgp.bt.core.source import Source, closest, shown
 from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 _NAMING = ("subtree", "use", "domain", "constant")  # a name of its own stands behind
 _NODE_WORDS = (*INNER, "use")
+_BEFORE_NUMBERS = (*COUNTED, *TIMED, "success", "failure")
 
 # What the parser's terminals look like in a text.
 _SPELLING = {
@@ -152,7 +153,7 @@ def _names_of_numbers(words: Sequence[Token]) -> set[int]:
         if (
             inside
             or compared
-            or (at > 0 and words[at - 1] in COUNTED)
+            or (at > 0 and words[at - 1] in _BEFORE_NUMBERS)
             or before[:1] == ["constant"]
         ):
             found.add(at)

@@ -16,7 +16,7 @@ from islandgp.bt.core.builder import MAX_LEVELS as MAX_LEVELS
 from islandgp.bt.core.builder import MAX_NODES as MAX_NODES
 from islandgp.bt.core.builder import MAX_NUMBER as MAX_NUMBER
 from islandgp.bt.core.builder import Builder
-from islandgp.bt.core.condition import Asked
+from islandgp.bt.core.condition import ConditionExpr
 from islandgp.bt.core.diagnosis import syntax_error
 from islandgp.bt.core.includes import ParsedFile, gathered
 from islandgp.bt.core.node import Node
@@ -153,7 +153,7 @@ def following(text: str) -> frozenset[str]:
     return frozenset(interactive.accepts())  # type: ignore[no-untyped-call] # lark types it not
 
 
-def parse_condition(text: str, vocabulary: Vocabulary) -> Asked:
+def parse_condition(text: str, vocabulary: Vocabulary) -> ConditionExpr:
     """The condition that a text says, as it stands behind `when`. Raises TreeError as `parse`."""
     from lark.exceptions import UnexpectedInput
 

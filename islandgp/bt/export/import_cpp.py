@@ -1,30 +1,41 @@
 """Reads BehaviorTree.CPP XML, version 4, for the nodes that the language has too.
 
 The nodes of `nodes/islandgp_nodes.hpp` are those of the language. Of the library's
-own, a condition in a ReactiveSequence checks itself, and one in a ReactiveFallback
-interrupts. What does not mean quite the same here is told with its place; what has
-no equal here is refused with its place and a reason, never guessed.
+own, a condition at the front of a ReactiveSequence checks itself. What does not mean
+quite the same here is told with its place; what has no equal here is refused with its
+place and a reason, never guessed.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Final, NamedTuple, NoReturn
 
-from islandgp.bt.analysis.truth import hidden, with_aborts
-from islandgp.bt.core.condition import Compound, denied, opposite, terms
-from islandgp.bt.core.kinds import ABORTS, POLICIES, REPEATS
+from islandgp.bt.analysis.truth import hidden
+from islandgp.bt.core.condition import Compound, negate, opposite, terms
+from islandgp.bt.core.kinds import ABORTS, POLICIES, REPEATS, SECONDS
 from islandgp.bt.core.language import MAX_LEVELS, MAX_NODES, parse, parse_condition
-from islandgp.bt.core.node import CountArgs, Node, ParallelArgs, Used, guarded, leaf
+from islandgp.bt.core.node import (
+    CountArgs,
+    Node,
+    ParallelArgs,
+    Policy,
+    SecondsArgs,
+    Used,
+    guarded,
+    leaf,
+)
 from islandgp.bt.core.printer import with_subtrees
 from islandgp.bt.core.source import closest, shown
 from islandgp.bt.core.vocabulary import RESERVED, Vocabulary
 from islandgp.bt.export.behaviortree_cpp import EQUAL, JUDGED, NODES, REPEAT, REST, TAGS
-from islandgp.bt.export.plan import LEVEL, ORDER, RESUMED, Loss, fresh_name, hands_over
+from islandgp.bt.export.plan import CLOCK, Loss, fresh_name
 from islandgp.bt.export.scripts import read_condition
 from islandgp.bt.export.xml_reader import Element, read_xml
 from islandgp.errors import LimitError, TreeError
 
+_NUMBER: Final = re.compile(r"[0-9]{1,9}(\.[0-9]{1,9})?")
 _EXPLICIT: Final = ("Action", "Condition", "Control", "Decorator")  # <Action ID="X"/> is <X/>
 _ATTRIBUTES: Final = {
     "SubTree": ("_autoremap",),
@@ -47,6 +58,14 @@ _COUNTED: Final = {
     "RetryUntilSuccessful": ("retry", "num_attempts"),
     "RetryPerTick": ("retry", "num_attempts"),
 }
+
+_TIMED: Final = {
+    "WaitTicks": ("wait", "seconds", 1),
+    "TimeoutTicks": ("timeout", "seconds", 1),
+    "Delay": ("wait", "delay_msec", 1000),
+    "Timeout": ("timeout", "msec", 1000),
+}
+"""By tag: our kind, the attribute, and how many of its units are a second."""
 
 SCOPE = Loss(
     "scope",
@@ -95,7 +114,7 @@ def read_tree(
     return Imported(checked, tuple(sorted(importer.differences.values())), written)
 
 
-class _Subtree(NamedTuple):
+class _ReadSubtree(NamedTuple):
     node: Node
     nodes: int
     levels: int
@@ -114,7 +133,7 @@ class _Importer:
         self._vocabulary = vocabulary
         self._root = root
         self._trees = self._all_trees()
-        self._read: dict[str, _Subtree] = {}
+        self._read: dict[str, _ReadSubtree] = {}
         self._names = {*RESERVED, *vocabulary.actions}  # that no other subtree can have
         self._open: list[str] = []  # trees that are being read
         self._nodes = 0  # of the tree that is being read, so far
@@ -166,7 +185,7 @@ class _Importer:
             self._fail(root, "expected <root> with a <BehaviorTree>, found none")
         return found
 
-    def _subtree(self, identity: str, user: Element) -> _Subtree:
+    def _subtree(self, identity: str, user: Element) -> _ReadSubtree:
         if identity in self._read:
             return self._read[identity]
         if identity not in self._trees:
@@ -192,7 +211,7 @@ class _Importer:
             name = fresh_name(identity, self._names)
             self._names.add(name)
             node = Used.of(node, name)
-        self._read[identity] = _Subtree(node, self._nodes, self._levels, self._asks)
+        self._read[identity] = _ReadSubtree(node, self._nodes, self._levels, self._asks)
         self._nodes, self._level, self._levels, self._asks = outside
         return self._read[identity]
 
@@ -241,12 +260,14 @@ class _Importer:
             return self._own_guard(element)
         if tag == "JudgedParallel":
             defaults = (("success", "all"), ("failure", "one"))
-            policies = ParallelArgs(*(self._policy(element, *each) for each in defaults))
-            return Node("parallel", policies, self._nodes_of(element))
+            policies = [self._policy(element, *each) for each in defaults]
+            return Node("parallel", ParallelArgs(*policies), self._nodes_of(element))
         if tag in _DECORATORS:
             return Node(_DECORATORS[tag], (), (self._node(self._only_child(element)),))
         if tag in _COUNTED:
             return self._repeat(element, tag)
+        if tag in _TIMED:
+            return self._timed(element, tag)
         if tag == "Parallel":
             return self._parallel(element)
         if tag == "ScriptCondition":
@@ -276,11 +297,11 @@ class _Importer:
         return parts[0] if len(parts) == 1 and len(elements) > 1 else Node(kind, (), tuple(parts))
 
     def _reactive(self, element: Element, elements: Sequence[Element]) -> Node:
-        """Conditions at the front guard the rest and check themselves; the others interrupt."""
+        """A condition at the front guards the rest and checks itself."""
         first, *rest = elements
         if _tag(first) == "ScriptCondition" and rest:
             return self._guarding(first, element, rest, "self")
-        return self._interrupting(_COMPOSITES[_tag(element)], element, elements)
+        return Node(f"reactive_{_COMPOSITES[_tag(element)]}", (), tuple(map(self._node, elements)))
 
     def _guarding(
         self, condition: Element, element: Element, behind: Sequence[Element], abort: str
@@ -299,40 +320,19 @@ class _Importer:
         # In that library no composite observes a guard behind a condition.
         return self._guard(condition, hidden(inner), abort, inverted=inverted)
 
-    def _interrupting(self, kind: str, element: Element, elements: Sequence[Element]) -> Node:
-        """A composite whose branches, but for the last, begin with a guard that interrupts."""
-        *earlier, last = elements
-        parts = []
-        for branch in earlier:
-            part = self._node(branch)
-            if not hands_over(part, kind):
-                self._fail(
-                    branch,
-                    f"in a {_tag(element)}, all but the last child must begin with a condition:"
-                    " the language takes a branch up again only when a condition asks for it",
-                )
-            parts.append(with_aborts(part, {"none": "lower", "self": "both"}))
-        if earlier:
-            for loss in (LEVEL, ORDER, RESUMED):
-                self._differs(element, loss)
-        end = self._node(last)
-        nested = last.attributes.get("name") == REST and end.kind == kind
-        parts += end.children if nested else [end]
-        return Node(kind, (), tuple(parts))
-
     def _guard(self, element: Element, child: Node, abort: str, *, inverted: bool) -> Node:
         """Runs its child where a condition holds; inverted: succeeds there, else runs the child."""
         self._check_attributes(element, "ScriptCondition")
         self._asks = True
         try:
-            asked = read_condition(element.attributes.get("code", ""), self._vocabulary)
+            expr = read_condition(element.attributes.get("code", ""), self._vocabulary)
         except ValueError as error:
             self._fail(element, str(error))
-        if any(term.operator in ("==", "!=") for term in terms(asked)):
+        if any(term.operator in ("==", "!=") for term in terms(expr)):
             self._differs(element, EQUAL)
         if not inverted:
-            return guarded(asked, child, abort)
-        against = denied(asked) if isinstance(asked, Compound) else opposite(asked)
+            return guarded(expr, child, abort)
+        against = negate(expr) if isinstance(expr, Compound) else opposite(expr)
         guard = guarded(against, Node("inverter", (), (child,)), abort)
         return Node("inverter", (), (guard,))
 
@@ -345,11 +345,11 @@ class _Importer:
                 element, f"expected abort {', '.join(ABORTS)}, found {shown(abort)}; choose one"
             )
         try:
-            asked = parse_condition(given.get("condition", ""), self._vocabulary)
+            expr = parse_condition(given.get("condition", ""), self._vocabulary)
         except TreeError as error:
             said = [line.strip() for line in str(error).splitlines()]
             self._fail(element, "; ".join(["in the condition, place " + said[0], *said[3:]]))
-        return guarded(asked, self._node(self._only_child(element)), abort)
+        return guarded(expr, self._node(self._only_child(element)), abort)
 
     def _repeat(self, element: Element, tag: str) -> Node:
         kind, attribute = _COUNTED[tag]
@@ -363,33 +363,53 @@ class _Importer:
             self._differs(element, REPEAT)
         return Node(kind, CountArgs(int(count)), (self._node(self._only_child(element)),))
 
-    def _policy(self, element: Element, attribute: str, default: str) -> str:
+    def _timed(self, element: Element, tag: str) -> Node:
+        kind, attribute, unit = _TIMED[tag]
+        text = element.attributes.get(attribute, "")
+        seconds = float(text) / unit if _NUMBER.fullmatch(text) else 0.0
+        least, most = SECONDS
+        if not least <= seconds <= most:
+            self._fail(
+                element,
+                f"expected {attribute} from {least * unit:g} to {most * unit:,}, found"
+                f" {shown(text)}",
+            )
+        if unit != 1:
+            self._differs(element, CLOCK)
+        return Node(kind, SecondsArgs(seconds), (self._node(self._only_child(element)),))
+
+    def _policy(self, element: Element, attribute: str, default: str) -> Policy:
         found = element.attributes.get(attribute, default)
-        if found not in POLICIES:
-            self._fail(element, f"expected {attribute} one or all, found {shown(found)}")
-        return found
+        if found in POLICIES:
+            return found
+        if not (found.isdecimal() and len(found) < 10 and REPEATS[0] <= int(found) <= REPEATS[1]):
+            self._fail(element, f"expected {attribute} one, all or a number, found {shown(found)}")
+        return int(found)
 
     def _parallel(self, element: Element) -> Node:
         children = self._children(element)
-        success = self._threshold(element, "success_count", "-1", len(children))
-        failure = self._threshold(element, "failure_count", "1", len(children))
-        if success == "all":
-            failure = "one"  # it fails when it can't succeed any more: at the first failure
+        count = len(children)
+        success = self._threshold(element, "success_count", "-1", count)
+        failure = self._threshold(element, "failure_count", "1", count)
+        # It fails when it can't succeed any more.
+        failure = min(failure, count - success + 1)
         if len(children) > 1:
             self._differs(element, JUDGED)
-        return Node("parallel", ParallelArgs(success, failure), tuple(map(self._node, children)))
+        return Node(
+            "parallel",
+            ParallelArgs(_policy(success, count), _policy(failure, count)),
+            tuple(map(self._node, children)),
+        )
 
-    def _threshold(self, element: Element, attribute: str, default: str, count: int) -> str:
+    def _threshold(self, element: Element, attribute: str, default: str, count: int) -> int:
         value = element.attributes.get(attribute, default)
-        if value in ("-1", str(count)) and value != "1":
-            return "all"
-        if value != "1":
+        number = int(value) if re.fullmatch(r"-?[0-9]{1,4}", value) else 0
+        number = max(0, count + number + 1) if number < 0 else number  # -1 is all
+        if not 1 <= number <= min(count, REPEATS[1]):
             self._fail(
-                element,
-                f"expected {attribute} 1 or all {count} (-1), found {shown(value)}: a parallel here"
-                " asks one child or all",
+                element, f"expected {attribute} 1 to {count}, or -1 for all, found {shown(value)}"
             )
-        return "one"
+        return number
 
     def _nodes_of(self, element: Element) -> tuple[Node, ...]:
         return tuple(map(self._node, self._children(element)))
@@ -425,6 +445,10 @@ class _Importer:
     def _fail(self, element: Element, message: str) -> NoReturn:
         line, column = element.line, element.column
         raise TreeError(f"{self._name}:{line}:{column}: {message}", line=line, column=column)
+
+
+def _policy(number: int, count: int) -> Policy:
+    return "one" if number == 1 else "all" if number == count else number
 
 
 def _listed(names: Sequence[str] | dict[str, Element]) -> str:
