@@ -6,6 +6,7 @@ pointed out where that part is written. Each gives its reason.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,8 +43,14 @@ CODES: Final = {
     "never-succeeds": "an action that can never succeed where it stands",
     "needless-abort": "`abort lower` where no later branch is there to be stopped",
     "unused-subtree": "a named subtree that is never used",
+    "unused-constant": "a constant that is never used",
+    "unused-parameter": "a parameter that its subtree does not use",
 }
 """What a finding is about, by a name that stays."""
+
+
+ADVICE: Final = frozenset({"needless-guard", "long-condition", "double-inverter", "needless-abort"})
+"""Codes of what could be left out."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -74,24 +81,33 @@ def warnings(
 ) -> list[LintWarning]:
     """The doubtful places of a file, in its order, each once.
 
-    What is doubtful in an included subtree is told where that is used. `folder`: as `parse`.
+    What could be left out of a subtree is told if that is so wherever it is used. What is
+    doubtful in an included subtree is told where that is used. `folder`: as `parse`.
 
     Raises:
         TreeError: the text is not a tree of the language.
     """
     tree, written, file = parse_placed(text, vocabulary, name=name, folder=folder)
-    found = set(_unused(file))
     cold: set[int] = set()  # places below a node that never runs: one warning is enough
     places = list(_places(tree, root_of(vocabulary), ()))
     course = _Course(places)
+    doubts: dict[tuple[int, str], dict[int, str]] = {}  # by origin and code: message by place
     for index, place in enumerate(places):
         if index in cold:
             continue
         for at, code, message in _about(place, index, course):
-            found.add(LintWarning(*written[at], message, code))
+            doubts.setdefault((written[at].origin, code), {})[at] = message
             if code == "unreachable":
                 cold.update(range(at, at + size(places[at].node)))
-    return sorted(found)
+    uses = Counter(place.origin for at, place in enumerate(written) if at not in cold)
+    found = {
+        (written[at][:2], code): messages[at]
+        for (origin, code), messages in doubts.items()
+        if code not in ADVICE or len(messages) == uses[origin]
+        for at in sorted(messages, reverse=True)
+    }
+    doubtful = [LintWarning(*at, message, code) for (at, code), message in found.items()]
+    return sorted([*_unused(file), *doubtful])
 
 
 def _places(node: Node, context: NodeContext, above: Above) -> Iterator[_Place]:
@@ -101,13 +117,36 @@ def _places(node: Node, context: NodeContext, above: Above) -> Iterator[_Place]:
 
 
 def _unused(file: Any) -> Iterator[LintWarning]:
-    """Subtrees that a file defines and never uses; `file`: as the grammar has it."""
+    """What a file defines and never uses; `file`: as the grammar has it."""
     used = {str(use.children[0]) for use in file.find_data("use")}
     for subtree in file.find_data("subtree"):
-        name = subtree.children[0]
+        name, *parameters, body = subtree.children
         if name not in used:
-            message = f"subtree {str(name)!r} is never used"
-            yield LintWarning(name.line, name.column, message, "unused-subtree")
+            yield _never_used("subtree", name)
+        numbers = _words_behind_the_first(body)
+        for parameter in (each for part in parameters for each in part.children):
+            if parameter not in numbers:
+                yield _never_used("parameter", parameter)
+    numbers = _words_behind_the_first(file)
+    for constant in file.find_data("constant"):
+        if constant.children[0] not in numbers:
+            yield _never_used("constant", constant.children[0])
+
+
+def _never_used(what: str, name: Any) -> LintWarning:
+    message = f"{what} {str(name)!r} is never used"
+    return LintWarning(name.line, name.column, message, f"unused-{what}")
+
+
+def _words_behind_the_first(tree: Any) -> set[str]:
+    """The names in a tree of the grammar, but for those that begin a part: numbers and words."""
+    words = (token for part in tree.iter_subtrees() for token in part.children[_first(part) :])
+    return {str(word) for word in words if not hasattr(word, "children") and word.type == "NAME"}
+
+
+def _first(part: Any) -> int:
+    """0 where the first word of a part can be a number: the arguments of a `use`, a policy."""
+    return int(part.data not in ("arguments", "success", "failure"))
 
 
 def _about(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, str]]:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from textwrap import shorten
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 from islandgp.bt.core.condition import OPERATORS, Condition, ConditionExpr, conjoin, negate
 from islandgp.bt.core.diagnosis import unknown_argument, unknown_key, unknown_node
@@ -38,6 +38,14 @@ _NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?")
 
 _Places: TypeAlias = list[Any]
 """Where nodes stand, in document order: a word, or (a subtree, its use)."""
+
+
+class NodePlace(NamedTuple):
+    """Where a node is written."""
+
+    line: int  # from 1
+    column: int
+    origin: int  # the same for all uses of a node of a subtree
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,12 +80,15 @@ class Builder:
         *,
         marked: bool = False,
         named: bool = False,
+        errors: list[TreeError] | None = None,
     ) -> None:
         """Without a vocabulary every name is an action, and every key a flag or a number.
 
         Marked: the root of a subtree that is used is a `Used`. Named: the numbers of constants
-        and parameters are `Named`.
+        and parameters are `Named`. Errors: a list to which wrong names and numbers are added,
+        instead of raising the first of them.
         """
+        self._errors = errors
         self._marked = marked
         self._named = named
         self._source = source
@@ -193,12 +204,12 @@ class Builder:
         self._name, self._base, self._places = name, base, []
         return self._node(tree, 1)
 
-    def places(self) -> list[tuple[int, int]]:
-        """Line and column of each node of the tree that was built, in document order.
+    def places(self) -> list[NodePlace]:
+        """Where each node of the tree that was built is written, in document order.
 
         A node of an included subtree stands where that is used. The grammar's trees must be placed.
         """
-        found: list[tuple[int, int]] = []
+        found: list[NodePlace] = []
         inside: list[tuple[Iterator[Any], tuple[int, int] | None]] = [(iter(self._places), None)]
         while inside:
             rest, at = inside[-1]
@@ -209,18 +220,25 @@ class Builder:
                     here = at or (None if own else (use.meta.line, use.meta.column))
                     inside.append((iter(subtree.places), here))
                     break
-                found.append(at or (each.line, each.column))
+                line, column = at or (each.line, each.column)
+                found.append(NodePlace(line, column, id(each)))
             else:
                 inside.pop()
         return found
 
     def _node(self, tree: _Tree, level: int) -> Node:
         kind, parts = str(tree.data), tree.children
-        if kind == "use":
-            return self._use(tree, parts[0], parts[1].children if parts[1:] else [], level)
-        self._count(parts[0], nodes=1, deepest=level)
-        self._places.append(parts[0])
-        node, below = self._head(tree)
+        try:
+            if kind == "use":
+                return self._use(tree, parts[0], parts[1].children if parts[1:] else [], level)
+            self._count(parts[0], nodes=1, deepest=level)
+            self._places.append(parts[0])
+            node, below = self._head(tree)
+        except TreeError as error:
+            if self._errors is None or isinstance(error, LimitError):
+                raise
+            self._errors.append(error)
+            node, below = NO_TREE, [part for part in parts if _is(part, *KINDS, "use")]
         return node._replace(children=tuple([self._node(part, level + 1) for part in below]))
 
     def _head(self, tree: _Tree) -> tuple[Node, Sequence[_Tree]]:
