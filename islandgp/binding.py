@@ -181,7 +181,10 @@ class RobotTree:
 
         def leaf_of(args: ActionArgs) -> _RunningLeaf:
             arguments = _arguments(args, self.tree.vocabulary)
-            made.append(_RunningLeaf(args.name, self._leaves[args.name], arguments))
+            words = self.tree.vocabulary
+            asks = words is not None and words.action(args.name).condition
+            leaf = self._leaves[args.name]
+            made.append(_RunningLeaf(args.name, leaf, arguments, condition=asks))
             return made[-1]
 
         node = self.tree.node
@@ -201,14 +204,17 @@ class RobotTree:
 class _RunningLeaf:
     """One leaf of a tree: its action's function, with a generator of its own."""
 
-    def __init__(self, name: str, leaf: Leaf, arguments: Mapping[str, object]) -> None:
-        self._name, self._leaf = name, leaf
+    def __init__(
+        self, name: str, leaf: Leaf, arguments: Mapping[str, object], *, condition: bool
+    ) -> None:
+        self._name, self._leaf, self._condition = name, leaf, condition
         self._steps = steps(partial(leaf, **arguments) if arguments else leaf)
         self.running = False  # its function is called, raised an exception, or goes on
 
     def __call__(self, fresh: bool) -> int:
         self.running = True
-        status = status_of(self._steps(fresh), self._name, self._leaf)
+        found = self._steps(fresh)
+        status = status_of(found, self._name, self._leaf, condition=self._condition)
         self.running = status == RUNNING
         return status
 

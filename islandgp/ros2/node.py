@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from time import monotonic
 from typing import Any, Final
@@ -50,6 +51,8 @@ class TreeNode:
         self._message, self._step_s = String, step_s
         self._actions = RosLeaves(node, robot_map.actions)
         self._keys = ros_keys(node, robot_map.keys)
+        answers = ros_keys(node, robot_map.conditions)
+        self._conditions = {name: partial(_holds, read) for name, read in answers.items()}
         self._stamp = _stamp(file)
         self._looked = monotonic()
         self.robot_tree = self._load()
@@ -92,7 +95,7 @@ class TreeNode:
 
     def _load(self) -> RobotTree:
         return load_tree(self._file, self._vocabulary).bind(
-            self._actions.leaves, self._keys, step_s=self._step_s
+            {**self._actions.leaves, **self._conditions}, self._keys, step_s=self._step_s
         )
 
     def _reload(self) -> None:
@@ -130,6 +133,11 @@ def _stamp(file: Path) -> tuple[object, ...]:
     except (OSError, ValueError):
         return ()
     return (text, *others.items())
+
+
+def _holds(read: Callable[[], object], **_: object) -> bool:
+    """Whether a condition's field is true; without a value it is not."""
+    return bool(read())
 
 
 @contextmanager

@@ -14,7 +14,10 @@ from hypothesis import strategies as st
 from islandgp.bt.core.engine import compile_tree
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, walk
+from islandgp.bt.core.parameters import one_of, real, switch
+from islandgp.bt.core.vocabulary import Action, Vocabulary, condition_leaf
 from islandgp.bt.export import behaviortree_cpp, py_trees
+from islandgp.bt.export.declared import declared
 from islandgp.bt.export.json import from_json, to_json
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import DomainError, TreeError
@@ -364,6 +367,30 @@ def test_nodes_of_the_library(node: str, tree: str) -> None:
     """Nodes that the language has by other names are read."""
     text = f'<root BTCPP_format="4"><BehaviorTree ID="Robot">{node}</BehaviorTree></root>'
     assert to_text(main_tree(text, VOCABULARY)) == f"{tree}\n"
+
+
+ROBOT = Vocabulary(
+    "robot",
+    {
+        "IsPathClear": condition_leaf("the way is clear", {"to": one_of("", ("dock", "door"))}),
+        "MoveTo": Action("", arguments={"speed": real("", 0, 1), "fast": switch("")}),
+    },
+    {},
+)
+
+
+def test_ports_are_arguments() -> None:
+    """Conditions and arguments go out as the model's types say, and come back."""
+    tree = parse("sequence { IsPathClear(to: door) MoveTo(speed: 0.8, fast: yes) }", ROBOT)
+    xml = behaviortree_cpp.to_xml(tree, ROBOT)
+    assert '<MoveTo speed="0.8" fast="true"/>' in xml
+    assert '<Condition ID="IsPathClear">' in xml
+    assert main_tree(xml, ROBOT) == tree
+    with pytest.raises(TreeError, match="expected speed of 0 to 1, found"):
+        main_tree(xml.replace("0.8", "{speed}"), ROBOT)
+    words = declared(xml, "MoveTo", name="model")
+    assert [*words.action("MoveTo").arguments] == ["speed", "fast"]
+    assert words.action("IsPathClear").condition
 
 
 def test_seconds_need_a_step() -> None:

@@ -301,6 +301,14 @@ class Builder:
         if argument.sort is Sort.COUNT:
             return self._count_of(argument, tree, f"a {kind} can't repeat {{}} times")
         word = tree.children[0]
+        if word.type == "NAME" and word not in self._values and word not in self._constants:
+            raise self._source.error_at(
+                word,
+                f"unexpected {shown(word)}",
+                expected=f"one of: {' '.join(sorted(argument.words))}, or a whole number",
+                guess=closest(word, argument.words),
+                kind=UnknownNameError,
+            )
         if word.type in ("NAME", "NUMBER"):
             return self._count_of(
                 argument, word, f"{{}} is no number of children for {argument.name}"

@@ -82,6 +82,8 @@ NODES: Final[dict[str, NodeType]] = {
 }
 """By our names of `plan`."""
 
+_FLAGS: Final = {"no": "false", "yes": "true"}
+
 TAGS: Final = {node.tag: kind for kind, node in NODES.items()}
 
 BUILT_IN: Final = frozenset((
@@ -170,7 +172,7 @@ def to_xml(
             f"Expected action names that are no nodes of BehaviorTree.CPP, found {min(taken)!r};"
             " rename the action in the domain."
         )
-    whole = plan(tree, None if plain else differs)
+    whole = _with_ports(plan(tree, None if plain else differs), vocabulary)
     own = {part.kind for part in parts(whole)} & OWN
     identity = TREE_ID if TREE_ID not in used else f"{TREE_ID}Tree"
     # A SubTree does not see entries of the blackboard above whose names begin with _.
@@ -192,9 +194,10 @@ def to_xml(
         words = vocabulary.action(name).meaning.replace("--", "-")
         meaning = f"<!-- {escape(words)} -->" if words else ""
         ports = vocabulary.action(name).arguments
-        lines.append(f"    <Action ID={quoteattr(name)}{'' if ports else '/'}> {meaning}".rstrip())
+        tag = "Condition" if vocabulary.action(name).condition else "Action"
+        lines.append(f"    <{tag} ID={quoteattr(name)}{'' if ports else '/'}> {meaning}".rstrip())
         lines += (f"      {_port(port, each)}" for port, each in ports.items())
-        lines += ["    </Action>"] if ports else []
+        lines += [f"    </{tag}>"] if ports else []
     lines += (line for kind in sorted(own) for line in _model(kind))
     return "\n".join([*lines, "  </TreeNodesModel>", "</root>", ""])
 
@@ -207,6 +210,18 @@ def needs_header(tree: Node) -> bool:
 def header() -> str:
     """The C++ header with our nodes."""
     return own_nodes(HEADER)
+
+
+def _with_ports(part: TargetNode, vocabulary: Vocabulary) -> TargetNode:
+    """The plan with flags of actions as the library reads them."""
+    args = part.args
+    if isinstance(args, ActionArgs):
+        arguments = vocabulary.action(args.name).arguments
+        flags = {key for key, each in arguments.items() if each.sort == "flag"}
+        values = ((key, _FLAGS[str(v)] if key in flags else v) for key, v in args.values)
+        args = args._replace(values=tuple(values))
+    children = tuple(_with_ports(child, vocabulary) for child in part.children)
+    return part._replace(args=args, children=children)
 
 
 def _lines(part: TargetNode, indent: str, step_s: float | None) -> Iterator[str]:
@@ -255,7 +270,8 @@ def _word(value: object) -> str:
 
 def _port(name: str, parameter: Parameter) -> str:
     sort = {"number": "double", "integer": "int", "flag": "bool"}.get(parameter.sort, "std::string")
-    given = quoteattr(_word(parameter.default))
+    default = parameter.default
+    given = quoteattr(_FLAGS[str(default)] if sort == "bool" else _word(default))
     return f'<input_port name="{name}" type="{sort}" default={given}/>'
 
 

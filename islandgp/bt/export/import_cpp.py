@@ -23,9 +23,10 @@ from islandgp.bt.core.node import (
     Policy,
     SecondsArgs,
     Used,
+    Value,
     guarded,
-    leaf,
 )
+from islandgp.bt.core.parameters import fits, value_range
 from islandgp.bt.core.printer import with_subtrees
 from islandgp.bt.core.source import closest, shown
 from islandgp.bt.core.vocabulary import RESERVED, Vocabulary
@@ -36,6 +37,7 @@ from islandgp.bt.export.xml_reader import Element, read_xml
 from islandgp.errors import LimitError, TreeError
 
 _NUMBER: Final = re.compile(r"[0-9]{1,9}(\.[0-9]{1,9})?")
+_SIGNED: Final = re.compile(r"-?[0-9]{1,9}(\.[0-9]{1,9})?")
 _EXPLICIT: Final = ("Action", "Condition", "Control", "Decorator")  # <Action ID="X"/> is <X/>
 _ATTRIBUTES: Final = {
     "SubTree": ("_autoremap",),
@@ -277,7 +279,26 @@ class _Importer:
             )
         if element.children:
             self._fail(element, f"the action {tag} has no children")
-        return leaf(tag)
+        return self._leaf(element, tag)
+
+    def _leaf(self, element: Element, tag: str) -> Node:
+        """A leaf; the values of its ports are arguments."""
+        parameters = self._vocabulary.action(tag).arguments
+        values: dict[str, Value] = {}
+        for port, text in element.attributes.items():
+            if port in parameters:
+                parameter = parameters[port]
+                word = {"true": "yes", "1": "yes", "false": "no", "0": "no"}.get(text, text)
+                numeric = parameter.numeric and _SIGNED.fullmatch(text)
+                values[port] = (
+                    float(text) if numeric else word if parameter.sort == "flag" else text
+                )
+                if not fits(parameter, values[port]):
+                    self._fail(
+                        element,
+                        f"expected {port} of {value_range(parameter)}, found {shown(text)}",
+                    )
+        return self._vocabulary.leaf(tag, values)
 
     def _with_memory(self, element: Element, elements: Sequence[Element]) -> Node:
         """A condition guards all that stands behind it."""
@@ -430,7 +451,8 @@ class _Importer:
         for attribute, value in element.attributes.items():
             if tag == "SubTree" and value == f"{{{attribute}}}":
                 continue  # the entry keeps its name
-            if attribute not in ("name", "ID", *_ATTRIBUTES.get(tag, ())):
+            ports = self._vocabulary.action(tag).arguments
+            if attribute not in ("name", "ID", *ports, *_ATTRIBUTES.get(tag, ())):
                 self._fail(element, f"the language has nothing like {shown(attribute)} of {tag}")
 
     def _differs(self, element: Element, loss: Loss) -> None:
