@@ -71,7 +71,8 @@ def status_of(found: object, name: str, leaf: object, *, condition: bool = False
         return int(bool(found))
     ends, kind = ("True or False", "condition") if condition else _ANY_END
     raise DomainError(
-        f"Expected {ends} from the {kind} {name}, found {short_repr(found)}{_hint(found)}{defined_in(leaf)}."
+        f"Expected {ends} from the {kind} {name}, found {short_repr(found)}{_hint(found)}"
+        f"{defined_in(leaf)}."
     )
 
 
