@@ -326,7 +326,7 @@ def agreement(name: str, *, plain: bool) -> float:
 WRONG_XML = {
     "<root": "not XML",
     "<tree/>": "expected <root>",
-    '<root><BehaviorTree ID="A"/></root>': 'BTCPP_format="4"',
+    '<root BTCPP_format="5"><BehaviorTree ID="A"/></root>': 'BTCPP_format="4"',
     "<!DOCTYPE a [<!ENTITY b 'c'>]><root/>": "no document type",
 }
 WRONG_NODES = {

@@ -9,11 +9,13 @@ place and a reason, never guessed.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Final, NamedTuple, NoReturn
 
 from islandgp.bt.analysis.truth import hidden
 from islandgp.bt.core.condition import Compound, negate, opposite, terms
+from islandgp.bt.core.includes import MAX_FILES
 from islandgp.bt.core.kinds import ABORTS, POLICIES, REPEATS, SECONDS
 from islandgp.bt.core.language import MAX_LEVELS, MAX_NODES, parse, parse_condition
 from islandgp.bt.core.node import (
@@ -29,7 +31,7 @@ from islandgp.bt.core.node import (
 from islandgp.bt.core.parameters import fits, value_range
 from islandgp.bt.core.printer import with_subtrees
 from islandgp.bt.core.source import closest, shown
-from islandgp.bt.core.vocabulary import RESERVED, Vocabulary
+from islandgp.bt.core.vocabulary import NAME, RESERVED, Vocabulary
 from islandgp.bt.export.behaviortree_cpp import EQUAL, JUDGED, NODES, REPEAT, REST, TAGS
 from islandgp.bt.export.plan import CLOCK, Loss, fresh_name
 from islandgp.bt.export.scripts import read_condition
@@ -39,8 +41,13 @@ from islandgp.errors import LimitError, TreeError
 _NUMBER: Final = re.compile(r"[0-9]{1,9}(\.[0-9]{1,9})?")
 _SIGNED: Final = re.compile(r"-?[0-9]{1,9}(\.[0-9]{1,9})?")
 _EXPLICIT: Final = ("Action", "Condition", "Control", "Decorator")  # <Action ID="X"/> is <X/>
+_RENAMED: Final = {"SubTreePlus": "SubTree", "RetryUntilSuccesful": "RetryUntilSuccessful"}
+"""Tags of version 3, with those of version 4."""
+_NOTES: Final = ("_description", "_fullpath", "_uid")
+"""Attributes that editors write, without a meaning for the tree."""
+MAX_XML: Final = 1_000_000  # characters of an included file
 _ATTRIBUTES: Final = {
-    "SubTree": ("_autoremap",),
+    "SubTree": ("_autoremap", "__autoremap"),
     **{node.tag: node.attributes for node in NODES.values()},
 }
 _COMPOSITES: Final = {
@@ -93,7 +100,12 @@ class Imported(NamedTuple):
 
 
 def read_tree(
-    text: str, vocabulary: Vocabulary, *, name: str = "<xml>", tree: str | None = None
+    text: str,
+    vocabulary: Vocabulary,
+    *,
+    name: str = "<xml>",
+    tree: str | None = None,
+    folder: Path | None = None,
 ) -> Imported:
     """A tree of a file.
 
@@ -102,18 +114,24 @@ def read_tree(
         vocabulary: the actions and keys that there are.
         name: what messages call the file.
         tree: the ID of the tree; None: the file's main tree.
+        folder: of the file; what it includes is there or below. None: it includes none.
 
     Raises:
         TreeError: not such a file, or it holds something that the language has not; the message
             tells the place.
         LimitError: the tree is larger than any limit on trees could allow.
     """
-    importer = _Importer(name, read_xml(text, name=name), vocabulary)
+    importer = _Importer(name, read_xml(text, name=name), vocabulary, folder)
     found = importer.tree(tree)
     # The text of the tree is read again, as only the language knows what a right tree is.
     written = with_subtrees(found)
     checked = parse(written, vocabulary, name=f"{name}, as text")
     return Imported(checked, tuple(sorted(importer.differences.values())), written)
+
+
+class _XmlTree(NamedTuple):
+    element: Element
+    file: str  # what messages call it
 
 
 class _ReadSubtree(NamedTuple):
@@ -130,12 +148,18 @@ class _Importer:
     are refused before they are expanded.
     """
 
-    def __init__(self, name: str, root: Element, vocabulary: Vocabulary) -> None:
+    def __init__(
+        self, name: str, root: Element, vocabulary: Vocabulary, folder: Path | None
+    ) -> None:
         self._name = name
+        self._folder = folder
+        self._included: set[Path] = set()
+        self._keys: dict[str, str] = {}  # of the tree that is being read, with the blackboard's
         self._vocabulary = vocabulary
         self._root = root
-        self._trees = self._all_trees()
-        self._read: dict[str, _ReadSubtree] = {}
+        self._trees: dict[str, _XmlTree] = {}
+        self._add_trees(root, folder)
+        self._read: dict[tuple[str, frozenset[tuple[str, str]]], _ReadSubtree] = {}
         self._names = {*RESERVED, *vocabulary.actions}  # that no other subtree can have
         self._open: list[str] = []  # trees that are being read
         self._nodes = 0  # of the tree that is being read, so far
@@ -157,39 +181,54 @@ class _Importer:
             )
         return self._subtree(asked or next(iter(self._trees)), self._root).node
 
-    def _all_trees(self) -> dict[str, Element]:
-        root = self._root
+    def _add_trees(self, root: Element, beside: Path | None) -> None:
+        """The trees of a file, and of those that it includes."""
         if root.tag != "root":
             self._fail(root, f"expected <root> with a <BehaviorTree>, found <{shown(root.tag)}>")
         version = root.attributes.get("BTCPP_format", "3")
-        if version != "4":
-            self._fail(
-                root,
-                f'expected BTCPP_format="4", found version {shown(version)}; the library brings'
-                " convert_v3_to_v4.py",
-            )
-        found: dict[str, Element] = {}
+        if version not in ("3", "4"):
+            self._fail(root, f'expected BTCPP_format="4", found version {shown(version)}')
         for element in root.children:
             if element.tag == "include":
-                self._fail(
-                    element,
-                    "an <include> is not followed; put the trees of that file into this one",
-                )
+                self._include(element, beside)
+                continue
             if element.tag == "TreeNodesModel":
                 continue
             if element.tag != "BehaviorTree":
                 self._fail(element, f"expected a <BehaviorTree>, found <{shown(element.tag)}>")
             identity = element.attributes.get("ID", "")
-            if identity in found:
+            if identity in self._trees:
                 self._fail(element, f"the tree {shown(identity)} stands twice; rename one")
-            found[identity] = element
-        if not found:
+            self._trees[identity] = _XmlTree(element, self._name)
+        if not self._trees:
             self._fail(root, "expected <root> with a <BehaviorTree>, found none")
-        return found
+
+    def _include(self, element: Element, beside: Path | None) -> None:
+        """The trees of a file in the folder of the main file, or below it; each file once."""
+        written = element.attributes.get("path", "")
+        if self._folder is None or beside is None or not written or "\0" in written:
+            self._fail(element, "expected the path of a file beside this one")
+        path = (beside / written).resolve()
+        if Path(written).is_absolute() or not path.is_relative_to(self._folder.resolve()):
+            self._fail(element, f"{shown(written)} leads out of the folder of the tree")
+        if path in self._included:
+            return
+        self._included.add(path)
+        if len(self._included) > MAX_FILES or not path.is_file():
+            self._fail(element, f"expected a file, and {MAX_FILES} at most, found {shown(written)}")
+        try:
+            with path.open(encoding="utf-8") as file:
+                text = file.read(MAX_XML)
+        except (OSError, UnicodeDecodeError):
+            self._fail(element, f"{shown(written)} cannot be read as UTF-8 text")
+        name, self._name = self._name, str(path.relative_to(self._folder.resolve()))
+        self._add_trees(read_xml(text, name=self._name), path.parent)
+        self._name = name
 
     def _subtree(self, identity: str, user: Element) -> _ReadSubtree:
-        if identity in self._read:
-            return self._read[identity]
+        key = identity, frozenset(self._keys.items())
+        if key in self._read:
+            return self._read[key]
         if identity not in self._trees:
             self._fail(
                 user,
@@ -200,7 +239,8 @@ class _Importer:
             self._fail(user, f"the tree {shown(identity)} contains itself")
         if len(self._open) >= MAX_LEVELS:
             self._fail(user, f"expected at most {MAX_LEVELS} SubTrees in each other")
-        tree = self._trees[identity]
+        tree, file = self._trees[identity]
+        name, self._name = self._name, file
         if len(tree.children) != 1:
             self._fail(tree, f"expected one node in a <BehaviorTree>, found {len(tree.children)}")
         self._open.append(identity)
@@ -209,13 +249,14 @@ class _Importer:
         self._asks = False
         node = self._node(tree.children[0])
         self._open.pop()
+        self._name = name
         if self._open:  # it is used, not the tree that is asked for
-            name = fresh_name(identity, self._names)
-            self._names.add(name)
-            node = Used.of(node, name)
-        self._read[identity] = _ReadSubtree(node, self._nodes, self._levels, self._asks)
+            word = fresh_name(identity, self._names)
+            self._names.add(word)
+            node = Used.of(node, word)
+        self._read[key] = _ReadSubtree(node, self._nodes, self._levels, self._asks)
         self._nodes, self._level, self._levels, self._asks = outside
-        return self._read[identity]
+        return self._read[key]
 
     def _count(self, element: Element, nodes: int, levels: int) -> None:
         """Takes in nodes below the present level."""
@@ -240,11 +281,18 @@ class _Importer:
         return node
 
     def _use(self, element: Element) -> Node:
+        remapped = {
+            key: self._keys.get(value[1:-1], value[1:-1])
+            for key, value in element.attributes.items()
+            if NAME.fullmatch(key) and value[:1] + value[-1:] == "{}"
+        }
         self._check_attributes(element, "SubTree")
+        outside, self._keys = self._keys, {**self._keys, **remapped}
         found = self._subtree(element.attributes.get("ID", ""), element)
+        self._keys = outside
         self._count(element, found.nodes, found.levels)
         self._asks |= found.asks
-        if found.asks and element.attributes.get("_autoremap") not in ("true", "1"):
+        if found.asks and not remapped and _autoremap(element) not in ("true", "1"):
             self._differs(element, SCOPE)
         return found.node
 
@@ -346,7 +394,7 @@ class _Importer:
         self._check_attributes(element, "ScriptCondition")
         self._asks = True
         try:
-            expr = read_condition(element.attributes.get("code", ""), self._vocabulary)
+            expr = read_condition(self._asked(element, "code"), self._vocabulary)
         except ValueError as error:
             self._fail(element, str(error))
         if any(term.operator in ("==", "!=") for term in terms(expr)):
@@ -357,6 +405,11 @@ class _Importer:
         guard = guarded(against, Node("inverter", (), (child,)), abort)
         return Node("inverter", (), (guard,))
 
+    def _asked(self, element: Element, attribute: str) -> str:
+        """A condition's text with the keys of the blackboard."""
+        text = element.attributes.get(attribute, "")
+        return NAME.sub(lambda word: self._keys.get(word[0], word[0]), text)
+
     def _own_guard(self, element: Element) -> Node:
         self._asks = True
         given = element.attributes
@@ -366,7 +419,7 @@ class _Importer:
                 element, f"expected abort {', '.join(ABORTS)}, found {shown(abort)}; choose one"
             )
         try:
-            expr = parse_condition(given.get("condition", ""), self._vocabulary)
+            expr = parse_condition(self._asked(element, "condition"), self._vocabulary)
         except TreeError as error:
             said = [line.strip() for line in str(error).splitlines()]
             self._fail(element, "; ".join(["in the condition, place " + said[0], *said[3:]]))
@@ -449,8 +502,8 @@ class _Importer:
 
     def _check_attributes(self, element: Element, tag: str) -> None:
         for attribute, value in element.attributes.items():
-            if tag == "SubTree" and value == f"{{{attribute}}}":
-                continue  # the entry keeps its name
+            if attribute in _NOTES or (tag == "SubTree" and value[:1] + value[-1:] == "{}"):
+                continue
             ports = self._vocabulary.action(tag).arguments
             if attribute not in ("name", "ID", *ports, *_ATTRIBUTES.get(tag, ())):
                 self._fail(element, f"the language has nothing like {shown(attribute)} of {tag}")
@@ -473,14 +526,18 @@ def _policy(number: int, count: int) -> Policy:
     return "one" if number == 1 else "all" if number == count else number
 
 
-def _listed(names: Sequence[str] | dict[str, Element]) -> str:
+def _listed(names: Iterable[str]) -> str:
     """The first names of many."""
     first = [shown(name) for name in list(names)[:10]]
     return ", ".join(first) + (", ..." if len(names) > 10 else "")
 
 
 def _tag(element: Element) -> str:
-    """What node it is: <Action ID="X"/> is <X/>."""
+    """What node it is: <Action ID="X"/> is <X/>, and some had other names in version 3."""
     if element.tag in _EXPLICIT:
         return element.attributes.get("ID", element.tag)
-    return element.tag
+    return _RENAMED.get(element.tag, element.tag)
+
+
+def _autoremap(element: Element) -> str:
+    return element.attributes.get("_autoremap", element.attributes.get("__autoremap", ""))
