@@ -293,7 +293,7 @@ def test_seconds_of_a_program() -> None:
     """A tree that waits is told how far apart its ticks are."""
     tree = Tree(parse("wait 0.2 { Go }"), None, "a.bt")
     with pytest.raises(DomainError, match="step_s"):
-        tree.bind({"Go": bool})
+        tree.bind({"Go": lambda: True})
     bound = tree.bind({"Go": lambda: True}, step_s=0.1)
     ends = [bound.tick() for _ in range(3)]
     assert ends == [NodeStatus.RUNNING, NodeStatus.RUNNING, NodeStatus.SUCCESS]

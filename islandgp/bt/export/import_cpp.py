@@ -9,7 +9,7 @@ place and a reason, never guessed.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple, NoReturn
 
@@ -526,7 +526,7 @@ def _policy(number: int, count: int) -> Policy:
     return "one" if number == 1 else "all" if number == count else number
 
 
-def _listed(names: Iterable[str]) -> str:
+def _listed(names: Collection[str]) -> str:
     """The first names of many."""
     first = [shown(name) for name in list(names)[:10]]
     return ", ".join(first) + (", ..." if len(names) > 10 else "")
