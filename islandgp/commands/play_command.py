@@ -90,26 +90,36 @@ def command(
         return
     others = [read_tree(file, problem.domain.schema.vocabulary) for file in files[1:]]
     if others:
-        trees = (tree, *others)
-        points = [_points_in(each, settings, seeds, index) for each in trees]
-        robust = _robust(trees, settings, seeds, index)
-        names = [called(file) for file in files]
-        if as_json:
-            rows = _comparison(points, robust)
-            named = [{"file": name, **row} for name, row in zip(names, rows, strict=True)]
-            click.echo(json.dumps(nan_to_none(named), indent=2))
-        else:
-            _print_comparison(names, points, robust, settings)
+        _compare((tree, *others), [called(file) for file in files], settings, seeds, index, as_json)
         return
     outcomes = _outcomes(tree, settings, seeds, index)
     (perturbed,) = _robust((tree,), settings, seeds, index) or ((),)
-    if as_json:
-        plain = [{"fitness": outcome.fitness, **asdict(outcome)} for outcome in outcomes]
-        for row, points_there in zip(plain, perturbed, strict=False):
-            row["perturbed"] = points_there
-        click.echo(json.dumps(plain, indent=2))
+    if not as_json:
+        _print(outcomes, problem.domain.schema, settings, index, perturbed)
         return
-    _print(outcomes, problem.domain.schema, settings, index, perturbed)
+    plain = [{"fitness": outcome.fitness, **asdict(outcome)} for outcome in outcomes]
+    for row, points_there in zip(plain, perturbed, strict=False):
+        row["perturbed"] = points_there
+    click.echo(json.dumps(plain, indent=2))
+
+
+def _compare(
+    trees: Sequence[Node],
+    names: Sequence[str],
+    settings: Settings,
+    seeds: int,
+    stage: int,
+    as_json: bool,
+) -> None:
+    """Prints the fitness of several trees in the same worlds."""
+    points = [_points_in(tree, settings, seeds, stage) for tree in trees]
+    robust = _robust(trees, settings, seeds, stage)
+    if not as_json:
+        _print_comparison(names, points, robust, settings)
+        return
+    rows = _comparison(points, robust)
+    named = [{"file": name, **row} for name, row in zip(names, rows, strict=True)]
+    click.echo(json.dumps(nan_to_none(named), indent=2))
 
 
 def _points_in(

@@ -39,7 +39,7 @@ class _Best:
 
 
 @dataclass(frozen=True, slots=True)
-class Summary:
+class RunSummary:
     """What summary.json holds for those who read it."""
 
     champion: _Best

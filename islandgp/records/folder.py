@@ -25,7 +25,7 @@ from islandgp.records.archive_file import NAME as ARCHIVE
 from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.checkpoint import generation_of, read_checkpoint, save_state
 from islandgp.records.costs import mend_costs
-from islandgp.records.files import OWN, PAGE, RunMetadata, Summary, pretty
+from islandgp.records.files import OWN, PAGE, RunMetadata, RunSummary, pretty
 from islandgp.records.lineage_file import write_lineage
 from islandgp.records.lines import (
     Lines,
@@ -380,7 +380,7 @@ class RunFolder:
         file = self.path / "summary.json"
         self._must_be_as_written(file.name)
         with reading("a finished run's summary", file):
-            return dict(validate_json(Summary, file.read_bytes()))
+            return dict(validate_json(RunSummary, file.read_bytes()))
 
 
 COPIES: Final = frozenset({"mlartifacts", "mlruns"})

@@ -58,7 +58,7 @@ class SweeperSettings(BaseModel, frozen=True, extra="forbid"):
 
 
 @dataclass(frozen=True, slots=True)
-class Search:
+class TrialSearch:
     """A search at its start; jobs get it wherever they run, so it holds plain values only."""
 
     id: str
@@ -93,7 +93,7 @@ def run_search(searched: Searched, command: str, launch: Launch) -> int:
             "name: expected one name for all trials of a search, found several; give one name=..."
         )
     sweep = SweepFolder(first.folder.parent)
-    search = Search(
+    search = TrialSearch(
         uuid4().hex,
         time(),
         sweep.path,
@@ -238,7 +238,7 @@ tells whether the trial is to be stopped as others are better. The search fills 
 where the launcher runs the jobs in the process of the search."""
 
 
-def search_job(search: Search) -> Callable[[DictConfig], float | tuple[float, ...] | None]:
+def search_job(search: TrialSearch) -> Callable[[DictConfig], float | tuple[float, ...] | None]:
     """The function that Hydra calls for each trial.
 
     It returns the objectives, or None for a trial that was stopped. It never raises because a
@@ -280,7 +280,7 @@ def search_job(search: Search) -> Callable[[DictConfig], float | tuple[float, ..
 
 
 def _run(
-    search: Search,
+    search: TrialSearch,
     entry: SweepJob,
     config: dict[str, Any],
     settings: Settings,
