@@ -19,7 +19,8 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from islandgp.config.settings import Settings, keys_at, unknown_key
+from islandgp.config.error_lines import keys_at, unknown_key
+from islandgp.config.settings import Settings
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError
 from islandgp.records.parameters import flatten, is_secret
@@ -283,7 +284,7 @@ def _no_option(overrides: Sequence[str], source: ConfigSource) -> str:
 def _unknown(path: str, config: Any) -> str:
     """The message for a key that is not in the configuration: at the part that is wrong."""
     parts = path.split(".")
-    known = keys_at(config, parts[:-1])
+    known = keys_at(config, parts[:-1], Settings)
     if len(parts) > 1 and parts[-1] in known:
         return f"{path}: expected a key that has a value, found none; write +{path}=VALUE"
     same = [key for key in flatten(config) if key.rpartition(".")[2] == parts[-1]]

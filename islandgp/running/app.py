@@ -28,13 +28,12 @@ from islandgp.config.api_key import NONE, key_in, without_key
 from islandgp.config.compose import (
     Planned,
     Searched,
-    command_line,
     planned,
     read,
-    run_folder,
     searched,
 )
 from islandgp.config.errors import MISTAKES, explain, parsed
+from islandgp.config.naming import command_line, run_folder
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError, IslandError, PartError, brief
 from islandgp.records.folder import RunFolder

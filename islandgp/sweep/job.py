@@ -13,7 +13,8 @@ from hydra.core.utils import JobReturn
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
 
-from islandgp.config.compose import is_choice, read, run_folder
+from islandgp.config.compose import read
+from islandgp.config.naming import is_choice, run_folder
 from islandgp.config.settings import Settings
 from islandgp.errors import BusyError
 from islandgp.evaluation.processes import cores

@@ -23,8 +23,10 @@ from hydra.core.override_parser.types import IntervalSweep, Override
 from omegaconf import DictConfig
 from pydantic import BaseModel, Field, ValidationError
 
-from islandgp.config.compose import MOST_JOBS, Planned, Searched, command_line, plain, run_folder
-from islandgp.config.settings import Settings, read_settings, setting_at
+from islandgp.config.compose import MOST_JOBS, Planned, Searched, plain
+from islandgp.config.error_lines import setting_at
+from islandgp.config.naming import command_line, run_folder
+from islandgp.config.settings import Settings, read_settings
 from islandgp.errors import ConfigError, RunError, brief
 from islandgp.records.files import NOT_VALIDATED, objectives
 from islandgp.records.folder import RunFolder

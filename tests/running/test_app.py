@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 import yaml
 
-from islandgp.config.compose import run_folder
+from islandgp.config.naming import run_folder
 from islandgp.errors import ConfigError
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder

@@ -132,9 +132,7 @@ def test_the_extra_with_the_pages_is_named(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr(ui, "distribution", distribution)
     file = tmp_path / "mlflow.db"
     file.touch()
-    with pytest.raises(
-        TrackingError, match=r"client alone; pip install 'islandgp\[ui\]'"
-    ):
+    with pytest.raises(TrackingError, match=r"client alone; pip install 'islandgp\[ui\]'"):
         served(Place(f"sqlite:///{file}", None, "islandgp"), 5000).__enter__()
 
 
