@@ -37,8 +37,8 @@ def command(
 
     json: for your own programs. btcpp: XML for BehaviorTree.CPP 4, with the nodes of
     --header where the library's own do something else. pytrees: a Python module
-    that builds a py_trees tree. With --plain, what does not mean the same there is
-    told on the standard error, and explained in docs/exports.md.
+    that builds a py_trees tree. With --plain, differences in meaning are printed on
+    the standard error, and explained in docs/exports.md.
     """
     if header:
         if file is not None or form is not None:

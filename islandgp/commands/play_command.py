@@ -73,11 +73,11 @@ def command(
 ) -> None:
     """Run the tree in each of FILES in the worlds 0, 1, 2, ...
 
-    Of one tree it tells what it achieved in each world, where its fitness came from,
-    and its quality tiers (Table 4). Several are compared in the same worlds, by the
+    For one tree: what it achieved in each world, where its fitness came from, and its
+    quality tiers (Table 4). Several are compared in the same worlds, by the
     paired differences to the first. Worlds of evolution have other seeds. Where the
-    configuration has perturbed worlds (--set 'perturb=...'), it tells the fitness in
-    each of these worlds after its perturbation, too.
+    configuration has perturbed worlds (--set 'perturb=...'), the fitness in each of
+    these worlds after its perturbation is printed as well.
     """
     if watch and len(files) > 1:
         raise click.UsageError(f"expected one FILE for --watch, found {len(files)}")

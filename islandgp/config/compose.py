@@ -142,7 +142,7 @@ def _plan(
     own_ray = launcher == "RayLauncher" and composed.hydra.launcher.ray.init.get("address") is None
     _must_have_no_callbacks(composed.hydra)
     _must_leave_folders(composed.hydra)
-    domain = composed.hydra.runtime.choices.get("domain")  # None: it stands in the first file
+    domain = composed.hydra.runtime.choices.get("domain")  # None: the first file names it
     with open_dict(composed):
         del composed["hydra"]  # what it holds is known only when Hydra runs
     config, settings = read(composed)

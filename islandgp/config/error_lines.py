@@ -25,11 +25,11 @@ IN_WORDS: Final = {
     NAME: "letters, digits and . _ -, beginning with a letter or a digit",
     CLASS_NAME: "small letters, digits and _, beginning with a letter",
 }
-"""What a pattern asks for, as people say it."""
+"""By pattern: what it matches, in words."""
 
 
 def setting_at(settings: Any, key: int | str) -> Any:
-    """What stands at a key of the configuration, or what it became; None for nothing."""
+    """The value at a key of plain configuration, or of settings; None if there is none."""
     if isinstance(settings, ComponentConfig) and key == "policy":
         return settings.settings()
     if isinstance(settings, Mapping):

@@ -213,7 +213,7 @@ def check_packages(composed: DictConfig, source: ConfigSource) -> None:
 def unresolved(error: OmegaConfBaseException) -> str:
     """The message for an interpolation that cannot be resolved."""
     key, why = error.full_key or "", _short(error)
-    if match := re.search(r'"(.+)"$', why):  # what a resolver said
+    if match := re.search(r'"(.+)"$', why):  # the message of a resolver
         why = match[1]
     return f"{key}: expected a value, found none ({why}); give {key}=VALUE"
 

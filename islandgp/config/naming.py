@@ -24,7 +24,7 @@ NOT_IN_FOLDER: Final = RUNTIME_KEYS | {
     "supervisor",
     "supervisor.policy.base_url",
 }
-"""Overrides that a run's folder name leaves out, or says otherwise."""
+"""Keys and groups without a part of their own in the name of a run's folder."""
 
 LONGEST: Final = 180  # characters of a folder's name; file systems take 255 bytes
 

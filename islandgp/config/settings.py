@@ -1,6 +1,6 @@
 """The whole configuration as one frozen value, validated before anything starts.
 
-Each group's model stands beside the code that uses it; this module composes
+Each group's model is defined beside the code that uses it; this module composes
 them and checks what concerns several of them. Nothing below it sees Hydra's
 config object.
 """
@@ -168,7 +168,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     @classmethod
     def _of_the_domain(cls, value: Any, found: ValidationInfo) -> Any:
         if (domain := found.data.get("domain")) is None:
-            return value  # its own error is told
+            return value  # the domain has an error of its own
         model = domain.factory.World if found.field_name == "world" else domain.factory.Rewards
         return model.model_validate(value)  # its errors become errors of this field
 

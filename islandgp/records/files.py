@@ -1,4 +1,4 @@
-"""The small files of a run's folder: what they hold, and what it comes to."""
+"""The small files of a run's folder, and numbers that follow from them."""
 
 from __future__ import annotations
 

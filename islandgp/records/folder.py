@@ -1,4 +1,4 @@
-"""A run's own folder: the truth about the run, whatever becomes of a tracking server.
+"""A run's folder: the source of all that is known of the run; tracking servers are mirrors.
 
 docs/running.md lists its files. A run is finished when there is a summary.json.
 """
@@ -124,7 +124,7 @@ class RunFolder:
         return file.read_text(encoding="utf-8", errors="replace") if file.exists() else ""
 
     def reason(self) -> str:
-        """Why the run failed in a line: the message, or a traceback's last line; or ""."""
+        """Why the run failed: the first line of the message, or a traceback's last line; or ""."""
         lines = [line for line in self.error().splitlines() if line.strip()]
         return "" if not lines else lines[-1] if lines[0].startswith("Traceback") else lines[0]
 
@@ -199,7 +199,7 @@ class RunFolder:
         """The state to go on from; cuts off what was written after it. None: from the start.
 
         Where the newest checkpoint, or the record before it, is damaged, this is the state
-        before that. `tell` gets a line for people about whatever was not as it should be.
+        before that. `tell` gets a line for people about each file that was damaged.
 
         Raises:
             RunError: the run is finished, no checkpoint is sound, records before it are
@@ -367,7 +367,7 @@ class RunFolder:
             raise damaged(self._generations.what, self._generations.path, why)
 
     def generations(self) -> Iterator[GenerationRecord]:
-        """The same, as the loop made them. Raises RunError."""
+        """`checked_records` as GenerationRecord objects. Raises RunError."""
         return (from_plain(GenerationRecord, record) for record in self.checked_records())
 
     def costs(self, first: int = 0) -> Iterator[dict[str, Any]]:

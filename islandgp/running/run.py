@@ -202,7 +202,7 @@ def run(
         RunError: the folder belongs to another configuration or another process.
         EvaluationError, SupervisionError: the run cannot go on; what it has is kept.
     """
-    trust(names_in(config))  # the user's own, of whatever launcher's process
+    trust(names_in(config))  # the user's own; a launcher may have started this process
     config = redacted(config)
     target = choose(RunFolder(folder), settings, config)
     tracker: Tracker = settings.tracking.factory.make(settings.tracking.settings(), home)

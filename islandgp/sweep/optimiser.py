@@ -1,7 +1,7 @@
 """A sweep whose jobs a sweeper of Hydra's chooses while it runs: `hydra/sweeper=optuna`.
 
-Each job enters itself into the sweep's file when it begins, in whatever process a
-launcher chose for it, and returns the values of `objectives`.
+Each job enters itself into the sweep's file when it begins, in the process that a
+launcher chose, and returns the values of `objectives`.
 """
 
 from __future__ import annotations
@@ -244,7 +244,7 @@ def search_job(search: TrialSearch) -> Callable[[DictConfig], float | tuple[floa
     """The function that Hydra calls for each trial.
 
     It returns the objectives, or None for a trial that was stopped. It never raises because a
-    trial failed: then it returns NaN, and the trial's folder tells.
+    trial failed: then it returns NaN, and the trial's folder has the error.
     """
 
     def job(config: DictConfig) -> float | tuple[float, ...] | None:
@@ -262,7 +262,7 @@ def search_job(search: TrialSearch) -> Callable[[DictConfig], float | tuple[floa
                 settings = read_settings(ours)
                 found = choose(RunFolder(named), settings, redacted(ours))
             except (ConfigError, RunError) as error:
-                # It failed, and its folder tells why.
+                # It failed, and its folder has the error.
                 folder = RunFolder(named)
                 if folder.begun():  # it is another run's
                     folder = RunFolder(named.with_name(f"{named.name}~refused"))

@@ -9,7 +9,7 @@ import click
 import pytest
 
 from islandgp import cli
-from islandgp.cli import COMMANDS, EXAMPLES
+from islandgp.cli import COMMANDS
 from tests.trees.shell import Cli
 
 
@@ -19,7 +19,7 @@ def test_each_help_ends_with_an_example_that_the_command_takes(
 ) -> None:
     """Its options exist, and its words are as many as it expects."""
     said = islandgp(name, "--help")
-    example = f"islandgp {name} {EXAMPLES[name]}".rstrip()
+    example = f"islandgp {name} {COMMANDS[name].example}".rstrip()
     assert said.out.rstrip().splitlines()[-1].strip() == example
     monkeypatch.chdir(tmp_path)
     for file in ("tree.bt", "other.bt", "tree.xml", "robot.yaml"):
@@ -27,7 +27,7 @@ def test_each_help_ends_with_an_example_that_the_command_takes(
     Path("runs/default/expert-seed0").mkdir(parents=True)
     command = cli.islandgp.get_command(click.Context(cli.islandgp), name)
     assert command is not None
-    command.make_context(name, shlex.split(EXAMPLES[name]))  # raises what is wrong
+    command.make_context(name, shlex.split(COMMANDS[name].example))  # raises what is wrong
 
 
 @pytest.mark.parametrize(
