@@ -385,7 +385,7 @@ def test_a_sweep_says_how_far_it_is(capsys: pytest.CaptureFixture[str]) -> None:
     said = capsys.readouterr()
     assert "sweep default: 0 of 2 done, 1 running, 0 failed, generation 0 of 12" in said.err
     assert "sweep default: 1 of 2 done, 1 running, 0 failed, generation 6 of 12" in said.err
-    assert re.search(r"baseline-seed1\S*: best robot", said.err)
+    assert re.search(r"baseline-seed1\S*: validation mean", said.err)
     head, row = said.out.split("\n\n")[0].strip().splitlines()
     assert head.split("  ")[0] == "arm"
     assert re.match(r"baseline +2 of 2 ", row)
