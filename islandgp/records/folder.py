@@ -107,10 +107,7 @@ class RunFolder:
         self._lock.release()
 
     def fail(self, error: Exception) -> None:
-        """Writes down why the run failed, the message and where it came from, if that is possible.
-
-        A full disk may be the reason itself.
-        """
+        """Writes error.txt, the message and the traceback, unless the disk is full."""
         trace = "".join(traceback.format_exception(error))
         text = f"{error}\n\n{trace}" if isinstance(error, IslandError) else trace
         with suppress(OSError):
