@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from contextlib import suppress
 from difflib import get_close_matches
@@ -130,22 +131,39 @@ def main() -> None:
         _main()
 
 
+ERRORS: Final = (
+    (r"Missing \w+ '([^']+)'.*", r"expected \1, found none"),
+    (r"Got unexpected extra arguments? \((.+)\)", r"expected no more words, found \1"),
+    (r"Option '([^']+)' requires an? .*", r"expected a value after \1, found none"),
+    (r"Invalid value for (.+?): (.+) is not a valid (\w+).*", r"\1: expected a valid \3, found \2"),
+    (r"Invalid value for (.+?): (.+) is not (an? .+)", r"\1: expected \3, found \2"),
+    (r"Invalid value for (.+?): (.+) is not in the range (.+)", r"\1: expected \3, found \2"),
+    (r"Invalid value for (.+?): (.+) is not one of (.+)", r"\1: expected one of \3, found \2"),
+    (
+        r"Invalid value for (.+?): (File|Directory) '(.+)' .+",
+        r"\1: expected a \2 at \3, found none",
+    ),
+)
+"""Messages of Click, and their form here."""
+
+
 def one_line(error: click.ClickException) -> str:
-    """The message of an error of Click's in the form of this package's: one line, with a remedy."""
+    """The message of an error of Click's in one line: expected, found; remedy."""
     text = " ".join(error.format_message().split()).rstrip(".")
     context = getattr(error, "ctx", None)
-    if context is None:
-        return text
-    path = context.command_path
+    path = context.command_path if context else "islandgp"
     _, _, command = path.partition(" ")
-    before = f"{command}: " if command else ""
+    remedy = f"`{path} -h` shows what it takes"
     if isinstance(error, click.NoSuchOption):
         near = get_close_matches(error.option_name, error.possibilities or (), 1, 0)
-        hint = f"did you mean {near[0]}?" if near else f"`{path} -h` shows what it takes"
-        return f"{before}no such option: {error.option_name}; {hint}"
-    if text.endswith("?"):
-        return before + text
-    return f"{before}{text[:1].lower()}{text[1:]}; `{path} -h` shows what it takes"
+        text = f"expected another option, found {error.option_name}"
+        remedy = f"did you mean {near[0]}?" if near else remedy
+    for pattern, form in ERRORS:
+        if match := re.fullmatch(pattern, text):
+            text = match.expand(form)
+            break
+    line = f"{text[:1].lower()}{text[1:]}{'' if text.endswith('?') else f'; {remedy}'}"
+    return f"{command}: {line}" if command else line
 
 
 def import_from_here() -> None:

@@ -42,14 +42,14 @@ def command(
     """
     if header:
         if file is not None or form is not None:
-            raise click.UsageError("--header writes the header alone; leave out FILE and --to.")
+            raise click.UsageError("expected --header alone, found FILE or --to with it")
         write_text(output, behaviortree_cpp.header())
         return
     if file is None:
-        raise click.UsageError("Missing argument 'FILE'.")
+        raise click.UsageError("expected FILE, found none")
     form = form or _BY_ENDING.get(output.rpartition(".")[2].lower(), "")
     if not form:
-        raise click.UsageError(f"Missing option '--to', one of {', '.join(FORMATS)}.")
+        raise click.UsageError(f"expected --to with one of {', '.join(FORMATS)}, found none")
     _, vocabulary, tree = read_in_domain(file, chosen, marked=True)
     exported, losses = _export(tree, form, vocabulary, plain)
     write_text(output, exported)

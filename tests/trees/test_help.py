@@ -37,14 +37,39 @@ def test_each_help_ends_with_an_example_that_the_command_takes(
         (["zzz"], "islandgp: expected a command, found 'zzz'; `islandgp -h` shows what it takes"),
         (
             ["play"],
-            "islandgp: play: missing argument 'FILES...'; `islandgp play -h` shows what it takes",
+            "islandgp: play: expected FILES..., found none; `islandgp play -h` shows what it takes",
         ),
         (
             ["play", "--sedes", "3"],
-            "islandgp: play: no such option: --sedes; did you mean --seeds?",
+            "islandgp: play: expected another option, found --sedes; did you mean --seeds?",
         ),
-        (["play", "t.bt", "--seeds", "x"], "islandgp: play: invalid value for '--seeds': 'x' is"),
-        (["best"], "islandgp: best: missing argument 'RUN'; `islandgp best -h` shows what it"),
+        (
+            ["play", "-", "--seeds", "x"],
+            "islandgp: play: '--seeds': expected a valid integer, found 'x'; `islandgp play -h`",
+        ),
+        (
+            ["play", "-", "--seeds", "0"],
+            "islandgp: play: '--seeds': expected 1<=x<=100000, found 0; `islandgp play -h` shows",
+        ),
+        (
+            ["play", "-", "--timeout", "nan"],
+            "islandgp: play: '--timeout': expected a number of at least 0, found 'nan'; `island",
+        ),
+        (
+            ["show", "t.bt"],
+            "islandgp: show: 'FILE': expected a File at t.bt, found none; `islandgp show -h` shows",
+        ),
+        (
+            ["show", "-", "--format", "x"],
+            "islandgp: show: '--format': expected one of 'text', 'svg', 'mermaid', 'dot', found",
+        ),
+        (
+            ["show", "-", "-o"],
+            "islandgp: expected a value after -o, found none; `islandgp -h` shows",
+        ),
+        (["show", "-", "x"], "islandgp: show: expected no more words, found x; `islandgp show -h`"),
+        (["export"], "islandgp: export: expected FILE, found none; `islandgp export -h` shows"),
+        (["best"], "islandgp: best: expected RUN, found none; `islandgp best -h` shows what"),
         (["best", "nowhere"], "islandgp: Expected a finished run in nowhere, found none; give"),
     ],
 )

@@ -244,8 +244,8 @@ def test_trace_between(islandgp: Cli) -> None:
     [
         (("--from", 300, "--to", 200), "expected --from before --to, found 300 and 200"),
         (("--from", "nan"), "'nan' is not a number of at least 0"),
-        (("--from", -5, "--to", -1), "-5.0 is not in the range x>=0"),
-        (("--to", -1), "-1.0 is not in the range x>=0"),
+        (("--from", -5, "--to", -1), "expected x>=0, found -5.0"),
+        (("--to", -1), "expected x>=0, found -1.0"),
     ],
 )
 def test_trace_between_times_that_make_no_sense(
