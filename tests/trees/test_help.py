@@ -65,7 +65,7 @@ def test_each_help_ends_with_an_example_that_the_command_takes(
         ),
         (
             ["show", "-", "-o"],
-            "islandgp: expected a value after -o, found none; `islandgp -h` shows",
+            "islandgp: expected a value after -o, found none; `islandgp -h`",
         ),
         (["show", "-", "x"], "islandgp: show: expected no more words, found x; `islandgp show -h`"),
         (["export"], "islandgp: export: expected FILE, found none; `islandgp export -h` shows"),
