@@ -8,7 +8,7 @@ config object.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Final, Literal, Self
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import (
     BaseModel,
@@ -16,7 +16,6 @@ from pydantic import (
     ValidationError,
     ValidationInfo,
     field_validator,
-    model_validator,
 )
 
 from islandgp.config.error_lines import NAME, TAG, error_lines, setting_at
@@ -172,51 +171,6 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
         model = domain.factory.World if found.field_name == "world" else domain.factory.Rewards
         return model.model_validate(value)  # its errors become errors of this field
 
-    @model_validator(mode="after")
-    def _fits_together(self) -> Self:
-        if self.gp.tournament > self.gp.population:
-            raise ValueError(
-                f"gp.tournament: expected at most gp.population={self.gp.population},"
-                f" found {self.gp.tournament}"
-            )
-        if self.supervisor.lag >= self.gp.generations:
-            raise ValueError(
-                f"supervisor.lag: expected less than gp.generations={self.gp.generations},"
-                f" found {self.supervisor.lag}"
-            )
-        if self.supervisor.edits > self.gp.population - 3:
-            raise ValueError(
-                f"supervisor.edits: expected at most gp.population - 3 = {self.gp.population - 3}"
-                f" slots, found {self.supervisor.edits}"
-            )
-        if taken := [tag for tag in self.tags if tag in OWN_TAGS or tag.startswith(MACHINES_TAGS)]:
-            raise ValueError(
-                f"tags.{taken[0]}: expected a name of your own, found one that every run has;"
-                " take another one"
-            )
-        if self.start is not None and self.gp.founders:
-            raise ValueError(
-                "gp.founders: expected one source of trees that open the population, found start"
-                " as well; leave one of the two out"
-            )
-        known = {*VALUES, *(f"first.{name}" for name in self.classes.milestones)}
-        for name in self.objectives:
-            if name not in known:
-                raise ValueError(
-                    f"objectives: expected names among {', '.join(sorted(known))}, found {name}"
-                )
-        if self.stop.tier is not None and self.stop.tier not in self.classes.tiers:
-            raise ValueError(
-                f"stop.tier: expected one of {', '.join(self.classes.tiers)},"
-                f" found {self.stop.tier!r}"
-            )
-        mutations = {"gp.mutation": self.gp.mutation}
-        if isinstance(how := getattr(self.search.settings(), "breeding", None), Breeding):
-            mutations["search.policy.breeding.mutation"] = how.mutation
-        for path, mutation in mutations.items():
-            check_growth(self.gp.trees, self.gp.limits, mutation.subtree_depth, path)
-        return self
-
     def make_domain(self) -> Domain:
         """The domain with its world and rewards. Raises ConfigError where they do not fit."""
         factory = self.domain.factory
@@ -271,9 +225,9 @@ def read_settings(config: Mapping[str, Any]) -> Settings:
         settings = Settings(**with_generations(config))
     except ValidationError as error:
         raise ConfigError("\n".join(sorted(set(error_lines(error, config, Settings))))) from None
-    wrong = list(_counted(config, settings)) or list(_faults(settings))
+    wrong = [*_counted(config, settings), *_conflicts(settings)] or [*_faults(settings)]
     if wrong:
-        raise ConfigError("\n".join(wrong))
+        raise ConfigError("\n".join(dict.fromkeys(wrong)))
     return settings
 
 
@@ -294,6 +248,41 @@ def with_generations(config: Mapping[str, Any]) -> Mapping[str, Any]:
     except ValueError as error:
         raise ConfigError(str(error)) from None
     return {**config, "gp": {**config["gp"], "generations": found}}
+
+
+def _conflicts(settings: Settings) -> Iterator[str]:
+    """A line for each value that another setting excludes."""
+    gp, supervisor = settings.gp, settings.supervisor
+    for key, found, most, bound in (
+        ("gp.tournament", gp.tournament, gp.population, "gp.population"),
+        ("supervisor.lag", supervisor.lag, gp.generations - 1, "gp.generations - 1"),
+        ("supervisor.edits", supervisor.edits, gp.population - 3, "gp.population - 3"),
+    ):
+        if found > most:
+            yield f"{key}: expected at most {bound} = {most}, found {found}"
+    for tag in settings.tags:
+        if tag in OWN_TAGS or tag.startswith(MACHINES_TAGS):
+            yield f"tags.{tag}: expected a name of your own, found one that every run has"
+    if settings.start is not None and gp.founders:
+        yield (
+            "gp.founders: expected one source of trees that open the population, found start"
+            " as well; leave one of the two out"
+        )
+    tiers, milestones = settings.classes.tiers, settings.classes.milestones
+    known = {*VALUES, *(f"first.{name}" for name in milestones)}
+    for name in settings.objectives:
+        if name not in known:
+            yield f"objectives: expected names among {', '.join(sorted(known))}, found {name}"
+    if settings.stop.tier is not None and settings.stop.tier not in tiers:
+        yield f"stop.tier: expected one of {', '.join(tiers)}, found {settings.stop.tier!r}"
+    mutations = {"gp.mutation": gp.mutation}
+    if isinstance(how := getattr(settings.search.settings(), "breeding", None), Breeding):
+        mutations["search.policy.breeding.mutation"] = how.mutation
+    for path, mutation in mutations.items():
+        try:
+            check_growth(gp.trees, gp.limits, mutation.subtree_depth, path)
+        except ValueError as error:
+            yield str(error)
 
 
 def _faults(settings: Settings) -> Iterator[str]:
