@@ -5,7 +5,7 @@ The overhead is what supervision took, from the run's costs and records (section
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from statistics import fmean
@@ -15,6 +15,7 @@ from islandgp.scoring.classes import Classes
 from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.study.arms import Comparison, Run
 from islandgp.study.emergence import first
+from islandgp.study.lineage import first_descendant
 from islandgp.text import title
 
 
@@ -115,6 +116,17 @@ def emergence(tier: str) -> Measure:
     )
 
 
+def descendant(tier: str) -> Measure:
+    """The generation of a tier's first robot that is not itself an advised tree."""
+    return Measure(
+        f"first_{tier}_descendant",
+        f"First {title(tier)} Robot, advised trees not counted",
+        "generation",
+        lambda run: first_descendant(run, tier),
+        emergence=True,
+    )
+
+
 TABLE_12: Final = (
     *_by_span("diversity", "diversity", "Eq. (3)", diversity),
     _mean("diversity_overall", "Overall diversity", "Eq. (3)", diversity),
@@ -137,7 +149,13 @@ def main_family(milestones: Sequence[str]) -> tuple[Measure, ...]:
 
 def all_measures(study: Comparison) -> tuple[Measure, ...]:
     """Every measure of a report, in its order."""
-    return (*main_family(study.milestones), *FURTHER)
+    return (*main_family(study.milestones), *FURTHER, *map(descendant, study.milestones))
+
+
+def examined(study: Comparison, asked: Collection[str]) -> tuple[Measure, ...]:
+    """The measures that are tested: all but those of `descendant`, which have to be asked for."""
+    optional = {descendant(tier).key for tier in study.milestones} - set(asked)
+    return tuple(m for m in all_measures(study) if m.key not in optional)
 
 
 def shown(behaviour: str, s: GenerationStats, classes: Classes) -> int:

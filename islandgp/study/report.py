@@ -16,7 +16,7 @@ from islandgp.study.figures.episodes import by_episodes
 from islandgp.study.figures.profiles import profile_picture
 from islandgp.study.findings import Finding, examine_all, finding
 from islandgp.study.generalise import Control, Generalisation
-from islandgp.study.measures import FURTHER, TABLE_9, TABLE_10, Measure, all_measures
+from islandgp.study.measures import FURTHER, TABLE_9, TABLE_10, Measure, all_measures, examined
 from islandgp.study.plan import NOTHING, AnalysisPlan, families, said
 from islandgp.study.profiles import ScoreRow, Scores
 from islandgp.study.select import in_short
@@ -96,7 +96,8 @@ def build(
     plan: AnalysisPlan = NOTHING,
 ) -> Report:
     """The report; `unseen` and `controls` are empty where they were left out."""
-    findings = examine_all(study, families(study, plan), all_measures(study))
+    asked = {*plan.margins, *([] if plan.primary is None else [plan.primary])}
+    findings = examine_all(study, families(study, plan), examined(study, asked))
     robots = " and ".join(map(title, study.milestones))
     with_library = any(control.given for control in controls)
     scores = champion_scores(study, unseen)

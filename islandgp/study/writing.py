@@ -7,12 +7,12 @@ from base64 import b64encode
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from functools import cache
-from math import isnan
+from math import isnan, nan
 from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING
 
-from islandgp.statistics import mean_sd
+from islandgp.statistics import Interval, mean_sd
 from islandgp.study.arms import Comparison
 from islandgp.study.emergence import quantile
 from islandgp.study.findings import Finding
@@ -126,6 +126,7 @@ def tests_csv(findings: Sequence[Finding]) -> str:
 
 def _row(f: Finding) -> dict[str, object]:
     t, p, shift = f.rank, f.paired, f.shift
+    hazard = f.hazard if f.measure.emergence else Interval(nan, nan, nan)
     left = [sample.count(None) for sample in f.samples]
     means = [
         (None, None) if censored else tuple(map(_known, mean_sd(values)))
@@ -157,6 +158,9 @@ def _row(f: Finding) -> dict[str, object]:
         "paired_p_bh": f.paired_q,
         "log_rank_p": f.log_rank,
         "log_rank_p_bh": f.log_rank_q,
+        "hazard_ratio": _known(hazard.estimate),  # above 1: sooner in the first arm
+        "hazard_ratio_low": _known(hazard.low),
+        "hazard_ratio_high": _known(hazard.high),
         **_two("without", without),  # for emergence: mean generations lived through without one
         # Of the means, or of the two before, with its 95 % interval.
         "difference": _known(shift.estimate),

@@ -164,6 +164,7 @@ def _times(f: Finding) -> Row:
     yield f"without one, {b}", without(second)
     yield "difference without one [95 %]", interval(f.shift, 1)
     yield "earlier by", share
+    yield "hazard ratio [95 %]", interval(f.hazard, 2)
     yield from rank_cells(f)
     yield "log-rank p", probability(f.log_rank)
     yield "log-rank p BH", probability(f.log_rank_q)
