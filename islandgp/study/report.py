@@ -67,7 +67,7 @@ class Section:
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class ComparisonReport:
     """Everything that a comparison has to say."""
 
     title: str
@@ -94,7 +94,7 @@ def build(
     worlds: int,
     controls: Sequence[Control] = (),
     plan: AnalysisPlan = NOTHING,
-) -> Report:
+) -> ComparisonReport:
     """The report; `unseen` and `controls` are empty where they were left out."""
     asked = {*plan.margins, *([] if plan.primary is None else [plan.primary])}
     findings = examine_all(study, families(study, plan), examined(study, asked))
@@ -119,7 +119,7 @@ def build(
         "How the statistics are done": _statistics(study, plan, findings),
     }
     sections = (Section(heading, tuple(items)) for heading, items in chapters.items())
-    return Report(
+    return ComparisonReport(
         title=" against ".join(arm.name for arm in study.arms),
         comparability_warnings=study.comparability_warnings,
         sections=tuple(section for section in sections if section.items),
