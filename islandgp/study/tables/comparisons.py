@@ -81,8 +81,8 @@ def fitness_table(
     key: str, heading: str, findings: Sequence[Finding], paper: PublishedFigures | None
 ) -> Table:
     """Table 9 or 10 for one pair of arms."""
-    return _measures_table(
-        key, heading, findings, paper, "Metric", paper and paper.fitness, FITNESS
+    return _table(
+        key, heading, findings, paper, "Metric", paper.fitness if paper else None, FITNESS
     )
 
 
@@ -90,8 +90,8 @@ def diversity_table(
     key: str, heading: str, findings: Sequence[Finding], paper: PublishedFigures | None
 ) -> Table:
     """Table 12 for one pair of arms, with the tests that the paper does not make."""
-    known, more = paper and paper.diversity, (note("untested"),)
-    return _measures_table(key, heading, findings, paper, "Measure", known, DIVERSITY, more)
+    known, more = paper.diversity if paper else None, (note("untested"),)
+    return _table(key, heading, findings, paper, "Measure", known, DIVERSITY, more)
 
 
 T = TypeVar("T")
@@ -126,7 +126,7 @@ EMERGENCE: Final[Cells[Emergence]] = {
 }
 
 
-def _measures_table(
+def _table(
     key: str,
     heading: str,
     findings: Sequence[Finding],

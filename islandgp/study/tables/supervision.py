@@ -86,7 +86,7 @@ def overhead_table(study: Comparison) -> Table:
         "table-14",
         "Table 14. Computational overhead of a run",
         (
-            *(row(label, [_cell(o, *how) for o in each], key) for label, key, *how in _ROWS),
+            *(row(label, [_cell(o, what, n) for o in each], key) for label, key, what, n in _ROWS),
             row(f"Time to the first {title(tier)} Robot (s)", times),
         ),
         (note("overhead"), *footnotes(study.paper)),
