@@ -17,6 +17,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Any, Final
@@ -108,6 +109,8 @@ def served(place: Place, port: int) -> Iterator[Pages]:
             f"Expected an MLflow store in {place.file}, found no such file; give --uri of one that"
             " is there, or leave it out for that of the last run."
         )
+    if place.file is not None:
+        _must_have_server()
     store = _opened(place)
     sweep = share_views(store)
     if place.file is None:
@@ -161,6 +164,16 @@ def server_command(place: Place, port: int) -> list[str]:
         *("--allowed-hosts", ",".join(hosts)),
         *("--cors-allowed-origins", ",".join(f"http://{host}" for host in hosts)),
     ]
+
+
+def _must_have_server() -> None:
+    """Raises TrackingError where only MLflow's client is installed, mlflow-skinny."""
+    try:
+        distribution("mlflow")
+    except PackageNotFoundError:
+        raise TrackingError(
+            "Expected MLflow with its pages, found its client alone; pip install 'islandgp[ui]'"
+        ) from None
 
 
 def _must_be_free(port: int) -> None:

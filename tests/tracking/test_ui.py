@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 from time import sleep
 from types import SimpleNamespace
@@ -24,6 +25,7 @@ from islandgp.commands import ui_command
 from islandgp.errors import TrackingError
 from islandgp.records.folder import Status
 from islandgp.resources import resource
+from islandgp.tracking import ui
 from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.place import place_from, place_of_latest
 from islandgp.tracking.store import ARM, Place, Store
@@ -119,6 +121,19 @@ def test_a_store_that_is_not_there_is_not_made(
     assert (said.code, said.out) == (2, "")
     assert said.err.splitlines()[-1].startswith(line)
     assert not (home / "mlflwo.db").exists()
+
+
+def test_the_extra_with_the_pages_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where MLflow's client alone is installed, as `pip install islandgp` does."""
+
+    def distribution(name: str) -> None:
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr(ui, "distribution", distribution)
+    file = tmp_path / "mlflow.db"
+    file.touch()
+    with pytest.raises(TrackingError, match=r"client alone; pip install 'islandgp\[ui\]'"):
+        served(Place(f"sqlite:///{file}", None, "islandgp"), 5000).__enter__()
 
 
 def test_a_server_that_is_away_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import size
-from islandgp.commands.play_command import Column, fitting, numbers, parts, width_of
+from islandgp.commands.tables import Column, fitting, numbers, parts, width_of
 from islandgp.resources import resource
 from islandgp.viewer.recording import IDLE, record
 from islandgp.viewer.trace import ELLIPSIS, action_spans, courses, drawn, merged, timeline
@@ -166,7 +166,7 @@ def test_play_fits_a_narrow_terminal(
     islandgp: Cli, monkeypatch: pytest.MonkeyPatch, width: int
 ) -> None:
     """Nothing is cut off, and what is left out is told."""
-    monkeypatch.setattr("islandgp.commands.play_command.ENDLESS", width)
+    monkeypatch.setattr("islandgp.commands.tables.ENDLESS", width)
     said = islandgp("play", GOOD, "--seeds", 2, *SHORT)
     assert said.code == 0
     assert max(map(len, said.out.splitlines())) <= width
@@ -184,7 +184,7 @@ def test_play_of_several_fits_a_narrow_terminal(
     file = tmp_path / "a folder" / f"{'long' * 20}.bt"
     file.parent.mkdir()
     file.write_text("PatrolWaypoint", encoding="utf-8")
-    monkeypatch.setattr("islandgp.commands.play_command.ENDLESS", width)
+    monkeypatch.setattr("islandgp.commands.tables.ENDLESS", width)
     said = islandgp("play", GOOD, file, "--seeds", 2, *SHORT)
     assert said.code == 0
     assert max(map(len, said.out.splitlines())) <= width
@@ -244,8 +244,8 @@ def test_trace_between(islandgp: Cli) -> None:
     [
         (("--from", 300, "--to", 200), "expected --from before --to, found 300 and 200"),
         (("--from", "nan"), "'nan' is not a number of at least 0"),
-        (("--from", -5, "--to", -1), "-5.0 is not in the range x>=0"),
-        (("--to", -1), "-1.0 is not in the range x>=0"),
+        (("--from", -5, "--to", -1), "expected x>=0, found -5.0"),
+        (("--to", -1), "expected x>=0, found -1.0"),
     ],
 )
 def test_trace_between_times_that_make_no_sense(
