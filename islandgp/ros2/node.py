@@ -52,7 +52,7 @@ class TreeNode:
         self._actions = RosLeaves(node, robot_map.actions)
         self._keys = ros_keys(node, robot_map.keys)
         answers = ros_keys(node, robot_map.conditions)
-        self._conditions = {name: partial(_holds, read) for name, read in answers.items()}
+        self._conditions = {name: partial(holds, read) for name, read in answers.items()}
         self._stamp = _stamp(file)
         self._looked = monotonic()
         self.robot_tree = self._load()
@@ -135,7 +135,7 @@ def _stamp(file: Path) -> tuple[object, ...]:
     return (text, *others.items())
 
 
-def _holds(read: Callable[[], object], **_: object) -> bool:
+def holds(read: Callable[[], object], **_: object) -> bool:
     """Whether a condition's field is true; without a value it is not."""
     return bool(read())
 

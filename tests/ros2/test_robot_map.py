@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from islandgp.errors import ConfigError
+from islandgp.ros2.node import holds
 from islandgp.ros2.robot_map import ActionServer, ServiceCall, ServiceKey, TopicKey, read_map
 from tests.trees.shell import Cli, shell
 
@@ -66,6 +67,16 @@ def test_mistakes(tmp_path: Path, text: str, message: str) -> None:
         read_map(file)
     assert message in str(raised.value)
     assert str(raised.value).startswith(str(file))
+
+
+def test_conditions(tmp_path: Path) -> None:
+    """A condition has the entry of a key, and does not hold without a value."""
+    file = tmp_path / "robot.yaml"
+    entry = "{topic: /clear, type: std_msgs/msg/Bool, field: data}"
+    file.write_text(f"actions: {{}}\nconditions: {{IsClear: {entry}}}")
+    assert isinstance(read_map(file).conditions["IsClear"], TopicKey)
+    values = iter([None, 0, True])
+    assert [holds(lambda: next(values), to="dock") for _ in range(3)] == [False, False, True]
 
 
 def test_without_rclpy(islandgp: Cli, page: Path, monkeypatch: pytest.MonkeyPatch) -> None:

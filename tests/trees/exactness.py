@@ -28,7 +28,7 @@ from islandgp.bt.core.condition import (
     negate,
 )
 from islandgp.bt.core.engine import ABORTED
-from islandgp.bt.core.kinds import ABORTS, COUNTED, KINDS, POLICIES, TIMED
+from islandgp.bt.core.kinds import ABORTS, COUNTED, KINDS, POLICIES
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import (
     AGAIN,
@@ -41,7 +41,6 @@ from islandgp.bt.core.node import (
     GuardArgs,
     Node,
     ParallelArgs,
-    SecondsArgs,
     Used,
     leaf,
     walk,
@@ -95,8 +94,8 @@ def random_condition(rng: Random, terms: int) -> ConditionExpr:
 def random_tree(rng: Random, levels: int) -> Node:
     """A tree rich in guards that interrupt; Hypothesis makes few of them."""
     kinds = ["action"] * 2 + ["selector", "when"] * 3 + ["sequence", "parallel", "inverter"]
-    kinds += ["force_success", "force_failure", "reactive_selector", "reactive_sequence"]
-    kind = rng.choice([*kinds, *COUNTED, "wait", "timeout"]) if levels > 1 else "action"
+    kinds += ["force_success", "force_failure"]
+    kind = rng.choice([*kinds, *COUNTED]) if levels > 1 else "action"
     if kind == "action":
         return leaf("A")
     several = not KINDS[kind].decorates
@@ -107,11 +106,9 @@ def random_tree(rng: Random, levels: int) -> Node:
             rng.choice(["lower", "both", *ABORTS]),
         )
     elif kind == "parallel":
-        args = ParallelArgs(rng.choice([*POLICIES, 2]), rng.choice([*POLICIES, 2]))
+        args = ParallelArgs(rng.choice([*POLICIES]), rng.choice([*POLICIES]))
     elif kind in COUNTED:
         args = CountArgs(rng.randint(1, 4))
-    elif kind in TIMED:
-        args = SecondsArgs(float(rng.randint(1, 4)))
     children = range(rng.randint(1, 4) if several else 1)
     return Node(kind, args, tuple(random_tree(rng, levels - 1) for _ in children))
 

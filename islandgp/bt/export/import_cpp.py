@@ -15,7 +15,6 @@ from typing import Final, NamedTuple, NoReturn
 
 from islandgp.bt.analysis.truth import hidden
 from islandgp.bt.core.condition import Compound, negate, opposite, terms
-from islandgp.bt.core.includes import MAX_FILES
 from islandgp.bt.core.kinds import ABORTS, POLICIES, REPEATS, SECONDS
 from islandgp.bt.core.language import MAX_LEVELS, MAX_NODES, parse, parse_condition
 from islandgp.bt.core.node import (
@@ -36,6 +35,7 @@ from islandgp.bt.export.behaviortree_cpp import EQUAL, JUDGED, NODES, REPEAT, RE
 from islandgp.bt.export.plan import CLOCK, Loss, fresh_name
 from islandgp.bt.export.scripts import read_condition
 from islandgp.bt.export.xml_reader import Element, read_xml
+from islandgp.bt.export.xml_trees import trees_of
 from islandgp.errors import LimitError, TreeError
 
 _NUMBER: Final = re.compile(r"[0-9]{1,9}(\.[0-9]{1,9})?")
@@ -45,7 +45,6 @@ _RENAMED: Final = {"SubTreePlus": "SubTree", "RetryUntilSuccesful": "RetryUntilS
 """Tags of version 3, with those of version 4."""
 _NOTES: Final = ("_description", "_fullpath", "_uid")
 """Attributes that editors write, without a meaning for the tree."""
-MAX_XML: Final = 1_000_000  # characters of an included file
 _ATTRIBUTES: Final = {
     "SubTree": ("_autoremap", "__autoremap"),
     **{node.tag: node.attributes for node in NODES.values()},
@@ -129,11 +128,6 @@ def read_tree(
     return Imported(checked, tuple(sorted(importer.differences.values())), written)
 
 
-class _XmlTree(NamedTuple):
-    element: Element
-    file: str  # what messages call it
-
-
 class _ReadSubtree(NamedTuple):
     node: Node
     nodes: int
@@ -152,13 +146,10 @@ class _Importer:
         self, name: str, root: Element, vocabulary: Vocabulary, folder: Path | None
     ) -> None:
         self._name = name
-        self._folder = folder
-        self._included: set[Path] = set()
         self._keys: dict[str, str] = {}  # of the tree that is being read, with the blackboard's
         self._vocabulary = vocabulary
         self._root = root
-        self._trees: dict[str, _XmlTree] = {}
-        self._add_trees(root, folder)
+        self._trees = trees_of(root, name, folder)
         self._read: dict[tuple[str, frozenset[tuple[str, str]]], _ReadSubtree] = {}
         self._names = {*RESERVED, *vocabulary.actions}  # that no other subtree can have
         self._open: list[str] = []  # trees that are being read
@@ -180,50 +171,6 @@ class _Importer:
                 f" {_listed(self._trees)}; add it, or choose one by --tree ID",
             )
         return self._subtree(asked or next(iter(self._trees)), self._root).node
-
-    def _add_trees(self, root: Element, beside: Path | None) -> None:
-        """The trees of a file, and of those that it includes."""
-        if root.tag != "root":
-            self._fail(root, f"expected <root> with a <BehaviorTree>, found <{shown(root.tag)}>")
-        version = root.attributes.get("BTCPP_format", "3")
-        if version not in ("3", "4"):
-            self._fail(root, f'expected BTCPP_format="4", found version {shown(version)}')
-        for element in root.children:
-            if element.tag == "include":
-                self._include(element, beside)
-                continue
-            if element.tag == "TreeNodesModel":
-                continue
-            if element.tag != "BehaviorTree":
-                self._fail(element, f"expected a <BehaviorTree>, found <{shown(element.tag)}>")
-            identity = element.attributes.get("ID", "")
-            if identity in self._trees:
-                self._fail(element, f"the tree {shown(identity)} stands twice; rename one")
-            self._trees[identity] = _XmlTree(element, self._name)
-        if not self._trees:
-            self._fail(root, "expected <root> with a <BehaviorTree>, found none")
-
-    def _include(self, element: Element, beside: Path | None) -> None:
-        """The trees of a file in the folder of the main file, or below it; each file once."""
-        written = element.attributes.get("path", "")
-        if self._folder is None or beside is None or not written or "\0" in written:
-            self._fail(element, "expected the path of a file beside this one")
-        path = (beside / written).resolve()
-        if Path(written).is_absolute() or not path.is_relative_to(self._folder.resolve()):
-            self._fail(element, f"{shown(written)} leads out of the folder of the tree")
-        if path in self._included:
-            return
-        self._included.add(path)
-        if len(self._included) > MAX_FILES or not path.is_file():
-            self._fail(element, f"expected a file, and {MAX_FILES} at most, found {shown(written)}")
-        try:
-            with path.open(encoding="utf-8") as file:
-                text = file.read(MAX_XML)
-        except (OSError, UnicodeDecodeError):
-            self._fail(element, f"{shown(written)} cannot be read as UTF-8 text")
-        name, self._name = self._name, str(path.relative_to(self._folder.resolve()))
-        self._add_trees(read_xml(text, name=self._name), path.parent)
-        self._name = name
 
     def _subtree(self, identity: str, user: Element) -> _ReadSubtree:
         key = identity, frozenset(self._keys.items())
@@ -518,8 +465,7 @@ class _Importer:
         self._fail(element, f"the language has no node {shown(tag)}; {hint}")
 
     def _fail(self, element: Element, message: str) -> NoReturn:
-        line, column = element.line, element.column
-        raise TreeError(f"{self._name}:{line}:{column}: {message}", line=line, column=column)
+        raise element.error(message, self._name)
 
 
 def _policy(number: int, count: int) -> Policy:

@@ -21,6 +21,11 @@ class Element:
     column: int
     children: list[Element] = field(default_factory=list)
 
+    def error(self, message: str, file: str) -> TreeError:
+        """The error for an element of a file, which messages call so."""
+        place = f"{file}:{self.line}:{self.column}"
+        return TreeError(f"{place}: {message}", line=self.line, column=self.column)
+
 
 def read_xml(text: str, *, name: str) -> Element:
     """The root element.

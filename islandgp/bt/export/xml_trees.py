@@ -1,0 +1,98 @@
+"""The trees of a BehaviorTree.CPP file, and of the files that it includes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from islandgp.bt.core.includes import MAX_FILES
+from islandgp.bt.core.source import shown
+from islandgp.bt.export.xml_reader import Element, read_xml
+
+MAX_XML: Final = 1_000_000  # characters of an included file; a longer one is not read whole
+
+
+class XmlTree(NamedTuple):
+    """A `<BehaviorTree>`."""
+
+    element: Element
+    file: str  # what messages call it
+
+
+def trees_of(main: Element, name: str, folder: Path | None) -> dict[str, XmlTree]:
+    """The trees of a file and of those that it includes, by ID.
+
+    Args:
+        main: the root of the file.
+        name: what messages call it.
+        folder: of the file; what it includes is there or below. None: it includes none.
+
+    Raises:
+        TreeError: a file is no such file, cannot be read, or has an ID again.
+    """
+    found: dict[str, XmlTree] = {}
+    included: set[Path] = set()
+
+    def add(root: Element, file: str, beside: Path | None) -> None:
+        if root.tag != "root":
+            found_tag = f"found <{shown(root.tag)}>"
+            raise root.error(f"expected <root> with a <BehaviorTree>, {found_tag}", file)
+        version = root.attributes.get("BTCPP_format", "3")
+        if version not in ("3", "4"):
+            raise root.error(f'expected BTCPP_format="4", found version {shown(version)}', file)
+        for element in root.children:
+            if element.tag == "include":
+                path = _included(element, file, folder, beside)
+                if path not in included:
+                    included.add(path)
+                    _check_count(element, file, len(included))
+                    add(*_read(element, file, path, folder), path.parent)
+            elif element.tag == "BehaviorTree":
+                identity = element.attributes.get("ID", "")
+                if identity in found:
+                    again = f"the tree {shown(identity)} stands twice; rename one"
+                    raise element.error(again, file)
+                found[identity] = XmlTree(element, file)
+            elif element.tag != "TreeNodesModel":
+                tag = shown(element.tag)
+                raise element.error(f"expected a <BehaviorTree>, found <{tag}>", file)
+
+    add(main, name, folder)
+    if not found:
+        raise main.error("expected <root> with a <BehaviorTree>, found none", name)
+    return found
+
+
+def _check_count(element: Element, file: str, count: int) -> None:
+    if count > MAX_FILES:
+        raise element.error(f"expected at most {MAX_FILES} included files", file)
+
+
+def _included(element: Element, file: str, folder: Path | None, beside: Path | None) -> Path:
+    """The file that an <include> names."""
+    written = element.attributes.get("path", "")
+    if folder is None or beside is None or not written or "\0" in written:
+        raise element.error("expected the path of a file beside this one", file)
+    try:
+        path = (beside / written).resolve()
+        inside = not Path(written).is_absolute() and path.is_relative_to(folder.resolve())
+    except (OSError, RuntimeError):
+        raise element.error(f"there is no file {shown(written)}", file) from None
+    if not inside:
+        raise element.error(f"{shown(written)} leads out of the folder of the tree", file)
+    return path
+
+
+def _read(element: Element, file: str, path: Path, folder: Path | None) -> tuple[Element, str]:
+    """The root of an included file, and what messages call the file."""
+    written = element.attributes["path"]
+    try:
+        if not path.is_file():  # no pipe, which would be waited for
+            raise element.error(f"there is no file {shown(written)}", file)
+        with path.open(encoding="utf-8") as opened:
+            text = opened.read(MAX_XML)
+    except (OSError, UnicodeDecodeError):
+        raise element.error(f"{shown(written)} cannot be read as UTF-8 text", file) from None
+    assert folder is not None
+    name = str(path.relative_to(folder.resolve()))
+    return read_xml(text, name=name), name
