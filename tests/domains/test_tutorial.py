@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from islandgp.evolution import single_behaviours
 from islandgp.running.app import main
 from islandgp.testing.server import MessagesServer
 
@@ -93,6 +94,7 @@ def run(
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(EXAMPLE))
     monkeypatch.delenv("ANTHROPIC_API_KEY", raising=False)
+    monkeypatch.setattr(single_behaviours, "ROUNDS", 4)  # of the search for a library
 
     def said(*words: str) -> str:
         assert main([*words, *QUICK]) == 0
