@@ -81,8 +81,8 @@ def warnings(
 ) -> list[LintWarning]:
     """The doubtful places of a file, in its order, each once.
 
-    What could be left out of a subtree is told if that is so wherever it is used. What is
-    doubtful in an included subtree is told where that is used. `folder`: as `parse`.
+    What could be left out of a subtree is reported if that is so wherever it is used. What is
+    doubtful in an included subtree is reported where that is used. `folder`: as `parse`.
 
     Raises:
         TreeError: the text is not a tree of the language.
