@@ -22,7 +22,7 @@ from islandgp.running.progress import columns
 from islandgp.running.report import report
 from islandgp.tracking.artifacts import FILES
 from islandgp.tracking.metrics import final_metrics, metrics
-from islandgp.tracking.sent import FILE
+from islandgp.tracking.sync_state import FILE
 from tests.made import CLASSES
 from tests.running.commands import ROOT, finish, start
 from tests.tracking.folders import steps
