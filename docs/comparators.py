@@ -15,7 +15,7 @@ import argparse
 import json
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import fmean
 from time import process_time
@@ -23,7 +23,8 @@ from typing import Any, Final
 
 import islandgp
 from islandgp.bt.core.language import to_text
-from islandgp.search.breeding import random_individuals
+from islandgp.search.base import SearchState
+from islandgp.search.breeding import Brood, new_generation
 from islandgp.seeding import Streams
 from islandgp.study.figures.profiles import profile_picture
 from islandgp.study.profiles import Scores, summarise
@@ -200,7 +201,8 @@ def random_trees(names: Sequence[str]) -> None:
             settings = experiment.settings
             plan = settings.plan(settings.make_domain())
             how = settings.search.settings().breeding
-            trees = random_individuals(Streams(9000), 0, range(RANDOM), plan.space, how, set())
+            many = replace(plan, gp=plan.gp.model_copy(update={"population": RANDOM}))
+            trees = new_generation(many, Streams(9000), SearchState(0), Brood(), how)
             outcomes = [
                 experiment.evaluate(to_text(i.tree), [world_seed])[0]
                 for i, world_seed in zip(trees, UNSEEN_OF_RANDOM, strict=True)

@@ -30,16 +30,16 @@ from islandgp.bt.core.condition import OPERATORS
 from islandgp.bt.core.includes import MAX_FILES
 from islandgp.bt.core.kinds import ABORTS, COUNTED, INNER, KINDS, POLICIES, REPEATS
 from islandgp.bt.core.language import MAX_CHARACTERS, parse, to_text
+from islandgp.commands.estimate_command import ANSWER
 from islandgp.commands.setting import configured
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.evaluation.base import Job, Problem, simulate
 from islandgp.resources import resource
 from islandgp.running.app import main
-from islandgp.supervision.llm.estimate import ANSWER
-from islandgp.supervision.llm.ledger import Facts, cost
+from islandgp.supervision.llm.ledger import cost
 from islandgp.supervision.llm.message import Usage
 from islandgp.supervision.llm.prompts import SETS
-from islandgp.supervision.llm.settings import LLMSettings
+from islandgp.supervision.llm.settings import Facts, LLMSettings
 from islandgp.supervision.llm.transcript import Transcript
 from islandgp.supervision.state_json import field_meanings
 from islandgp.testing.mock_model import MockModel

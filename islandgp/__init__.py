@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from islandgp.bt.core.language import parse, to_text
     from islandgp.errors import IslandError, TreeError
     from islandgp.experiment import Experiment, compose, run
+    from islandgp.gp.population import Advice
     from islandgp.results import Results, load
-    from islandgp.search.base import Advice
     from islandgp.seeding import Streams
 
     __version__: str
@@ -52,7 +52,7 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Advice": "islandgp.search.base",
+    "Advice": "islandgp.gp.population",
     "Experiment": "islandgp.experiment",
     "IslandError": "islandgp.errors",
     "NodeStatus": "islandgp.binding",

@@ -1,7 +1,7 @@
 """Runs as pandas frames: one row a run, a generation, an individual, or an elite.
 
     results = islandgp.load("runs/default")
-    results.generations.groupby(["arm", "generation"])["best"].mean()
+    results.generations.groupby(["arm", "generation"])["fitness_max"].mean()
 
 Column names with a dot belong to the domain or the experiment: `tiers.complete`,
 `components.delivery`, `counters.deliveries`, `cell.deliveries`. With constraints,
@@ -25,7 +25,7 @@ from islandgp.evaluation.base import check_version
 from islandgp.gp.edit_fates import edit_fates
 from islandgp.records.archive_file import NAME as ARCHIVE
 from islandgp.records.archive_file import read_archive
-from islandgp.records.files import values
+from islandgp.records.files import FITNESS_KEYS, values
 from islandgp.records.folder import RunFolder, run_folders
 from islandgp.scoring.constraints import (
     Constraints,
@@ -160,6 +160,7 @@ def load(path: str | Path) -> Results:
 def _generation(record: Mapping[str, Any], constraints: Constraints) -> Iterator[dict[str, Any]]:
     s, guidance = record["snapshot"], record["guidance"] or {}
     plain = {name: value for name, value in s.items() if not isinstance(value, dict)}
+    fitness = {name: plain.pop(key) for name, key in FITNESS_KEYS.items()}
     nested = {
         f"{group}.{name}": value
         for group in ("tiers", "specialists", "doing", "counters")
@@ -169,6 +170,7 @@ def _generation(record: Mapping[str, Any], constraints: Constraints) -> Iterator
     archive = record.get("archive") or {}
     yield {
         **plain,
+        **fitness,
         **{name: guidance.get(name) for name in kept},
         **{name: archive.get(name) for name in ("coverage", "qd_score")},
         **nested,

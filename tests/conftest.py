@@ -24,6 +24,8 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 once.install()
 
+gc.disable()  # while tests are collected, which makes millions of objects that stay
+
 
 MARKERS: Final = {
     "process": "starts a process or a browser, or opens a store of MLflow",
@@ -55,6 +57,7 @@ def pytest_collection_finish() -> None:
     """Modules stay until the end: looking for garbage among them takes a tenth of the time."""
     gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(autouse=True)

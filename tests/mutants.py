@@ -1,15 +1,16 @@
-"""Which small changes of the core its tests notice: `make mutants ARGS="--number 120 --seed 1"`.
+"""Which small changes of the package its unit tests notice: `make mutants ARGS="--seed 1"`.
 
-Each mutant is one changed expression of a module of CORE, never written to disk: a forked process
-imports the changed module and runs the test files that import it, until one test fails. It prints
-a line for each mutant and the share that was killed. Run it in the folder of the checkout.
+Each mutant is one changed expression of a function. The tests are collected once; for each mutant
+a forked process replaces the function's code and runs the tests of the files that import its
+module, until one fails. It prints a line for each mutant and the share that was killed.
+`--again FILE` runs the mutants of an earlier output, each against the test that killed it first.
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
-import importlib.util
+import gc
 import os
 import random
 import re
@@ -17,56 +18,74 @@ import signal
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
-from importlib.abc import Loader, MetaPathFinder
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, FunctionType
 from typing import Any, Final
 
-CORE: Final = ("bt", "gp", "evolution", "search", "scoring", "records")
+import pytest
+
+PARTS: Final = (
+    "bt", "gp", "evolution", "search", "scoring", "records", "domains", "evaluation",
+    "supervision", "config", "study", "tracking",
+)  # fmt: skip
 MOST_FILES: Final = 12  # test files a module
-UNCHANGED: Final = -1
-SECONDS: Final = 300.0  # a mutant; one that hangs is killed
+SECONDS: Final = 900.0  # a mutant that hangs where no test's time limit reaches it is killed
+UNIT: Final = "not slow and not process and not packaging"
 SWAPS: Final[dict[type, type]] = {
     ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt,
     ast.Eq: ast.NotEq, ast.NotEq: ast.Eq, ast.In: ast.NotIn, ast.NotIn: ast.In,
     ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.And: ast.Or, ast.Or: ast.And,
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
 }  # fmt: skip
+TESTS: Final = {f: f.read_text(encoding="utf-8") for f in sorted(Path("tests").rglob("test_*.py"))}
+LINE: Final = re.compile(r"(?:killed|survived) +(\S+) (\S+) #(\d+) \[.*?\] ?(.*)")
 
 
 @dataclass(frozen=True, slots=True)
 class Mutant:
-    """One changed expression."""
+    """One changed expression. It keeps its identity when the lines above it change."""
 
     file: Path  # of the package, relative to the checkout
-    place: int  # which of the places that `places` finds, or UNCHANGED
+    function: str  # qualified name of a function or method of the module
+    place: int  # which of the places that `places` finds in the function
+    killer: str = ""  # the test that killed it in an earlier run
+
+    @property
+    def name(self) -> str:
+        """How the output names it."""
+        return f"{self.file} {self.function} #{self.place}"
 
 
-def module_of(file: Path) -> str:
-    """The name of a module in full."""
-    return ".".join(file.with_suffix("").parts)
+def functions(tree: ast.Module) -> Iterator[tuple[str, ast.FunctionDef]]:
+    """The functions of a module and the methods of its classes, by qualified name."""
+    for node in tree.body:
+        match node:
+            case ast.FunctionDef():
+                yield node.name, node
+            case ast.ClassDef():
+                for part in node.body:
+                    if isinstance(part, ast.FunctionDef):
+                        yield f"{node.name}.{part.name}", part
 
 
-def places(tree: ast.AST) -> Iterator[tuple[ast.expr | ast.If, str]]:
-    """The nodes that `change` can change inside functions, and what it makes of them."""
-    for function in ast.walk(tree):
-        if not isinstance(function, ast.FunctionDef):
-            continue
-        for node in (found for part in function.body for found in ast.walk(part)):
-            match node:
-                case ast.Compare(ops=[op]) if type(op) in SWAPS:
-                    yield node, SWAPS[type(op)].__name__
-                case ast.BoolOp(op=op) | ast.BinOp(op=op) if type(op) in SWAPS:
-                    yield node, SWAPS[type(op)].__name__
-                case ast.UnaryOp(op=ast.Not()):
-                    yield node, "without not"
-                case ast.Constant(value=bool() | int() | float()):
-                    yield node, "another constant"
-                case ast.If():
-                    yield node, "if not"
+def places(function: ast.FunctionDef) -> Iterator[tuple[ast.expr | ast.If, str]]:
+    """The nodes of a function that `change` can change, and what it makes of them."""
+    for node in (found for part in function.body for found in ast.walk(part)):
+        match node:
+            case ast.Compare(ops=[op]) if type(op) in SWAPS:
+                yield node, SWAPS[type(op)].__name__
+            case ast.BoolOp(op=op) | ast.BinOp(op=op) if type(op) in SWAPS:
+                yield node, SWAPS[type(op)].__name__
+            case ast.UnaryOp(op=ast.Not()):
+                yield node, "without not"
+            case ast.Constant(value=bool() | int() | float()):
+                yield node, "another constant"
+            case ast.If():
+                yield node, "if not"
 
 
 def change(node: Any) -> None:
@@ -86,43 +105,42 @@ def change(node: Any) -> None:
             node.test = ast.UnaryOp(ast.Not(), node.test)
 
 
-def mutated(mutant: Mutant) -> tuple[ast.Module, str]:
-    """The changed module, and the line and kind of the change."""
-    tree = ast.parse(mutant.file.read_text(encoding="utf-8"))
-    if mutant.place == UNCHANGED:
-        return tree, f"{mutant.file} unchanged"
-    node, what = list(places(tree))[mutant.place]
+def mutated(mutant: Mutant) -> tuple[ast.Module, str] | None:
+    """The changed module, and what was changed where; None if the sources have no such place."""
+    try:
+        tree = ast.parse(mutant.file.read_text(encoding="utf-8"))
+        node, what = list(places(dict(functions(tree))[mutant.function]))[mutant.place]
+    except (OSError, KeyError, IndexError):
+        return None
     change(node)
-    return ast.fix_missing_locations(tree), f"{mutant.file}:{node.lineno} {what}"
+    return ast.fix_missing_locations(tree), f"line {node.lineno}: {what}"
 
 
-class Mutating(MetaPathFinder, Loader):
-    """Imports the changed module in the place of the one on disk."""
-
-    def __init__(self, mutant: Mutant) -> None:
-        self.mutant = mutant
-
-    def find_spec(self, fullname: str, path: Any, target: Any = None) -> Any:  # noqa: ARG002
-        """See `MetaPathFinder`."""
-        if fullname != module_of(self.mutant.file):
-            return None
-        return importlib.util.spec_from_file_location(
-            fullname, self.mutant.file.absolute(), loader=self
-        )
-
-    def exec_module(self, module: ModuleType) -> None:
-        """See `Loader`."""
-        tree, _ = mutated(self.mutant)
-        exec(compile(tree, str(self.mutant.file), "exec"), module.__dict__)
+def codes(code: CodeType) -> Iterator[CodeType]:
+    """All code in a module's code."""
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield constant
+            yield from codes(constant)
 
 
-TESTS: Final = {f: f.read_text(encoding="utf-8") for f in sorted(Path("tests").rglob("test_*.py"))}
+def install(mutant: Mutant, tree: ast.Module) -> None:
+    """Replaces the code of the function in this process."""
+    file = str(mutant.file.absolute())
+    module = compile(tree, file, "exec")
+    code = next(c for c in codes(module) if c.co_qualname == mutant.function)
+    for thing in gc.get_objects():
+        if isinstance(thing, FunctionType) and thing.__code__.co_filename == file:
+            old = thing.__code__
+            if (old.co_qualname, old.co_firstlineno) == (code.co_qualname, code.co_firstlineno):
+                thing.__code__ = code
 
 
 @cache
 def tests_of(file: Path) -> tuple[str, ...]:
     """The test files that import a module; those of its own folder first, then short ones."""
-    name = re.compile(rf"\b{re.escape(module_of(file))}\b")
+    module = ".".join(file.with_suffix("").parts)
+    name = re.compile(rf"\b{re.escape(module)}\b")
     files = [test for test, text in TESTS.items() if name.search(text)]
     files.sort(key=lambda test: (test.parts[1] != file.parts[1], len(TESTS[test]), test))
     return tuple(map(str, files[:MOST_FILES]))
@@ -131,45 +149,118 @@ def tests_of(file: Path) -> tuple[str, ...]:
 def chosen(number: int, seed: int) -> list[Mutant]:
     """So many mutants, the same ones for the same seed and sources."""
     everything = [
-        Mutant(file, place)
-        for part in CORE
+        Mutant(file, name, place)
+        for part in PARTS
         for file in sorted(Path("islandgp", part).rglob("*.py"))
         if tests_of(file)
-        for place in range(len(list(places(ast.parse(file.read_text(encoding="utf-8"))))))
+        for name, function in functions(ast.parse(file.read_text(encoding="utf-8")))
+        for place in range(len(list(places(function))))
     ]
     return random.Random(seed).sample(everything, number)
 
 
-def survives(mutant: Mutant) -> bool:
-    """Whether all tests of its module pass."""
+def earlier(output: Path) -> list[Mutant]:
+    """The mutants of an output, with their killers."""
+    found = map(LINE.match, output.read_text(encoding="utf-8").splitlines())
+    return [Mutant(Path(m[1]), m[2], int(m[3]), m[4]) for m in found if m]
+
+
+def killer(mutant: Mutant | None, items: Sequence[pytest.Item], cpu: float) -> str | None:
+    """The first test that fails with a mutant, run in another process; None if none does.
+
+    Args:
+        mutant: None runs the tests without a change.
+        items: The tests, in the order in which they run.
+        cpu: CPU seconds; after them no further test begins.
+    """
+    reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
-        os.setsid()
-        sys.meta_path.insert(0, Mutating(mutant))
-        silence = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(silence, 1)
-        os.dup2(silence, 2)
-        import pytest
-
-        options = ["-x", "-q", "-p", "no:cacheprovider", "-n", "0"]
-        # pytest's 5: no test was chosen
-        os._exit(int(pytest.main([*options, "-m", UNIT, *tests_of(mutant.file)]) not in (0, 5)))
+        _run(mutant, items, cpu, writing)
+    os.close(writing)
     end = time.monotonic() + SECONDS
-    ended = 0
+    while not (ended := os.waitpid(child, os.WNOHANG)[0]) and time.monotonic() < end:
+        time.sleep(0.05)
+    with suppress(ProcessLookupError):
+        os.killpg(child, signal.SIGKILL)
+    if not ended:
+        os.waitpid(child, 0)
+    with os.fdopen(reading) as pipe:
+        *running, last = [*pipe.read().split("\n")] or [""]
+    return None if last == "passed" else running[-1] if running else "(it crashed)"
+
+
+def _run(mutant: Mutant | None, items: Sequence[pytest.Item], cpu: float, writing: int) -> None:
+    """Writes each test's name before it runs, then "passed" if all did. Does not return."""
+    cpu += time.process_time()
     try:
-        while time.monotonic() < end:
-            ended, status = os.waitpid(child, os.WNOHANG)
-            if ended:
-                return status == 0
-            time.sleep(0.05)
-    finally:  # it hangs, or the user has pressed Ctrl-C
-        if not ended:
-            os.kill(child, signal.SIGKILL)
-            os.waitpid(child, 0)
-    return False
+        os.setsid()
+        silence = os.open(os.devnull, os.O_RDWR)
+        for stream in (0, 1, 2):
+            os.dup2(silence, stream)
+        if mutant:
+            found = mutated(mutant)
+            assert found
+            install(mutant, found[0])
+        session = items[0].session
+        for item, after in zip(items, [*items[1:], None], strict=True):
+            os.write(writing, f"{item.nodeid}\n".encode())
+            item.config.hook.pytest_runtest_protocol(item=item, nextitem=after)
+            if session.testsfailed:
+                os._exit(1)
+            if time.process_time() > cpu:
+                break
+        os.write(writing, b"passed")
+    finally:
+        os._exit(0)
 
 
-UNIT: Final = "not slow and not process and not packaging"
+class Mutating:
+    """A plugin of pytest that runs mutants in the place of the tests."""
+
+    def __init__(self, mutants: Sequence[Mutant], cpu: float) -> None:
+        self.mutants = mutants
+        self.cpu = cpu
+        self.unreliable: set[str] = set()
+        self.reliable: set[str] = set()
+
+    def pytest_runtestloop(self, session: pytest.Session) -> bool:
+        """Prints a line for each mutant, and the shares."""
+        gc.unfreeze()  # tests/conftest.py hides the modules from `gc`
+        ends: Counter[tuple[str, bool]] = Counter()
+        for mutant in self.mutants:
+            if not (found := mutated(mutant)):
+                print(f"gone     {mutant.name}", flush=True)
+                continue
+            by = self._killer(mutant, session.items)
+            ends[mutant.file.parts[1], by is not None] += 1
+            word = "survived" if by is None else "killed  "
+            print(f"{word} {mutant.name} [{found[1]}] {by or ''}".rstrip(), flush=True)
+        for part in PARTS:
+            print(f"{part:12} killed {ends[part, True]:3}  survived {ends[part, False]:3}")
+        dead = sum(number for (_, killed), number in ends.items() if killed)
+        print(f"{dead} of {ends.total()} mutants killed ({dead / max(ends.total(), 1):.0%})")
+        return True
+
+    def _killer(self, mutant: Mutant, items: Sequence[pytest.Item]) -> str | None:
+        """As `killer`, by a test that passes without the mutant."""
+        files = tests_of(mutant.file)
+
+        def cost(item: pytest.Item) -> tuple[bool, bool, int]:
+            slow = hasattr(getattr(item, "obj", None), "hypothesis")
+            return item.nodeid != mutant.killer, slow, files.index(item.nodeid.split("::")[0])
+
+        wanted = sorted((i for i in items if i.nodeid.split("::")[0] in files), key=cost)
+        while wanted := [item for item in wanted if item.nodeid not in self.unreliable]:
+            by = killer(mutant, wanted, self.cpu)
+            if by is None or by in self.reliable:
+                return by
+            alone = [item for item in wanted if item.nodeid == by]
+            if alone and killer(None, alone, self.cpu) is None:
+                self.reliable.add(by)
+                return by
+            self.unreliable.add(by)
+        return None
 
 
 def main() -> None:
@@ -177,23 +268,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--number", type=int, default=120)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--again", type=Path, metavar="FILE", help="the output of an earlier run")
+    parser.add_argument("--cpu", type=float, default=15, help="CPU seconds of tests a mutant")
+    parser.add_argument("--part", default="0/1", help="I/N: each N-th mutant from the I-th on")
     given = parser.parse_args()
-    sys.path.insert(0, str(Path.cwd()))
-    # What every child needs, and what no mutant is in.
-    for library in ("numpy", "pydantic", "lark", "pymunk", "scipy.stats"):
-        importlib.import_module(library)
-    ends: Counter[tuple[str, bool]] = Counter()
-    mutants = chosen(given.number, given.seed)
-    if not survives(Mutant(mutants[0].file, UNCHANGED)):
-        sys.exit(f"Expected the tests of {mutants[0].file} to pass unchanged; run them first.")
-    for mutant in mutants:
-        alive = survives(mutant)
-        ends[mutant.file.parts[1], alive] += 1
-        print("survived" if alive else "killed  ", mutated(mutant)[1], flush=True)
-    for part in CORE:
-        print(f"{part:10} killed {ends[part, False]:3}  survived {ends[part, True]:3}")
-    dead = sum(number for (_, alive), number in ends.items() if not alive)
-    print(f"{dead} of {given.number} mutants killed ({dead / given.number:.0%})")
+    mutants = earlier(given.again) if given.again else chosen(given.number, given.seed)
+    start, step = map(int, given.part.split("/"))
+    mutants = mutants[start::step]
+    files = sorted({test for mutant in mutants for test in tests_of(mutant.file)})
+    options = ["-s", "-q", "-p", "no:cacheprovider", "-n", "0", "--timeout", "300"]
+    options += ["--hypothesis-profile", "mutants", "-m", UNIT]
+    sys.exit(pytest.main([*options, *files], plugins=[Mutating(mutants, given.cpu)]))
 
 
 if __name__ == "__main__":

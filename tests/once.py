@@ -1,8 +1,8 @@
 """Work on configuration that tests repeat, done once a process.
 
-A text of YAML is parsed once. The files of `conf` are merged once for each choice of options;
-values given by the command are applied each time. All of it gives new objects at each call and
-raises what it raises without this module.
+A text of YAML is parsed once and a file of `conf` is loaded once. The files are merged once for
+each choice of options; values given by the command are applied each time. All of it gives new
+objects at each call and raises what it raises without this module.
 """
 
 from __future__ import annotations
@@ -14,16 +14,19 @@ from typing import Any, Final
 import yaml
 from hydra._internal import config_loader_impl
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
+from hydra._internal.config_repository import ConfigRepository
 
 from islandgp.resources import resource
 
 SCHEMES: Final = ("pkg", "structured")  # sources that do not change under a running process
 
 _parse = yaml.load
+_read = ConfigRepository.load_config
 _choose = config_loader_impl.create_defaults_list
 _merge = ConfigLoaderImpl._compose_config_from_defaults_list
 
 _loaders: dict[str, Any] = {}  # OmegaConf makes a class for each text, always the same one
+_files: dict[tuple[str, str], bytes] = {}
 _chosen: dict[str, bytes] = {}
 _merged: dict[str, bytes] = {}
 
@@ -52,6 +55,17 @@ def _sources(repo: Any) -> str:
     sources = repo.get_sources()
     own = [s.path.removeprefix("file://") for s in sources if s.scheme() not in SCHEMES]
     return repr([(s.scheme(), s.path) for s in sources]) if own == [str(resource("conf"))] else ""
+
+
+def _load_config(self: ConfigRepository, config_path: str) -> Any:
+    """As Hydra's: a file of the configuration, or None."""
+    key = (_sources(self), config_path)
+    if key not in _files:
+        found = _read(self, config_path)
+        if found is None or not key[0]:
+            return found
+        _files[key] = pickle.dumps(found)
+    return pickle.loads(_files[key])
 
 
 def _create_defaults_list(repo: Any, overrides_list: Any, **given: Any) -> Any:
@@ -85,5 +99,6 @@ def _compose_config(self: ConfigLoaderImpl, defaults: Any, repo: Any) -> Any:
 def install() -> None:
     """Replaces PyYAML's and Hydra's functions for the rest of this process."""
     yaml.load = _load
+    ConfigRepository.load_config = _load_config
     config_loader_impl.create_defaults_list = _create_defaults_list
     ConfigLoaderImpl._compose_config_from_defaults_list = _compose_config

@@ -8,13 +8,16 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from hypothesis import settings
+from hypothesis import Phase, settings
 
 BASE: Final = 100  # examples a test, if neither it nor the profile says another number
 LEAST: Final = 10
 
 settings.register_profile(
-    "quick", deadline=None, derandomize=True, database=None, max_examples=2 * BASE // 5
+    "quick", deadline=None, derandomize=True, database=None, max_examples=BASE // 5
+)
+settings.register_profile(
+    "mutants", settings.get_profile("quick"), phases=(Phase.explicit, Phase.generate)
 )
 settings.register_profile("nightly", deadline=None, max_examples=5 * BASE)
 

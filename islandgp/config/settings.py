@@ -119,6 +119,15 @@ PAPERS: Final = {"name": "paper", "factory": "islandgp.search.paper:Paper", "ran
 """The search of configurations that name none: those of versions before 0.3."""
 
 
+OLDER_NAMES: Final = {
+    "best": "validation_mean",
+    "trained": "champion_fitness",
+    "final_best": "final_fitness_max",
+    "final_mean": "final_fitness_mean",
+}
+"""Objectives by the names of versions before 0.3."""
+
+
 class EvaluatorSettings(ComponentConfig, frozen=True, extra="forbid"):
     """The group `evaluator`."""
 
@@ -140,7 +149,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     tags: dict[Annotated[str, Field(pattern=TAG)], str | int | float | bool] = Field(
         default_factory=dict
     )
-    objectives: tuple[str, ...] = Field(("best",), min_length=1)  # keys of records.files.values
+    objectives: tuple[str, ...] = Field(("validation_mean",), min_length=1)  # of `values`
     start: str | None = Field(None, min_length=1)  # a run whose archive opens generation 0
     domain: DomainSettings
     world: Any  # the domain's own World
@@ -159,6 +168,12 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     supervisor: SupervisorSettings
     evaluator: EvaluatorSettings
     tracking: TrackingSettings
+
+    @field_validator("objectives", mode="before")
+    @classmethod
+    def _older_names(cls, names: Any) -> Any:
+        older = isinstance(names, (list, tuple)) and all(isinstance(n, str) for n in names)
+        return [OLDER_NAMES.get(name, name) for name in names] if older else names
 
     @field_validator("constraints", mode="before")
     @classmethod

@@ -16,11 +16,11 @@ from islandgp.evaluation.base import Evaluator, Job
 from islandgp.gp.archive import Elite
 from islandgp.gp.edits import Edit, EditRecord, EditTrial, as_record, edited
 from islandgp.gp.plan import Plan
-from islandgp.gp.population import EditedTree, Evaluated, Origin
+from islandgp.gp.population import Advice, EditedTree, Evaluated, Origin
 from islandgp.gp.record import GuidanceRecord, IndividualRecord
 from islandgp.gp.variation import mutate
 from islandgp.scoring.state import PopulationState
-from islandgp.search.base import Advice, Search
+from islandgp.search.base import Search
 from islandgp.seeding import Stream, Streams
 from islandgp.supervision.base import Guidance
 

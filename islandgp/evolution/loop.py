@@ -20,7 +20,7 @@ from islandgp.evaluation.base import Evaluator, Job, evaluated
 from islandgp.evolution.guidance import compare_with_parents, decide, nameable
 from islandgp.gp.archive import ArchiveUpdate, Elite, update_archive
 from islandgp.gp.plan import Plan
-from islandgp.gp.population import Evaluated, Individual
+from islandgp.gp.population import Advice, Evaluated, Individual
 from islandgp.gp.record import (
     Cost,
     GenerationRecord,
@@ -37,7 +37,7 @@ from islandgp.scoring.classes import classify
 from islandgp.scoring.constraints import violation
 from islandgp.scoring.generation_stats import GenerationStats, generation_stats
 from islandgp.scoring.state import PopulationState, population_state
-from islandgp.search.base import Advice, Search, SearchState
+from islandgp.search.base import Search, SearchState
 from islandgp.search.paper import Paper
 from islandgp.seeding import Stream, Streams, seed_of
 from islandgp.supervision.asking import SupervisorQueue
@@ -109,7 +109,7 @@ def view(plan: Plan, history: Sequence[GenerationStats]) -> PopulationState:
 
 def initial_state(plan: Plan, search: Search) -> RunState:
     """The state before generation 0, with the initial mutation rate (lines 1 and 2)."""
-    return RunState(0, plan.gp.mutation_rate, (), search.start().memory, None)
+    return RunState(0, Advice(plan.gp.mutation_rate), (), search.start().memory, None)
 
 
 def evolve(
@@ -203,7 +203,7 @@ def _generation(
     """
     plan, evaluator, g = parts.plan, parts.evaluator, state.generation
     before, began = evaluator.simulated, perf_counter()
-    asked = SearchState(g, state.memory)
+    asked = SearchState(g, state.memory, state.advice)
     individuals = asked_of(parts.search, asked, parts.streams, plan)
     texts = [to_text(i.tree) for i in individuals]
     worlds = training_seeds(plan, parts.streams.seed, g)
@@ -222,7 +222,7 @@ def _generation(
         plan.classes,
         plan.curriculum,
         generation=g,
-        rate=state.rate,
+        rate=state.advice.rate,
         constraints=plan.constraints,
     )
     history = (*state.history, now)
@@ -242,12 +242,12 @@ def _generation(
         supervision = perf_counter() - waiting
         names = nameable((*recent, lines), archive.elites) if plan.switches.edits else {}
         guidance, advice = decide(
-            plan, parts.search, seen, answer, state.rate, names=names, streams=parts.streams
+            plan, parts.search, seen, answer, state.advice.rate, names=names, streams=parts.streams
         )
         told = told_to(parts.search, asked, population, advice)
         following = RunState(
             g + 1,
-            advice.rate,
+            advice,
             history,
             told.memory,
             champion,

@@ -19,6 +19,7 @@ from islandgp.bt.core.node import Limits, Node, replace_at, size, walk, within
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Evaluator, evaluated
 from islandgp.gp.random_trees import TreeSpace, random_tree
+from islandgp.gp.selection import by_rank
 from islandgp.gp.variation import CROSSOVERS, MutationSettings, mutate
 from islandgp.scoring.classes import Classes
 from islandgp.seeding import Stream, seed_of, stream
@@ -84,7 +85,7 @@ def _child(
     rng: np.random.Generator, parents: Sequence[Node], space: TreeSpace, how: MutationSettings
 ) -> Node:
     """A mutant of a parent, or of what it makes with another one."""
-    first, second = (parents[min(rng.integers(len(parents), size=2))] for _ in range(2))
+    first, second = by_rank(rng, parents), by_rank(rng, parents)
     tree = CROSSOVERS["subtree"](rng, first, second, space.limits) if rng.random() < 0.5 else first
     return mutate(rng, tree, rate=0.8, space=space, how=how)[0]
 

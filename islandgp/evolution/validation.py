@@ -35,6 +35,7 @@ from islandgp.seeding import Stream, stream
 
 MOST: Final = 24  # candidates
 FINALISTS: Final = 3  # that meet the most worlds
+WORLDS_EACH: Final = 5  # of a candidate, where there are too few episodes for all candidates
 TOP: Final = 2  # of each generation that are candidates
 
 
@@ -226,6 +227,19 @@ def validation_seeds(
     """The first `n` worlds of a run for a purpose, by default validation, that are not used."""
     drawn = (int(stream(seed, purpose, slot=i).integers(2**32)) for i in range(n + len(used)))
     return tuple(world for world in drawn if world not in used)[:n]
+
+
+def entrants(found: Sequence[Candidate], episodes: int) -> Sequence[Candidate]:
+    """The candidates that take part: all, or the best in training where episodes are few.
+
+    Args:
+        found: at least one candidate.
+        episodes: of all candidates together, >= 1.
+    """
+    if sum(size * new for size, new in rounds(len(found), episodes)) <= episodes:
+        return found
+    ranked = sorted(found, key=lambda c: c.merit, reverse=True)
+    return ranked[: max(1, episodes // WORLDS_EACH)]
 
 
 def rounds(n: int, episodes: int) -> list[tuple[int, int]]:

@@ -125,7 +125,7 @@ class Budget(BaseModel, frozen=True, extra="forbid"):
         """
         assert self.episodes is not None
         one = population * episodes
-        least = one + round(validation * one)
+        least = one + (max(1, round(validation * one)) if validation else 0)
         if self.episodes < least:
             raise ValueError(
                 f"budget.episodes: expected at least {least:,}, one generation and its validation,"

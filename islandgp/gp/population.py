@@ -52,6 +52,17 @@ class EditedTree:
     operator: str  # "edit:<kind>"
 
 
+@dataclass(frozen=True, slots=True)
+class Advice:
+    """What a supervisor's guidance changes in a generation, after it was checked."""
+
+    rate: float  # mutation rate in force, in [0, 1]
+    tree: Tree | None = None  # to inject, within the limits
+    edited: tuple[EditedTree, ...] = ()
+    """To evaluate, within the limits, each in a slot of its own; at most `supervisor.edits`,
+    which is at most `gp.population` - 3."""
+
+
 def edited_individuals(
     edited: Sequence[EditedTree], generation: int, first: int
 ) -> list[Individual]:

@@ -15,7 +15,7 @@ from pydantic import Field, PlainSerializer
 from islandgp.bt.core.node import depth, size
 from islandgp.gp.archive import ArchiveRecord, Elite
 from islandgp.gp.edits import EditRecord, EditTrial
-from islandgp.gp.population import Evaluated
+from islandgp.gp.population import Advice, Evaluated
 from islandgp.plain import to_json
 from islandgp.scoring.constraints import (
     NO_CONSTRAINTS,
@@ -143,7 +143,7 @@ class RunState:
     """Everything the next generation depends on, besides configuration and seed."""
 
     generation: Annotated[int, Field(ge=0)]  # the next to be evaluated
-    rate: float  # mutation rate of this generation
+    advice: Advice  # of the supervisor for this generation, with its mutation rate
     history: tuple[GenerationStats, ...]  # of the generations before, oldest first
     memory: Annotated[Any, PlainSerializer(to_json)]
     """`SearchState.memory`; as plain values where it was read from a checkpoint."""

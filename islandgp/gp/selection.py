@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 
 from islandgp.gp.population import Evaluated
 from islandgp.plugin import function
+
+T = TypeVar("T")
 
 
 def tournament(
@@ -18,6 +20,11 @@ def tournament(
     """The best of `entrants` >= 1 individuals drawn with replacement; the first of equals."""
     drawn = [population[int(i)] for i in rng.integers(len(population), size=entrants)]
     return max(drawn, key=lambda e: e.merit)
+
+
+def by_rank(rng: np.random.Generator, ranked: Sequence[T], entrants: int = 2) -> T:
+    """The first in `ranked` of `entrants` >= 1 items drawn with replacement."""
+    return ranked[int(rng.integers(len(ranked), size=entrants).min())]
 
 
 Selection = Callable[[np.random.Generator, Sequence[Evaluated], int], Evaluated]

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Final
 
 from pydantic import Field
 
+from islandgp.errors import RunError
 from islandgp.gp.record import IndividualRecord
 
 
@@ -68,14 +69,10 @@ class RunMetadata:
     manifest: bool = False  # whether its end writes manifest.json; older versions do not
 
 
-def score(summary: Mapping[str, Any]) -> float:
-    """What a finished run is worth: its best robot's mean fitness in validation worlds, points.
-
-    Without validation it is the robot's fitness in training.
-    """
-    champion = summary["champion"]
-    validation = champion["validation"]
-    return float(champion["record"]["fitness"] if validation is None else validation["mean"])
+def validation_mean(summary: Mapping[str, Any]) -> float | None:
+    """Mean fitness of a run's best robot in validation worlds, points; None: not validated."""
+    validation = summary["champion"]["validation"]
+    return None if validation is None else float(validation["mean"])
 
 
 PAGE: Final = "run.html"
@@ -97,23 +94,40 @@ OWN: Final = (
 """The files that only the process writes that holds the folder."""
 
 
-SUMMED: Final = ("generations", "final_best", "final_mean", "mean_diversity", "seconds")
-VALUES: Final = ("best", "trained", *SUMMED)
-"""What `values` tells of every run."""
+VALUES: Final = (
+    "validation_mean",
+    "champion_fitness",
+    "fitness_max",
+    "generations",
+    "final_fitness_max",
+    "final_fitness_mean",
+    "mean_diversity",
+    "seconds",
+)
+"""The keys of `values` that every run has."""
 
 
 def values(summary: Mapping[str, Any]) -> dict[str, Any]:
-    """The numbers of a finished run, by the names that `islandgp.load` has for them.
+    """The numbers of a finished run, by the columns of `islandgp.load`.
 
-    `first.<milestone>` is the generation of the first such robot, None if there was none.
+    `validation_mean` is None without validation, `first.<milestone>` without such a robot.
     """
     return {
-        "best": score(summary),
-        "trained": summary["champion"]["record"]["fitness"],
-        **{name: summary[name] for name in SUMMED},
+        "validation_mean": validation_mean(summary),
+        "champion_fitness": summary["champion"]["record"]["fitness"],
+        "fitness_max": summary["fittest"]["record"]["fitness"],
+        "generations": summary["generations"],
+        "final_fitness_max": summary["final_best"],
+        "final_fitness_mean": summary["final_mean"],
+        "mean_diversity": summary["mean_diversity"],
+        "seconds": summary["seconds"],
         **{f"first.{tier}": generation for tier, generation in summary["first"].items()},
         **{f"constraints.{name}": value for name, value in kept_constraints(summary).items()},
     }
+
+
+FITNESS_KEYS: Final = {"fitness_max": "best", "fitness_mean": "mean", "fitness_sd": "sd"}
+"""The keys of a generation's record by the names that frames and MLflow have for them."""
 
 
 def kept_constraints(summary: Mapping[str, Any]) -> dict[str, float]:
@@ -127,9 +141,21 @@ def kept_constraints(summary: Mapping[str, Any]) -> dict[str, float]:
     return {name: float(validation[name]) for name in names}
 
 
+NOT_VALIDATED: Final = (
+    "objectives: expected a run with a validation_mean, found one that was not validated;"
+    " set gp.validation above 0, or objectives=[fitness_max]"
+)
+
+
 def objectives(summary: Mapping[str, Any], names: Sequence[str]) -> tuple[float, ...]:
-    """The values that a search compares runs by; a robot that never came came after the end."""
+    """The values that a search compares runs by; a robot that never came came after the end.
+
+    Raises:
+        RunError: the run was not validated, and `validation_mean` is one of the names.
+    """
     found = values(summary)
+    if "validation_mean" in names and found["validation_mean"] is None:
+        raise RunError(NOT_VALIDATED)
     return tuple(float(summary["generations"] if found[n] is None else found[n]) for n in names)
 
 

@@ -23,6 +23,7 @@ from islandgp.evolution.validation import (
     Validation,
     candidates,
     candidates_by_evidence,
+    entrants,
     validate,
     validation_seeds,
 )
@@ -325,9 +326,10 @@ def _evolve(
 
 
 def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> Best:
-    """The run's best robot: its most promising trees race in worlds that trained no tree.
+    """The run's best robot, by successive halving in validation worlds, which trained no tree.
 
-    With gp.validation=0 it is the best individual of the last stage.
+    With gp.validation=0, or where a budget leaves no episode, it is the best individual of the
+    last stage. Fewer candidates take part where there are few episodes.
     """
     if settings.search.ranking == "evidence":
         found = candidates_by_evidence(target.records(), constraints=settings.constraints)
@@ -335,7 +337,7 @@ def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> B
         found = candidates(target.records(), settings.classes, constraints=settings.constraints)
     episodes = validation_episodes(settings, target)
     verdict: Validation | None = None
-    if episodes < len(found):
+    if episodes < 1:
         winner = max(found, key=lambda c: c.merit)
     else:
         used: set[int] = set()
@@ -344,7 +346,7 @@ def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> B
             used.update(record["worlds"])
             stage = record["snapshot"]["stage"]
         winner, verdict = validate(
-            found,
+            entrants(found, episodes),
             validation_seeds(settings.seed, frozenset(used), episodes),
             evaluator,
             stage,
@@ -360,8 +362,10 @@ def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> B
 
 def validation_episodes(settings: Settings, target: RunFolder) -> int:
     """Episodes in which the run chooses its best robot; of a budget all that is left."""
-    if settings.gp.validation == 0 or settings.budget.episodes is None:
-        return round(settings.gp.validation * settings.gp.episodes_in_all)
+    if settings.gp.validation == 0:
+        return 0
+    if settings.budget.episodes is None:
+        return max(1, round(settings.gp.validation * settings.gp.episodes_in_all))
     spent = sum(int(cost["episodes"]) for cost in target.costs())
     return settings.budget.episodes - spent
 

@@ -21,7 +21,7 @@ from pydantic import BaseModel
 
 from islandgp.bt.core.node import Node
 from islandgp.gp.plan import Plan
-from islandgp.gp.population import EditedTree, Evaluated, Individual
+from islandgp.gp.population import Advice, Evaluated, Individual
 from islandgp.seeding import Streams
 
 
@@ -31,17 +31,7 @@ class SearchState:
 
     generation: int  # the next to be evaluated, from 0
     memory: Any = None  # a value of the search's `Memory`; None before the first generation
-
-
-@dataclass(frozen=True, slots=True)
-class Advice:
-    """What a supervisor's guidance changes in the next generation, after it was checked."""
-
-    rate: float  # mutation rate in force, in [0, 1]
-    tree: Node | None = None  # to inject, within the limits
-    edited: tuple[EditedTree, ...] = ()
-    """To evaluate next, within the limits, each in a slot of its own; at most `supervisor.edits`,
-    which is at most `gp.population` - 3."""
+    advice: Advice | None = None  # of the supervisor for this generation; None: none was given
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +84,7 @@ class Search(Protocol):
         Args:
             state: that `ask` was called with.
             evaluated: the individuals that it returned, in their order, with their outcomes.
-            advice: of the supervisor, for the next generation.
+            advice: of the supervisor, for the next generation; it belongs into the state.
         """
         ...
 

@@ -1,11 +1,12 @@
-"""How the searches beside the paper's make trees: random ones, and children of parents."""
+"""What the searches beside the paper's share: random trees, children, and the order of slots."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
-from typing import Any, Final
+from typing import Any, ClassVar, Final, Generic, Self, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
@@ -16,14 +17,17 @@ from islandgp.bt.core.node import Node, within
 from islandgp.gp.branches import random_list
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import (
-    EditedTree,
+    Advice,
+    Evaluated,
     Individual,
     Origin,
     Tree,
     edited_individuals,
 )
 from islandgp.gp.random_trees import TreeSpace, check_weights, random_tree, weighted
+from islandgp.gp.selection import by_rank
 from islandgp.gp.variation import CROSSOVERS, MutationSettings, crossover, mutate
+from islandgp.search.base import SearchContext, SearchState
 from islandgp.seeding import Stream, Streams
 
 TRIES: Final = 30  # attempts at a tree that was not tried before
@@ -73,6 +77,20 @@ class Parent:
     tree: Tree
 
 
+def parent_of(e: Evaluated) -> Parent:
+    """An evaluated individual as a parent."""
+    return Parent(e.individual.id, e.individual.tree)
+
+
+Pick = Callable[[np.random.Generator], tuple[Parent, Sequence[Parent]]]
+"""Draws a child's mother, and those who may be its father."""
+
+
+def pick_by_rank(ranked: Sequence[Parent], entrants: int = 2) -> Pick:
+    """Mother and father are each the first in `ranked` of `entrants` that are drawn."""
+    return lambda rng: (by_rank(rng, ranked, entrants), [by_rank(rng, ranked, entrants)])
+
+
 def new_child(
     rng: np.random.Generator,
     mother: Parent,
@@ -114,108 +132,124 @@ def new_child(
 CROSSED_ONLY: Final = 0.7  # chance that a child of two parents is not mutated as well
 
 
-def unseen(make: Callable[[], tuple[Node, Any]], tried: set[str]) -> tuple[Node, Any]:
-    """What `make` gives, called again while its tree is among `tried`; adds the tree to them.
+@dataclass(frozen=True, slots=True)
+class Brood:
+    """What a generation is made of, besides a supervisor's trees."""
 
-    After TRIES calls a tree that was tried before is returned.
-    """
-    for _ in range(TRIES):
-        tree, more = make()
-        if digest(tree) not in tried:
-            break
-    tried.add(digest(tree))
-    return tree, more
+    pick: Pick | None = None  # of the children's parents; None: random trees in place of children
+    again: Sequence[Parent] = ()  # trees that are evaluated again, the most important first
+    written: Sequence[Node] = ()  # trees that nobody bred, such as the plan's founders
+    tried: Collection[str] = ()  # digests of trees that no new tree should equal
 
 
-def random_individuals(
-    streams: Streams,
-    generation: int,
-    slots: range,
-    space: TreeSpace,
-    how: Breeding,
-    tried: set[str],
-) -> list[Individual]:
-    """New random trees for these slots, none of which was tried before if there are such."""
-    made = []
-    for slot in slots:
-        rng = streams(Stream.SEARCH, generation=generation, slot=slot)
-
-        def make(rng: np.random.Generator = rng) -> tuple[Node, None]:
-            return new_tree(rng, space, how), None
-
-        tree, _ = unseen(make, tried)
-        made.append(Individual(f"{generation}.{slot}", tree, Origin.RANDOM))
-    return made
-
-
-def children(
-    streams: Streams,
-    generation: int,
-    slots: range,
-    pick: Callable[[np.random.Generator], tuple[Parent, Sequence[Parent]]],
-    space: TreeSpace,
-    how: Breeding,
-    tried: set[str],
-) -> list[Individual]:
-    """A child for each slot; `pick` draws its mother, and who may be its father."""
-    made = []
-    for slot in slots:
-        rng = streams(Stream.SEARCH, generation=generation, slot=slot)
-
-        def make(rng: np.random.Generator = rng) -> tuple[Node, tuple[tuple[str, ...], str]]:
-            mother, fathers = pick(rng)
-            tree, parents, changes = new_child(rng, mother, fathers, space, how)
-            return tree, (parents, changes)
-
-        tree, (parents, changes) = unseen(make, tried)
-        origin = Origin.CROSSOVER if len(parents) > 1 else Origin.COPY
-        made.append(Individual(f"{generation}.{slot}", tree, origin, parents, changes))
-    return made
-
-
-def first_generation(plan: Plan, streams: Streams, how: Breeding) -> tuple[Individual, ...]:
-    """The plan's founders, then random trees."""
-    founders = plan.founders[: plan.gp.population]
-    given = [Individual(f"0.{k}", tree, Origin.INJECTED) for k, tree in enumerate(founders)]
-    slots = range(len(given), plan.gp.population)
-    tried = {digest(tree) for tree in founders}
-    return (*given, *random_individuals(streams, 0, slots, plan.space, how, tried))
-
-
-def next_generation(
-    plan: Plan,
-    streams: Streams,
-    generation: int,
-    *,
-    again: Sequence[Parent],
-    tree: Node | None,
-    pick: Callable[[np.random.Generator], tuple[Parent, Sequence[Parent]]],
-    how: Breeding,
-    known: Iterable[Node] = (),
-    edited: Sequence[EditedTree] = (),
+def new_generation(
+    plan: Plan, streams: Streams, state: SearchState, brood: Brood, how: Breeding
 ) -> tuple[Individual, ...]:
-    """Trees that are evaluated again, the supervisor's trees, and children for the other slots.
+    """As many individuals as `gp.population`, in the order of their slots.
+
+    Written trees come first, then those evaluated again, the supervisor's, and new trees for the
+    other slots. At least two slots are left for others by the trees that are evaluated again.
 
     Args:
         plan: of the run.
         streams: of the run.
-        generation: whose individuals are made, >= 1.
-        again: trees that are evaluated again, the most important first; at least two slots are
-            left for others.
-        tree: of the supervisor, or None.
-        pick: draws a child's mother, and who may be its father.
-        how: children are made.
-        known: further trees that no child should equal.
-        edited: of the supervisor.
+        state: with the generation's number, and the supervisor's advice for it.
+        brood: what it is made of.
+        how: children and random trees are made.
     """
-    n = plan.gp.population
+    g, n = state.generation, plan.gp.population
+    advice = state.advice or Advice(rate=0.0)
     kept = [
-        Individual(f"{generation}.{slot}", parent.tree, Origin.ELITE, (parent.id,))
-        for slot, parent in enumerate(again[: n - 2 - len(edited)])
+        *((tree, Origin.INJECTED, ()) for tree in brood.written[:n]),
+        *((p.tree, Origin.ELITE, (p.id,)) for p in brood.again[: n - 2 - len(advice.edited)]),
     ]
-    if tree is not None:
-        kept.append(Individual(f"{generation}.{len(kept)}", tree, Origin.INJECTED))
-    kept += edited_individuals(edited, generation, len(kept))
-    tried = {digest(old) for old in (*(i.tree for i in kept), *known)}
-    slots = range(len(kept), n)
-    return (*kept, *children(streams, generation, slots, pick, plan.space, how, tried))
+    if advice.tree is not None:
+        kept.append((advice.tree, Origin.INJECTED, ()))
+    made = [Individual(f"{g}.{slot}", *each) for slot, each in enumerate(kept)]
+    made += edited_individuals(advice.edited, g, len(made))
+    tried = {*brood.tried, *(digest(i.tree) for i in made)}
+    for slot in range(len(made), n):
+        rng = streams(Stream.SEARCH, generation=g, slot=slot)
+        made.append(_new_individual(rng, f"{g}.{slot}", brood.pick, plan.space, how, tried))
+    return tuple(made)
+
+
+def _new_individual(
+    rng: np.random.Generator,
+    name: str,
+    pick: Pick | None,
+    space: TreeSpace,
+    how: Breeding,
+    tried: set[str],
+) -> Individual:
+    """A child of the parents that `pick` draws, or a random tree; its digest is added to `tried`.
+
+    After TRIES attempts a tree that was tried before is taken.
+    """
+    for _ in range(TRIES):
+        if pick is None:
+            i = Individual(name, new_tree(rng, space, how), Origin.RANDOM)
+        else:
+            tree, parents, changes = new_child(rng, *pick(rng), space, how)
+            origin = Origin.CROSSOVER if len(parents) > 1 else Origin.COPY
+            i = Individual(name, tree, origin, parents, changes)
+        key = digest(i.tree)
+        if key not in tried:
+            break
+    tried.add(key)
+    return i
+
+
+class BreedingSettings(BaseModel, frozen=True, extra="forbid"):
+    """Settings of a search that makes children."""
+
+    breeding: Breeding
+
+
+S = TypeVar("S", bound=BreedingSettings)
+
+
+class BreedingSearch(ABC, Generic[S]):
+    """A search whose generations hold trees evaluated again, a supervisor's trees, and children.
+
+    A subclass has `Settings`, a subclass of BreedingSettings, the type `Memory`, and the two
+    methods `brood` and `update`.
+    """
+
+    uses: ClassVar[frozenset[str]] = frozenset({"tree", "edits"})
+
+    @classmethod
+    def make(cls, settings: S, context: SearchContext) -> Self:
+        """See `Search`."""
+        return cls(settings, context.plan)
+
+    def __init__(self, settings: S, plan: Plan) -> None:
+        self.settings = settings
+        self.plan = plan
+
+    def start(self) -> SearchState:
+        """See `Search`."""
+        return SearchState(0)
+
+    def ask(self, state: SearchState, streams: Streams) -> tuple[Individual, ...]:
+        """See `Search`."""
+        brood = self.first(streams) if state.memory is None else self.brood(state)
+        return new_generation(self.plan, streams, state, brood, self.settings.breeding)
+
+    def tell(
+        self, state: SearchState, evaluated: Sequence[Evaluated], advice: Advice
+    ) -> SearchState:
+        """See `Search`."""
+        return SearchState(state.generation + 1, self.update(state, evaluated), advice)
+
+    def first(self, streams: Streams) -> Brood:  # noqa: ARG002 -- a subclass may draw
+        """Generation 0: the plan's founders, then random trees."""
+        return Brood(written=self.plan.founders)
+
+    @abstractmethod
+    def brood(self, state: SearchState) -> Brood:
+        """A generation after the first, by the memory in `state`."""
+
+    @abstractmethod
+    def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Any:
+        """The memory after a generation; that in `state` is None after the first one."""

@@ -19,9 +19,9 @@ from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.node import FAILURE, Limits, Node, selector, within
 from islandgp.errors import ConfigError
 from islandgp.gp.plan import Plan
-from islandgp.gp.population import Evaluated, Individual, Origin, Tree
+from islandgp.gp.population import Advice, Evaluated, Individual, Origin, Tree
 from islandgp.scoring.constraints import limited, merit, running_mean, violation
-from islandgp.search.base import Advice, SearchContext, SearchState
+from islandgp.search.base import SearchContext, SearchState
 from islandgp.seeding import Stream, Streams
 
 

@@ -8,28 +8,32 @@ another, in an order that is drawn for each parent, so that specialists have chi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from islandgp.errors import ConfigError
-from islandgp.gp.plan import Plan
-from islandgp.gp.population import EditedTree, Evaluated, Individual, Tree
+from islandgp.gp.population import Evaluated
 from islandgp.scoring.constraints import merit
-from islandgp.search.base import Advice, SearchContext, SearchState
-from islandgp.search.breeding import Breeding, Parent, first_generation, next_generation
-from islandgp.seeding import Streams
+from islandgp.search.base import SearchContext, SearchState
+from islandgp.search.breeding import (
+    BreedingSearch,
+    BreedingSettings,
+    Brood,
+    Parent,
+    Pick,
+    parent_of,
+)
 
 
-class LexicaseSettings(BaseModel, frozen=True, extra="forbid"):
+class LexicaseSettings(BreedingSettings, frozen=True):
     """What individuals are selected by."""
 
     cases: Literal["components", "episodes"]  # terms of the fitness, or fitness in each episode
     elites: int = Field(ge=0)  # fittest of a generation that are evaluated again in the next one
-    breeding: Breeding
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,77 +51,53 @@ class Contenders:
     """The last generation, in slot order."""
 
     all: tuple[Contender, ...]
-    given: Tree | None  # of the supervisor, to inject
-    edited: tuple[EditedTree, ...] = ()  # of the supervisor
 
 
-class Lexicase:
+class Lexicase(BreedingSearch[LexicaseSettings]):
     """See the module."""
 
     Settings = LexicaseSettings
     Memory: ClassVar[Any] = Contenders
-    uses: ClassVar[frozenset[str]] = frozenset({"tree", "edits"})
 
     @classmethod
-    def make(cls, settings: LexicaseSettings, context: SearchContext) -> Lexicase:
+    def make(cls, settings: LexicaseSettings, context: SearchContext) -> Self:
         """See `Search`. Raises ConfigError where there would be one case alone."""
         if settings.cases == "episodes" and context.plan.gp.episodes == 1:
             raise ConfigError(
                 "search.policy.cases: expected several episodes an individual, found"
                 " gp.episodes=1; raise it, or take components"
             )
-        return cls(settings, context.plan)
+        return super().make(settings, context)
 
-    def __init__(self, settings: LexicaseSettings, plan: Plan) -> None:
-        self.settings = settings
-        self.plan = plan
+    def brood(self, state: SearchState) -> Brood:
+        """See `BreedingSearch`."""
+        everyone: tuple[Contender, ...] = state.memory.all
+        best = sorted(everyone, key=lambda c: merit(c.fitness, c.violation), reverse=True)
+        draw = lexicase_draw(everyone)
+        pick: Pick = lambda rng: (draw(rng), [draw(rng)])  # noqa: E731 -- typed by its name
+        return Brood(pick, again=[c.parent for c in best[: self.settings.elites]])
 
-    def start(self) -> SearchState:
-        """See `Search`."""
-        return SearchState(0)
-
-    def ask(self, state: SearchState, streams: Streams) -> tuple[Individual, ...]:
-        """See `Search`."""
-        memory: Contenders | None = state.memory
-        if memory is None:
-            return first_generation(self.plan, streams, self.settings.breeding)
-        parents = [c.parent for c in memory.all]
-        points = np.array([c.cases for c in memory.all])
-        merits = [merit(c.fitness, c.violation) for c in memory.all]
-        fittest = sorted(range(len(parents)), key=lambda k: merits[k], reverse=True)
-        entrants = eligible(np.array([c.violation for c in memory.all]))
-
-        def pick(rng: np.random.Generator) -> tuple[Parent, Sequence[Parent]]:
-            mother, father = (parents[selected(rng, points, entrants)] for _ in range(2))
-            return mother, [father]
-
-        return next_generation(
-            self.plan,
-            streams,
-            state.generation,
-            again=[parents[k] for k in fittest[: self.settings.elites]],
-            tree=memory.given,
-            edited=memory.edited,
-            pick=pick,
-            how=self.settings.breeding,
+    def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Contenders:  # noqa: ARG002 -- the last generation alone counts
+        """See `BreedingSearch`."""
+        by_episode = self.settings.cases == "episodes"
+        return Contenders(
+            tuple(
+                contender(e, e.episodes if by_episode else tuple(e.outcome.components.values()))
+                for e in evaluated
+            )
         )
 
-    def tell(
-        self, state: SearchState, evaluated: Sequence[Evaluated], advice: Advice
-    ) -> SearchState:
-        """See `Search`."""
-        found = tuple(contender(e, self._cases(e)) for e in evaluated)
-        return SearchState(state.generation + 1, Contenders(found, advice.tree, advice.edited))
 
-    def _cases(self, e: Evaluated) -> tuple[float, ...]:
-        if self.settings.cases == "episodes":
-            return e.episodes
-        return tuple(e.outcome.components.values())
+def lexicase_draw(contenders: Sequence[Contender]) -> Callable[[np.random.Generator], Parent]:
+    """Selects one of the contenders at each call, by cases in a random order."""
+    points = np.array([c.cases for c in contenders])
+    entrants = eligible(np.array([c.violation for c in contenders]))
+    return lambda rng: contenders[selected(rng, points, entrants)].parent
 
 
 def contender(e: Evaluated, cases: tuple[float, ...]) -> Contender:
     """An evaluated individual with its points in each case."""
-    return Contender(Parent(e.individual.id, e.individual.tree), e.fitness, cases, e.violation)
+    return Contender(parent_of(e), e.fitness, cases, e.violation)
 
 
 def eligible(violations: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:

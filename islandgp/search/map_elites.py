@@ -14,12 +14,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-import numpy as np
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from islandgp.domain import Schema
 from islandgp.gp.plan import Plan
-from islandgp.gp.population import EditedTree, Evaluated, Individual, Tree
+from islandgp.gp.population import Evaluated
 from islandgp.scoring.constraints import (
     NO_COUNTERS,
     Merit,
@@ -28,13 +27,19 @@ from islandgp.scoring.constraints import (
     running_mean,
     violation,
 )
-from islandgp.search.base import Advice, SearchContext, SearchState
-from islandgp.search.breeding import Breeding, Parent, digest, first_generation, next_generation
+from islandgp.search.base import SearchState
+from islandgp.search.breeding import (
+    BreedingSearch,
+    BreedingSettings,
+    Brood,
+    Parent,
+    digest,
+    parent_of,
+)
 from islandgp.search.descriptor import Descriptor, cell, dimensions, faults, point
-from islandgp.seeding import Streams
 
 
-class MapElitesSettings(BaseModel, frozen=True, extra="forbid"):
+class MapElitesSettings(BreedingSettings, frozen=True):
     """The grid, and how elites are evaluated again."""
 
     descriptor: Descriptor
@@ -42,7 +47,6 @@ class MapElitesSettings(BaseModel, frozen=True, extra="forbid"):
     bins: int = Field(ge=1, le=100)  # of a counter above 0, at most
     depth: int = Field(ge=1, le=100)  # trees that a cell keeps
     again: float = Field(ge=0, lt=1)  # share of the slots in which elites are evaluated again
-    breeding: Breeding
 
     def faults(self, schema: Schema) -> Iterator[str]:
         """See `Search`."""
@@ -65,61 +69,34 @@ class Grid:
     """All trees that are kept, a cell after the other, the best of a cell first."""
 
     occupants: tuple[Occupant, ...]
-    given: Tree | None  # of the supervisor, to inject
-    edited: tuple[EditedTree, ...] = ()  # of the supervisor
 
 
-class MapElites:
+class MapElites(BreedingSearch[MapElitesSettings]):
     """See the module."""
 
     Settings = MapElitesSettings
     Memory: ClassVar[Any] = Grid
-    uses: ClassVar[frozenset[str]] = frozenset({"tree", "edits"})
-
-    @classmethod
-    def make(cls, settings: MapElitesSettings, context: SearchContext) -> MapElites:
-        """See `Search`."""
-        return cls(settings, context.plan)
 
     def __init__(self, settings: MapElitesSettings, plan: Plan) -> None:
-        self.settings = settings
-        self.plan = plan
+        super().__init__(settings, plan)
         self.dimensions = dimensions(settings.descriptor, plan.classes)
 
-    def start(self) -> SearchState:
-        """See `Search`."""
-        return SearchState(0)
-
-    def ask(self, state: SearchState, streams: Streams) -> tuple[Individual, ...]:
-        """See `Search`."""
-        memory: Grid | None = state.memory
-        if memory is None:
-            return first_generation(self.plan, streams, self.settings.breeding)
-        best = [found[0] for found in self.cells(memory.occupants).values()]
+    def brood(self, state: SearchState) -> Brood:
+        """See `BreedingSearch`."""
+        occupants: tuple[Occupant, ...] = state.memory.occupants
+        best = [found[0] for found in self.cells(occupants).values()]
         parents = [o.parent for o in best]
         mothers = [o.parent for o in best if not self._violation(o)] or parents
         doubtful = sorted(best, key=lambda o: (-o.n, self._merit(o)), reverse=True)
         most = round(self.settings.again * self.plan.gp.population)
-
-        def pick(rng: np.random.Generator) -> tuple[Parent, Sequence[Parent]]:
-            return mothers[rng.integers(len(mothers))], parents
-
-        return next_generation(
-            self.plan,
-            streams,
-            state.generation,
+        return Brood(
+            pick=lambda rng: (mothers[rng.integers(len(mothers))], parents),
             again=[o.parent for o in doubtful[:most]],
-            tree=memory.given,
-            edited=memory.edited,
-            pick=pick,
-            how=self.settings.breeding,
-            known=[o.parent.tree for o in memory.occupants],
+            tried={digest(o.parent.tree) for o in occupants},
         )
 
-    def tell(
-        self, state: SearchState, evaluated: Sequence[Evaluated], advice: Advice
-    ) -> SearchState:
-        """See `Search`."""
+    def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Grid:
+        """See `BreedingSearch`."""
         before = () if state.memory is None else state.memory.occupants
         known = {digest(o.parent.tree): o for o in before}
         for e in evaluated:
@@ -128,8 +105,7 @@ class MapElites:
             counters = limited(e.outcome.counters, self.plan.constraints)
             known[key] = updated(known.get(key), e, place, counters)
         cells = self.cells(tuple(known.values())).values()
-        kept = tuple(o for found in cells for o in found[: self.settings.depth])
-        return SearchState(state.generation + 1, Grid(kept, advice.tree, advice.edited))
+        return Grid(tuple(o for found in cells for o in found[: self.settings.depth]))
 
     def cells(self, occupants: Sequence[Occupant]) -> dict[tuple[int, ...], list[Occupant]]:
         """The occupants of each cell, the best first."""
@@ -152,7 +128,7 @@ def updated(
     counters: Mapping[str, float] = NO_COUNTERS,
 ) -> Occupant:
     """The occupant with one more evaluation; `counters` are those with limits."""
-    parent = Parent(e.individual.id, e.individual.tree)
+    parent = parent_of(e)
     if before is None:
         return Occupant(parent, 1, e.fitness, tuple(place), dict(counters))
     n = before.n + 1

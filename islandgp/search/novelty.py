@@ -13,20 +13,26 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from islandgp.domain import Schema
 from islandgp.gp.plan import Plan
-from islandgp.gp.population import EditedTree, Evaluated, Individual, Tree
-from islandgp.search.base import Advice, SearchContext, SearchState
-from islandgp.search.breeding import Breeding, Parent, first_generation, next_generation
+from islandgp.gp.population import Evaluated
+from islandgp.search.base import SearchState
+from islandgp.search.breeding import (
+    BreedingSearch,
+    BreedingSettings,
+    Brood,
+    Parent,
+    parent_of,
+    pick_by_rank,
+)
 from islandgp.search.descriptor import Descriptor, dimensions, faults, point
-from islandgp.seeding import Streams
 
 Places = tuple[tuple[float, ...], ...]
 
 
-class NoveltySettings(BaseModel, frozen=True, extra="forbid"):
+class NoveltySettings(BreedingSettings, frozen=True):
     """What novelty is, and who becomes a parent."""
 
     descriptor: Descriptor
@@ -36,7 +42,6 @@ class NoveltySettings(BaseModel, frozen=True, extra="forbid"):
     added: int = Field(ge=0)  # most novel individuals of a generation whose places are archived
     fittest: int = Field(ge=0)  # of a generation, evaluated again in the next one
     tournament: int = Field(ge=1)  # individuals of which the most novel becomes a parent
-    breeding: Breeding
 
     def faults(self, schema: Schema) -> Iterator[str]:
         """See `Search`."""
@@ -50,73 +55,37 @@ class Explored:
     parents: tuple[Parent, ...]
     fittest: tuple[Parent, ...]  # of these, the best first
     archive: Places  # that were new before, the oldest first
-    given: Tree | None  # of the supervisor, to inject
-    edited: tuple[EditedTree, ...] = ()  # of the supervisor
 
 
-class Novelty:
+class Novelty(BreedingSearch[NoveltySettings]):
     """See the module."""
 
     Settings = NoveltySettings
     Memory: ClassVar[Any] = Explored
-    uses: ClassVar[frozenset[str]] = frozenset({"tree", "edits"})
-
-    @classmethod
-    def make(cls, settings: NoveltySettings, context: SearchContext) -> Novelty:
-        """See `Search`."""
-        return cls(settings, context.plan)
 
     def __init__(self, settings: NoveltySettings, plan: Plan) -> None:
-        self.settings = settings
-        self.plan = plan
+        super().__init__(settings, plan)
         self.dimensions = dimensions(settings.descriptor, plan.classes)
 
-    def start(self) -> SearchState:
-        """See `Search`."""
-        return SearchState(0)
+    def brood(self, state: SearchState) -> Brood:
+        """See `BreedingSearch`."""
+        memory: Explored = state.memory
+        return Brood(pick_by_rank(memory.parents, self.settings.tournament), again=memory.fittest)
 
-    def ask(self, state: SearchState, streams: Streams) -> tuple[Individual, ...]:
-        """See `Search`."""
-        memory: Explored | None = state.memory
-        if memory is None:
-            return first_generation(self.plan, streams, self.settings.breeding)
-        parents, size = memory.parents, self.settings.tournament
-
-        def pick(rng: np.random.Generator) -> tuple[Parent, Sequence[Parent]]:
-            mother, father = (parents[min(rng.integers(len(parents), size=size))] for _ in range(2))
-            return mother, [father]
-
-        return next_generation(
-            self.plan,
-            streams,
-            state.generation,
-            again=memory.fittest,
-            tree=memory.given,
-            edited=memory.edited,
-            pick=pick,
-            how=self.settings.breeding,
-        )
-
-    def tell(
-        self, state: SearchState, evaluated: Sequence[Evaluated], advice: Advice
-    ) -> SearchState:
-        """See `Search`."""
+    def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Explored:
+        """See `BreedingSearch`."""
         archive: Places = () if state.memory is None else state.memory.archive
         places = tuple(point(self.dimensions, e.outcome) for e in evaluated)
         new = novelty(places, archive, self.settings.neighbours)
         order = sorted(range(len(places)), key=lambda k: -new[k])
         able = sorted(order, key=lambda k: evaluated[k].violation)
-        fittest = sorted(range(len(places)), key=lambda k: evaluated[k].merit, reverse=True)
-        parents = [Parent(e.individual.id, e.individual.tree) for e in evaluated]
+        fittest = sorted(evaluated, key=lambda e: e.merit, reverse=True)
         grown = (*archive, *(places[k] for k in order[: self.settings.added]))
-        explored = Explored(
-            parents=tuple(parents[k] for k in able),
-            fittest=tuple(parents[k] for k in fittest[: self.settings.fittest]),
+        return Explored(
+            parents=tuple(parent_of(evaluated[k]) for k in able),
+            fittest=tuple(parent_of(e) for e in fittest[: self.settings.fittest]),
             archive=grown[max(0, len(grown) - self.settings.archive) :],
-            given=advice.tree,
-            edited=advice.edited,
         )
-        return SearchState(state.generation + 1, explored)
 
 
 def novelty(places: Places, archive: Places, neighbours: int) -> list[float]:

@@ -12,27 +12,32 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from islandgp.bt.core.node import size
 from islandgp.domain import Schema
 from islandgp.gp.plan import Plan
-from islandgp.gp.population import EditedTree, Evaluated, Individual, Tree
+from islandgp.gp.population import Evaluated
 from islandgp.scoring.rewards import unknown
-from islandgp.search.base import Advice, SearchContext, SearchState
-from islandgp.search.breeding import Breeding, Parent, first_generation, next_generation
+from islandgp.search.base import SearchState
+from islandgp.search.breeding import (
+    BreedingSearch,
+    BreedingSettings,
+    Brood,
+    Parent,
+    parent_of,
+    pick_by_rank,
+)
 from islandgp.search.pareto import crowded_order
-from islandgp.seeding import Streams
 
 
-class Nsga2Settings(BaseModel, frozen=True, extra="forbid"):
+class Nsga2Settings(BreedingSettings, frozen=True):
     """What is maximised, and how many survive."""
 
     objectives: tuple[str, ...]
     """Of `fitness`, `nodes` and counters, after a `-` what is minimised; none: the fitness and the
     behaviours' counters."""
     survivors: float = Field(gt=0, lt=1)  # share of a generation
-    breeding: Breeding
 
     def faults(self, schema: Schema) -> Iterator[str]:
         """See `Search`."""
@@ -46,64 +51,32 @@ class Survivors:
     """Parents of the next generation, the first in the crowded-comparison order first."""
 
     parents: tuple[Parent, ...]
-    given: Tree | None  # of the supervisor, to inject
-    edited: tuple[EditedTree, ...] = ()  # of the supervisor
 
 
-class Nsga2:
+class Nsga2(BreedingSearch[Nsga2Settings]):
     """See the module."""
 
     Settings = Nsga2Settings
     Memory: ClassVar[Any] = Survivors
-    uses: ClassVar[frozenset[str]] = frozenset({"tree", "edits"})
-
-    @classmethod
-    def make(cls, settings: Nsga2Settings, context: SearchContext) -> Nsga2:
-        """See `Search`."""
-        return cls(settings, context.plan)
 
     def __init__(self, settings: Nsga2Settings, plan: Plan) -> None:
-        self.settings = settings
-        self.plan = plan
+        super().__init__(settings, plan)
         counters = dict.fromkeys(plan.classes.behaviours.values())
         self.objectives = settings.objectives or ("fitness", *counters)
 
-    def start(self) -> SearchState:
-        """See `Search`."""
-        return SearchState(0)
+    def brood(self, state: SearchState) -> Brood:
+        """See `BreedingSearch`."""
+        parents: tuple[Parent, ...] = state.memory.parents
+        return Brood(pick_by_rank(parents), again=parents)
 
-    def ask(self, state: SearchState, streams: Streams) -> tuple[Individual, ...]:
-        """See `Search`."""
-        memory: Survivors | None = state.memory
-        if memory is None:
-            return first_generation(self.plan, streams, self.settings.breeding)
-        parents = memory.parents
-
-        def pick(rng: np.random.Generator) -> tuple[Parent, Sequence[Parent]]:
-            mother, father = (parents[min(rng.integers(len(parents), size=2))] for _ in range(2))
-            return mother, [father]
-
-        return next_generation(
-            self.plan,
-            streams,
-            state.generation,
-            again=parents,
-            tree=memory.given,
-            edited=memory.edited,
-            pick=pick,
-            how=self.settings.breeding,
-        )
-
-    def tell(
-        self, state: SearchState, evaluated: Sequence[Evaluated], advice: Advice
-    ) -> SearchState:
-        """See `Search`."""
+    def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Survivors:  # noqa: ARG002 -- the last generation alone counts
+        """See `BreedingSearch`."""
         points = np.array([[_value(e, name) for name in self.objectives] for e in evaluated])
         broken = [e.violation for e in evaluated]
         most = max(2, round(self.settings.survivors * len(evaluated)))
-        individuals = [evaluated[k].individual for k in crowded_order(points, broken)[:most]]
-        parents = tuple(Parent(i.id, i.tree) for i in individuals)
-        return SearchState(state.generation + 1, Survivors(parents, advice.tree, advice.edited))
+        return Survivors(
+            tuple(parent_of(evaluated[k]) for k in crowded_order(points, broken)[:most])
+        )
 
 
 def _value(e: Evaluated, objective: str) -> float:

@@ -9,17 +9,16 @@ from typing import Any, ClassVar, Final
 from islandgp.gp.allocation import next_population, update_behaviour_archive
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import (
+    Advice,
     BehaviourBest,
-    EditedTree,
     Evaluated,
     Individual,
     Origin,
-    Tree,
 )
 from islandgp.gp.random_trees import random_tree
 from islandgp.gp.variation import mutate
 from islandgp.scoring.generation_stats import diversity
-from islandgp.search.base import Advice, NoSettings, SearchContext, SearchState
+from islandgp.search.base import NoSettings, SearchContext, SearchState
 from islandgp.seeding import Stream, Streams
 
 SPARED: Final = (Origin.ELITE, Origin.BEHAVIOURAL_ELITE, Origin.INJECTED)
@@ -28,14 +27,11 @@ SPARED: Final = (Origin.ELITE, Origin.BEHAVIOURAL_ELITE, Origin.INJECTED)
 
 @dataclass(frozen=True, slots=True)
 class Parents:
-    """The last generation, and what the supervisor advised for the next one."""
+    """The last generation."""
 
     population: tuple[Evaluated, ...]
-    rate: float  # mutation rate, in [0, 1]
-    tree: Tree | None  # to inject
     archive: dict[str, BehaviourBest] = field(default_factory=dict)
     """The best individual of each behaviour, resurrected when the behaviour dies out."""
-    edited: tuple[EditedTree, ...] = ()  # of the supervisor
 
 
 class Paper:
@@ -65,17 +61,18 @@ class Paper:
         if state.memory is None:
             return first_population(self.plan, streams)
         parents: Parents = state.memory
+        advice = state.advice or Advice(self.plan.gp.mutation_rate)
         population = next_population(
             self.plan,
             parents.population,
             streams=streams,
             generation=state.generation,
-            injected=parents.tree,
-            edited=parents.edited,
+            injected=advice.tree,
+            edited=advice.edited,
             archive=parents.archive,
             diversity=diversity([e.labels.specialist for e in parents.population]),
         )
-        return mutated(self.plan, population, streams, state.generation, parents.rate)
+        return mutated(self.plan, population, streams, state.generation, advice.rate)
 
     def tell(
         self, state: SearchState, evaluated: Sequence[Evaluated], advice: Advice
@@ -84,8 +81,7 @@ class Paper:
         stage = self.plan.curriculum.stage(state.generation)
         before = {} if state.memory is None else state.memory.archive
         archive = update_behaviour_archive(before, evaluated, self.plan.classes.kept, stage)
-        parents = Parents(tuple(evaluated), advice.rate, advice.tree, archive, advice.edited)
-        return SearchState(state.generation + 1, parents)
+        return SearchState(state.generation + 1, Parents(tuple(evaluated), archive), advice)
 
 
 def first_population(plan: Plan, streams: Streams) -> tuple[Individual, ...]:

@@ -13,22 +13,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import sqrt
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from islandgp.bt.core.node import Node, size
 from islandgp.gp.evidence import estimate
 from islandgp.gp.plan import Plan
-from islandgp.gp.population import (
-    EditedTree,
-    Evaluated,
-    Individual,
-    Origin,
-    Tree,
-    edited_individuals,
-)
+from islandgp.gp.population import Evaluated, Tree
+from islandgp.gp.selection import by_rank
 from islandgp.scoring.constraints import (
     NO_COUNTERS,
     Merit,
@@ -37,14 +31,14 @@ from islandgp.scoring.constraints import (
     running_mean,
     violation,
 )
-from islandgp.search.base import Advice, SearchContext, SearchState
-from islandgp.search.breeding import Breeding, Parent, children, digest, random_individuals
+from islandgp.search.base import SearchContext, SearchState
+from islandgp.search.breeding import BreedingSearch, BreedingSettings, Brood, Parent, Pick, digest
 from islandgp.search.compose import priority_lists
-from islandgp.search.lexicase import Contender, contender, eligible, selected
+from islandgp.search.lexicase import Contender, contender, lexicase_draw
 from islandgp.seeding import Stream, Streams
 
 
-class RacingSettings(BaseModel, frozen=True, extra="forbid"):
+class RacingSettings(BreedingSettings, frozen=True):
     """How many survive, how they are compared, and how children are made."""
 
     random: int = Field(ge=1, le=1000)  # generations of random trees before the first children
@@ -61,7 +55,6 @@ class RacingSettings(BaseModel, frozen=True, extra="forbid"):
     A tree that is far better than all others in one world has children then, whatever it earns
     in the others. Without effect where an individual has one episode.
     """
-    breeding: Breeding
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,102 +74,75 @@ class Evidence:
     """The survivors, best first, and what was tried."""
 
     entries: tuple[Entry, ...]
-    tree: Tree | None  # of the supervisor, to inject
     tried: tuple[str, ...]  # digests of trees
     contenders: tuple[Contender, ...] = ()  # the last generation; () without specialists
-    edited: tuple[EditedTree, ...] = ()  # of the supervisor
 
 
-TRIED = 3000  # trees that are remembered as tried
+TRIED: Final = 3000  # digests of trees that are kept, the last ones
 
 
-class Racing:
+class Racing(BreedingSearch[RacingSettings]):
     """See the module."""
 
     Settings = RacingSettings
     Memory: ClassVar[Any] = Evidence
-    uses: ClassVar[frozenset[str]] = frozenset({"tree", "edits"})
 
     @classmethod
-    def make(cls, settings: RacingSettings, context: SearchContext) -> Racing:
+    def make(cls, settings: RacingSettings, context: SearchContext) -> Self:
         """See `Search`."""
-        library = list(context.library().values()) if settings.library else []
-        return cls(settings, context.plan, library)
+        library = context.library() if settings.library else {}
+        return cls(settings, context.plan, list(library.values()))
 
     def __init__(self, settings: RacingSettings, plan: Plan, library: Sequence[Node]) -> None:
-        self.settings = settings
-        self.plan = plan
+        super().__init__(settings, plan)
         self.library = [Parent("", tree) for tree in library]
 
-    def start(self) -> SearchState:
-        """See `Search`."""
-        return SearchState(0, Evidence((), None, ()))
-
-    def ask(self, state: SearchState, streams: Streams) -> tuple[Individual, ...]:
-        """See `Search`."""
-        g, how = state.generation, self.settings
-        memory: Evidence = state.memory
-        asked = self._again(memory, g) if g else self._first(streams)
-        if memory.tree is not None:
-            asked.append(Individual(f"{g}.{len(asked)}", memory.tree, Origin.INJECTED))
-        asked += edited_individuals(memory.edited, g, len(asked))
-        slots = range(len(asked), self.plan.gp.population)
-        tried = {*memory.tried, *(digest(i.tree) for i in asked)}
-        common = self.plan.space, how.breeding, tried
-        if g < how.random:
-            return (*asked, *random_individuals(streams, g, slots, *common))
-        parents = [Parent(e.id, e.tree) for e in memory.entries]
-        fathers = [*parents, *self.library]
-
-        contenders = memory.contenders
-        points = np.array([c.cases for c in contenders])
-        entrants = eligible(np.array([c.violation for c in contenders])) if contenders else None
-
-        def pick(rng: np.random.Generator) -> tuple[Parent, Sequence[Parent]]:
-            if contenders and rng.random() < how.specialists:
-                return contenders[selected(rng, points, entrants)].parent, fathers
-            return parents[min(rng.integers(len(parents), size=2))], fathers
-
-        return (*asked, *children(streams, g, slots, pick, *common))
-
-    def _first(self, streams: Streams) -> list[Individual]:
-        """The plan's founders and priority lists of the library's branches, in generation 0."""
-        n = self.plan.gp.population
+    def first(self, streams: Streams) -> Brood:
+        """The plan's founders, priority lists of the library's branches, and random trees."""
         trees = list(self.plan.founders)
         if self.library:
-            rng = streams(Stream.SEARCH)
+            rng, most = streams(Stream.SEARCH), self.settings.library
             library = [parent.tree for parent in self.library]
-            trees += priority_lists(rng, library, self.settings.library, self.plan.gp.limits)
-        return [Individual(f"0.{k}", t, Origin.INJECTED) for k, t in enumerate(trees[: n - 1])]
+            trees += priority_lists(rng, library, most, self.plan.gp.limits)
+        return Brood(written=trees[: self.plan.gp.population - 1])
 
-    def _again(self, memory: Evidence, generation: int) -> list[Individual]:
-        """Survivors that meet the generation's worlds: those with the highest upper bounds."""
-        likely = self._ranked(memory.entries, 1.0)
-        n = self.plan.gp.population
-        most = min(max(1, round(self.settings.again * n)), n - 2 - len(memory.edited))
-        return [
-            Individual(f"{generation}.{slot}", e.tree, Origin.ELITE, (e.id,))
-            for slot, e in enumerate(likely[:most])
-        ]
-
-    def tell(
-        self, state: SearchState, evaluated: Sequence[Evaluated], advice: Advice
-    ) -> SearchState:
-        """See `Search`."""
+    def brood(self, state: SearchState) -> Brood:
+        """See `BreedingSearch`. Survivors with the highest upper bounds are evaluated again."""
         memory: Evidence = state.memory
+        likely = self._ranked(memory.entries, 1.0)
+        most = max(1, round(self.settings.again * self.plan.gp.population))
+        pick = None if state.generation < self.settings.random else self._pick(memory)
+        return Brood(pick, again=[Parent(e.id, e.tree) for e in likely[:most]], tried=memory.tried)
+
+    def _pick(self, memory: Evidence) -> Pick:
+        """Mothers are survivors, or by lexicase selection specialists of the last generation."""
+        parents = [Parent(e.id, e.tree) for e in memory.entries]
+        fathers = [*parents, *self.library]
+        specialist = lexicase_draw(memory.contenders) if memory.contenders else None
+
+        def pick(rng: np.random.Generator) -> tuple[Parent, Sequence[Parent]]:
+            if specialist is not None and rng.random() < self.settings.specialists:
+                return specialist(rng), fathers
+            return by_rank(rng, parents), fathers
+
+        return pick
+
+    def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Evidence:
+        """See `BreedingSearch`."""
+        memory: Evidence = state.memory or Evidence((), ())
         known = {digest(e.tree): e for e in memory.entries}
         keys = [digest(e.individual.tree) for e in evaluated]
         for key, e in zip(keys, evaluated, strict=True):
             counters = limited(e.outcome.counters, self.plan.constraints)
             known[key] = updated(known.get(key), e, self._bonus(e), state.generation, counters)
         ranked = distinct(self._ranked(list(known.values()), -1.0), state.generation)
-        tried = tuple(dict.fromkeys((*memory.tried, *keys)))[-TRIED:]
         most = max(2, round(self.settings.survivors * self.plan.gp.population))
-        kept = tuple(ranked[:most])
         several = self.settings.specialists and self.plan.gp.episodes > 1
-        contenders = tuple(contender(e, e.episodes) for e in evaluated) if several else ()
-        evidence = Evidence(kept, advice.tree, tried, contenders, advice.edited)
-        return SearchState(state.generation + 1, evidence)
+        return Evidence(
+            tuple(ranked[:most]),
+            tuple(dict.fromkeys((*memory.tried, *keys)))[-TRIED:],
+            tuple(contender(e, e.episodes) for e in evaluated) if several else (),
+        )
 
     def _bonus(self, e: Evaluated) -> float:
         """What milestones and behaviours are worth, in standard deviations.

@@ -17,9 +17,9 @@ from pydantic import BaseModel, Field
 from islandgp.bt.core.node import Node, within
 from islandgp.gp.branches import random_list
 from islandgp.gp.plan import Plan
-from islandgp.gp.population import Evaluated, Individual, Origin
+from islandgp.gp.population import Advice, Evaluated, Individual, Origin
 from islandgp.gp.random_trees import random_tree
-from islandgp.search.base import Advice, SearchContext, SearchState
+from islandgp.search.base import SearchContext, SearchState
 from islandgp.search.breeding import TRIES
 from islandgp.seeding import Stream, Streams
 

@@ -20,9 +20,9 @@ from islandgp.plain import from_json
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, RunContext, Seen
 from islandgp.supervision.llm.adviser import Adviser
-from islandgp.supervision.llm.capabilities import Dialect, Dialects
-from islandgp.supervision.llm.message import Failure, Reply, Request
+from islandgp.supervision.llm.message import Dialect, Failure, Reply, Request
 from islandgp.supervision.llm.settings import LLMSettings
+from islandgp.supervision.llm.supervisor import Dialects
 from islandgp.supervision.llm.transcript import Call, Transcript, find_transcript
 from islandgp.trust import must_trust_code
 

@@ -26,7 +26,7 @@ from pydantic import BaseModel, Field, ValidationError
 from islandgp.config.compose import MOST_JOBS, Planned, Searched, command_line, plain, run_folder
 from islandgp.config.settings import Settings, read_settings, setting_at
 from islandgp.errors import ConfigError, RunError, brief
-from islandgp.records.files import objectives
+from islandgp.records.files import NOT_VALIDATED, objectives
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import redacted, without_credentials
 from islandgp.running.printing import echo, tolerant_stderr
@@ -200,6 +200,8 @@ def _must_fit_together(settings: SweeperSettings, first: Planned) -> None:
             f" ({', '.join(aims)}), found {n}; write"
             f" hydra.sweeper.direction=[{','.join(['maximize'] * len(aims))}]."
         )
+    if "validation_mean" in aims and first.settings.gp.validation == 0:
+        raise ConfigError(NOT_VALIDATED)
     for key, part in (("sampler", settings.sampler), ("pruner", settings.pruner)):
         target = str(part.get("_target_")) if part else ""
         if part and not target.startswith(f"optuna.{key}s."):
@@ -305,5 +307,9 @@ def _run(
         return None
     if not target.finished():
         return nan
-    found = objectives(target.summary(), settings.objectives)
+    try:
+        found = objectives(target.summary(), settings.objectives)
+    except RunError as error:
+        print(f"islandgp: {target.path.name}: {error}", file=sys.stderr)
+        return nan
     return found[0] if len(found) == 1 else found

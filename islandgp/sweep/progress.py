@@ -10,7 +10,7 @@ from threading import Event, Thread
 from time import time
 from typing import Final, Literal, Self
 
-from islandgp.records.files import score
+from islandgp.records.files import validation_mean
 from islandgp.records.folder import RunFolder, Status
 from islandgp.running.progress import duration
 from islandgp.sweep.folder import SweepJob, job_of
@@ -106,10 +106,11 @@ def job_line(run: RunFolder) -> str:
         return f"{run.path.name}: {f'failed: {why}' if why else 'stopped'}"
     s = run.summary()
     tier, first = next(iter(s["first"].items()))  # the easiest milestone
-    robot = f"{title(tier)} Robot"
-    emerged = f"no {robot}" if first is None else f"first {robot} in generation {first}"
-    best = score(s)
-    return f"{run.path.name}: best robot {best:,.0f}, {emerged}, {duration(s['seconds'])}"
+    milestone = f"{title(tier)} Robot"
+    emerged = f"no {milestone}" if first is None else f"first {milestone} in generation {first}"
+    mean = validation_mean(s)
+    robot = "not validated" if mean is None else f"validation mean {mean:,.0f}"
+    return f"{run.path.name}: {robot}, {emerged}, {duration(s['seconds'])}"
 
 
 class Watch:

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from islandgp.bt.core.language import parse
 from islandgp.bt.export.render import to_svg
-from islandgp.records.files import RunMetadata, fallback_words, score
+from islandgp.records.files import FITNESS_KEYS, RunMetadata, fallback_words, validation_mean
 from islandgp.records.folder import RunFolder, Status
 from islandgp.text import title
 from islandgp.tracking.chart import Line, Panel, svg
@@ -31,7 +31,8 @@ FILES: Final = (
 takes no file back, and a run that failed may go on."""
 
 TABLE: Final = "generations.json"  # in the form of MLflow's log_table
-DECIMALS: Final = {"best": 1, "mean": 1, "sd": 1, "diversity": 3, "working": 3}  # there
+DECIMALS: Final = {**dict.fromkeys(FITNESS_KEYS, 1), "diversity": 3, "working": 3}
+"""Its rounded columns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +70,7 @@ def table(records: list[dict[str, Any]]) -> dict[str, Any]:
         rows.append(
             {
                 "generation": s["generation"],
-                **{name: round(s[name], digits) for name, digits in DECIMALS.items()},
+                **{name: round(s[FITNESS_KEYS.get(name, name)], n) for name, n in DECIMALS.items()},
                 **s["tiers"],
                 **s["specialists"],
                 "rate": round(s["rate"], 3),
@@ -92,18 +93,19 @@ def curves(records: list[dict[str, Any]]) -> list[Panel]:
         for name in snapshots[0]["tiers"]
     )
     return [
-        Panel("Fitness, points", (line("best", "best"), line("mean", "mean"))),
+        Panel("Fitness, points", (line("fitness_max", "best"), line("fitness_mean", "mean"))),
         Panel("Diversity", (line("behavioural", "diversity"), line("working ratio", "working"))),
         Panel("Individuals by tier", tuple(tiers)),
         Panel("Mutation rate", (line("rate", "rate"),)),
     ]
 
 
-def _where(champion: Mapping[str, Any]) -> str:
-    """Where the best robot earned its points."""
-    if champion["validation"] is None:
-        return " in training, not validated in other worlds"
-    return f" in validation worlds, {champion['record']['fitness']:,.0f} in training"
+def _points(summary: Mapping[str, Any]) -> str:
+    """The best robot's points in validation worlds and in training."""
+    trained, mean = summary["champion"]["record"]["fitness"], validation_mean(summary)
+    if mean is None:
+        return f"{trained:,.0f} points in training, not validated"
+    return f"**{mean:,.0f}** points in validation worlds, {trained:,.0f} in training"
 
 
 def note(folder: RunFolder, about: RunMetadata, status: Status) -> str:
@@ -114,8 +116,7 @@ def note(folder: RunFolder, about: RunMetadata, status: Status) -> str:
         best = s["champion"]["record"]
         fallback = fallback_words([s])
         lines += [
-            f"- best robot, of generation {s['champion']['generation']}:"
-            f" **{score(s):,.0f}** points{_where(s['champion'])}",
+            f"- best robot, of generation {s['champion']['generation']}: {_points(s)}",
             *(
                 f"- first {title(tier)} Robot: {'never' if g is None else f'generation {g}'}"
                 for tier, g in s["first"].items()

@@ -113,21 +113,18 @@ def final_metrics(records: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, f
     """What can be said of a whole run only: emergence, and the shares of Fig. 8's decisions."""
     first: dict[str, int] = {}
     given: list[GuidanceRecord] = []
-    best = 0.0
     diversities: list[float] = []
     edited: list[GenerationRecord] = []
     for record in records:
         if edited or (record["guidance"] or {}).get("edits"):
             edited.append(from_plain(GenerationRecord, record))
         s = record["snapshot"]
-        best = max(best, s["best"]) if diversities else s["best"]
         diversities.append(s["diversity"])
         for tier, n in s["tiers"].items():
             if n:
                 first.setdefault(tier, s["generation"])
         if record["guidance"] is not None:
             given.append(GuidanceRecord(**record["guidance"]))
-    yield "run/best", best
     yield "run/mean_diversity", total(diversities) / len(diversities)
     yield from ((f"run/first_{tier}", generation) for tier, generation in first.items())
     yield from _fates(edit_fates(edited))

@@ -21,7 +21,7 @@ from filelock import FileLock
 
 from islandgp.atomic_files import remove_leftovers
 from islandgp.errors import TrackingError
-from islandgp.records.files import RunMetadata, kept_constraints, score
+from islandgp.records.files import RunMetadata, kept_constraints, values
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import flat
 from islandgp.scoring.constraints import recorded_constraints
@@ -174,14 +174,17 @@ class Mirror:
         # A point cannot be taken back, and a stopped run may go on.
         if status is Status.FINISHED and sent.generations:
             last = sent.generations - 1
-            values = dict(final_metrics(self.folder.records()))
+            found = dict(final_metrics(self.folder.records()))
             if self.folder.finished():
                 summary = self.folder.summary()
-                values["run/score"] = score(summary)
-                values |= {
-                    f"run/{name}": value for name, value in kept_constraints(summary).items()
+                figures = values(summary)
+                found |= {
+                    f"run/{name}": value
+                    for name in ("validation_mean", "fitness_max")
+                    if (value := figures[name]) is not None
                 }
-            points = [metric(key, value, ended, last) for key, value in values.items()]
+                found |= {f"run/{name}": value for name, value in kept_constraints(summary).items()}
+            points = [metric(key, value, ended, last) for key, value in found.items()]
             client.log_batch(sent.run, metrics=points)
         sent = replace(sent, done=done)
         write_sent(self.folder.path, sent)

@@ -12,15 +12,15 @@ from math import inf
 from statistics import fmean, median, stdev
 from typing import Any, Final
 
-from islandgp.records.files import fallback_words, score
+from islandgp.records.files import fallback_words, validation_mean
 from islandgp.records.folder import Status
 from islandgp.sweep.folder import SweepFile, SweepFolder, SweepJob
 from islandgp.text import title
 from islandgp.tracking.chart import Line, Panel
 
 MEASURES: Final = {
-    "best fitness": "best",
-    "mean fitness": "mean",
+    "fitness max": "best",
+    "fitness mean": "mean",
     "diversity": "diversity",
     "mutation rate": "rate",
 }
@@ -98,11 +98,11 @@ FALLBACK: Final = "fallback's answers"  # one column more where any were
 
 
 def arm_rows(found: Sequence[ArmSummary]) -> list[tuple[str, ...]]:
-    """A head, and a row for each arm: the mean best fitness with its standard deviation, the
+    """A head, and a row for each arm: the validation mean with its standard deviation, the
     median generation of the first robot of a milestone over all runs, and the mean diversity; and
     how many answers were the fallback's, where any were."""
     tiers = milestones([s for arm in found for s in arm.summaries])
-    head = ("arm", "finished", "best robot", *map(title, tiers), "diversity")
+    head = ("arm", "finished", "validation mean", *map(title, tiers), "diversity")
     rows = [head, *(_row(arm, tiers) for arm in found)]
     fallback = [fallback_words(arm.summaries) for arm in found]
     if not any(fallback):
@@ -132,13 +132,13 @@ def _row(arm: ArmSummary, tiers: Sequence[str]) -> tuple[str, ...]:
         finished = "pruned"
     if not arm.summaries:
         return (name, finished, "", *("" for _ in tiers), "")
-    best = [score(s) for s in arm.summaries]
-    spread = f" ± {stdev(best):,.0f}" if len(best) > 1 else ""
+    means = [mean for s in arm.summaries if (mean := validation_mean(s)) is not None]
+    spread = f" ± {stdev(means):,.0f}" if len(means) > 1 else ""
     diversity = fmean(s["mean_diversity"] for s in arm.summaries)
     return (
         name,
         finished,
-        f"{fmean(best):,.0f}{spread}",
+        f"{fmean(means):,.0f}{spread}" if means else "",
         *(_emergence(arm, tier) for tier in tiers),
         f"{diversity:.3f}",
     )
@@ -163,10 +163,10 @@ def sweep_note(
     lines = [
         arm_table(found),
         f"{len(file.jobs)} runs, {status.value.lower()}: {len(found)} arm{'s' * (len(found) != 1)},"
-        f" seeds {', '.join(map(str, seeds))}. Best robot: its points in validation worlds, mean ±"
-        " standard deviation over runs. Tiers: median generation of the first such robot over all"
-        " runs, one without it counted as later than any, and how many runs had one."
-        " Diversity: mean.",
+        f" seeds {', '.join(map(str, seeds))}. Validation mean: points of a run's best robot in"
+        " validation worlds, mean ± standard deviation over runs. Tiers: median generation of the"
+        " first such robot over all runs, one without it counted as later than any, and how many"
+        " runs had one. Diversity: mean.",
         "",
         *(f"    {command}" for command in file.commands),
         "",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from importlib.util import find_spec
 
 import pytest
 
@@ -10,8 +11,9 @@ from benchmarks.pinned import endless, example, points, settings
 from islandgp.domains.island.episode import run_episode
 from islandgp.domains.island.events import Event
 
-pytest.importorskip("py_trees", reason="extra `bench` is not installed")
-pytest.importorskip("deap", reason="extra `bench` is not installed")
+pytestmark = pytest.mark.skipif(
+    not (find_spec("py_trees") and find_spec("deap")), reason="extra `bench` is not installed"
+)
 
 WORK = (Event.PICKUP, Event.INTERACTION, Event.DELIVERY, Event.CHARGE, Event.EMPTY_DELIVERY)
 

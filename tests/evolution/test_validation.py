@@ -17,6 +17,7 @@ from islandgp.evolution.validation import (
     MOST,
     Candidate,
     candidates,
+    entrants,
     interval,
     rounds,
     validate,
@@ -27,6 +28,15 @@ from tests.composed import composed
 from tests.made import outcome
 
 CLASSES = composed().classes
+
+
+@pytest.mark.parametrize(("episodes", "n"), [(1, 1), (9, 1), (10, 2), (23, 4), (24, 4), (80, 24)])
+def test_a_run_of_any_size_validates(episodes: int, n: int) -> None:
+    """With fewer episodes than candidates the best in training take part, one at least."""
+    found = [Candidate(0, f"0.{i}", f"tree {i}\n", trained=i) for i in range(24)]
+    chosen = entrants(found, episodes)
+    assert {c.trained for c in chosen} == set(range(24 - n, 24))
+    assert 0 < sum(size * new for size, new in rounds(len(chosen), episodes)) <= episodes
 
 
 def record(generation: int, stage: int, *fitness: float) -> dict[str, Any]:

@@ -43,18 +43,12 @@ from islandgp.resources import resource
 from islandgp.results import load
 from islandgp.study.select import find, read
 from islandgp.supervision.distilled import read_policy
+from islandgp.supervision.llm.checks import Accepted, check_decision, check_proposal
 from islandgp.supervision.llm.client import read_message, retry_after
 from islandgp.supervision.llm.ledger import Ledger
 from islandgp.supervision.llm.message import Reply
-from islandgp.supervision.llm.settings import Caps
+from islandgp.supervision.llm.settings import Caps, RateSettings
 from islandgp.supervision.llm.transcript import Transcript
-from islandgp.supervision.llm.validation import (
-    DECISION,
-    Accepted,
-    RateSettings,
-    check_decision,
-    check_proposal,
-)
 from islandgp.supervision.replay import Replay, ReplaySettings
 from islandgp.tracking.sent import read_sent
 from islandgp.viewer.page import page
@@ -473,7 +467,7 @@ def _bodies() -> list[bytes]:
 def _answers() -> st.SearchStrategy[bytes]:
     plain = [DECIDED, PROPOSAL, {**PROPOSAL, "trees": [PROPOSAL["tree"], "A"]}]
     bodies = [json.loads(body) for body in _bodies()]
-    words = (b"<think>", b"</think>", b"```json", b"```", *(name.encode() for name in DECISION))
+    words = (b"<think>", b"</think>", b"```json", b"```", *(name.encode() for name in DECIDED))
     inside = st.builds(
         lambda value: as_json({"content": [{"type": "text", "text": as_json(value).decode()}]}),
         values(plain),

@@ -16,16 +16,9 @@ import pytest
 
 from islandgp.errors import ConfigError, SupervisionError
 from islandgp.supervision.llm.client import AnthropicClient
-from islandgp.supervision.llm.ledger import (
-    Caps,
-    Ledger,
-    Price,
-    cost,
-    known_usage,
-    most_cost,
-    most_tokens,
-)
+from islandgp.supervision.llm.ledger import Ledger, cost, known_usage, most_cost, most_tokens
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage
+from islandgp.supervision.llm.settings import Caps, Price
 from islandgp.supervision.llm.supervisor import LLM
 from islandgp.supervision.llm.transcript import Call, Sent, Transcript
 from islandgp.testing.server import MessagesServer
@@ -363,7 +356,9 @@ class Killed(BaseException):
     """The process ends here."""
 
 
-@pytest.mark.parametrize("every", [2, 3, 5, 7, 8, 11])
+@pytest.mark.parametrize(
+    "every", [2, 5, 7, *(pytest.param(n, marks=pytest.mark.slow) for n in (3, 8, 11))]
+)
 @pytest.mark.parametrize(
     ("cap", "name", "most"),
     [

@@ -17,14 +17,9 @@ from islandgp.errors import SupervisionError
 from islandgp.resources import resource
 from islandgp.supervision.base import RunContext
 from islandgp.supervision.llm.adviser import Adviser
+from islandgp.supervision.llm.answers import Rejection, RejectionStage
+from islandgp.supervision.llm.checks import Accepted, Proposal, check_proposal
 from islandgp.supervision.llm.episode import try_out
-from islandgp.supervision.llm.validation import (
-    Accepted,
-    Proposal,
-    Rejection,
-    RejectionStage,
-    check_proposal,
-)
 from islandgp.testing.server import MessagesServer
 from tests.llm.made import advise, answering, context, said, settings, state, supervisor
 from tests.llm.test_prompts import DIALECT

@@ -15,9 +15,9 @@ from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.resources import resource
 from islandgp.supervision.base import Phase
 from islandgp.supervision.llm.adviser import Adviser
-from islandgp.supervision.llm.informed import RUN_VALUES
+from islandgp.supervision.llm.answers import RejectionStage
+from islandgp.supervision.llm.history import RUN_VALUES
 from islandgp.supervision.llm.prompts import SETS, render
-from islandgp.supervision.llm.validation import RejectionStage
 from islandgp.testing.demo import demo
 from tests.composed import composed
 from tests.llm.made import advise, answering, context, settings, supervisor

@@ -13,14 +13,10 @@ from islandgp.bt.core.node import Limits
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.gp.edits import EDITS
 from islandgp.gp.population import Origin
-from islandgp.supervision.llm.edit_question import EditProposal, check_edits, listing
+from islandgp.supervision.llm.answers import Rejection, RejectionStage
+from islandgp.supervision.llm.checks import Accepted, EditProposal, check_edits, check_proposal
+from islandgp.supervision.llm.history import listing
 from islandgp.supervision.llm.message import Reply
-from islandgp.supervision.llm.validation import (
-    Accepted,
-    Rejection,
-    RejectionStage,
-    check_proposal,
-)
 from islandgp.testing.faults import no_faults
 from islandgp.testing.mock_model import MockModel
 from islandgp.testing.server import MessagesServer
@@ -62,8 +58,8 @@ def test_an_edit_is_taken() -> None:
         ({"branch": "FlyHome"}, "FlyHome"),
         ({"branch": "selector {"}, "edit 1"),
         ({"branch": None}, "branch: expected a value"),
-        ({"branch": 7}, "branch: expected string"),
-        ({"kind": "number", "number": True}, "number: expected number"),
+        ({"branch": 7}, "branch: expected a text"),
+        ({"kind": "number", "number": True}, "number: expected a number"),
         ({"kind": "number", "number": float("inf")}, "number"),
         ({"kind": "replace", "at": "", "branch": "SeekCharger"}, "a copy"),
         ({"kind": "replace", "at": "", "branch": "PatrolWaypoint"}, "a copy"),

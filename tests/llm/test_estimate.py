@@ -10,15 +10,15 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from islandgp.commands.estimate_command import command
-from islandgp.resources import resource
-from islandgp.supervision.llm.estimate import (
+from islandgp.commands.estimate_command import (
     ANSWER,
     CANDIDATE,
     as_recorded,
     at_most,
+    command,
     expected,
 )
+from islandgp.resources import resource
 from islandgp.supervision.llm.ledger import Bill
 from islandgp.supervision.llm.prompts import SETS
 from islandgp.supervision.llm.transcript import Transcript

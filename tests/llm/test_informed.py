@@ -24,7 +24,7 @@ from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, RunContext, Seen, Supervisor
 from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.episode import LINE, SPANS, Stretch, describe_episode, spans
-from islandgp.supervision.llm.informed import RunHistory, most_lacking
+from islandgp.supervision.llm.history import RunHistory, most_lacking
 from islandgp.supervision.llm.prompts import Prompt, render
 from islandgp.testing.faults import Fault, every
 from islandgp.testing.server import MessagesServer

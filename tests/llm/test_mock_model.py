@@ -11,8 +11,8 @@ from islandgp.bt.core.language import parse
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.llm.adviser import Adviser
+from islandgp.supervision.llm.checks import Accepted, check_decision, check_proposal
 from islandgp.supervision.llm.message import Request
-from islandgp.supervision.llm.validation import Accepted, check_decision, check_proposal
 from islandgp.testing.mock_model import MockModel
 from tests.llm.made import context, said, settings, state
 from tests.llm.test_informed import adviser, small_run

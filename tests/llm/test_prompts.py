@@ -17,21 +17,14 @@ from islandgp.errors import SupervisionError
 from islandgp.resources import resource
 from islandgp.supervision.base import Pattern, Phase
 from islandgp.supervision.llm.adviser import Adviser
-from islandgp.supervision.llm.capabilities import Dialect
-from islandgp.supervision.llm.message import Request
-from islandgp.supervision.llm.prompts import (
-    Prompt,
-    language,
-    load_prompt,
-    render,
-    urgency,
-)
-from islandgp.supervision.llm.validation import (
-    DECISION,
+from islandgp.supervision.llm.answers import (
+    DecisionAnswer,
     Rejection,
     RejectionStage,
-    proposal_shape,
+    proposal_model,
 )
+from islandgp.supervision.llm.message import Dialect, Request
+from islandgp.supervision.llm.prompts import Prompt, language, load_prompt, render, urgency
 from islandgp.supervision.state_json import words
 from tests.goldens import check_golden
 from tests.llm.made import context, settings, state
@@ -118,7 +111,7 @@ def test_every_phase_and_pattern_is_in_the_rate_prompt(adviser: Adviser) -> None
         assert row.endswith(f"| {low:.2f} to {high:.2f} |")
     assert len(Phase) == 7
     assert all(f"- {pattern}: " in found for pattern in Pattern)
-    assert all(f'"{field}"' in found for field in DECISION)
+    assert all(f'"{field}"' in found for field in DecisionAnswer.model_fields)
 
 
 def test_every_target_is_in_the_tree_prompts(adviser: Adviser) -> None:
@@ -132,7 +125,7 @@ def test_every_target_is_in_the_tree_prompts(adviser: Adviser) -> None:
         found = adviser.request("tree", at, DIALECT).system
         for target, meaning in {**meanings, **words("aims")}.items():
             assert f"- {target}: {meaning}" in found
-        assert all(f'"{field}"' in found for field in proposal_shape(CLASSES.targets))
+        assert all(f'"{field}"' in found for field in proposal_model(CLASSES.targets).model_fields)
 
 
 def test_the_language_is_the_declared_one() -> None:

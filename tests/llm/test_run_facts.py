@@ -9,7 +9,7 @@ import pytest
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.supervision.base import RunContext
 from islandgp.supervision.llm.adviser import Adviser
-from islandgp.supervision.llm.run_facts import run_facts
+from islandgp.supervision.llm.prompts import run_facts
 from islandgp.text import in_points, rounded
 from tests.llm.made import context, settings, state
 from tests.llm.test_prompts import DIALECT

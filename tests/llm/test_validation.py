@@ -14,21 +14,18 @@ from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Limits, within
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.supervision.base import Pattern, Phase
-from islandgp.supervision.llm.message import SANE, Reply
-from islandgp.supervision.llm.validation import (
-    DECISION,
-    LONGEST,
-    Accepted,
-    RateSettings,
+from islandgp.supervision.llm.answers import (
+    Answer,
+    DecisionAnswer,
     Rejection,
     RejectionStage,
-    check_decision,
-    check_proposal,
-    faults,
     find_object,
-    proposal_shape,
+    proposal_model,
     schema,
 )
+from islandgp.supervision.llm.checks import LONGEST, Accepted, check_decision, check_proposal
+from islandgp.supervision.llm.message import SANE, Reply
+from islandgp.supervision.llm.settings import RateSettings
 from tests.llm.made import DECISION as GOOD
 from tests.llm.made import PROPOSAL as GOOD_TREE
 from tests.llm.made import USAGE, said
@@ -38,7 +35,7 @@ from tests.strategies import nodes
 RATES = RateSettings(least=0.1, most=0.5, outside="repair")
 LIMITS = Limits(5, 22)
 decide = check_decision(RATES)
-PROPOSAL_SHAPE = proposal_shape(CLASSES.targets)
+PROPOSAL = proposal_model(CLASSES.targets)
 propose = check_proposal(LIMITS, VOCABULARY, CLASSES.targets)
 
 
@@ -271,22 +268,22 @@ def test_explanations_are_kept_short() -> None:
 
 def test_the_first_object_with_a_known_field_wins() -> None:
     """An object of other fields is the answer only where there is no better one."""
-    assert find_object('{"x": 1} {"tree": 2}', PROPOSAL_SHAPE) == {"tree": 2}
-    assert find_object('{"x": 1} {"y": 2}', PROPOSAL_SHAPE) == {"y": 2}
+    assert find_object('{"x": 1} {"tree": 2}', GOOD_TREE) == {"tree": 2}
+    assert find_object('{"x": 1} {"y": 2}', GOOD_TREE) == {"y": 2}
 
 
-@pytest.mark.parametrize(("shape", "good"), [(DECISION, GOOD), (PROPOSAL_SHAPE, GOOD_TREE)])
-def test_schemas_and_checks_agree(shape: dict[str, type], good: dict[str, object]) -> None:
+@pytest.mark.parametrize(("model", "good"), [(DecisionAnswer, GOOD), (PROPOSAL, GOOD_TREE)])
+def test_schemas_and_checks_agree(model: type[Answer], good: dict[str, object]) -> None:
     """The schema that is sent asks for exactly the fields that are checked."""
-    found = schema(shape)  # type: ignore[arg-type]
+    found = schema(model)
     assert list(found["properties"]) == found["required"] == list(good)
     assert found["additionalProperties"] is False
-    assert faults(good, shape) == []  # type: ignore[arg-type]
+    model.model_validate(good)
 
 
 def test_the_decision_schema() -> None:
     """The schema as it is sent, whole."""
-    assert schema(DECISION)["properties"] == {
+    assert schema(DecisionAnswer)["properties"] == {
         "mutation_rate": {"type": "number"},
         "phase": {"type": "string", "enum": [p.value for p in Phase]},
         "pattern": {"type": "string", "enum": [p.value for p in Pattern]},

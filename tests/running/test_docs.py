@@ -85,7 +85,7 @@ def test_the_python_runs_as_it_stands(home: Path, monkeypatch: pytest.MonkeyPatc
 def test_the_groups_of_columns_are_named() -> None:
     """What the page says of the frames' columns is what they have."""
     part = TEXT.partition("## Results in Python")[2].partition("## MLflow")[0]
-    for kind, name in (("runs", "best"), ("runs", "trained")):
+    for kind, name in (("runs", n) for n in ("validation_mean", "champion_fitness", "fitness_max")):
         assert f"`{name}`" in part
         assert name in COLUMNS[kind]
     for group in ("first", "tiers", "specialists", "doing", "components", "counters"):

@@ -49,8 +49,8 @@ def test_an_interval_of_one_world_is_null_in_the_summary(tmp_path: Path) -> None
     ends = ("low", "high", "difference_low", "difference_high")
     assert [found[end] for end in ends] == [None] * 4
     assert found["difference"] == 0
-    assert values(folder.summary())["best"] == found["mean"]
-    assert load(tmp_path).runs["best"][0] == found["mean"]
+    assert values(folder.summary())["validation_mean"] == found["mean"]
+    assert load(tmp_path).runs["validation_mean"][0] == found["mean"]
     (run,) = find(tmp_path)
     assert read(run).validation == (123,)
 

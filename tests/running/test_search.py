@@ -18,11 +18,10 @@ from hydra.plugins.sweeper import Sweeper
 from omegaconf import DictConfig
 
 from islandgp.config.compose import Planned, Searched
-from islandgp.errors import ConfigError
+from islandgp.errors import ConfigError, RunError
 from islandgp.records.files import objectives, values
 from islandgp.records.folder import RunFolder, Status
 from islandgp.running.app import main
-from islandgp.sweep import optuna_trials as optuna_search
 from islandgp.sweep.folder import SweepFile, SweepFolder
 from islandgp.sweep.optimiser import check
 from islandgp.sweep.progress import job_line
@@ -76,9 +75,8 @@ def test_two_keys_of_the_smoke_experiment_are_tuned_in_six_trials(
     best = runs[means.index(max(means))].configuration()["gp"]
     assert found["best_params"] == {f"gp.{k}": best[k] for k in ("mutation_rate", "tournament")}
     said = capsys.readouterr().out
-    assert (
-        f"\nBest:\n  best {max(means):,.6g} with gp.mutation_rate={best['mutation_rate']}" in said
-    )
+    rate = best["mutation_rate"]
+    assert f"\nBest:\n  validation_mean {max(means):,.6g} with gp.mutation_rate={rate}" in said
     assert "Search: 6 different runs, 0 pruned, 0 failed" in said
 
 
@@ -103,7 +101,7 @@ def test_a_search_that_goes_on_judges_as_before(monkeypatch: pytest.MonkeyPatch)
         judged.append((trial.number, generation, best))
         return False
 
-    monkeypatch.setattr(optuna_search, "_judge", judge)
+    monkeypatch.setattr("islandgp.sweep.optuna_trials._judge", judge)
     words = [*INSTANT, "gp.mutation_rate=0.1,0.2", "hydra/sweeper/pruner=halving", *OPTUNA]
     assert main([*words, "hydra.sweeper.n_trials=2"]) == 0
     before = judged.copy()
@@ -115,10 +113,10 @@ def test_a_search_that_goes_on_judges_as_before(monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.slow
 def test_more_than_one_objective(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """`objectives` names them, and the solutions are those that no other one is better than."""
-    words = [*INSTANT, "seed=range(4)", "objectives=[best,first.excellent]", *OPTUNA]
+    words = [*INSTANT, "seed=range(4)", "objectives=[validation_mean,first.excellent]", *OPTUNA]
     direction = "hydra.sweeper.direction=[maximize,minimize]"
     assert main([*words, direction, "hydra.sweeper.n_trials=4"]) == 0
-    names = ("best", "first.excellent")
+    names = ("validation_mean", "first.excellent")
     folders = [RunFolder(file.parent) for file in here.rglob("summary.json")]
     points = {objectives(folder.summary(), names) for folder in folders}
     front = {p for p in points if not any(o != p and o[0] >= p[0] and o[1] <= p[1] for o in points)}
@@ -130,9 +128,21 @@ def test_a_robot_that_never_came_came_after_the_end() -> None:
     """An objective is a number in every run."""
     champion = {"record": {"fitness": 1.0}, "validation": {"mean": 2.0}}
     numbers = dict.fromkeys(("final_best", "final_mean", "mean_diversity", "seconds"), 0.5)
-    summary = {**numbers, "champion": champion, "generations": 7, "first": {"a": None, "b": 3}}
-    assert objectives(summary, ("best", "trained", "first.a", "first.b")) == (2, 1, 7, 3)
+    summary = {
+        **numbers,
+        "champion": champion,
+        "fittest": {"record": {"fitness": 4.0}},
+        "generations": 7,
+        "first": {"a": None, "b": 3},
+    }
+    names = ("validation_mean", "champion_fitness", "fitness_max", "first.a", "first.b")
+    assert objectives(summary, names) == (2, 1, 4, 7, 3)
     assert values(summary)["first.a"] is None
+    unvalidated = {**summary, "champion": {**champion, "validation": None}}
+    assert values(unvalidated)["validation_mean"] is None
+    assert objectives(unvalidated, ("fitness_max",)) == (4,)
+    with pytest.raises(RunError, match=r"^objectives: expected a run with a validation_mean"):
+        objectives(unvalidated, names)
 
 
 @pytest.mark.slow
@@ -225,7 +235,7 @@ SWEEPER: dict[str, Any] = {
     "pruner": {},
 }
 MEDIAN = {"_target_": "optuna.pruners.MedianPruner"}
-TWO = ("best", "trained")
+TWO = ("validation_mean", "fitness_max")
 
 
 @pytest.mark.parametrize(
@@ -253,7 +263,7 @@ def test_what_optuna_cannot_do_is_refused(
 ) -> None:
     """With what was expected, what was found, and what to write."""
     override = OverridesParser.create().parse_override(sweep)
-    settings = composed().model_copy(update={"objectives": aims or ("best",)})
+    settings = composed().model_copy(update={"objectives": aims or ("validation_mean",)})
     job = Planned((), {}, settings, Path("/h"), "", launcher or "BasicLauncher")
     sweeps = (override,) if override.is_sweep_override() else ()
     with pytest.raises(ConfigError, match=expected):
@@ -261,9 +271,16 @@ def test_what_optuna_cannot_do_is_refused(
 
 
 def test_names_of_objectives_are_checked() -> None:
-    """They are those of the columns of `islandgp.load`."""
-    with pytest.raises(ConfigError, match="objectives: expected names among best, final_best"):
+    """They are columns of `islandgp.load`; names of older configurations are translated."""
+    settings = composed("objectives=[best,final_mean]", "gp.validation=0")
+    assert settings.objectives == ("validation_mean", "final_fitness_mean")
+    with pytest.raises(ConfigError, match="objectives: expected names among champion_fitness, fi"):
         composed("objectives=[bast]")
+    override = OverridesParser.create().parse_override("gp.tournament=2,3")
+    job = Planned((), {}, settings, Path("/h"), "", "BasicLauncher")
+    found = Searched(SWEEPER | {"direction": ["maximize"] * 2}, (override,), (job, job), ())
+    with pytest.raises(ConfigError, match=r"set gp\.validation above 0"):
+        check(found)
 
 
 def test_an_interval_without_a_search_is_told_how_to_have_one(
@@ -318,5 +335,5 @@ def test_the_program_returns_its_score_to_any_sweeper(here: Path, twice: list[An
     folders = [
         RunFolder(here / "runs/default" / job.folder) for job in file_in(here / "runs/default").jobs
     ]
-    assert twice == [values(f.summary())["best"] for f in folders]
+    assert twice == [values(f.summary())["validation_mean"] for f in folders]
     assert len(json.loads((here / "runs/default/sweep.json").read_text())["jobs"]) == 2

@@ -8,11 +8,11 @@ from typing import Any
 from islandgp.bt.core.language import parse, to_text
 from islandgp.evolution.loop import evaluate, training_seeds
 from islandgp.gp.plan import Plan
-from islandgp.gp.population import Evaluated, Individual, Origin
+from islandgp.gp.population import Advice, Evaluated, Individual, Origin
 from islandgp.resources import resource
 from islandgp.running.run import make_search, plan_of
 from islandgp.scoring.classes import classify
-from islandgp.search.base import Advice, SearchState
+from islandgp.search.base import SearchState
 from islandgp.seeding import Streams
 from tests.composed import composed
 from tests.evolution.fake import Fake

@@ -20,14 +20,14 @@ def test_a_better_child_takes_the_parent_s_place() -> None:
     state = search.tell(
         search.start(), [done("0.0", 1), done("0.1", 7, tree="SeekCharger")], NO_ADVICE
     )
-    assert state.memory.parent.id == "0.1"
+    assert state.memory.id == "0.1"
     new = search.ask(state, Streams(3))
     assert (new[0].id, new[0].tree, new[0].parents) == ("1.0", parse("SeekCharger"), ("0.1",))
     assert {i.parents for i in new} == {("0.1",)}
     equals = [done("1.0", 3), done("1.1", 3, tree="PatrolWaypoint"), done("1.2", 2)]
-    assert search.tell(state, equals, NO_ADVICE).memory.parent.id == "1.0"
+    assert search.tell(state, equals, NO_ADVICE).memory.id == "1.0"
     better = [done("1.0", 3), done("1.1", 3.5, tree="MoveToGarbage"), done("1.2", 3)]
-    assert search.tell(state, better, NO_ADVICE).memory.parent.id == "1.1"
+    assert search.tell(state, better, NO_ADVICE).memory.id == "1.1"
 
 
 def test_the_climber_never_falls_in_the_same_worlds() -> None:

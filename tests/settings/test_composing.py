@@ -11,10 +11,6 @@ from islandgp.resources import resource
 from tests.composed import composed, plain
 
 CONF = resource("conf")
-OWN_GROUPS = (
-    "domain", "world", "curriculum", "rewards", "classes", "library", "allocation", "gp",
-    "search", "supervisor", "evaluator", "tracking",
-)  # fmt: skip
 
 
 def options(group: str) -> list[str]:
@@ -28,26 +24,36 @@ def test_experiments(experiment: str) -> None:
     assert composed(f"experiment={experiment}").name == experiment
 
 
+def together(*groups: str) -> list[dict[str, str]]:
+    """Choices in which each option of each group occurs; groups with fewer repeat theirs."""
+    names = [options(group) for group in groups]
+    return [
+        {group: found[n % len(found)] for group, found in zip(groups, names, strict=True)}
+        for n in range(max(map(len, names)))
+    ]
+
+
 @pytest.mark.parametrize(
-    "choice", [f"{group}={name}" for group in OWN_GROUPS for name in options(group)]
+    "choice",
+    [
+        *together("search", "supervisor", "evaluator", "tracking"),
+        *together("world", "curriculum", "library"),
+        *together("domain"),
+        *together("rewards", "classes", "allocation", "gp"),
+    ],
+    ids=lambda choice: " ".join(choice.values()),
 )
-def test_options(choice: str) -> None:
-    """Each option of each group composes, its class can be imported, and its settings fit."""
-    settings = composed(choice)
+def test_options(choice: dict[str, str]) -> None:
+    """Each option of each group composes, its class can be imported, and its settings fit.
+
+    A search is called what its file is called, and a supervisor's name begins with its file's.
+    """
+    settings = composed(*(f"{group}={name}" for group, name in choice.items()))
     for part in (settings.search, settings.supervisor, settings.evaluator, settings.tracking):
         assert part.settings() is not None
-
-
-def test_supervisors_are_called_what_their_files_are_called() -> None:
-    """The name in a record leads back to the file, unless a name says which variant it is."""
-    for name in options("supervisor"):
-        assert composed(f"supervisor={name}").supervisor.name.startswith(name)
-
-
-def test_searches_are_called_what_their_files_are_called() -> None:
-    """The name in tags and tables is the one that chooses the search."""
-    for name in options("search"):
-        assert composed(f"search={name}").search.name == name
+    if "search" in choice:
+        assert settings.search.name == choice["search"]
+        assert settings.supervisor.name.startswith(choice["supervisor"])
 
 
 def test_the_paper_is_the_default() -> None:

@@ -154,6 +154,7 @@ def write_run(run: Run, folder: Path, *, finished: bool = True) -> None:
         found = Validation(run.validation, mean, mean, mean, {}) if run.validation else None
         summary = {
             "champion": {**asdict(run.champion), "validation": found and asdict(found)},
+            "fittest": asdict(run.champion),
             "first": {},
             **dict.fromkeys(("final_best", "final_mean", "mean_diversity", "seconds"), 0.0),
             "generations": len(run.records),

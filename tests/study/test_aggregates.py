@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import stats  # type: ignore[import-untyped] # scipy ships no types
 
 from islandgp.errors import StudyError
 from islandgp.statistics import EXACT, UNTESTED, Interval, rank_test
@@ -102,6 +101,8 @@ def test_a_profile_by_hand() -> None:
 
 def test_estimates_are_those_of_rliable() -> None:
     """The numbers that rliable 1.2.0 gives for these scores, and its formulas."""
+    from scipy import stats  # type: ignore[import-untyped] # scipy ships no types
+
     assert stratified_bootstrap(A, interquartile_mean).estimate == pytest.approx(0.826875)
     assert stratified_bootstrap(B, interquartile_mean).estimate == pytest.approx(0.173125)
     assert stratified_bootstrap(A, mean).estimate == pytest.approx(0.689)

@@ -81,7 +81,7 @@ def record(generation: int, best: float, complete: int, given: GuidanceRecord | 
 
 
 def test_what_is_said_of_a_whole_run() -> None:
-    """The best ever, mean diversity, the first generation of a tier, shares of decisions."""
+    """Mean diversity, the first generation of a tier, shares of decisions."""
     fallback = guidance(source="llm and fallback", phase="exploitation", crisis="diversity")
     records = [
         record(0, -5.0, 0, guidance(source="llm", phase="refinement", pattern="stagnation")),
@@ -91,7 +91,6 @@ def test_what_is_said_of_a_whole_run() -> None:
         record(4, 8.0, 0, None),
     ]
     assert dict(final_metrics(records)) == {
-        "run/best": 9.0,
         "run/mean_diversity": 0.5,
         "run/first_complete": 1,
         "phases/refinement": 0.25,

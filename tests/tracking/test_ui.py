@@ -318,7 +318,7 @@ def test_the_server_shows_two_arms(home: Path, store: Store) -> None:
         assert "Group: baseline" in text
         assert "Group: expert" in text
         browser.open(pages.runs)
-        columns = ("seed", "run/score")  # a tier that nobody reached has no column
+        columns = ("seed", "run/validation_mean")  # a tier that nobody reached has no column
         while not all(name in browser.run("document.body.innerText") for name in columns):
             sleep(0.5)
         with socket.socket() as probe:  # the whole of 127.* is this machine, but not all is served

@@ -15,6 +15,7 @@ from threading import Thread
 from typing import Any, Final, TypeVar
 
 import numpy as np
+from pydantic import BaseModel
 
 from islandgp.bt.core.node import Limits
 from islandgp.errors import SupervisionError
@@ -22,51 +23,48 @@ from islandgp.plugin import path_of, plugin_errors
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.asking import ask
 from islandgp.supervision.base import Guidance, RunContext, Seen, Supervisor
+from islandgp.supervision.llm.answers import (
+    DecisionAnswer,
+    EditsAnswer,
+    Rejection,
+    form,
+    proposal_model,
+    reasons_first,
+    schema,
+)
 from islandgp.supervision.llm.calls import Calls, Conversation, converse, unasked
-from islandgp.supervision.llm.capabilities import Dialect
-from islandgp.supervision.llm.edit_question import (
-    EDIT_VALUES,
-    EDITS_SHAPE,
-    EditHistory,
+from islandgp.supervision.llm.checks import (
+    Check,
+    Proposal,
+    check_decision,
     check_edits,
-    edit_values,
-    fixed_edit_values,
-    known_texts,
-    nameable,
+    check_proposal,
 )
 from islandgp.supervision.llm.episode import try_out
-from islandgp.supervision.llm.informed import (
+from islandgp.supervision.llm.history import (
+    EDIT_VALUES,
     NO_VALUES,
     RUN_VALUES,
     RunHistory,
     RunValues,
+    edit_values,
+    known_texts,
+    nameable,
     run_values,
     standing_values,
 )
-from islandgp.supervision.llm.message import CHARGED, Failure, FailureKind, Request
+from islandgp.supervision.llm.message import CHARGED, Dialect, Failure, FailureKind, Request
 from islandgp.supervision.llm.prompts import (
+    fixed_edit_values,
     fixed_values,
     load_prompt,
     prompt_folder,
     render,
+    run_facts,
     urgency,
 )
-from islandgp.supervision.llm.run_facts import run_facts
 from islandgp.supervision.llm.settings import LLMSettings, TreeSize
 from islandgp.supervision.llm.transcript import Played
-from islandgp.supervision.llm.validation import (
-    DECISION,
-    Check,
-    Proposal,
-    Rejection,
-    Shape,
-    check_decision,
-    check_proposal,
-    form,
-    proposal_shape,
-    reasons_first,
-    schema,
-)
 from islandgp.supervision.state_json import state_text
 
 T = TypeVar("T")
@@ -78,7 +76,7 @@ _PROMPTS: Final = {
     "edits": ("edits",),
 }
 FILLS: Final = {
-    "rate": tuple(DECISION),
+    "rate": tuple(DecisionAnswer.model_fields),
     "tree": ("tree", "target", "rationale"),
     "edits": ("edits",),
 }
@@ -119,12 +117,12 @@ class Adviser:
             **_rates(settings),
             **standing_values(settings.informed, context),
         }
-        self._order: Callable[[Shape], Shape] = (
+        self._order: Callable[[dict[str, Any]], dict[str, Any]] = (
             reasons_first if settings.informed.reasoning else dict
         )
         if context.edits:
             self.values |= fixed_edit_values(context)
-            self.values["edit_answer"] = form(self._order(EDITS_SHAPE))
+            self.values["edit_answer"] = form(self._order(schema(EditsAnswer)))
         asked = {name for part in self.parts for name in _PROMPTS[kind_of(part)]}
         used = {v for name in asked for v in self.prompts[name].variables}
         if settings.candidates > 1 and context.inject and not {"answer", "tree_field"} <= used:
@@ -135,7 +133,6 @@ class Adviser:
             )
         self.uses_history = bool(used.intersection(RUN_VALUES))
         self._history = RunHistory()
-        self._edits = EditHistory()
         named = context.library().trees if context.edits or settings.refuse_copies else {}
         self._examples = tuple(named.values())
         self._last: tuple[PopulationState, RunValues] | None = None
@@ -182,10 +179,8 @@ class Adviser:
 
     def see(self, generation: Seen) -> None:
         """See `Witness`: keeps what prompts show of a run; others need nothing of it."""
-        if self.uses_history or self.settings.refuse_copies:
+        if self.uses_history or self.settings.refuse_copies or self.context.edits:
             self._history = self._history.followed_by(generation)
-        if self.context.edits:
-            self._edits = self._edits.followed_by(generation)
 
     def too_short(self) -> str:
         """Which system prompts the model will not keep, in words; "" for none, or unknown."""
@@ -259,7 +254,7 @@ class Adviser:
             known = self._known() if how.refuse_copies else None
             check = check_proposal(limits, words, state.targets, how.candidates, known)
         if kind_of(part) == "edits":
-            now, limits = self._edits.now, self.context.limits
+            now, limits = self._history.now, self.context.limits
             living = {} if now is None else nameable(now)
             check = check_edits(living, self._known(), self.context.schema.vocabulary, limits)
         found = converse(
@@ -273,7 +268,7 @@ class Adviser:
 
     def _known(self) -> frozenset[str]:
         """Canonical texts of the living trees and of the examples."""
-        now = self._edits.now or self._history.now
+        now = self._history.now
         return known_texts(() if now is None else nameable(now).values(), self._examples)
 
     def _tree_phase(self, state: PopulationState) -> tuple[str, TreeSize]:
@@ -284,14 +279,15 @@ class Adviser:
 
     def request(self, part: str, state: PopulationState, dialect: Dialect) -> Request:
         """The question for a part: "rate" or "tree"."""
-        how, name, shape = self.settings, "mutation_rate", DECISION
+        how, name = self.settings, "mutation_rate"
+        model: type[BaseModel] = DecisionAnswer
         values: dict[str, str] = {}
         if part == "tree":
             name, size = self._tree_phase(state)
-            shape, values = proposal_shape(state.targets, how.candidates), _size(size)
+            model, values = proposal_model(state.targets, how.candidates), _size(size)
         if kind_of(part) == "edits":
-            name, shape = "edits", EDITS_SHAPE
-        shape = self._order(shape)
+            name, model = "edits", EditsAnswer
+        shape = self._order(schema(model))
         system, user = render(
             self.prompts[name],
             {
@@ -302,7 +298,7 @@ class Adviser:
                 "urgency": urgency(state, how.rare),
                 "answer": form(shape),
                 "tree_field": _TREES_FIELD.format(how.candidates)
-                if "trees" in shape
+                if "trees" in shape["properties"]
                 else _TREE_FIELD,
                 **self._run_values(state).values,
             },
@@ -313,7 +309,7 @@ class Adviser:
             turns=(user,),
             max_tokens=how.reply_tokens,
             temperature=dialect.temperature,
-            schema=schema(shape) if dialect.structured else None,
+            schema=shape if dialect.structured else None,
             cache=how.cache,
             thinking=how.thinking_value,
             effort=how.effort,
@@ -327,7 +323,7 @@ class Adviser:
             if self.uses_history:
                 found = run_values(self.settings.informed, self.context, state, self._history)
             if self.context.edits:
-                values, played = edit_values(self.context, self._edits, self.settings.parents)
+                values, played = edit_values(self.context, self._history, self.settings.parents)
                 found = RunValues({**found.values, **values}, found.episodes + played)
             self._last = (state, found)
         return self._last[1]

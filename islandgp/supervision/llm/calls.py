@@ -17,13 +17,14 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from math import inf
 from threading import Lock
-from typing import Any, Final, Generic, Literal, Protocol, TypeVar
+from typing import Any, Final, Generic, Protocol, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, Field
 
 from islandgp.errors import SupervisionError
 from islandgp.seeding import Stream, stream
+from islandgp.supervision.llm.answers import Rejection, RejectionStage
+from islandgp.supervision.llm.checks import Check
 from islandgp.supervision.llm.ledger import Ledger, cost, known_usage, most_tokens
 from islandgp.supervision.llm.message import (
     CHARGED,
@@ -36,21 +37,10 @@ from islandgp.supervision.llm.message import (
     Request,
     Usage,
 )
+from islandgp.supervision.llm.settings import Outage, RetrySettings
 from islandgp.supervision.llm.transcript import Attempt, Call, Conclusion, Sent, Transcript
-from islandgp.supervision.llm.validation import Check, Rejection, RejectionStage
 
 T = TypeVar("T")
-DAY: Final = 86_400  # s
-
-
-class RetrySettings(BaseModel, frozen=True, extra="forbid"):
-    """Section 2.4.5: 30 s an attempt, exponential backoff, up to three attempts."""
-
-    attempts: int = Field(ge=1, le=20)  # of a call, the first included
-    deadline: float = Field(gt=0, le=DAY)  # s for a whole attempt, however the answer trickles in
-    first_wait: float = Field(ge=0, le=DAY)  # s before the second attempt; doubles each time
-    longest_wait: float = Field(ge=0, le=DAY)  # s
-    retry_after_most: float = Field(ge=0, le=DAY)  # s; who asks for more is not asked again
 
 
 def final(answer: Reply | Failure, attempt: int, how: RetrySettings) -> bool:
@@ -71,9 +61,6 @@ def wait(failure: Failure, attempt: int, how: RetrySettings, rng: np.random.Gene
     backoff = min(how.longest_wait, how.first_wait * 2.0 ** (attempt - 1))
     return max(failure.retry_after or 0.0, backoff * float(rng.uniform(0.5, 1)))
 
-
-Outage = Literal["fallback", "wait", "stop"]
-"""What happens where no server answers: the fallback stands in, the run waits, or it stops."""
 
 _SLOTS: Final = {"probe": 0, "rate": 1, "tree": 2, "edits": 3}  # of Stream.NETWORK
 

@@ -12,23 +12,29 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import isfinite
+from statistics import fmean
 from typing import Final
 
 from islandgp.bt.core.engine import ABORTED
+from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import AGAIN, RUNNING, Node, walk
 from islandgp.domain import Domain, Outcome, Scene, Schema
+from islandgp.gp.record import IndividualRecord
 from islandgp.scoring.classes import INTEGRATION, RARE, Classes
 from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, seed_of
-from islandgp.supervision.base import RunContext
+from islandgp.supervision.base import RunContext, Seen
+from islandgp.supervision.llm.checks import Proposal
+from islandgp.supervision.llm.prompts import about
 from islandgp.supervision.llm.transcript import Played
-from islandgp.supervision.llm.validation import Proposal
 from islandgp.text import in_points
 
 SPANS: Final = 8  # lines of the course of an episode, at most
 BINS: Final = 60  # pieces of an episode that spans are made of
 NAMED: Final = 3  # actions and events of a span, at most
 KEYS: Final = 12  # keys whose course is described, at most
+TREE: Final = 1500  # characters of a tree that is shown, at most
+PARTS: Final = 3  # components of a class's earnings
 LINE: Final = 240  # characters of a line, at most
 
 
@@ -199,3 +205,38 @@ def _worth(
     if name in classes.behaviours:
         return o.counters[classes.behaviours[name]], o.fitness
     return float(len(classes.shown(o.counters)) if target == INTEGRATION else 0), o.fitness
+
+
+def trace_of(name: str, i: IndividualRecord, context: RunContext, now: Seen) -> str:
+    """What an individual did in the first world in which it was evaluated, in words."""
+    each = len(now.worlds) // len(now.individuals)  # 0: fewer worlds than individuals, all common
+    seed = now.worlds[now.individuals.index(i) * each]
+    tree = parse(i.tree, context.schema.vocabulary)
+    domain = context.domain_in(now.snapshot.generation)
+    outcome, lines = describe_episode(domain, tree, seed, now.multipliers)
+    n, world = context.gp.episodes, about(domain, seed)
+    mean = f" on the mean of {n} episodes" if n > 1 else ""
+    which = (
+        f"the first of them, with {in_points(outcome.fitness)} points," if n > 1 else "an episode"
+    )
+    head = (
+        f"{name}, of class {i.specialist}, {in_points(i.fitness)} points{mean}"
+        f" ({components([i])}). In {which} of {in_points(outcome.seconds)} s that ended with"
+        f" {', '.join(outcome.endings)} it did:"
+    )
+    if world:
+        head = f"{head}\n{world}"
+    return "\n".join((head, *lines, "```", cut(i.tree), "```"))
+
+
+def components(members: Sequence[IndividualRecord]) -> str:
+    """The components that say most of some individuals' points."""
+    means = {c: fmean(i.components[c] for i in members) for c in members[0].components}
+    largest = sorted(means, key=lambda c: -abs(means[c]))[:PARTS]
+    return ", ".join(f"{c} {in_points(means[c], '+')}" for c in largest if means[c]) or "nothing"
+
+
+def cut(tree: str) -> str:
+    """A tree's text, of TREE characters at most."""
+    text = tree.strip()
+    return text if len(text) <= TREE else text[: TREE - 3] + "..."

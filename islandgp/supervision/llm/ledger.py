@@ -17,44 +17,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from pydantic import BaseModel, Field
-
 from islandgp.plain import DECODE_ERRORS, read_json
 from islandgp.supervision.llm.message import CHARGED, UNSENT, Failure, Reply, Request, Usage
+from islandgp.supervision.llm.settings import Caps, Price
 from islandgp.supervision.llm.transcript import Attempt, Transcript
 
 PER: Final = 1e6  # tokens that a price is for
-CHARACTERS: Final = 3.8  # of a token, as measured: docs/llm.md, "What it will cost"
-DATE: Final = r"^\d{4}-\d\d-\d\d$"
-
-
-class Price(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False):
-    """US dollars for a million tokens of one model."""
-
-    input: float = Field(ge=0)  # USD a million tokens
-    output: float = Field(ge=0)  # USD a million tokens
-    cache_read: float = Field(ge=0)  # USD a million tokens
-    cache_write: float = Field(ge=0)  # kept for 5 minutes
-
-
-class Facts(BaseModel, frozen=True, extra="forbid"):
-    """What else is known of one model."""
-
-    thinks: bool = False  # before each answer, if nothing else is said
-    caches_from: int | None = Field(default=None, ge=1)  # tokens of the shortest prompt it keeps
-    characters: float = Field(default=CHARACTERS, gt=0)  # of a token, about
-    retires: str | None = Field(default=None, pattern=DATE)  # None: no date is announced
-
-
-class Prices(BaseModel, frozen=True, extra="forbid"):
-    """The prices of one day."""
-
-    date: str = Field(pattern=DATE)  # when they were read
-    source: str  # where they were read
-    models: dict[str, Price]
-    unknown: tuple[str, ...] = ()  # models whose price was nowhere to be found on that day
-    aliases: dict[str, str] = Field(default_factory=dict)  # a name of ours: the model
-    facts: dict[str, Facts] = Field(default_factory=dict)
 
 
 def cost(usage: Usage, price: Price) -> float:
@@ -88,16 +56,6 @@ def most_tokens(request: Request, *, longer: int = 0) -> Usage:
     if request.cache:
         return Usage(input=rest, output=request.max_tokens, cache_write=system)
     return Usage(input=system + rest, output=request.max_tokens)
-
-
-class Caps(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False):
-    """The most that one run may take; None: no cap."""
-
-    requests: int | None = Field(ge=0)  # sent, retries and repairs included
-    input_tokens: int | None = Field(ge=0)  # those read from and written to a cache included
-    output_tokens: int | None = Field(ge=0)  # in all answers
-    usd: float | None = Field(ge=0)  # at the prices of `prices`
-    seconds: float | None = Field(ge=0)  # spent on attempts and on waiting between them
 
 
 @dataclass(frozen=True, slots=True)

@@ -125,6 +125,20 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True)
+class Dialect:
+    """How requests are made."""
+
+    structured: bool  # with a JSON schema; else a JSON object is looked for in the text
+    temperature: float | None  # None: not sent
+    note: str  # one line for people: what the probe found
+
+    def __str__(self) -> str:
+        output = "structured output" if self.structured else "JSON found in text"
+        heat = "no temperature" if self.temperature is None else f"temperature {self.temperature:g}"
+        return f"{output}, {heat} ({self.note})"
+
+
+@dataclass(frozen=True, slots=True)
 class Reply:
     """What came back, as it came back: nothing in it is checked yet."""
 

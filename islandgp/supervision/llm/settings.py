@@ -12,11 +12,11 @@ from pydantic import BaseModel, Field, SecretStr, field_validator, model_validat
 
 from islandgp.plugin import ComponentConfig
 from islandgp.supervision.base import SUPERVISES, Phase, check_ranges
-from islandgp.supervision.llm.calls import DAY, RetrySettings
-from islandgp.supervision.llm.informed import InformedSettings
-from islandgp.supervision.llm.ledger import Caps, Facts, Price, Prices
-from islandgp.supervision.llm.validation import RateSettings
 
+DAY: Final = 86_400  # s
+KEPT: Final = 20  # injected trees and decisions that are remembered
+CHARACTERS: Final = 3.8  # of a token, as measured: docs/llm.md, "What it will cost"
+DATE: Final = r"^\d{4}-\d\d-\d\d$"
 THINKING_TOKENS: Final = 14_000  # room for what a model thinks before an answer
 THINKING_SPEED: Final = 50  # tokens a second that a model thinks at least
 
@@ -59,6 +59,81 @@ def check_address(url: str) -> None:
         )
 
 
+class RetrySettings(BaseModel, frozen=True, extra="forbid"):
+    """Section 2.4.5: 30 s an attempt, exponential backoff, up to three attempts."""
+
+    attempts: int = Field(ge=1, le=20)  # of a call, the first included
+    deadline: float = Field(gt=0, le=DAY)  # s for a whole attempt, however the answer trickles in
+    first_wait: float = Field(ge=0, le=DAY)  # s before the second attempt; doubles each time
+    longest_wait: float = Field(ge=0, le=DAY)  # s
+    retry_after_most: float = Field(ge=0, le=DAY)  # s; who asks for more is not asked again
+
+
+class Price(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False):
+    """US dollars for a million tokens of one model."""
+
+    input: float = Field(ge=0)  # USD a million tokens
+    output: float = Field(ge=0)  # USD a million tokens
+    cache_read: float = Field(ge=0)  # USD a million tokens
+    cache_write: float = Field(ge=0)  # kept for 5 minutes
+
+
+class Facts(BaseModel, frozen=True, extra="forbid"):
+    """What else is known of one model."""
+
+    thinks: bool = False  # before each answer, if nothing else is said
+    caches_from: int | None = Field(default=None, ge=1)  # tokens of the shortest prompt it keeps
+    characters: float = Field(default=CHARACTERS, gt=0)  # of a token, about
+    retires: str | None = Field(default=None, pattern=DATE)  # None: no date is announced
+
+
+class Prices(BaseModel, frozen=True, extra="forbid"):
+    """The prices of one day."""
+
+    date: str = Field(pattern=DATE)  # when they were read
+    source: str  # where they were read
+    models: dict[str, Price]
+    unknown: tuple[str, ...] = ()  # models whose price was nowhere to be found on that day
+    aliases: dict[str, str] = Field(default_factory=dict)  # a name of ours: the model
+    facts: dict[str, Facts] = Field(default_factory=dict)
+
+
+class Caps(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False):
+    """The most that one run may take; None: no cap."""
+
+    requests: int | None = Field(ge=0)  # sent, retries and repairs included
+    input_tokens: int | None = Field(ge=0)  # those read from and written to a cache included
+    output_tokens: int | None = Field(ge=0)  # in all answers
+    usd: float | None = Field(ge=0)  # at the prices of `prices`
+    seconds: float | None = Field(ge=0)  # spent on attempts and on waiting between them
+
+
+class RateSettings(BaseModel, frozen=True, extra="forbid"):
+    """Which rates are taken. One outside is never used as it is."""
+
+    least: float = Field(ge=0, le=1)
+    most: float = Field(ge=0, le=1)  # highest rate that is taken
+    outside: Literal["repair", "clamp"]  # ask again and then refuse, or take the nearest limit
+
+    @model_validator(mode="after")
+    def _ordered(self) -> RateSettings:
+        if self.least > self.most:
+            raise ValueError(f"least: expected at most {self.most}, found {self.least}")
+        return self
+
+
+class InformedSettings(BaseModel, frozen=True, extra="forbid"):
+    """The parts of informed prompts; each can be left out."""
+
+    reasoning: bool = True  # the answer's reasons stand before its decision
+    rewards: bool = True  # what events earn, and the thresholds of a crisis
+    classes: bool = True  # what each class of the population earns
+    injected: int = Field(default=5, ge=0, le=KEPT)  # the last injected trees with their fate
+    traces: bool = True  # what the best and the most lacking tree did, in words
+    decisions: int = Field(default=5, ge=0, le=KEPT)  # the last decisions and what followed
+    differ: bool = True  # the instruction to differ from the examples
+
+
 class TreeSize(BaseModel, frozen=True, extra="forbid"):
     """How large a tree is asked for, and how large a one is taken."""
 
@@ -83,6 +158,10 @@ class Thinking(BaseModel, frozen=True, extra="forbid"):
                 f" {self.budget_tokens} with type={self.type}"
             )
         return self
+
+
+Outage = Literal["fallback", "wait", "stop"]
+"""What happens where no server answers: the fallback stands in, the run waits, or it stops."""
 
 
 class Useless(BaseModel, frozen=True, extra="forbid"):
@@ -125,7 +204,7 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     parents: int = Field(default=2, ge=1, le=10)  # trees that the question for edits shows
     samples: int = Field(default=1, ge=1, le=10)  # answers to it that are asked for at once
     rare: float = Field(ge=0, le=1)  # share of the population below which a behaviour is rare
-    on_outage: Literal["fallback", "wait", "stop"] = "fallback"  # where no server answers
+    on_outage: Outage = "fallback"  # where no server answers
     useless: Useless | None = None  # None: asked to the end, whatever the answers are
     most_fallback: float | None = Field(default=None, ge=0, le=1)  # share; None: any
     caps: Caps

@@ -1,50 +1,45 @@
-"""What `prompts=informed` adds to the paper's prompts: rewards, injected trees and the like.
+"""What prompts show of a run so far, and its fixed rules: rewards, injected trees, traces, edits.
 
-Each part can be switched off. All of it follows from configuration, the domain's
-declaration and the records of generations, which a run that goes on and a replay have as
-well, and has a largest size.
+All of it follows from configuration, the domain's declaration and the records of generations, which
+a resumed run and a replay have as well, and has a largest size.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean
 from typing import Final
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel
 
-from islandgp.bt.core.language import parse
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import Node
 from islandgp.domain import Schema
+from islandgp.gp.archive import Elite
+from islandgp.gp.edits import EditRecord, EditTrial, nodes_with_paths, written
 from islandgp.gp.population import Origin
 from islandgp.gp.record import GuidanceRecord, IndividualRecord
 from islandgp.scoring.classes import Classes
+from islandgp.scoring.constraints import merit, violation
 from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.rewards import Reward, RewardTable
 from islandgp.scoring.state import Crisis, PopulationState
 from islandgp.supervision.base import RunContext, Seen
-from islandgp.supervision.llm.episode import describe_episode
-from islandgp.supervision.llm.run_facts import about
+from islandgp.supervision.llm.checks import LONGEST
+from islandgp.supervision.llm.episode import components, cut, trace_of
+from islandgp.supervision.llm.settings import KEPT, InformedSettings
 from islandgp.text import in_points, title
 
-KEPT: Final = 20  # injected trees and decisions that are remembered
-TREE: Final = 1500  # characters of a tree that is shown, at most
 ROWS: Final = 40  # rewards and classes that are shown, at most
 SHOWN: Final = 2000  # characters of rewards that are no table of events
-PARTS: Final = 3  # components of a class's earnings
+PAST: Final = 8  # earlier edits that are shown, at most
+NEIGHBOURS: Final = 3  # individuals beside the parents that are shown, at most
+LINES: Final = 60  # nodes of a listed tree, at most
 
-
-class InformedSettings(BaseModel, frozen=True, extra="forbid"):
-    """The parts of informed prompts; each can be left out."""
-
-    reasoning: bool = True  # the answer's reasons stand before its decision
-    rewards: bool = True  # what events earn, and the thresholds of a crisis
-    classes: bool = True  # what each class of the population earns
-    injected: int = Field(default=5, ge=0, le=KEPT)  # the last injected trees with their fate
-    traces: bool = True  # what the best and the most lacking tree did, in words
-    decisions: int = Field(default=5, ge=0, le=KEPT)  # the last decisions and what followed
-    differ: bool = True  # the instruction to differ from the examples
+EDIT_VALUES: Final = ("parents", "neighbours", "past_edits")
+"""Values of `prompts/edits.md` that a generation changes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,12 +67,22 @@ class PastDecision:
 
 
 @dataclass(frozen=True, slots=True)
+class PastEdit:
+    """An edit of an earlier answer, and its comparison with the tree before it."""
+
+    generation: int  # in which its tree was evaluated, or would have been
+    edit: EditRecord
+    trial: EditTrial | None  # None: refused, or not evaluated
+
+
+@dataclass(frozen=True, slots=True)
 class RunHistory:
     """A run so far."""
 
     now: Seen | None = None  # the last generation
     injected: tuple[InjectedTree, ...] = ()  # of the trees injected last, oldest first
     decisions: tuple[PastDecision, ...] = ()  # the last decisions, oldest first
+    edits: tuple[PastEdit, ...] = ()  # the last edits, oldest first
 
     def followed_by(self, seen: Seen) -> RunHistory:
         """With one generation more. Generations that it was not given are not in it."""
@@ -85,11 +90,14 @@ class RunHistory:
         ranks = {i.id: rank for rank, i in enumerate(order, 1)}
         trees = [_followed(tree, seen, ranks) for tree in self.injected]
         trees += [_new(i, seen, ranks) for i in seen.individuals if i.origin == Origin.INJECTED]
-        decisions = self.decisions
+        decisions, trials, edits = self.decisions, list(seen.trials), [*self.edits]
         if self.now is not None and seen.guidance is not None:
             decision = PastDecision(seen.guidance, self.now.snapshot, seen.snapshot)
             decisions = (*decisions, decision)
-        return RunHistory(seen, tuple(trees[-KEPT:]), decisions[-KEPT:])
+        for edit in () if seen.guidance is None else seen.guidance.edits:
+            trial = trials.pop(0) if trials and not edit.refused else None
+            edits.append(PastEdit(seen.snapshot.generation, edit, trial))
+        return RunHistory(seen, tuple(trees[-KEPT:]), decisions[-KEPT:], tuple(edits[-PAST:]))
 
 
 def ranked(individuals: Sequence[IndividualRecord]) -> list[IndividualRecord]:
@@ -220,15 +228,8 @@ def _earnings(individuals: Sequence[IndividualRecord], classes: Classes) -> Iter
             points = [i.fitness for i in members]
             yield (
                 f"- {name}: {len(members)} individuals, mean {in_points(fmean(points))} points,"
-                f" best {in_points(max(points))}; on the mean {_components(members)}"
+                f" best {in_points(max(points))}; on the mean {components(members)}"
             )
-
-
-def _components(members: Sequence[IndividualRecord]) -> str:
-    """The components that say most of some individuals' points."""
-    means = {c: fmean(i.components[c] for i in members) for c in members[0].components}
-    largest = sorted(means, key=lambda c: -abs(means[c]))[:PARTS]
-    return ", ".join(f"{c} {in_points(means[c], '+')}" for c in largest if means[c]) or "nothing"
 
 
 def _injected(tree: InjectedTree, now: Seen) -> str:
@@ -249,12 +250,6 @@ def _injected(tree: InjectedTree, now: Seen) -> str:
         alive = "1 living individual descends" if n == 1 else f"{n} living individuals descend"
         end = f"{alive} from it, the best of rank {tree.best_rank}; {same}."
     return f"{start} {end}\n```\n{cut(tree.new.tree)}\n```"
-
-
-def cut(tree: str) -> str:
-    """A tree's text, of TREE characters at most."""
-    text = tree.strip()
-    return text if len(text) <= TREE else text[: TREE - 3] + "..."
 
 
 def _decision(past: PastDecision, classes: Classes) -> str:
@@ -293,23 +288,97 @@ def _traces(context: RunContext, state: PopulationState, now: Seen) -> tuple[str
     return "\n\n".join(texts), len(texts)
 
 
-def trace_of(name: str, i: IndividualRecord, context: RunContext, now: Seen) -> str:
-    """What an individual did in the first world in which it was evaluated, in words."""
-    each = len(now.worlds) // len(now.individuals)  # 0: fewer worlds than individuals, all common
-    seed = now.worlds[now.individuals.index(i) * each]
+def parents_of(seen: Seen, context: RunContext, most: int) -> list[IndividualRecord]:
+    """The individuals to improve: the fittest, then those of other classes, each tree once."""
+
+    def worth(i: IndividualRecord) -> tuple[float, float]:
+        return merit(i.fitness, violation(i.counters, context.constraints))
+
+    order = sorted(seen.individuals, key=worth, reverse=True)
+    classes: dict[str, IndividualRecord] = {}
+    for i in order:
+        classes.setdefault(i.specialist, i)
+    first = [*classes.values(), *order]
+    return list({i.tree: i for i in reversed(first)}.values())[::-1][:most]
+
+
+def edit_values(context: RunContext, run: RunHistory, most: int) -> tuple[dict[str, str], int]:
+    """The values of EDIT_VALUES, and the episodes that were run for them.
+
+    Args:
+        context: of the run.
+        run: so far.
+        most: parents that are shown, at most.
+    """
+    seen = run.now
+    if seen is None:
+        return dict.fromkeys(EDIT_VALUES, ""), 0
+    parents = parents_of(seen, context, most)
+    others = parents_of(seen, context, most + NEIGHBOURS)[len(parents) :]
+    shown = {i.tree for i in parents}
+    elites = [_elite(e) for e in seen.archive if e.tree not in shown]
+    near = [f"{_head(i)}\n```\n{cut(i.tree)}\n```" for i in others]
+    return {
+        "parents": "\n\n".join(_parent(i, context, seen) for i in parents),
+        "neighbours": "\n\n".join((elites or near)[:NEIGHBOURS]),
+        "past_edits": "\n".join(map(_past, run.edits)),
+    }, len(parents)
+
+
+def _elite(e: Elite) -> str:
+    points = f"{in_points(e.mean)} points in stage {e.stage + 1}"
+    return f"Individual {e.id}, of the archive: {points}.\n```\n{cut(e.tree)}\n```"
+
+
+def _head(i: IndividualRecord) -> str:
+    tiers = "".join(f", {title(tier)} Robot" for tier in i.tiers)
+    counts = ", ".join(f"{name} {in_points(value)}" for name, value in i.counters.items() if value)
+    return (
+        f"Individual {i.id}: {in_points(i.fitness)} points, class {i.specialist}{tiers}"
+        f" ({counts or 'nothing counted'})."
+    )
+
+
+def _parent(i: IndividualRecord, context: RunContext, seen: Seen) -> str:
     tree = parse(i.tree, context.schema.vocabulary)
-    domain = context.domain_in(now.snapshot.generation)
-    outcome, lines = describe_episode(domain, tree, seed, now.multipliers)
-    n, world = context.gp.episodes, about(domain, seed)
-    mean = f" on the mean of {n} episodes" if n > 1 else ""
-    which = (
-        f"the first of them, with {in_points(outcome.fitness)} points," if n > 1 else "an episode"
+    return "\n".join((_head(i), *listing(tree), trace_of("It", i, context, seen)))
+
+
+def listing(tree: Node) -> list[str]:
+    """The nodes of a tree, a line each, with the path of each: `0/2 action Charge`."""
+    lines = []
+    for path, node in list(nodes_with_paths(tree))[:LINES]:
+        own = to_text(node._replace(children=())) if not node.children else _opening(node)
+        lines.append(f'  at "{written(path)}": {own.strip()}')
+    return lines
+
+
+def _opening(node: Node) -> str:
+    """A node's first line, without its children."""
+    return to_text(node).split("{", 1)[0].strip()
+
+
+def _past(past: PastEdit) -> str:
+    e, trial = past.edit, past.trial
+    what = e.branch or (f"donor {e.donor} at {e.donor_at!r}" if e.donor else f"{e.number}")
+    text = (
+        f'- generation {past.generation}, {e.kind} at "{e.at}" of {e.of}: {" ".join(what.split())}'
     )
-    head = (
-        f"{name}, of class {i.specialist}, {in_points(i.fitness)} points{mean}"
-        f" ({_components([i])}). In {which} of {in_points(outcome.seconds)} s that ended with"
-        f" {', '.join(outcome.endings)} it did:"
-    )
-    if world:
-        head = f"{head}\n{world}"
-    return "\n".join((head, *lines, "```", cut(i.tree), "```"))
+    if e.refused:
+        return f"{text[:LONGEST]}; refused: {e.refused}"
+    if trial is None:
+        return f"{text[:LONGEST]}; not evaluated"
+    before, after = trial.parent_fitness, trial.fitness
+    gain = in_points(after - before, "+")
+    return f"{text[:LONGEST]}; {in_points(before)} -> {in_points(after)} points ({gain})"
+
+
+def nameable(seen: Seen) -> dict[str, str]:
+    """By id, the texts of the trees that an edit may name."""
+    elites = {e.id: e.tree for e in seen.archive}
+    return elites | {i.id: i.tree for i in seen.individuals}
+
+
+def known_texts(living: Iterable[str], examples: Iterable[Node]) -> frozenset[str]:
+    """Canonical texts of the living trees and of the examples."""
+    return frozenset((*living, *map(to_text, examples)))
