@@ -35,9 +35,10 @@ def move_to_garbage(island: State, fresh: bool) -> int:
             return FAILURE
         lead = min(second, sight) - gap
     item = island.item
-    if item is None or not item.there:  # another branch of the tree has taken it
+    if item < 0 or not ground.there[item]:  # another branch of the tree has taken it
         return FAILURE
-    return drive(island, item.x, item.y, robot.settings.pickup_reach, lead)
+    x, y = ground.places.x[item], ground.places.y[item]
+    return drive(island, x, y, robot.settings.pickup_reach, lead)
 
 
 def pickup_garbage(island: State, _fresh: bool) -> int:
@@ -46,7 +47,7 @@ def pickup_garbage(island: State, _fresh: bool) -> int:
     if robot.room <= 0:
         return FAILURE
     item, gap, _ = ground.nearest(robot.x, robot.y)
-    if item is None or gap > robot.settings.pickup_reach:
+    if gap > robot.settings.pickup_reach:
         island.same_for(gap - robot.settings.pickup_reach)
         return FAILURE
     ground.take(item)

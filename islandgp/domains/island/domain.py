@@ -18,7 +18,6 @@ from islandgp.domains.island import world as settings
 from islandgp.domains.island.actions import ACTIONS, IslandAction
 from islandgp.domains.island.episode import Episode, run_episode
 from islandgp.domains.island.events import Event
-from islandgp.domains.island.garbage import Item
 from islandgp.domains.island.schedule import obstacles
 from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import SCHEMA
@@ -223,6 +222,6 @@ class Island:
 
 
 @lru_cache(maxsize=1)  # it changes seldom from tick to tick
-def _lying(items: tuple[Item, ...], size: float) -> tuple[Thing, ...]:
+def _lying(items: tuple[complex, ...], size: float) -> tuple[Thing, ...]:
     """The garbage on the ground."""
-    return tuple(Thing("garbage", item.x, item.y, size) for item in items)
+    return tuple(Thing("garbage", item.real, item.imag, size) for item in items)

@@ -93,7 +93,7 @@ def _spawn(island: State) -> int:
     spawns = island.schedule.spawns
     at, x, y = spawns[island.spawn]
     while at == island.step and island.ground.room > 0:
-        island.ground.drop(x, y)
+        island.ground.drop(island.ground.first + island.spawn)
         _notice(island, x, y)
         island.spawn += 1
         at, x, y = spawns[island.spawn]
@@ -308,6 +308,7 @@ def _ending(island: State) -> Ending:
 
 def _close(island: State, ending: Ending, ticks: int) -> Episode:
     island.log(Event.LEFTOVER, island.ground.count)
+    island.spaces.append(island.physics)
     step = island.world.episode.step
     return Episode(
         events=tuple(island.event_log.events),

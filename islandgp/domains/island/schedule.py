@@ -79,7 +79,7 @@ def _free_points(world: World, rng: np.random.Generator, n: int, clear: float) -
     )
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=16)  # more than the worlds of a validation
 def draw_schedule(world: World, seed: int) -> Schedule:
     """The schedule of `seed`: a function of its arguments alone."""
     rng = np.random.default_rng(seed)

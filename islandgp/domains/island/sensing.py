@@ -76,15 +76,21 @@ def look_for_garbage(island: State) -> None:
     x, y, ux, uy = robot.x, robot.y, robot.heading.real, robot.heading.imag
     square = robot.sight
     found, new = False, 0
-    items, border = ground.along(x, y, ux, uy)
-    last, change, back = 0.0, border + robot.stride, inf
-    for item in items:
-        dx, dy = item.x - x, item.y - y
+    places, there, seen = ground.places, ground.there, ground.seen
+    xs, ys, cell = places.x, places.y, places.cell
+    (column, east), (row, north) = divmod(x, cell), divmod(y, cell)
+    border_x = (cell - east) / ux if ux > 0 else east / -ux if ux < 0 else inf
+    border_y = (cell - north) / uy if uy > 0 else north / -uy if uy < 0 else inf
+    last, change, back = 0.0, min(border_x, border_y) + robot.stride, inf
+    for item in places.near[(int(row) + 1) * places.columns + int(column) + 1]:
+        if not there[item]:
+            continue
+        dx, dy = xs[item] - x, ys[item] - y
         gap = dx * dx + dy * dy
         if gap <= square:
             found = True
-            if not item.seen:
-                item.seen = True
+            if not seen[item]:
+                seen[item] = True
                 new += 1
         along = dx * ux + dy * uy
         half = square - gap + along * along
@@ -94,7 +100,7 @@ def look_for_garbage(island: State) -> None:
         if along <= half:
             if along + half > last:
                 last = along + half
-        elif item.seen:
+        elif seen[item]:
             if along - half < back:
                 back = along - half
         elif along - half < change:

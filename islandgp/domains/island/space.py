@@ -3,19 +3,23 @@
 Chipmunk's result depends on the order in which bodies are added, so they are
 added here in one fixed order. Humanoids pass each other, bounce off walls and
 rocks, and step aside when the robot touches them.
+
+Building a space takes as long as a thousand of its steps. So a space is used again by
+later episodes in the same world: its bodies are taken out, placed, and added again.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import lru_cache
 
 import numpy as np
 import pymunk
 from pymunk.batch import BodyFields, Buffer, get_space_bodies
 
 from islandgp.domains.island import engine
-from islandgp.domains.island.schedule import Schedule
+from islandgp.domains.island.schedule import Circle, Schedule
 from islandgp.domains.island.world import WALL, World
 
 ROBOT_MASS, HUMANOID_MASS = 50.0, 70.0  # kg
@@ -54,6 +58,7 @@ class Space:
         self.humanoids = humanoids
         self.contacts = contacts
         self._space, self._robot = engine.handle(space), engine.handle(robot)
+        self._movers = [(body, next(iter(body.shapes))) for body in (robot, *humanoids)]
         self._buffer = Buffer()
         self._read()
         # The engine's own memory; it stays in place, as each reading fills it to the same size.
@@ -72,6 +77,17 @@ class Space:
                 return done
         return steps
 
+    def reset(self, world: World, schedule: Schedule) -> None:
+        """Back to step 0, on a day with as many humanoids."""
+        self.space.remove(*(thing for mover in self._movers for thing in mover))
+        self.contacts.begun.clear()
+        self.contacts.touching.clear()
+        starts = ((*world.start, 0.0, 0.0), *schedule.humanoids)
+        for (body, shape), (x, y, vx, vy) in zip(self._movers, starts, strict=True):
+            body.update_position(body, 0)  # an overlap that is left over moves it no more
+            body.position, body.velocity = (x, y), (vx, vy)
+            self.space.add(body, shape)
+
     def robot_position(self) -> complex:
         """Where the robot is now, x + iy in metres."""
         at = engine.position(self._robot)
@@ -86,6 +102,16 @@ class Space:
     def _read(self) -> None:
         self._buffer.clear()
         get_space_bodies(self.space, BodyFields.POSITION, self._buffer)
+
+
+@lru_cache(maxsize=4)
+def idle_spaces(
+    world: World,  # noqa: ARG001 -- the cache's key
+    obstacles: tuple[Circle, ...],  # noqa: ARG001
+    humanoids: int,  # noqa: ARG001 -- how many
+) -> list[Space]:
+    """Spaces of ended episodes in such worlds; an episode takes one out, and puts it back."""
+    return []
 
 
 def build_space(world: World, schedule: Schedule) -> Space:

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 from islandgp.bt.core.node import FAILURE
 from islandgp.domains.island.events import Award, Event, EventLog
-from islandgp.domains.island.garbage import Ground, Item
+from islandgp.domains.island.garbage import Ground
 from islandgp.domains.island.humanoids import Humanoids
 from islandgp.domains.island.robot import MICRO, Robot
 from islandgp.domains.island.schedule import Schedule, draw_schedule
-from islandgp.domains.island.space import Space, build_space
+from islandgp.domains.island.space import Space, build_space, idle_spaces
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.domains.island.world import FAR, EpisodeSettings, World
 
@@ -52,6 +52,7 @@ class State:
     ground: Ground
     humanoids: Humanoids
     event_log: EventLog
+    spaces: list[Space]  # which take the physics at the end
     board: list[float]  # the blackboard, in the order of VOCABULARY
     dt: float  # s a step
     walk: float  # m that a humanoid moves in a step, at most
@@ -72,7 +73,7 @@ class State:
     patrolling: bool = False  # PatrolWaypoint drives the robot
     patrol_steps: int = 0  # steps of patrol so far
     rewarded_segment: int = -1  # last stretch of patrol that had a discovery
-    item: Item | None = None  # garbage that MoveToGarbage drives to
+    item: int = -1  # garbage that MoveToGarbage drives to
     humanoid: int = -1  # whom MoveToHumanoid drives to
     aim_end: int = 0  # step at which it aims anew
     aim: complex = 0j  # where it saw that humanoid, x + iy in metres
@@ -104,7 +105,12 @@ class State:
 def build_island(world: World, seed: int, award: Award, thresholds: tuple[float, ...]) -> State:
     """The island of `seed` at step 0. `thresholds`: as a Robot has them."""
     schedule = draw_schedule(world, seed)
-    physics = build_space(world, schedule)
+    spaces = idle_spaces(world, schedule.obstacles, len(schedule.humanoids))
+    try:
+        physics = spaces.pop()
+        physics.reset(world, schedule)
+    except IndexError:
+        physics = build_space(world, schedule)
     robot = Robot(world, physics.robot, schedule.obstacles, thresholds)
     walk = world.humanoids.speed * world.episode.step
     # Who has walked into a wall or a rock, or into both, is pushed out by less than it is too deep.
@@ -115,9 +121,10 @@ def build_island(world: World, seed: int, award: Award, thresholds: tuple[float,
         schedule=schedule,
         physics=physics,
         robot=robot,
-        ground=Ground(schedule.garbage, most=world.garbage.most, side=world.side, cell=world.cell),
+        ground=Ground(schedule, most=world.garbage.most, side=world.side, cell=world.cell),
         humanoids=Humanoids(world.humanoids, physics.humanoids),
         event_log=EventLog(award),
+        spaces=spaces,
         board=[0.0] * len(VOCABULARY.keys),
         dt=world.episode.step,
         walk=walk + pushed,

@@ -26,8 +26,8 @@ ALL_ROUNDER = {
     "looks": 2380,
     "cpBodyGetPosition": 1370,
     "cpBodySetVelocity": 890,
-    "python": 16_500,
-    "builtin": 20_500,
+    "python": 15_200,
+    "builtin": 18_200,
 }
 """The most that a full-length episode of the all-rounder may take."""
 
