@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from contextlib import suppress
 from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import click
 
@@ -16,65 +17,68 @@ from islandgp.errors import IslandError, in_the_way
 from islandgp.running.printing import checked_stdout, tolerant_stderr
 from islandgp.running.stopping import as_ctrl_c
 
-COMMANDS: Final[dict[str, str]] = {
-    "run": "evolve trees: the same as python -m islandgp",
-    "check": "look for errors and doubtful places in tree files",
-    "verify-tree": "prove or refute rules such as never ACTION while CONDITION",
-    "fmt": "bring tree files into the canonical form",
-    "show": "draw a tree",
-    "simplify": "shorten a tree without changing what it does",
-    "diff": "compare two trees",
-    "domain": "show what a domain declares, or check its contract",
-    "play": "run a tree in worlds of its domain",
-    "tune": "find better numbers for a tree",
-    "trace": "see which nodes of a tree did what in one episode",
-    "replay": "write an episode as a page to watch in a browser",
-    "export": "turn a tree into JSON, BehaviorTree.CPP XML or py_trees",
-    "import": "turn JSON or BehaviorTree.CPP XML into a tree",
-    "ros2": "tick a tree as a node of ROS 2",
-    "watch": "open the page of a run, which grows while the run goes on",
-    "best": "find the best tree of a run again, and tell what it is worth in unseen worlds",
-    "compare": "compare arms of runs: tables, figures, statistics",
-    "estimate": "tell what supervision by a language model will cost",
-    "distill": "fit a small offline policy to the decisions of past runs",
-    "verify": "compare runs with the checksums of their records",
-    "sync": "send records to the tracking server that it has not got yet",
-    "examples": "list the example trees, or print one",
-    "language-server": "serve editors: errors, completion, meanings, format, rename",
-    "completion": "print the line that makes a shell complete commands and overrides",
-    "ui": "start the MLflow UI and print the address of the right page",
-}
-"""Name and one line of help; the code of `a-b` is `islandgp.commands.a_b_command:command`."""
 
-EXAMPLES: Final[dict[str, str]] = {
-    "run": "experiment=smoke",
-    "check": "tree.bt",
-    "verify-tree": 'tree.bt "never Drive while energy < 10"',
-    "fmt": "tree.bt",
-    "show": "tree.bt",
-    "simplify": "tree.bt",
-    "diff": "tree.bt other.bt",
-    "domain": "island --check",
-    "play": "tree.bt --seeds 20",
-    "tune": "tree.bt",
-    "ros2": "tree.bt --map robot.yaml",
-    "trace": "tree.bt",
-    "replay": "tree.bt -o tree.html",
-    "export": "tree.bt -o tree.xml",
-    "import": "tree.xml",
-    "watch": "runs/default/expert-seed0",
-    "best": "runs/default/expert-seed0 -o best.bt",
-    "compare": "--arm expert=supervisor=expert --arm baseline=supervisor=baseline",
-    "estimate": "supervisor=llm",
-    "distill": "runs/default -o policy.json",
-    "verify": "runs/default",
-    "sync": "runs/default",
-    "examples": "all_rounder",
-    "language-server": "",
-    "completion": "bash",
-    "ui": "--open",
+class CommandInfo(NamedTuple):
+    """What the list of commands and a command's help show."""
+
+    help: str  # one line
+    example: str  # the words behind the command in the example of its help
+
+
+COMMANDS: Final = {
+    "run": CommandInfo("evolve trees: the same as python -m islandgp", "experiment=smoke"),
+    "check": CommandInfo("look for errors and doubtful places in tree files", "tree.bt"),
+    "verify-tree": CommandInfo(
+        "prove or refute rules such as never ACTION while CONDITION",
+        'tree.bt "never Drive while energy < 10"',
+    ),
+    "fmt": CommandInfo("bring tree files into the canonical form", "tree.bt"),
+    "show": CommandInfo("draw a tree", "tree.bt"),
+    "simplify": CommandInfo("shorten a tree without changing what it does", "tree.bt"),
+    "diff": CommandInfo("compare two trees", "tree.bt other.bt"),
+    "domain": CommandInfo("show what a domain declares, or check its contract", "island --check"),
+    "play": CommandInfo("run a tree in worlds of its domain", "tree.bt --seeds 20"),
+    "tune": CommandInfo("find better numbers for a tree", "tree.bt"),
+    "trace": CommandInfo("see which nodes of a tree did what in one episode", "tree.bt"),
+    "replay": CommandInfo(
+        "write an episode as a page to watch in a browser", "tree.bt -o tree.html"
+    ),
+    "export": CommandInfo(
+        "turn a tree into JSON, BehaviorTree.CPP XML or py_trees", "tree.bt -o tree.xml"
+    ),
+    "import": CommandInfo("turn JSON or BehaviorTree.CPP XML into a tree", "tree.xml"),
+    "ros2": CommandInfo("tick a tree as a node of ROS 2", "tree.bt --map robot.yaml"),
+    "watch": CommandInfo(
+        "open the page of a run, which grows while the run goes on", "runs/default/expert-seed0"
+    ),
+    "best": CommandInfo(
+        "find the best tree of a run again, and tell what it is worth in unseen worlds",
+        "runs/default/expert-seed0 -o best.bt",
+    ),
+    "compare": CommandInfo(
+        "compare arms of runs: tables, figures, statistics",
+        "--arm expert=supervisor=expert --arm baseline=supervisor=baseline",
+    ),
+    "estimate": CommandInfo(
+        "tell what supervision by a language model will cost", "supervisor=llm"
+    ),
+    "distill": CommandInfo(
+        "fit a small offline policy to the decisions of past runs", "runs/default -o policy.json"
+    ),
+    "verify": CommandInfo("compare runs with the checksums of their records", "runs/default"),
+    "sync": CommandInfo(
+        "send records to the tracking server that it has not got yet", "runs/default"
+    ),
+    "examples": CommandInfo("list the example trees, or print one", "all_rounder"),
+    "language-server": CommandInfo(
+        "serve editors: errors, completion, meanings, format, rename", ""
+    ),
+    "completion": CommandInfo(
+        "print the line that makes a shell complete commands and overrides", "bash"
+    ),
+    "ui": CommandInfo("start the MLflow UI and print the address of the right page", "--open"),
 }
-"""The words behind each command of the example that ends its help."""
+"""By name; the code of `a-b` is `islandgp.commands.a_b_command:command`."""
 
 
 class Lazy(click.Group):
@@ -91,7 +95,7 @@ class Lazy(click.Group):
         command: click.Command = import_module(
             f"islandgp.commands.{name.replace('-', '_')}_command"
         ).command
-        example = f"\b\nExample:\n  islandgp {name} {EXAMPLES[name]}".rstrip()
+        example = f"\b\nExample:\n  islandgp {name} {COMMANDS[name].example}".rstrip()
         if example not in (command.epilog or ""):
             command.epilog = f"{command.epilog or ''}\n\n{example}"
         return command
@@ -109,7 +113,7 @@ class Lazy(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """The table, without importing any code."""
         with formatter.section("Commands"):
-            formatter.write_dl(list(COMMANDS.items()))
+            formatter.write_dl([(name, info.help) for name, info in COMMANDS.items()])
 
 
 @click.group(cls=Lazy, context_settings={"help_option_names": ["-h", "--help"]})
@@ -127,22 +131,39 @@ def main() -> None:
         _main()
 
 
+ERRORS: Final = (
+    (r"Missing \w+ '([^']+)'.*", r"expected \1, found none"),
+    (r"Got unexpected extra arguments? \((.+)\)", r"expected no more words, found \1"),
+    (r"Option '([^']+)' requires an? .*", r"expected a value after \1, found none"),
+    (r"Invalid value for (.+?): (.+) is not a valid (\w+).*", r"\1: expected a valid \3, found \2"),
+    (r"Invalid value for (.+?): (.+) is not (an? .+)", r"\1: expected \3, found \2"),
+    (r"Invalid value for (.+?): (.+) is not in the range (.+)", r"\1: expected \3, found \2"),
+    (r"Invalid value for (.+?): (.+) is not one of (.+)", r"\1: expected one of \3, found \2"),
+    (
+        r"Invalid value for (.+?): (File|Directory) '(.+)' .+",
+        r"\1: expected a \2 at \3, found none",
+    ),
+)
+"""Messages of Click, and their form here."""
+
+
 def one_line(error: click.ClickException) -> str:
-    """The message of an error of Click's in the form of this package's: one line, with a remedy."""
+    """The message of an error of Click's in one line: expected, found; remedy."""
     text = " ".join(error.format_message().split()).rstrip(".")
     context = getattr(error, "ctx", None)
-    if context is None:
-        return text
-    path = context.command_path
+    path = context.command_path if context else "islandgp"
     _, _, command = path.partition(" ")
-    before = f"{command}: " if command else ""
+    remedy = f"`{path} -h` shows what it takes"
     if isinstance(error, click.NoSuchOption):
         near = get_close_matches(error.option_name, error.possibilities or (), 1, 0)
-        hint = f"did you mean {near[0]}?" if near else f"`{path} -h` shows what it takes"
-        return f"{before}no such option: {error.option_name}; {hint}"
-    if text.endswith("?"):
-        return before + text
-    return f"{before}{text[:1].lower()}{text[1:]}; `{path} -h` shows what it takes"
+        text = f"expected another option, found {error.option_name}"
+        remedy = f"did you mean {near[0]}?" if near else remedy
+    for pattern, form in ERRORS:
+        if match := re.fullmatch(pattern, text):
+            text = match.expand(form)
+            break
+    line = f"{text[:1].lower()}{text[1:]}{'' if text.endswith('?') else f'; {remedy}'}"
+    return f"{command}: {line}" if command else line
 
 
 def import_from_here() -> None:
@@ -151,7 +172,7 @@ def import_from_here() -> None:
     Domains and other classes of the user's own are found there. The processes that evaluate,
     and those of launchers, get their paths from this one.
     """
-    with suppress(FileNotFoundError):  # the folder was deleted; commands tell that themselves
+    with suppress(FileNotFoundError):  # the folder was deleted; commands report that
         here = str(Path.cwd())
         if not sys.flags.safe_path and sys.path[0] not in ("", here):
             sys.path.insert(0, here)

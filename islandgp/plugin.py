@@ -93,7 +93,7 @@ class ComponentConfig(ImportedClass, frozen=True, extra="forbid"):
 def _load(path: object) -> None:
     """Imports the module of a path. Raises ImportError where it is one that this module needs.
 
-    Otherwise whoever imports it says what is wrong.
+    Other errors are raised again, and reported, where the name is imported.
     """
     try:
         if isinstance(path, str):
@@ -116,7 +116,7 @@ def function(
     """An entry of a table, or a function of the user's own: "module:function".
 
     `check` gets what a function of the user's returned, and what it was called with; an
-    exception of it is told as that function's fault.
+    exception of it is reported as that function's.
 
     Raises:
         ValueError: there is no such entry, or no such function.
@@ -244,7 +244,7 @@ def plugin_errors(path: str) -> Iterator[None]:
         if type(error) is not DomainError or not place or place in str(error):
             raise
         raise DomainError(f"{str(error).rstrip('.')}{place}.") from error
-    except (IslandError, ValidationError):  # these are told in words of their own
+    except (IslandError, ValidationError):  # their messages are complete
         raise
     except Exception as error:
         if path.startswith("islandgp."):

@@ -15,13 +15,12 @@ tick in which it runs, and what it returns, True or False, is how it ends.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from copy import copy
 from difflib import get_close_matches
 from functools import cache, partial, wraps
 from inspect import isgenerator, signature
-from math import isfinite
+from math import inf, isfinite
 from threading import local
 from typing import Any, ClassVar, ParamSpec, Protocol, Self, TypeVar
 
@@ -29,7 +28,7 @@ from pydantic import BaseModel
 
 from islandgp.bt.core.closures import Tick
 from islandgp.bt.core.engine import compile_tree
-from islandgp.bt.core.node import RUNNING, ActionArgs, Node
+from islandgp.bt.core.node import RUNNING, SUCCESS, ActionArgs, Node
 from islandgp.bt.core.parameters import bound
 from islandgp.bt.core.vocabulary import Key, Vocabulary
 from islandgp.domain import Observer, Outcome, Schema
@@ -73,22 +72,28 @@ class EventLog:
         weights: Mapping[str, float],
         observer: Observer | None = None,
     ) -> None:
-        self.counts: Counter[str] = Counter()
+        self.counts = dict.fromkeys(schema.events, 0)
         self.components = dict.fromkeys(schema.components, 0.0)
         self.action = ""  # the leaf that is being called
-        self._events = schema.events
         self._rewarded = rewards.events.keys()
         self._worth = worth(rewards, weights)
         self._observer = observer
         self._logged: Callable[[str], None] | None = getattr(observer, "logged", None)
 
+    def matters(self, event: str) -> bool:
+        """True if an event is worth points, or somebody watches."""
+        return event in self._rewarded or self._observer is not None
+
     def __call__(self, event: str, amount: float = 1.0) -> None:
         """Something happened. Raises DomainError for an event or amount that cannot be."""
-        if event not in self._events:
-            known, near = ", ".join(self._events), _near(event, self._events)
-            raise DomainError(f"Expected an event of the schema ({known}), found {event!r}{near}.")
-        self.counts[event] += 1
-        if not is_number(amount):
+        try:
+            self.counts[event] += 1
+        except KeyError:
+            known, near = ", ".join(self.counts), _near(event, self.counts)
+            raise DomainError(
+                f"Expected an event of the schema ({known}), found {event!r}{near}."
+            ) from None
+        if not (type(amount) is float and -inf < amount < inf) and not is_number(amount):
             raise DomainError(
                 f"Expected a finite amount of the event {event!r}, found {short_repr(amount)}."
             )
@@ -198,7 +203,7 @@ class Stepped:
         episode, leaves = self.begin(seed, log, watched=observer is not None)
         try:
             made = _Leaves(leaves, self.schema.vocabulary, log)
-            return self._run(episode, made, tree, log, observer, self._see(seed))
+            return self._run(episode, made, tree, log, observer, seed)
         except TypeError as error:
             for name in ("sense", "step", "measures", "scene", *leaves):
                 if (method := leaves.get(name, getattr(episode, name, None))) is not None:
@@ -209,11 +214,25 @@ class Stepped:
                     )
             raise
 
-    def _see(self, seed: int) -> Callable[[list[float]], Iterable[float]]:
-        """What the tree sees of the values that `sense` returned."""
-        if self.faults is None:
-            return partial(map, float)
-        return self.faults.sensors(self.schema.vocabulary.keys, seed)
+    def reader(self, episode: Any) -> Callable[[], list[float]]:
+        """A function that returns the values of an episode's keys now, in the vocabulary's order.
+
+        It raises DomainError where `sense` returns anything but a finite number for each key.
+        """
+        sense, keys = episode.sense, self.schema.vocabulary.keys
+
+        def read() -> list[float]:
+            values = sense()
+            try:
+                found = [values[key] for key in keys]
+                if not isfinite(sum(found)) or len(values) != len(keys):
+                    must_be_values(keys, values, sense)
+            except (KeyError, TypeError, IndexError):
+                must_be_values(keys, values, sense)
+                raise
+            return [*map(float, found)]
+
+        return read
 
     def _run(
         self,
@@ -222,7 +241,7 @@ class Stepped:
         tree: Node,
         log: EventLog,
         observer: Observer | None,
-        see: Callable[[list[float]], Iterable[float]],
+        seed: int,
     ) -> Outcome:
         step, measures = getattr(episode, "step", str), getattr(episode, "measures", dict)
         scene = getattr(episode, "scene", lambda: None)
@@ -230,17 +249,12 @@ class Stepped:
         board = [0.0] * len(places)
         watch = None if observer is None else observer.node
         tick = compile_tree(tree, leaves.tick_of, board, places, watch=watch)
-        done, ending = 0, ""
-        while not ending and done < self.world.ticks:
-            values = episode.sense()
-            try:
-                found = [values[key] for key in places]
-                if not isfinite(sum(found)) or len(values) != len(places):
-                    _must_be_values(self.schema.vocabulary.keys, values, episode.sense)
-            except (KeyError, TypeError, IndexError):
-                _must_be_values(self.schema.vocabulary.keys, values, episode.sense)
-                raise
-            board[:] = see(found)
+        read, see = self.reader(episode), None
+        if self.faults is not None:
+            see = self.faults.sensors(self.schema.vocabulary.keys, seed)
+        done, ending, most = 0, "", self.world.ticks
+        while not ending and done < most:
+            board[:] = read() if see is None else see(read())
             tick()
             done += 1
             if observer is not None:
@@ -302,7 +316,7 @@ def _near(name: object, known: Iterable[str]) -> str:
     return f"; perhaps {near[0]} is meant" if near else ""
 
 
-def _must_be_values(keys: Mapping[str, Key], values: Any, sense: object) -> None:
+def must_be_values(keys: Mapping[str, Key], values: Any, sense: object) -> None:
     """Raises DomainError for what `sense` returned, unless it is a number for each key."""
     where = defined_in(sense)
     if not isinstance(values, Mapping):
@@ -342,7 +356,7 @@ def _counters(schema: Schema, log: EventLog, measures: Any) -> dict[str, float]:
     found = measures()
     if fault := _wrong_measure(schema, found):
         raise DomainError(f"{fault}{defined_in(measures)}.")
-    return {name: float(found.get(name, log.counts[name])) for name in schema.counters}
+    return {name: float(found.get(name, log.counts.get(name, 0))) for name in schema.counters}
 
 
 def _wrong_measure(schema: Schema, found: Any) -> str:
@@ -386,6 +400,8 @@ class _Leaves:
                 late.action = late.action or name
                 raise
             log.action = ""
+            if status is True:
+                return SUCCESS
             return status_of(status, name, self._leaves[name])
 
         return tick

@@ -97,7 +97,7 @@ def must_have_no_links(folder: Path) -> None:
     """Raises UntrustedError for a link, a pipe or a device among the files of a run's folder."""
     try:
         found = sorted(folder.iterdir())
-    except OSError:  # there is no such folder: whoever reads it reports that
+    except OSError:  # there is no such folder, which is reported where it is read
         return
     for file in found:
         must_be_no_link(file)

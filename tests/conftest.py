@@ -6,6 +6,7 @@ import gc
 import os
 import signal
 from collections.abc import Iterator
+from queue import Queue
 from threading import Thread
 from typing import Final
 
@@ -14,7 +15,7 @@ import pytest
 
 from islandgp.running import page_writer
 from islandgp.tracking import artifacts, mlflow
-from islandgp.tracking.sender import Order, Tell, Worker
+from islandgp.tracking.follow import Follower, OnEvent, SyncRequest
 from tests import once, profiles  # noqa: F401 (it registers the profiles)
 
 hypothesis.settings.load_profile("quick")
@@ -68,26 +69,22 @@ def _no_replay(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) 
         monkeypatch.setattr(artifacts, "champion_replay", lambda _: "a replay")
 
 
-class InThread:
-    """A sender in this process: see `islandgp.tracking.sender.Sender`."""
+class InThread(Queue[SyncRequest | None]):
+    """A worker in this process: see `islandgp.tracking.mlflow.SyncWorker`."""
 
-    def __init__(self, tell: Tell) -> None:
-        self._worker = Worker(tell)
-        Thread(target=self._worker.work, name="sender", daemon=True).start()
-
-    def add(self, order: Order) -> None:
-        """Takes an order; returns at once."""
-        self._worker.add(order)
+    def __init__(self, on_event: OnEvent) -> None:
+        super().__init__()
+        Thread(target=Follower(on_event).run, args=(self,), daemon=True).start()
 
     def close(self) -> None:
-        """The order that is being carried out is the last one."""
-        self._worker.end()
+        """End the worker after the request that it carries out."""
+        self.put(None)
 
 
 @pytest.fixture(autouse=True)
-def _sender_in_this_process(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def _worker_in_this_process(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Loading MLflow takes seconds: the tests of this process do so once, and not in another."""
-    monkeypatch.setattr(mlflow.MLflow, "sender", InThread)
+    monkeypatch.setattr(mlflow.MLflow, "worker", InThread)
     yield
     mlflow.close_client()
 

@@ -29,5 +29,13 @@ def examples(max_examples: int, **more: Any) -> settings:
         max_examples: Number of examples where the profile's is 100; else in proportion.
         more: Other arguments of `hypothesis.settings`.
     """
-    share = settings().max_examples / BASE
-    return settings(max_examples=max(LEAST, round(share * max_examples)), **more)
+    return settings(max_examples=cases(max_examples), **more)
+
+
+def cases(number: int) -> int:
+    """How many of a test's random cases the profile takes.
+
+    Args:
+        number: Number of cases where the profile's is 100; else in proportion, at least 10.
+    """
+    return max(LEAST, round(settings().max_examples / BASE * number))

@@ -18,7 +18,7 @@ from islandgp.errors import ConfigError, RunError
 from islandgp.evaluation.base import Job
 
 if TYPE_CHECKING:
-    from islandgp.commands.play_command import Column
+    from islandgp.commands.tables import Column
     from islandgp.evaluation.base import Evaluator
     from islandgp.evolution.validation import Candidate
     from islandgp.records.folder import RunFolder
@@ -244,7 +244,7 @@ def _used(run: RunFolder) -> Iterator[int]:
 
 
 def _print(rows: Sequence[Row], worlds: int) -> None:
-    from islandgp.commands.play_command import Column, print_table, standard_output
+    from islandgp.commands.tables import Column, print_table, standard_output
     from islandgp.text import title
 
     others = [
@@ -281,7 +281,7 @@ def _print(rows: Sequence[Row], worlds: int) -> None:
 
 def _robust_columns(rows: Sequence[Row]) -> Iterator[Column]:
     """Mean and worst of the perturbed worlds, if the runs have such."""
-    from islandgp.commands.play_command import Column
+    from islandgp.commands.tables import Column
 
     for heading, name in (("perturbed", "perturbed"), ("worst", "perturbed_worst")):
         points = [getattr(row, name) for row in rows]

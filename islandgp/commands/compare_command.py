@@ -18,7 +18,7 @@ from islandgp.resources import resource
 if TYPE_CHECKING:
     from islandgp.study.arms import Arm, Comparison
     from islandgp.study.generalise import Generalisation
-    from islandgp.study.report import Report
+    from islandgp.study.report import ComparisonReport
     from islandgp.study.table import Table
     from islandgp.tracking.store import Place
 
@@ -187,7 +187,7 @@ def _select(
     return chosen, notes
 
 
-def _results(report: Report) -> list[str]:
+def _results(report: ComparisonReport) -> list[str]:
     """The primary endpoint, the claims and further questions in lines for a terminal.
 
     Where no paper makes claims, the first pair's comparisons stand there.
@@ -213,7 +213,7 @@ def _lines(table: Table) -> Iterator[str]:
         yield f"  {what:<47} {difference:>28}  {p:<13} {row['verdict']}"
 
 
-def _tests(report: Report) -> Iterator[str]:
+def _tests(report: ComparisonReport) -> Iterator[str]:
     from islandgp.study.tables.claims import estimate_cells, found
 
     mine = [f for f in report.findings if f.family == report.findings[0].family]
@@ -224,7 +224,7 @@ def _tests(report: Report) -> Iterator[str]:
 
 
 def _publish(
-    report: Report, study: Comparison, place: Place, folder: Path, files: list[Path]
+    report: ComparisonReport, study: Comparison, place: Place, folder: Path, files: list[Path]
 ) -> str:
     from islandgp.study.writing import metrics
     from islandgp.tracking.comparison import publish

@@ -48,7 +48,7 @@ def command(shell: str | None) -> None:
     """
     name = shell or Path(os.environ.get("SHELL", "bash")).name
     if name not in LINES:
-        raise click.UsageError(f"Expected a shell of {', '.join(LINES)}, found {name}; name one.")
+        raise click.UsageError(f"expected a shell of {', '.join(LINES)}, found {name}")
     file, line = LINES[name]
     click.echo(line)
     click.echo(f"islandgp: put this line into {file}, or give it now", err=True)

@@ -42,7 +42,7 @@ def command(old: str, new: str, whole: bool, chosen: Chosen) -> None:
         return vocabulary_of(text, chosen, name=called(new), folder=folder_of(new))
 
     if chosen.declaration is not None:
-        words()  # a wrong declaration is told before anything else
+        words()  # a wrong declaration is reported first
     if several:
         click.echo("They are for two domains: {} and {}.".format(*domains))
     if a == b:

@@ -6,30 +6,39 @@ import json
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import redirect_stdout
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
+from inspect import getfile
 from io import StringIO
+from pathlib import Path
 from textwrap import indent
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from islandgp.bt.core.language import domain_of, parse
 from islandgp.bt.core.node import STATUS_NAMES, Node
 from islandgp.bt.core.parameters import described, signature
-from islandgp.commands.domain_trees import own_trees
 from islandgp.commands.files import FILE, STDIN, called, read_text, read_tree
 from islandgp.commands.setting import (
     Chosen,
     configured,
+    default_domain,
     domain_file,
     settings_of,
     with_domain_options,
     with_timeout_option,
 )
 from islandgp.domain import Domain, Schema
+from islandgp.errors import IslandError
 from islandgp.plugin import short_repr
+from islandgp.resources import resource
 
 if TYPE_CHECKING:
     from islandgp.config.settings import Settings
+
+
+MOST: Final = 100
+"""Files of trees beside a domain that are looked at."""
 
 
 @click.command()
@@ -186,3 +195,48 @@ def _check(
             click.echo(f"  {line}")
         click.echo("Give a tree that reaches it: islandgp domain NAME --check TREE.bt")
     return 1 if faults or (strict and unseen) else 0
+
+
+@dataclass(frozen=True, slots=True)
+class OwnTrees:
+    """What was found."""
+
+    trees: tuple[Node, ...]
+    left_out: tuple[str, ...]  # a line for each file, and for a library, that cannot be read
+
+
+def own_trees(settings: Settings, domain: Domain) -> OwnTrees:
+    """The trees of a domain's library, and those of .bt files that are for it."""
+    trees: list[Node] = []
+    left_out: list[str] = []
+    try:
+        trees += _library(settings, domain)
+    except IslandError as error:
+        left_out.append(str(error).splitlines()[0])
+    for file in _files(domain):
+        try:
+            text = read_text(str(file))
+            if (domain_of(text) or default_domain()) == domain.schema.vocabulary.domain:
+                trees.append(read_tree(str(file), domain.schema.vocabulary))
+        except IslandError as error:
+            left_out.append(str(error).splitlines()[0])
+    return OwnTrees(tuple(dict.fromkeys(trees)), tuple(dict.fromkeys(left_out)))
+
+
+def _library(settings: Settings, domain: Domain) -> Iterator[Node]:
+    """The trees of a folder, or those that an earlier run has searched for."""
+    from islandgp.running.automatic_library import kept_texts, library_file
+    from islandgp.running.run import make_library
+
+    if settings.library.folder is not None:
+        yield from make_library(settings, domain).trees.values()
+    elif (file := library_file(settings, domain)).exists():
+        for name, text in kept_texts(file).items():
+            yield parse(text, domain.schema.vocabulary, name=f"{file}: {name}")
+
+
+def _files(domain: Domain) -> list[Path]:
+    """Files of trees beside the domain's module, in its folder `trees`, and among the examples."""
+    beside = Path(getfile(type(domain))).parent
+    folders = (beside, beside / "trees", resource("grammar") / "examples")
+    return [file for folder in folders for file in sorted(folder.glob("*.bt"))][:MOST]

@@ -37,19 +37,19 @@ def command(
 
     json: for your own programs. btcpp: XML for BehaviorTree.CPP 4, with the nodes of
     --header where the library's own do something else. pytrees: a Python module
-    that builds a py_trees tree. With --plain, what does not mean the same there is
-    told on the standard error, and explained in docs/exports.md.
+    that builds a py_trees tree. With --plain, differences in meaning are printed on
+    the standard error, and explained in docs/exports.md.
     """
     if header:
         if file is not None or form is not None:
-            raise click.UsageError("--header writes the header alone; leave out FILE and --to.")
+            raise click.UsageError("expected --header alone, found FILE or --to with it")
         write_text(output, behaviortree_cpp.header())
         return
     if file is None:
-        raise click.UsageError("Missing argument 'FILE'.")
+        raise click.UsageError("expected FILE, found none")
     form = form or _BY_ENDING.get(output.rpartition(".")[2].lower(), "")
     if not form:
-        raise click.UsageError(f"Missing option '--to', one of {', '.join(FORMATS)}.")
+        raise click.UsageError(f"expected --to with one of {', '.join(FORMATS)}, found none")
     _, vocabulary, tree = read_in_domain(file, chosen, marked=True)
     exported, losses = _export(tree, form, vocabulary, plain)
     write_text(output, exported)

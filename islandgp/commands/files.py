@@ -1,4 +1,4 @@
-"""Files that commands read and write, with errors that tell what is wrong with them."""
+"""Files that commands read and write, and their errors."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def read_tree(file: str, vocabulary: Vocabulary | None = None) -> Node:
 def write_text(file: str, text: str) -> None:
     """Writes a file in one piece, or prints the text where `file` is `-`. Raises IslandError."""
     if file == STDIN:
-        click.echo(text.encode(), nl=False)  # like a file, whatever the terminal's encoding
+        click.echo(text.encode(), nl=False)  # UTF-8, like a file, on all terminals
         return
     try:
         _write(Path(file), text.encode())

@@ -20,7 +20,7 @@ def command(files: tuple[str, ...], check: bool, diff: bool) -> None:
     """Bring FILES into the canonical form.
 
     Comments and named subtrees stay. `-` reads the standard input and prints
-    the result. A file that is no tree is told and left as it is; exit code 2.
+    the result. A file that is no tree is reported and left as it is; exit code 2.
     """
     changed = 0
     wrong: list[str] = []

@@ -36,8 +36,8 @@ def command(
 ) -> None:
     """Turn JSON or BehaviorTree.CPP XML in FILE into a tree of the language.
 
-    A node that the language does not have is refused, with its place. What does not
-    mean quite the same is told on the standard error. The result
+    A node that the language does not have is refused, with its place. Differences
+    in meaning are printed on the standard error. The result
     names its domain, unless that is the project's default.
     """
     text, name = read_text(file), called(file)

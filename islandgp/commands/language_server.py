@@ -127,7 +127,7 @@ def formatting(server: Server, params: types.DocumentFormattingParams) -> list[t
     try:
         after = format_text(text, name=_name(document), folder=_folder(document))
     except TreeError:
-        return []  # what is wrong is told as a diagnostic
+        return []  # errors are shown as diagnostics
     if after == text:
         return []
     return [types.TextEdit(_range(document, Word(text, 0, len(text))), after)]

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
 from collections.abc import Iterable, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass
-from math import isfinite, isnan, nan
+from dataclasses import asdict
+from math import nan
 from statistics import fmean, stdev
 from typing import TYPE_CHECKING, Final
 
@@ -27,21 +26,25 @@ from islandgp.commands.setting import (
     with_stage_option,
     with_timeout_option,
 )
+from islandgp.commands.tables import (
+    Column,
+    fitting,
+    numbers,
+    print_table,
+    standard_output,
+    width_of,
+)
 from islandgp.errors import EvaluationError
 from islandgp.plain import nan_to_none
 
 if TYPE_CHECKING:
-    from rich.console import Console, JustifyMethod
-
     from islandgp.config.settings import Settings
     from islandgp.domain import Outcome, Schema
 
 Named = Iterable[tuple[str, Sequence[float]]]
 """Values by name, one in each world."""
 
-GAP: Final = 2  # letters between two columns
 MOST_SECONDS: Final = 1e6  # of an episode, as evaluators have it
-ENDLESS: Final = 100_000  # letters of a line where the output is a file or a pipe
 
 
 @click.command()
@@ -70,11 +73,11 @@ def command(
 ) -> None:
     """Run the tree in each of FILES in the worlds 0, 1, 2, ...
 
-    Of one tree it tells what it achieved in each world, where its fitness came from,
-    and its quality tiers (Table 4). Several are compared in the same worlds, by the
+    For one tree: what it achieved in each world, where its fitness came from, and its
+    quality tiers (Table 4). Several are compared in the same worlds, by the
     paired differences to the first. Worlds of evolution have other seeds. Where the
-    configuration has perturbed worlds (--set 'perturb=...'), it tells the fitness in
-    each of these worlds after its perturbation, too.
+    configuration has perturbed worlds (--set 'perturb=...'), the fitness in each of
+    these worlds after its perturbation is printed as well.
     """
     if watch and len(files) > 1:
         raise click.UsageError(f"expected one FILE for --watch, found {len(files)}")
@@ -90,26 +93,36 @@ def command(
         return
     others = [read_tree(file, problem.domain.schema.vocabulary) for file in files[1:]]
     if others:
-        trees = (tree, *others)
-        points = [_points_in(each, settings, seeds, index) for each in trees]
-        robust = _robust(trees, settings, seeds, index)
-        names = [called(file) for file in files]
-        if as_json:
-            rows = _comparison(points, robust)
-            named = [{"file": name, **row} for name, row in zip(names, rows, strict=True)]
-            click.echo(json.dumps(nan_to_none(named), indent=2))
-        else:
-            _print_comparison(names, points, robust, settings)
+        _compare((tree, *others), [called(file) for file in files], settings, seeds, index, as_json)
         return
     outcomes = _outcomes(tree, settings, seeds, index)
     (perturbed,) = _robust((tree,), settings, seeds, index) or ((),)
-    if as_json:
-        plain = [{"fitness": outcome.fitness, **asdict(outcome)} for outcome in outcomes]
-        for row, points_there in zip(plain, perturbed, strict=False):
-            row["perturbed"] = points_there
-        click.echo(json.dumps(plain, indent=2))
+    if not as_json:
+        _print(outcomes, problem.domain.schema, settings, index, perturbed)
         return
-    _print(outcomes, problem.domain.schema, settings, index, perturbed)
+    plain = [{"fitness": outcome.fitness, **asdict(outcome)} for outcome in outcomes]
+    for row, points_there in zip(plain, perturbed, strict=False):
+        row["perturbed"] = points_there
+    click.echo(json.dumps(plain, indent=2))
+
+
+def _compare(
+    trees: Sequence[Node],
+    names: Sequence[str],
+    settings: Settings,
+    seeds: int,
+    stage: int,
+    as_json: bool,
+) -> None:
+    """Prints the fitness of several trees in the same worlds."""
+    points = [_points_in(tree, settings, seeds, stage) for tree in trees]
+    robust = _robust(trees, settings, seeds, stage)
+    if not as_json:
+        _print_comparison(names, points, robust, settings)
+        return
+    rows = _comparison(points, robust)
+    named = [{"file": name, **row} for name, row in zip(names, rows, strict=True)]
+    click.echo(json.dumps(nan_to_none(named), indent=2))
 
 
 def _points_in(
@@ -251,13 +264,6 @@ def _serial(settings: Settings) -> Settings:
     return settings.model_copy(update={"evaluator": serial})
 
 
-def standard_output() -> Console:
-    """The standard output: as wide as the terminal, or endless where it is none."""
-    from rich.console import Console
-
-    return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else ENDLESS)
-
-
 def _print(
     outcomes: Sequence[Outcome],
     schema: Schema,
@@ -290,21 +296,6 @@ def _print(
         console.print("One world has no standard deviation; --seeds N takes more.")
 
 
-@dataclass(frozen=True, slots=True)
-class Column:
-    """A column of a table."""
-
-    heading: str
-    cells: tuple[str, ...]
-    right: bool = True  # the side to which it is set
-    must: bool = True  # it is shown however narrow the terminal is
-
-    @property
-    def width(self) -> int:
-        """Letters that it takes."""
-        return max(len(text) for text in (self.heading, *self.cells))
-
-
 def _columns(
     outcomes: Sequence[Outcome], schema: Schema, settings: Settings, perturbed: Sequence[float]
 ) -> list[Column]:
@@ -328,51 +319,6 @@ def _columns(
     ]
 
 
-def width_of(columns: Sequence[Column]) -> int:
-    """Letters of a line of a table."""
-    return sum(column.width + GAP for column in columns) - GAP
-
-
-def parts(columns: Sequence[Column], width: int) -> list[list[Column]]:
-    """The columns as tables of at most `width` letters, each with the first column again.
-
-    A table that holds but one other column may be wider: its cells are folded.
-    """
-    first, *others = columns
-    found = [[first]]
-    for column in others:
-        if len(found[-1]) > 1 and width_of([*found[-1], column]) > width:
-            found.append([first])
-        found[-1].append(column)
-    return found
-
-
-def fitting(columns: Sequence[Column], width: int) -> tuple[list[Column], list[str]]:
-    """The columns that a line of `width` letters has room for, and the headings of the others."""
-    room = width - width_of([column for column in columns if column.must])
-    shown, left_out = [], []
-    for column in columns:
-        if not column.must:
-            room -= column.width + GAP
-            if room < 0:
-                left_out.append(column.heading)
-                continue
-        shown.append(column)
-    return shown, left_out
-
-
-def numbers(values: Sequence[float]) -> list[str]:
-    """Numbers of one kind with the same digits: none behind the point if all of them are whole.
-
-    What is not known (nan) is a dash.
-    """
-    from islandgp.viewer.recording import digits
-
-    finite = [value for value in values if isfinite(value)]
-    places = 0 if all(value == int(value) for value in finite) else digits(finite)
-    return ["-" if isnan(value) else f"{value:,.{places}f}" for value in values]
-
-
 def _points(outcomes: Sequence[Outcome]) -> Named:
     """The points of each component in the worlds, and their sum."""
     for name in outcomes[0].components:
@@ -394,19 +340,3 @@ def _summary(title: str, rows: Named) -> list[Column]:
     headings = ("mean", "sd", "least", "most")
     columns = zip(headings, zip(*cells, strict=True), strict=True)
     return [Column(title, names, right=False), *(Column(*column) for column in columns)]
-
-
-def print_table(console: Console, columns: Sequence[Column]) -> None:
-    """A table in as many parts as the console's width asks for, an empty line between two."""
-    from rich.table import Table
-
-    for number, part in enumerate(parts(columns, console.width)):
-        if number:
-            console.print()
-        table = Table(box=None, padding=(0, GAP, 0, 0), pad_edge=False, header_style="bold")
-        for column in part:
-            side: JustifyMethod = "right" if column.right else "left"
-            table.add_column(column.heading, justify=side, overflow="fold")
-        for row in zip(*(column.cells for column in part), strict=True):
-            table.add_row(*row)
-        console.print(table)

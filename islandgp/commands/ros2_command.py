@@ -21,7 +21,7 @@ _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
     "map_file",
     type=_FILE,
     required=True,
-    help="YAML that says which action server, service or topic is behind each action and key.",
+    help="YAML with the action server, service or topic behind each action and key.",
 )
 @click.option(
     "--rate",

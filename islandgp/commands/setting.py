@@ -264,7 +264,7 @@ def _given(overrides: Sequence[str]) -> set[str]:
 def _vocabulary(overrides: tuple[str, ...], config_dir: str | None, in_world: bool) -> Vocabulary:
     if _given(overrides) <= {"domain"}:
         name = overrides[-1].partition("=")[2] if overrides else default_domain()
-        # Whatever is wrong with the class or its file, the whole configuration tells it better.
+        # Composing the whole configuration reports errors of the class or its file better.
         with suppress(Exception):
             kind = domain_class(name, config_dir)
             declared: Vocabulary = kind.schema.vocabulary

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from time import monotonic
 from typing import TYPE_CHECKING, Final
 
@@ -93,31 +93,19 @@ def command(
     search = NumberSettings(episodes=episodes, worlds=worlds)
     _report_plan(search, len(thresholds))
     start = monotonic()
-
-    def tune(evaluate: Evaluate, progress: Callable[[int], None]) -> Tuned:
-        return tuned(
-            text,
-            evaluate,
-            words,
-            search,
-            seed=seed,
-            name=name,
-            folder=folder,
-            progress=progress,
+    with _episodes(settings, index, episodes) as (evaluate, progress):
+        found = tuned(
+            text, evaluate, words, search, seed=seed, name=name, folder=folder, progress=progress
         )
-
-    found = _with_episodes(tune, settings, index, episodes)
     write_text(output, found.text)
     _report(found, monotonic() - start)
 
 
-def _with_episodes(
-    tune: Callable[[Evaluate, Callable[[int], None]], Tuned],
-    settings: Settings,
-    stage: int,
-    episodes: int,
-) -> Tuned:
-    """Calls `tune` with the evaluator of the settings, and with a progress bar on a terminal."""
+@contextmanager
+def _episodes(
+    settings: Settings, stage: int, episodes: int
+) -> Iterator[tuple[Evaluate, Callable[[int], None]]]:
+    """The fitness of trees in worlds by the evaluator of the settings, and a progress bar."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
@@ -134,7 +122,7 @@ def _with_episodes(
             found = evaluated(evaluator, trees, stage, worlds)
             return [[outcome.fitness for outcome in outcomes] for outcomes in found]
 
-        return tune(points, lambda done: bar.update(task, completed=done))
+        yield points, lambda done: bar.update(task, completed=done)
 
 
 def _report_plan(settings: NumberSettings, numbers: int) -> None:

@@ -32,8 +32,9 @@ def command(uri: str | None, experiment: str, runs: Path, port: int, opened: boo
     try:
         # A server has a session of its own: it does not hear of what ends this command.
         with as_ctrl_c("SIGTERM", "SIGHUP"), served(place, port) as pages:
-            click.echo(f"charts, a curve for each arm:  {pages.arms}")
-            click.echo(f"all runs, in a table by arm:   {pages.runs}")
+            of = f" of sweep {pages.sweep}" if pages.sweep else ""
+            click.echo(f"charts{of}, a curve for each arm:  {pages.arms}")
+            click.echo(f"all runs, in a table by sweep and arm:  {pages.runs}")
             click.echo("Only this machine reaches the server. Ctrl-C stops it.", err=True)
             if opened and not webbrowser.open(pages.arms):
                 click.echo("Found no browser to open: open the address yourself.", err=True)

@@ -19,7 +19,7 @@ from islandgp.records.manifest import Damage, DamagedFile, damaged_files, read_m
 from islandgp.trust import must_have_no_links
 
 
-class Verdict(StrEnum):
+class Soundness(StrEnum):
     """What became of a run's files."""
 
     VERIFIED = "verified"  # all checksums agree
@@ -27,25 +27,25 @@ class Verdict(StrEnum):
     DAMAGED = "damaged"
 
 
-def verify(folder: RunFolder) -> tuple[Verdict, str]:
+def verify(folder: RunFolder) -> tuple[Soundness, str]:
     """Compares a run's records with their checksums, and its other files with its records.
 
     Returns what was found, and a few words about it.
     """
     try:
         if wrong := _damage(folder):
-            return Verdict.DAMAGED, wrong
+            return Soundness.DAMAGED, wrong
         generations, expected = _end(folder)
         if wrong := _wrong(folder, generations, expected):
-            return Verdict.DAMAGED, wrong
+            return Soundness.DAMAGED, wrong
     except RunError as error:
-        return Verdict.DAMAGED, str(error)
+        return Soundness.DAMAGED, str(error)
     if generations and expected is None:
-        return Verdict.UNKNOWN, "written by an older version"
+        return Soundness.UNKNOWN, "written by an older version"
     if folder.finished() and read_manifest(folder.path) is None:
-        return Verdict.UNKNOWN, "written by an older version; its records are as it wrote them"
+        return Soundness.UNKNOWN, "written by an older version; its records are as it wrote them"
     state = "finished" if folder.finished() else "unfinished"
-    return Verdict.VERIFIED, f"{generations} generations, {state}"
+    return Soundness.VERIFIED, f"{generations} generations, {state}"
 
 
 def _damage(folder: RunFolder) -> str:
@@ -149,5 +149,5 @@ def command(folders: tuple[Path, ...]) -> None:
         for run in runs:
             verdict, words = verify(run)
             click.echo(f"{run.path}: {verdict}: {words}")
-            damaged |= verdict is Verdict.DAMAGED
+            damaged |= verdict is Soundness.DAMAGED
     sys.exit(1 if damaged else 0)

@@ -37,7 +37,7 @@ def command(file: str, rules: tuple[str, ...], steps: int, as_json: bool, chosen
     """Prove or refute that the tree in FILE keeps each of RULES.
 
     A rule is "never ACTION while CONDITION": in no tick the action is called on a blackboard on
-    which the condition holds, whatever the blackboards before it and whatever the actions return.
+    which the condition holds, for all blackboards before it and all statuses that actions return.
     A refutation comes with blackboards that break the rule. Exit code 0 when all rules are
     proven, 1 when one is refuted or not known.
     """

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import re
-import shlex
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import islice
@@ -22,35 +20,16 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
 from islandgp.config.errors import MISTAKES, check_packages, explain, parsed, unresolved
+from islandgp.config.naming import command_line, group_of, key_of, run_folder
 from islandgp.config.settings import Settings, read_settings, with_generations
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError
-from islandgp.records.parameters import (
-    RUNTIME_KEYS,
-    ending_in_digest,
-    is_secret,
-    without_credentials,
-)
-from islandgp.redaction import HIDDEN
 from islandgp.trust import names_in, trust
-
-NOT_IN_FOLDER: Final = RUNTIME_KEYS | {
-    "hydra",
-    "name",
-    "seed",
-    "experiment",
-    "supervisor",
-    "supervisor.policy.base_url",
-}
-"""Overrides that a run's folder name leaves out, or says otherwise."""
-
 
 BASIC: Final = f"{BasicSweeper.__module__}.{BasicSweeper.__qualname__}"
 """Hydra's own sweeper, which runs every combination."""
 
 MOST_JOBS: Final = 1000  # of a command; each is checked before the first one starts
-
-LONGEST: Final = 180  # characters of a folder's name; file systems take 255 bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +116,7 @@ def _sweeper(
         )
     sweeper = _resolved(found)
     params = [f"{key}={value}" for key, value in (sweeper.get("params") or {}).items()]
-    last = {_key(str(o.input_line)): o for o in [*parsed(params, loader), *words]}
+    last = {key_of(str(o.input_line)): o for o in [*parsed(params, loader), *words]}
     return sweeper, list(last.values())
 
 
@@ -163,13 +142,13 @@ def _plan(
     own_ray = launcher == "RayLauncher" and composed.hydra.launcher.ray.init.get("address") is None
     _must_have_no_callbacks(composed.hydra)
     _must_leave_folders(composed.hydra)
-    domain = composed.hydra.runtime.choices.get("domain")  # None: it stands in the first file
+    domain = composed.hydra.runtime.choices.get("domain")  # None: the first file names it
     with open_dict(composed):
         del composed["hydra"]  # what it holds is known only when Hydra runs
     config, settings = read(composed)
     if domain is not None:
         _must_be_called(str(domain), settings)
-    ours = [o for o in overrides if _group(o) != "hydra"]
+    ours = [o for o in overrides if group_of(o) != "hydra"]
     _must_change_something(ours, composed)
     return Planned(
         tuple(ours),
@@ -205,52 +184,6 @@ def read(config: DictConfig) -> tuple[dict[str, Any], Settings]:
     ours = plain(config)
     trust(names_in(ours))
     return ours, read_settings(ours)
-
-
-def run_folder(config: Mapping[str, Any], overrides: Sequence[str], home: Path) -> Path:
-    """Where a run keeps its records: <runs>/<name>/<supervisor>-seed<n>[-<overrides>].
-
-    Characters that could trouble a shell or a file system become `_`. A name that lost some,
-    or was cut, ends in a digest of the whole, so that different overrides have different names.
-    """
-    last = {_key(override): override for override in overrides}  # Hydra takes the last of a key
-    words = [
-        override
-        for key, override in last.items()
-        if key not in NOT_IN_FOLDER
-        and (key.startswith("supervisor.") or _group(key) not in NOT_IN_FOLDER)
-        and not is_secret(key)
-    ]
-    leaf = "-".join([f"{config['supervisor']['name']}-seed{int(config['seed'])}", *sorted(words)])
-    return (home / str(config["runs"]) / str(config["name"]) / _safe(leaf)).resolve()
-
-
-def _safe(name: str) -> str:
-    """The name as a folder's, as `run_folder` says."""
-    safe = re.sub(r"[^A-Za-z0-9._=,+-]+", "_", name)
-    if safe == name and len(name) <= LONGEST:
-        return name
-    return ending_in_digest(safe, name, LONGEST)
-
-
-def is_choice(override: str) -> bool:
-    """True if the override is part of an arm's identity."""
-    group = _group(override)
-    return not is_secret(_key(override)) and group not in RUNTIME_KEYS | {"hydra", "name", "seed"}
-
-
-def command_line(words: Sequence[str]) -> str:
-    """The command for a shell, secrets hidden."""
-    shown = [f"{w.partition('=')[0]}={HIDDEN}" if is_secret(_key(w)) else w for w in words]
-    return shlex.join(["python", "-m", "islandgp", *map(without_credentials, shown)])
-
-
-def _key(override: str) -> str:
-    return override.lstrip("+~").partition("=")[0].partition("@")[0]
-
-
-def _group(override: str) -> str:
-    return _key(override).split(".")[0].split("/")[0]
 
 
 def flags_of(args: argparse.Namespace, words: Sequence[str]) -> list[str]:
@@ -339,7 +272,7 @@ def _must_change_something(overrides: Sequence[str], composed: DictConfig) -> No
     """Raises ConfigError for `KEY={}` where there are keys already: Hydra keeps them."""
     for override in overrides:
         key, _, value = override.partition("=")
-        if value.replace(" ", "") == "{}" and OmegaConf.select(composed, _key(override)):
+        if value.replace(" ", "") == "{}" and OmegaConf.select(composed, key_of(override)):
             raise ConfigError(
                 f"{override}: expected keys to put on top of those that are there, found none,"
                 f" which changes nothing; take each out by ~{key.lstrip('+')}.NAME."

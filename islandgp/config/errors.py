@@ -1,13 +1,11 @@
-"""What Hydra, OmegaConf and YAML find wrong with a command, in our form.
-
-Expected, found, remedy: Hydra tells them in many lines, or in none.
-"""
+"""Errors of Hydra, OmegaConf and YAML as one line each: expected, found, remedy."""
 
 from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib.util import find_spec
 from pathlib import Path
@@ -21,7 +19,8 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from islandgp.config.settings import Settings, keys_at, unknown_key
+from islandgp.config.error_lines import keys_at, unknown_key
+from islandgp.config.settings import Settings
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError
 from islandgp.records.parameters import flatten, is_secret
@@ -40,9 +39,6 @@ MISTAKES: Final = (
 LEVELS: Final = 50  # of brackets in a value
 LONGEST: Final = 200  # characters of a key, which Hydra takes for the name of a file
 DIGITS: Final = 1000  # of a number
-
-EXTRAS: Final = {"joblib": "joblib", "ray": "ray", "submitit": "submitit"}
-"""What to install for a launcher of Hydra's that is not there."""
 
 
 def parsed(overrides: Sequence[str], loader: ConfigLoader) -> list[Override]:
@@ -107,59 +103,88 @@ def _unreadable(override: str, parser: OverridesParser) -> str:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class Mistake:
+    """An error of composing a configuration."""
+
+    error: Exception
+    overrides: Sequence[str]
+    source: ConfigSource
+
+
 def explain(error: Exception, overrides: Sequence[str], source: ConfigSource) -> str:
     """The message for an error that composing these overrides has raised."""
-    text = str(error)
+    mistake, text = Mistake(error, overrides, source), str(error)
     if isinstance(error, yaml.YAMLError):
         return _yaml(error)
     if isinstance(error, RecursionError):
         return "Expected a configuration of a few levels, found a nesting too deep to be read."
     if isinstance(error, UnicodeDecodeError):
         return _no_text(source) or _short(error)
-    if "with ListConfig" in text:
-        return _no_mapping(source) or _no_option(overrides, source) or _short(error)
-    if match := re.search(r"Multiple values for ([^.]+)\. To |^(\S+) appears more than once", text):
-        group = match[1] or match[2]
-        return (
-            f"{group}: expected one option, found another one added to it; write"
-            f" {group}=OPTION, without +"
-        )
-    if "${experiment}_${domain}" in text:
-        return _no_option(overrides, source) or (
-            "domain: expected the name of an option, found none; there are"
-            f" {', '.join(source.options('domain'))}"
-        )
-    if "Config group override must be" in text:
-        return _no_option(overrides, source) or _short(error)
-    if match := re.search(r"Could not override '([^'@]+)@([^']*)'", text):
-        group, package = match.groups()
-        return (
-            f"{group}@{package}: expected GROUP=OPTION, found a package behind the group; write"
-            f" {group}=OPTION"
-        )
-    if match := re.search(r"Could not override '([^']+)'", text):
-        if source.options(match[1]):
-            return (
-                f"{match[1]}: expected a group that the chosen files have an option of, found"
-                f" none; write +{match[1]}=OPTION for an option on top of that file"
-            )
-        return _unknown(match[1], _chosen(overrides, source))
-    if match := re.search(r"(?:load|find) 'hydra/launcher/(joblib|ray|submitit)\w*'", text):
-        return (
-            f"hydra/launcher: expected Hydra's {match[1]} launcher, found it not installed;"
-            f" pip install 'islandgp[{EXTRAS[match[1]]}]'"
-        )
-    if match := re.search(
-        r"Could not find '([^']+)'[\s\S]*?Available options in '[^']*':\n([\s\S]*)", text
-    ):
-        group, _, option = match[1].rpartition("/")
-        known = re.findall(r"^\t(\S+)$", match[2], re.MULTILINE)
-        near = get_close_matches(option, known, 1, 0.5)
-        hint = f"did you mean {near[0]}? " if near else ""
-        return f"{group}={option}: unknown option; {hint}there are {', '.join(known)}"
-    if text.startswith("Error merging override ") and isinstance(error.__cause__, Exception):
-        return f"{text.removeprefix('Error merging override ')}: {_short(error.__cause__)}"
+    for pattern, message in RULES:
+        if match := re.search(pattern, text, re.MULTILINE):
+            line = message(mistake, match) if callable(message) else match.expand(message)
+            return line or _short(error)
     return _short(error)
+
+
+def _list_for_keys(mistake: Mistake, _: re.Match[str]) -> str:
+    return _no_mapping(mistake.source) or _no_option(mistake.overrides, mistake.source)
+
+
+def _no_experiment(mistake: Mistake, _: re.Match[str]) -> str:
+    return _no_option(mistake.overrides, mistake.source) or (
+        "domain: expected the name of an option, found none; there are"
+        f" {', '.join(mistake.source.options('domain'))}"
+    )
+
+
+def _no_such_key(mistake: Mistake, match: re.Match[str]) -> str:
+    key = match[1]
+    if mistake.source.options(key):
+        return (
+            f"{key}: expected a group that the chosen files have an option of, found none; write"
+            f" +{key}=OPTION for an option on top of that file"
+        )
+    return _unknown(key, _chosen(mistake.overrides, mistake.source))
+
+
+def _no_such_option(_: Mistake, match: re.Match[str]) -> str:
+    group, _slash, option = match[1].rpartition("/")
+    known = re.findall(r"^\t(\S+)$", match[2], re.MULTILINE)
+    near = get_close_matches(option, known, 1, 0.5)
+    hint = f"did you mean {near[0]}? " if near else ""
+    return f"{group}={option}: unknown option; {hint}there are {', '.join(known)}"
+
+
+def _cannot_merge(mistake: Mistake, match: re.Match[str]) -> str:
+    cause = mistake.error.__cause__
+    return f"{match[1]}: {_short(cause)}" if isinstance(cause, Exception) else ""
+
+
+RULES: Final[tuple[tuple[str, str | Callable[[Mistake, re.Match[str]], str]], ...]] = (
+    ("with ListConfig", _list_for_keys),
+    (
+        r"(?:Multiple values for |^)([^.\s]+)(?:\. To | appears more than once)",
+        r"\1: expected one option, found another one added to it; write \1=OPTION, without +",
+    ),
+    (r"\$\{experiment\}_\$\{domain\}", _no_experiment),
+    ("Config group override must be", lambda m, _: _no_option(m.overrides, m.source)),
+    (
+        r"Could not override '([^'@]+)@([^']*)'",
+        r"\1@\2: expected GROUP=OPTION, found a package behind the group; write \1=OPTION",
+    ),
+    (r"Could not override '([^']+)'", _no_such_key),
+    (
+        r"(?:load|find) 'hydra/launcher/(joblib|ray|submitit)\w*'",
+        r"hydra/launcher: expected Hydra's \1 launcher, found it not installed;"
+        r" pip install 'islandgp[\1]'",
+    ),
+    (r"Could not find '([^']+)'[\s\S]*?Available options in '[^']*':\n([\s\S]*)", _no_such_option),
+    (r"\AError merging override ([\s\S]*)", _cannot_merge),
+)
+"""What Hydra's messages contain, and ours in their place: a template, or a function; "" keeps
+Hydra's first line."""
 
 
 GLOBAL: Final = re.compile(r"^\s*#\s*@package\s+_global_\s*$", re.MULTILINE)
@@ -188,7 +213,7 @@ def check_packages(composed: DictConfig, source: ConfigSource) -> None:
 def unresolved(error: OmegaConfBaseException) -> str:
     """The message for an interpolation that cannot be resolved."""
     key, why = error.full_key or "", _short(error)
-    if match := re.search(r'"(.+)"$', why):  # what a resolver said
+    if match := re.search(r'"(.+)"$', why):  # the message of a resolver
         why = match[1]
     return f"{key}: expected a value, found none ({why}); give {key}=VALUE"
 
@@ -259,7 +284,7 @@ def _no_option(overrides: Sequence[str], source: ConfigSource) -> str:
 def _unknown(path: str, config: Any) -> str:
     """The message for a key that is not in the configuration: at the part that is wrong."""
     parts = path.split(".")
-    known = keys_at(config, parts[:-1])
+    known = keys_at(config, parts[:-1], Settings)
     if len(parts) > 1 and parts[-1] in known:
         return f"{path}: expected a key that has a value, found none; write +{path}=VALUE"
     same = [key for key in flatten(config) if key.rpartition(".")[2] == parts[-1]]

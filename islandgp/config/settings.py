@@ -1,17 +1,14 @@
 """The whole configuration as one frozen value, validated before anything starts.
 
-Each group's model stands beside the code that uses it; this module composes
+Each group's model is defined beside the code that uses it; this module composes
 them and checks what concerns several of them. Nothing below it sees Hydra's
 config object.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping, Sequence
-from difflib import get_close_matches
-from types import UnionType
-from typing import Annotated, Any, Final, Literal, Self, Union, get_args, get_origin
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import (
     BaseModel,
@@ -19,11 +16,11 @@ from pydantic import (
     ValidationError,
     ValidationInfo,
     field_validator,
-    model_validator,
 )
 
+from islandgp.config.error_lines import NAME, TAG, error_lines, setting_at
 from islandgp.domain import Domain, Schema
-from islandgp.errors import ConfigError, IslandError
+from islandgp.errors import ConfigError
 from islandgp.evaluation.base import Problem
 from islandgp.evaluation.perturbation import Perturbation
 from islandgp.evaluation.worlds import staged
@@ -34,12 +31,11 @@ from islandgp.plugin import (
     ComponentConfig,
     ImportedClass,
     defined_in,
-    imported,
     path_of,
     plugin_errors,
 )
 from islandgp.records.files import VALUES
-from islandgp.scoring.classes import CLASS_NAME, Classes
+from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import Bound
 from islandgp.scoring.constraints import faults as constraint_faults
 from islandgp.scoring.curriculum import Curriculum
@@ -48,19 +44,6 @@ from islandgp.search.base import SEARCHES, USES
 from islandgp.search.breeding import Breeding
 from islandgp.supervision.base import SUPERVISES
 from islandgp.supervision.library import LibrarySettings
-
-TAG: Final = r"^[A-Za-z0-9_. :/-]{1,250}$"
-"""Names of tags that MLflow takes."""
-
-NAME: Final = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"
-"""Names of runs and sweeps, which are names of folders."""
-
-IN_WORDS: Final = {
-    TAG: "1 to 250 letters, digits, spaces and . _ : / -",
-    NAME: "letters, digits and . _ -, beginning with a letter or a digit",
-    CLASS_NAME: "small letters, digits and _, beginning with a letter",
-}
-"""What a pattern asks for, as people say it."""
 
 OWN_TAGS: Final = frozenset(
     {"domain", "supervisor", "arm", "seed", "sweep", "code", "config", "kind", "pruned"}
@@ -184,54 +167,9 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     @classmethod
     def _of_the_domain(cls, value: Any, found: ValidationInfo) -> Any:
         if (domain := found.data.get("domain")) is None:
-            return value  # its own error is told
+            return value  # the domain has an error of its own
         model = domain.factory.World if found.field_name == "world" else domain.factory.Rewards
         return model.model_validate(value)  # its errors become errors of this field
-
-    @model_validator(mode="after")
-    def _fits_together(self) -> Self:
-        if self.gp.tournament > self.gp.population:
-            raise ValueError(
-                f"gp.tournament: expected at most gp.population={self.gp.population},"
-                f" found {self.gp.tournament}"
-            )
-        if self.supervisor.lag >= self.gp.generations:
-            raise ValueError(
-                f"supervisor.lag: expected less than gp.generations={self.gp.generations},"
-                f" found {self.supervisor.lag}"
-            )
-        if self.supervisor.edits > self.gp.population - 3:
-            raise ValueError(
-                f"supervisor.edits: expected at most gp.population - 3 = {self.gp.population - 3}"
-                f" slots, found {self.supervisor.edits}"
-            )
-        if taken := [tag for tag in self.tags if tag in OWN_TAGS or tag.startswith(MACHINES_TAGS)]:
-            raise ValueError(
-                f"tags.{taken[0]}: expected a name of your own, found one that every run has;"
-                " take another one"
-            )
-        if self.start is not None and self.gp.founders:
-            raise ValueError(
-                "gp.founders: expected one source of trees that open the population, found start"
-                " as well; leave one of the two out"
-            )
-        known = {*VALUES, *(f"first.{name}" for name in self.classes.milestones)}
-        for name in self.objectives:
-            if name not in known:
-                raise ValueError(
-                    f"objectives: expected names among {', '.join(sorted(known))}, found {name}"
-                )
-        if self.stop.tier is not None and self.stop.tier not in self.classes.tiers:
-            raise ValueError(
-                f"stop.tier: expected one of {', '.join(self.classes.tiers)},"
-                f" found {self.stop.tier!r}"
-            )
-        mutations = {"gp.mutation": self.gp.mutation}
-        if isinstance(how := getattr(self.search.settings(), "breeding", None), Breeding):
-            mutations["search.policy.breeding.mutation"] = how.mutation
-        for path, mutation in mutations.items():
-            check_growth(self.gp.trees, self.gp.limits, mutation.subtree_depth, path)
-        return self
 
     def make_domain(self) -> Domain:
         """The domain with its world and rewards. Raises ConfigError where they do not fit."""
@@ -286,10 +224,10 @@ def read_settings(config: Mapping[str, Any]) -> Settings:
     try:
         settings = Settings(**with_generations(config))
     except ValidationError as error:
-        raise ConfigError("\n".join(sorted(set(_lines(error, config))))) from None
-    wrong = list(_counted(config, settings)) or list(_faults(settings))
+        raise ConfigError("\n".join(sorted(set(error_lines(error, config, Settings))))) from None
+    wrong = [*_counted(config, settings), *_conflicts(settings)] or [*_faults(settings)]
     if wrong:
-        raise ConfigError("\n".join(wrong))
+        raise ConfigError("\n".join(dict.fromkeys(wrong)))
     return settings
 
 
@@ -310,6 +248,41 @@ def with_generations(config: Mapping[str, Any]) -> Mapping[str, Any]:
     except ValueError as error:
         raise ConfigError(str(error)) from None
     return {**config, "gp": {**config["gp"], "generations": found}}
+
+
+def _conflicts(settings: Settings) -> Iterator[str]:
+    """A line for each value that another setting excludes."""
+    gp, supervisor = settings.gp, settings.supervisor
+    for key, found, most, bound in (
+        ("gp.tournament", gp.tournament, gp.population, "gp.population"),
+        ("supervisor.lag", supervisor.lag, gp.generations - 1, "gp.generations - 1"),
+        ("supervisor.edits", supervisor.edits, gp.population - 3, "gp.population - 3"),
+    ):
+        if found > most:
+            yield f"{key}: expected at most {bound} = {most}, found {found}"
+    for tag in settings.tags:
+        if tag in OWN_TAGS or tag.startswith(MACHINES_TAGS):
+            yield f"tags.{tag}: expected a name of your own, found one that every run has"
+    if settings.start is not None and gp.founders:
+        yield (
+            "gp.founders: expected one source of trees that open the population, found start"
+            " as well; leave one of the two out"
+        )
+    tiers, milestones = settings.classes.tiers, settings.classes.milestones
+    known = {*VALUES, *(f"first.{name}" for name in milestones)}
+    for name in settings.objectives:
+        if name not in known:
+            yield f"objectives: expected names among {', '.join(sorted(known))}, found {name}"
+    if settings.stop.tier is not None and settings.stop.tier not in tiers:
+        yield f"stop.tier: expected one of {', '.join(tiers)}, found {settings.stop.tier!r}"
+    mutations = {"gp.mutation": gp.mutation}
+    if isinstance(how := getattr(settings.search.settings(), "breeding", None), Breeding):
+        mutations["search.policy.breeding.mutation"] = how.mutation
+    for path, mutation in mutations.items():
+        try:
+            check_growth(gp.trees, gp.limits, mutation.subtree_depth, path)
+        except ValueError as error:
+            yield str(error)
 
 
 def _faults(settings: Settings) -> Iterator[str]:
@@ -342,7 +315,7 @@ def _staged_worlds(settings: Settings, schema: Schema) -> Iterator[str]:
             world = staged(settings.world, stage.world)
         except ValidationError as error:
             given = {**before, **stage.world}
-            yield from _lines(error, given, model=type(settings.world), at=(path,))
+            yield from error_lines(error, given, type(settings.world), at=(path,))
             continue
         with plugin_errors(path_of(settings.domain.factory)):
             found = settings.domain.factory.make(world, settings.rewards).schema
@@ -370,98 +343,3 @@ def _counted(config: Any, settings: Any, path: str = "") -> Iterator[str]:
     elif isinstance(config, list) and isinstance(settings, tuple | list):
         for i, (value, inner) in enumerate(zip(config, settings, strict=False)):
             yield from _counted(value, inner, f"{path}.{i}")
-
-
-def setting_at(settings: Any, key: int | str) -> Any:
-    """What stands at a key of the configuration, or what it became; None for nothing."""
-    if isinstance(settings, ComponentConfig) and key == "policy":
-        return settings.settings()
-    if isinstance(settings, Mapping):
-        return settings.get(key)
-    if isinstance(settings, list):
-        return settings[key] if isinstance(key, int) else None
-    return getattr(settings, str(key), None)
-
-
-def _lines(
-    error: ValidationError,
-    config: Mapping[str, Any],
-    *,
-    model: type[BaseModel] = Settings,
-    at: tuple[str, ...] = (),
-) -> Iterator[str]:
-    """A line for each error of `model`, which was made of `config` and stands at the path `at`."""
-    found = error.errors()
-    inside = {e["loc"][:n] for e in found for n in range(len(e["loc"]))}
-    for e in found:
-        if e["type"] == "too_short" and e["loc"] in inside:
-            continue  # what is wrong in an item is not counted
-        if e["loc"][0:1] == ("tags",) and e["loc"][-1] != "[key]":
-            name = f"tags.{e['loc'][1]}" if e["loc"][1:] else "tags"
-            given = f"{name}={e['input']!r}"
-            yield f"{given}: expected text, a number, true or false; give one of these"
-            continue
-        path = ".".join(str(part) for part in (*at, *e["loc"]))
-        message = e["msg"].removeprefix("Value error, ")
-        if e["type"] == "extra_forbidden":
-            yield unknown_key(path, keys_at(config, e["loc"][:-1], model))
-        elif (words := IN_WORDS.get(e.get("ctx", {}).get("pattern", ""))) is not None:
-            yield f"{path.removesuffix('.[key]')}: expected {words}, found {e['input']!r}"
-        elif e["type"] == "missing":
-            yield f"{path}: expected a value, found none"
-        elif e["type"] == "value_error":
-            colon = "." if re.match(r"[a-z0-9_.]+: ", message) else ": "  # it begins with a key
-            yield f"{path}{colon}{message}" if path else message
-        else:
-            yield f"{path}={e['input']!r}: {message[0].lower()}{message[1:]}"
-
-
-def keys_at(
-    config: Mapping[str, Any], path: Sequence[int | str], model: type[BaseModel] = Settings
-) -> list[str]:
-    """The keys that may be at a path below `model`: a model's fields, else those of `config`."""
-    kind: Any = model
-    found: Any = config
-    for part in path:
-        kind = _kind_below(kind, part, found)
-        found = setting_at(found, part)
-    if isinstance(kind, type) and issubclass(kind, BaseModel):
-        return [*kind.model_fields]
-    given = map(str, found) if isinstance(found, Mapping) else ()
-    return [key for key in given if not key.startswith("_")]
-
-
-def _kind_below(kind: Any, part: int | str, config: Any) -> Any:
-    """The type at a key of a type; None where it is not known."""
-    if isinstance(kind, type) and issubclass(kind, BaseModel):
-        if kind is Settings and part in ("world", "rewards"):
-            return getattr(_factory(setting_at(config, "domain")), str(part).capitalize(), None)
-        if issubclass(kind, ComponentConfig) and part == "policy":
-            return getattr(_factory(config), "Settings", None)
-        field = kind.model_fields.get(str(part))
-        kind = field and field.annotation
-    else:
-        inner = [a for a in get_args(kind) if a is not Ellipsis]
-        kind = inner[-1] if inner else None  # of dict[str, kind] or tuple[kind, ...]
-    models = [a for a in get_args(kind) if isinstance(a, type) and issubclass(a, BaseModel)]
-    union = get_origin(kind) in (Union, UnionType)
-    return models[0] if union and models else kind
-
-
-def _factory(part: Any) -> Any:
-    """The class that a group names; None where there is none."""
-    try:
-        return imported(str(setting_at(part, "factory")))
-    except (ValidationError, IslandError):
-        return None
-
-
-def unknown_key(path: str, known: list[str]) -> str:
-    """The line for a key that does not exist, with the nearest one that does."""
-    parent, _, key = path.rpartition(".")
-    known = [other for other in known if other != key]
-    near = get_close_matches(key, known, 1, 0.5)
-    dot = f"{parent}." if parent else ""
-    there = f"there are {', '.join(sorted(known))}" if known else f"{parent} has no keys"
-    hint = f"did you mean {dot}{near[0]}?" if near else there
-    return f"{path}: unknown key; {hint}"

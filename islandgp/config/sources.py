@@ -29,7 +29,7 @@ COMPOSING: Final = Lock()  # Hydra composes one configuration at a time in a pro
 class ConfigSource:
     """The folders of a command, and its first file."""
 
-    folder: Path  # absolute; the groups of the project, unless --config-path says otherwise
+    folder: Path  # absolute; that of --config-path, else the project's
     name: str  # of the first file
     own: Path | None  # absolute; the user's groups, by --config-dir
 

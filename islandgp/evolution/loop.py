@@ -41,7 +41,7 @@ from islandgp.search.base import Search, SearchState
 from islandgp.search.paper import Paper
 from islandgp.seeding import Stream, Streams, seed_of
 from islandgp.supervision.asking import SupervisorQueue
-from islandgp.supervision.base import Seen, Supervisor
+from islandgp.supervision.base import GenerationView, Supervisor
 
 
 def training_seeds(plan: Plan, seed: int, generation: int) -> tuple[int, ...]:
@@ -165,13 +165,15 @@ def evolve(
 
 def _seen(
     plan: Plan, record: GenerationRecord | None, led: GuidanceRecord | None
-) -> tuple[Seen | None, GuidanceRecord | None]:
+) -> tuple[GenerationView | None, GuidanceRecord | None]:
     """What a supervisor is told of a record, and the guidance for the generation after it."""
     if record is None:
         return None, None
     now = record.snapshot
     multipliers = plan.curriculum.multipliers(now.stage)
-    seen = Seen(now, record.worlds, multipliers, record.individuals, led, trials=record.trials)
+    seen = GenerationView(
+        now, record.worlds, multipliers, record.individuals, led, trials=record.trials
+    )
     return seen, record.guidance
 
 
@@ -237,7 +239,7 @@ def _generation(
         if g + plan.switches.lag + 1 < plan.gp.generations:  # else it would come too late
             multipliers = plan.curriculum.multipliers(now.stage)
             elites = () if plan.switches.lag else archive.elites
-            queue.ask(seen, Seen(now, worlds, multipliers, lines, led, elites, trials))
+            queue.ask(seen, GenerationView(now, worlds, multipliers, lines, led, elites, trials))
         answer = queue.answer(g)
         supervision = perf_counter() - waiting
         names = nameable((*recent, lines), archive.elites) if plan.switches.edits else {}

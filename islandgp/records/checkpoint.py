@@ -1,6 +1,6 @@
 """A run's state on disk: written in one piece or not at all, and checked when read.
 
-Its history is not in it: that stands in the records beside it, a line a generation. The
+The history is not in it, but in the records beside it, a line a generation. The
 checkpoint holds their digest, so that it belongs to these records and to no others.
 """
 

@@ -1,4 +1,4 @@
-"""`costs.jsonl`: seconds and episodes of each generation; what a run does without lost ones."""
+"""`costs.jsonl`: seconds and episodes of each generation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The small files of a run's folder: what they hold, and what it comes to."""
+"""The small files of a run's folder, and numbers that follow from them."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class _Best:
 
 
 @dataclass(frozen=True, slots=True)
-class Summary:
+class RunSummary:
     """What summary.json holds for those who read it."""
 
     champion: _Best

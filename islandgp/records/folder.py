@@ -1,4 +1,4 @@
-"""A run's own folder: the truth about the run, whatever becomes of a tracking server.
+"""A run's folder: the source of all that is known of the run; tracking servers are mirrors.
 
 docs/running.md lists its files. A run is finished when there is a summary.json.
 """
@@ -25,7 +25,7 @@ from islandgp.records.archive_file import NAME as ARCHIVE
 from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.checkpoint import generation_of, read_checkpoint, save_state
 from islandgp.records.costs import mend_costs
-from islandgp.records.files import OWN, PAGE, RunMetadata, Summary, pretty
+from islandgp.records.files import OWN, PAGE, RunMetadata, RunSummary, pretty
 from islandgp.records.lineage_file import write_lineage
 from islandgp.records.lines import (
     Lines,
@@ -107,10 +107,7 @@ class RunFolder:
         self._lock.release()
 
     def fail(self, error: Exception) -> None:
-        """Writes down why the run failed, the message and where it came from, if that is possible.
-
-        A full disk may be the reason itself.
-        """
+        """Writes error.txt, the message and the traceback, unless the disk is full."""
         trace = "".join(traceback.format_exception(error))
         text = f"{error}\n\n{trace}" if isinstance(error, IslandError) else trace
         with suppress(OSError):
@@ -124,7 +121,7 @@ class RunFolder:
         return file.read_text(encoding="utf-8", errors="replace") if file.exists() else ""
 
     def reason(self) -> str:
-        """Why the run failed in a line: the message, or a traceback's last line; or ""."""
+        """Why the run failed: the first line of the message, or a traceback's last line; or ""."""
         lines = [line for line in self.error().splitlines() if line.strip()]
         return "" if not lines else lines[-1] if lines[0].startswith("Traceback") else lines[0]
 
@@ -199,7 +196,7 @@ class RunFolder:
         """The state to go on from; cuts off what was written after it. None: from the start.
 
         Where the newest checkpoint, or the record before it, is damaged, this is the state
-        before that. `tell` gets a line for people about whatever was not as it should be.
+        before that. `tell` gets a line for people about each file that was damaged.
 
         Raises:
             RunError: the run is finished, no checkpoint is sound, records before it are
@@ -367,7 +364,7 @@ class RunFolder:
             raise damaged(self._generations.what, self._generations.path, why)
 
     def generations(self) -> Iterator[GenerationRecord]:
-        """The same, as the loop made them. Raises RunError."""
+        """`checked_records` as GenerationRecord objects. Raises RunError."""
         return (from_plain(GenerationRecord, record) for record in self.checked_records())
 
     def costs(self, first: int = 0) -> Iterator[dict[str, Any]]:
@@ -380,7 +377,7 @@ class RunFolder:
         file = self.path / "summary.json"
         self._must_be_as_written(file.name)
         with reading("a finished run's summary", file):
-            return dict(validate_json(Summary, file.read_bytes()))
+            return dict(validate_json(RunSummary, file.read_bytes()))
 
 
 COPIES: Final = frozenset({"mlartifacts", "mlruns"})

@@ -1,7 +1,7 @@
 """A file of JSON values, one a line, that grows by whole lines, and a checksum for each line.
 
 Line i of `generations.sha256` holds the index i and the SHA-256 of the digest before it and
-record i's line. So each digest vouches for all records up to its own. The last one also stands
+record i's line. So each digest covers all records up to its own. The last one is also
 in the checkpoint, and at the end of the run in its summary.
 """
 

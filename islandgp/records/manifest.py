@@ -175,7 +175,7 @@ def _promised(folder: Path) -> bool:
         try:
             if read_json((folder / name).read_bytes()).get("manifest"):
                 return True
-        except (OSError, *DECODE_ERRORS):  # whoever reads the file itself reports it
+        except (OSError, *DECODE_ERRORS):  # reported where the file itself is read
             continue
     return False
 

@@ -1,4 +1,4 @@
-"""What is known of configuration keys: which are secret, and which shape no record."""
+"""Configuration keys that are secret, and keys that do not change a run's records."""
 
 from __future__ import annotations
 

@@ -28,13 +28,12 @@ from islandgp.config.api_key import NONE, key_in, without_key
 from islandgp.config.compose import (
     Planned,
     Searched,
-    command_line,
     planned,
     read,
-    run_folder,
     searched,
 )
 from islandgp.config.errors import MISTAKES, explain, parsed
+from islandgp.config.naming import command_line, run_folder
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError, IslandError, PartError, brief
 from islandgp.records.folder import RunFolder
@@ -162,7 +161,7 @@ def _show(args: argparse.Namespace, words: Sequence[str]) -> None:
         words = ["--hydra-help"]
     try:
         _start(words, lambda _: None)
-    except SystemExit as end:  # Hydra has told what is wrong
+    except SystemExit as end:  # Hydra has printed the error
         sys.exit(2 if end.code else 0)
     except MISTAKES as error:  # or options that exclude each other
         if isinstance(error, OSError) and not isinstance(error, HydraException):
@@ -218,7 +217,7 @@ def _run_single(words: Sequence[str]) -> int:
 
 SHORT: Final = frozenset({errno.EAGAIN, errno.EMFILE, errno.ENFILE, errno.ENOMEM})
 SIGNS: Final = ("can't start new thread", "failed to map segment", "cannot allocate memory")
-"""What errors of other types say in that case, in lower case."""
+"""Parts of the messages of other errors in that case, in lower case."""
 
 
 def shortage(error: BaseException) -> str:

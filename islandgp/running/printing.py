@@ -70,7 +70,7 @@ class Display:
         self._stream = stream
 
     def write(self, text: str) -> int:
-        """As a stream's."""
+        """Write text, or drop it if the stream is broken; returns len(text)."""
         try:
             return self._stream.write(text)
         except (OSError, ValueError):  # ValueError: it is closed
@@ -78,7 +78,7 @@ class Display:
             return len(text)
 
     def flush(self) -> None:
-        """As a stream's."""
+        """Flush the stream, or drop what a broken one holds."""
         try:
             self._stream.flush()
         except (OSError, ValueError):
@@ -89,7 +89,7 @@ class Display:
         return getattr(self._stream, name)
 
     def _lose(self) -> None:
-        """Whatever is written from now on goes nowhere."""
+        """Drop all that is written from now on."""
         _drop(self._stream)
         self._stream = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 -- until the end
 

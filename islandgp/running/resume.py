@@ -1,4 +1,4 @@
-"""The identity of a run: what its folder says of it, and whether a command may go on with it."""
+"""The identity of a run, and whether a command may continue the run in a folder."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import flatten, identity_config, runtime_keys
 
 AGAIN: Final = "~"
-"""Before the number of a run that is made anew; no folder that a configuration names holds it."""
+"""Comes before the number in the name of a repeated run's folder; no other folder has it."""
 
 
 def choose(folder: RunFolder, settings: Settings, config: Mapping[str, Any]) -> RunFolder:

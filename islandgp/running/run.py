@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -27,9 +28,9 @@ from islandgp.evolution.validation import (
     validate,
     validation_seeds,
 )
-from islandgp.gp.archive import Elite, archive_record
+from islandgp.gp.archive import archive_record
 from islandgp.gp.plan import Plan
-from islandgp.gp.record import Champion, Step
+from islandgp.gp.record import Step
 from islandgp.plugin import path_of, plugin_errors
 from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.files import PAGE
@@ -43,7 +44,12 @@ from islandgp.running.report import is_mostly_fallback, report, summary
 from islandgp.running.resume import about_run, choose
 from islandgp.running.start import start_trees
 from islandgp.search.base import Search, SearchContext
-from islandgp.supervision.base import RunContext, Service, Supervisor, Witness
+from islandgp.supervision.base import (
+    GenerationListener,
+    RunContext,
+    Supervisor,
+    SupervisorLifecycle,
+)
 from islandgp.supervision.library import Library, library_folder, read_library, read_tree
 from islandgp.tracking.base import Tracker
 from islandgp.trust import names_in, trust
@@ -196,7 +202,7 @@ def run(
         RunError: the folder belongs to another configuration or another process.
         EvaluationError, SupervisionError: the run cannot go on; what it has is kept.
     """
-    trust(names_in(config))  # the user's own, of whatever launcher's process
+    trust(names_in(config))  # the user's own; a launcher may have started this process
     config = redacted(config)
     target = choose(RunFolder(folder), settings, config)
     tracker: Tracker = settings.tracking.factory.make(settings.tracking.settings(), home)
@@ -259,7 +265,7 @@ def _evolve(
     keep_display: bool,
     judge: Judge | None,
 ) -> None:
-    if isinstance(supervisor, Service):
+    if isinstance(supervisor, SupervisorLifecycle):
         with plugin_errors(path_of(type(supervisor))):
             line = supervisor.start()
         if line:
@@ -270,59 +276,74 @@ def _evolve(
         for record in islice(target.records(), done):
             judge(record["snapshot"]["generation"], record["snapshot"]["best"])
     evaluator = make_evaluator(settings)
-    fittest: Champion | None = None
-    stopped = ""
-    elites: tuple[Elite, ...] = ()
     plan = plan_of(settings, settings.make_domain())
-    needed = isinstance(supervisor, Witness) or plan.switches.edits
+    needed = isinstance(supervisor, GenerationListener) or plan.switches.edits
     past = target.generations() if done and needed else ()
     search = make_search(settings, plan)
     steps = evolve(
         plan, settings.seed, supervisor, evaluator, search=search, start=start, past=past
     )
-    written: Future[None] = Future()
-    written.set_result(None)
+    progress = Progress(
+        settings.progress,
+        settings.gp.generations,
+        f"{settings.name}: {settings.supervisor.name}, seed {settings.seed}",
+        settings.classes.milestones,
+        done=done,
+        keep=keep_display,
+    )
     try:
-        # A generation is written down while the episodes of the next one run.
-        with (
-            ThreadPoolExecutor(1, "writer") as writer,
-            Progress(
-                settings.progress,
-                settings.gp.generations,
-                f"{settings.name}: {settings.supervisor.name}, seed {settings.seed}",
-                settings.classes.milestones,
-                done=done,
-                keep=keep_display,
-            ) as progress,
-        ):
-            for step in steps:
-                written.result()
-                written = writer.submit(_write, target, step, tracker, page)
-                progress.show(step)
-                fittest, stopped, elites = step.champion, step.stopped, step.archive
-                if judge is not None:
-                    written.result()
-                    judge(step.record.snapshot.generation, step.record.snapshot.best)
-            written.result()
-        assert fittest is not None
+        last = _keep(steps, partial(_write, target, tracker, page), progress, judge)
         target.must_be_as_left()
         best = best_robot(settings, target, evaluator)
     finally:
         steps.close()  # now, and not when the interpreter ends
         evaluator.close()
-    most = settings.supervisor.policy.get("most_fallback")  # None: a supervisor without a fallback
+    _finish(settings, plan, target, last, best)
+
+
+def _keep(
+    steps: Iterable[Step],
+    write: Callable[[Step], None],
+    progress: Progress,
+    judge: Judge | None,
+) -> Step:
+    """Writes down each step while the episodes of the next one run; returns the last."""
+    step: Step | None = None
+    written: Future[None] = Future()
+    written.set_result(None)
+    with ThreadPoolExecutor(1, "writer") as writer, progress:
+        for step in steps:
+            written.result()
+            written = writer.submit(write, step)
+            progress.show(step)
+            if judge is not None:
+                written.result()
+                judge(step.record.snapshot.generation, step.record.snapshot.best)
+        written.result()
+    assert step is not None
+    return step
+
+
+def _write(target: RunFolder, tracker: Tracker, page: PageWriter, step: Step) -> None:
+    target.append(step)
+    tracker.generation()
+    page.generation()
+
+
+def _finish(settings: Settings, plan: Plan, target: RunFolder, last: Step, best: Best) -> None:
+    """Writes the archive and the summary of a run that has come to its end."""
     axes, floor = plan.archive.axes(plan.classes), plan.archive.floor
-    counts = archive_record(elites, axes, floor=floor)
-    archive = ArchiveFile.of(plan.vocabulary.domain, axes, floor, elites, counts)
+    counts = archive_record(last.archive, axes, floor=floor)
+    archive = ArchiveFile.of(plan.vocabulary.domain, axes, floor, last.archive, counts)
     end = summary(
         target,
-        fittest,
+        last.champion,
         best,
         settings.classes.milestones,
-        most,
+        settings.supervisor.policy.get("most_fallback"),  # None: it has no fallback
         constraints=settings.constraints,
     )
-    target.finish({**end, "stopped": stopped} if stopped else end, archive)
+    target.finish({**end, "stopped": last.stopped} if last.stopped else end, archive)
 
 
 def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> Best:
@@ -378,9 +399,3 @@ def _yardstick(settings: Settings) -> tuple[str, str] | None:
     name = how.yardsticks[0]
     text = read_tree(library_folder(how.folder, domain), name)
     return name, to_text(parse(text, domain.schema.vocabulary, name=name))
-
-
-def _write(target: RunFolder, step: Step, tracker: Tracker, page: PageWriter) -> None:
-    target.append(step)
-    tracker.generation()
-    page.generation()

@@ -69,7 +69,7 @@ class PopulationState:
     diversity_warning: bool  # diversity is low
     reached: dict[str, bool]  # by milestone, the easiest first: whether such a robot has existed
     dominant: str  # the largest exclusive class
-    lacking: tuple[str, ...]  # behaviours by rising number of individuals that do them
+    rarest_behaviours: tuple[str, ...]  # behaviours by rising number of individuals that do them
     targets: tuple[str, ...]  # what a tree can be for (Table 7)
     mutation_rate: float  # now in force
     crossover_rate: float
@@ -143,7 +143,7 @@ def population_state(
         diversity_warning=now.diversity < settings.low_diversity,
         reached={name: any(s.tiers[name] for s in history) for name in classes.milestones},
         dominant=max(now.specialists, key=lambda name: now.specialists[name]),
-        lacking=tuple(sorted(now.doing, key=lambda name: now.doing[name])),
+        rarest_behaviours=tuple(sorted(now.doing, key=lambda name: now.doing[name])),
         targets=classes.targets,
         mutation_rate=now.rate,
         crossover_rate=crossover_rate,

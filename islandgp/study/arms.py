@@ -18,7 +18,7 @@ from islandgp.gp.record import (
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import Constraints, recorded_constraints
 from islandgp.scoring.generation_stats import GenerationStats
-from islandgp.study.paper import Paper
+from islandgp.study.paper import PublishedFigures
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,9 @@ class Run:
     costs: tuple[Cost, ...]  # by generation
     champion: Champion  # the run's best robot
     validation: tuple[int, ...] = ()  # seeds of the worlds in which it was chosen; (): in none
-    validated: float | None = None  # points, its mean in these worlds; None: it was not validated
+    validation_mean: float | None = (
+        None  # points, its mean in these worlds; None: it was not validated
+    )
     feasible: float | None = None  # share of these worlds in which it keeps the constraints
 
     @property
@@ -107,7 +109,9 @@ class Comparison:
     comparability_warnings: tuple[str, ...]  # differences that make the comparison doubtful
     notes: tuple[str, ...]  # what a reader should know besides
     sources: tuple[str, ...]  # where the runs were looked for
-    paper: Paper | None = None  # published figures to show beside; None: there are none of the kind
+    paper: PublishedFigures | None = (
+        None  # published figures to show beside; None: there are none of the kind
+    )
 
     @property
     def classes(self) -> Classes:
@@ -150,6 +154,6 @@ def cut(run: Run, generations: int) -> Run:
         costs=run.costs[:generations],
         champion=champion,
         validation=(),
-        validated=None,
+        validation_mean=None,
         feasible=None,
     )

@@ -27,7 +27,7 @@ def ranks(firsts: Sequence[float | None], generations: int) -> list[float]:
 
 
 @dataclass(frozen=True, slots=True)
-class Summary:
+class EmergenceSummary:
     """One arm's times to emergence."""
 
     runs: int
@@ -43,7 +43,7 @@ class Summary:
         return self.emerged == 0
 
 
-def summary(firsts: Sequence[float | None], generations: int) -> Summary:
+def summary(firsts: Sequence[float | None], generations: int) -> EmergenceSummary:
     """The figures that hold with censored runs, and those that hold only without.
 
     `watched` is the restricted mean of survival analysis: a censored run counts
@@ -52,7 +52,7 @@ def summary(firsts: Sequence[float | None], generations: int) -> Summary:
     there = sorted(g for g in firsts if g is not None)
     n, whole = len(firsts), len(there) == len(firsts)
     mean, sd = mean_sd(there) if whole else (None, None)
-    return Summary(
+    return EmergenceSummary(
         runs=n,
         emerged=len(there),
         mean=mean,
@@ -85,7 +85,9 @@ def band(share: float, n: int) -> tuple[float, float]:
     return (middle - wide) / (1 + z * z / n), (middle + wide) / (1 + z * z / n)
 
 
-def reduction(first_arm: Summary, second_arm: Summary) -> tuple[float, str] | None:
+def reduction(
+    first_arm: EmergenceSummary, second_arm: EmergenceSummary
+) -> tuple[float, str] | None:
     """By which share the first arm is earlier, and what was compared; None: nothing can be.
 
     Means when every run got there, as in the paper; else medians; else the

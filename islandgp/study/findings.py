@@ -13,6 +13,7 @@ from islandgp.statistics import (
     PairedTest,
     RankTest,
     benjamini_hochberg,
+    hazard_ratio,
     log_rank,
     mean_difference,
     paired_difference,
@@ -79,6 +80,11 @@ class Finding:
         """The samples as medians take them; a censored run's value is infinite."""
         a, b = ([inf if v is None else v for v in sample] for sample in self.samples)
         return a, b
+
+    @property
+    def hazard(self) -> Interval:
+        """Hazard ratio of the first arm to the second, for emergence: above 1 it comes sooner."""
+        return hazard_ratio(*self.samples, horizon=self.generations)
 
     @property
     def shift(self) -> Interval:

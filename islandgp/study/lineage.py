@@ -140,6 +140,19 @@ def descent_of_first(run: Run, tier: str) -> Descent:
     return Descent.NEVER
 
 
+def first_descendant(run: Run, tier: str) -> int | None:
+    """The first generation with an individual of a tier that is not an advised tree; None: never.
+
+    An advised tree is one that a supervisor injected or edited, and that has not changed since.
+    """
+    known = {i.id: i for record in run.records for i in record.individuals}
+    for generation, record in enumerate(run.records):
+        sources = (_original(i, known) for i in record.individuals if tier in i.tiers)
+        if any(i.mutation or i.origin not in ADVISED for i in sources):
+            return generation
+    return None
+
+
 def provenance(run: Run, individuals: Iterable[IndividualRecord]) -> list[str]:
     """RANDOM, BRED, HEIR, or GIVEN with a name, for each of some individuals of a run.
 

@@ -5,7 +5,7 @@ The overhead is what supervision took, from the run's costs and records (section
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from statistics import fmean
@@ -15,6 +15,7 @@ from islandgp.scoring.classes import Classes
 from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.study.arms import Comparison, Run
 from islandgp.study.emergence import first
+from islandgp.study.lineage import first_descendant
 from islandgp.text import title
 
 
@@ -115,6 +116,17 @@ def emergence(tier: str) -> Measure:
     )
 
 
+def descendant(tier: str) -> Measure:
+    """The generation of a tier's first robot that is not itself an advised tree."""
+    return Measure(
+        f"first_{tier}_descendant",
+        f"First {title(tier)} Robot, advised trees not counted",
+        "generation",
+        lambda run: first_descendant(run, tier),
+        emergence=True,
+    )
+
+
 TABLE_12: Final = (
     *_by_span("diversity", "diversity", "Eq. (3)", diversity),
     _mean("diversity_overall", "Overall diversity", "Eq. (3)", diversity),
@@ -137,7 +149,13 @@ def main_family(milestones: Sequence[str]) -> tuple[Measure, ...]:
 
 def all_measures(study: Comparison) -> tuple[Measure, ...]:
     """Every measure of a report, in its order."""
-    return (*main_family(study.milestones), *FURTHER)
+    return (*main_family(study.milestones), *FURTHER, *map(descendant, study.milestones))
+
+
+def examined(study: Comparison, asked: Collection[str]) -> tuple[Measure, ...]:
+    """The measures that are tested: all but those of `descendant`, which have to be asked for."""
+    optional = {descendant(tier).key for tier in study.milestones} - set(asked)
+    return tuple(m for m in all_measures(study) if m.key not in optional)
 
 
 def shown(behaviour: str, s: GenerationStats, classes: Classes) -> int:
@@ -145,38 +163,25 @@ def shown(behaviour: str, s: GenerationStats, classes: Classes) -> int:
     return (s.specialists if behaviour in classes.specialists.of else s.doing)[behaviour]
 
 
-@dataclass(frozen=True, slots=True)
-class Overhead:
-    """What supervision took in one run."""
-
-    decisions: int  # generations after which a supervisor was asked
-    injected: int  # trees that it put into a population
-    seconds: float  # that the run waited for it
-    simulation: float  # s spent evaluating
-    operators: float  # s, everything else in the loop
-    simulated: int  # episodes really simulated
-    requests: float  # to a language model, retries and repairs included
-    latency: float  # s, all requests together
-    input_tokens: float
-    output_tokens: float
-    fallbacks: float  # rates and trees that came from the fallback instead
-    dollars: float | None  # US dollars; None: the model has no known price
+def _of_model(key: str) -> Callable[[Run], float]:
+    """A sum since the start, as `supervision.llm.ledger` keeps it; 0 offline."""
+    return lambda run: run.costs[-1].llm.get(key, 0)
 
 
-def overhead(run: Run) -> Overhead:
-    """What supervision took in one run."""
-    llm = run.costs[-1].llm  # sums since the start, by supervision.llm.ledger; {} offline
-    return Overhead(
-        decisions=len(run.guidance),
-        injected=sum(g.injected for g in run.guidance),
-        seconds=sum(c.supervision for c in run.costs),
-        simulation=sum(c.evaluation for c in run.costs),
-        operators=sum(c.operators for c in run.costs),
-        simulated=sum(c.simulated for c in run.costs),
-        requests=llm.get("requests", 0),
-        latency=llm.get("latency_s", 0),
-        input_tokens=llm.get("input_tokens", 0),
-        output_tokens=llm.get("output_tokens", 0),
-        fallbacks=llm.get("fallback_rates", 0) + llm.get("fallback_trees", 0),
-        dollars=llm.get("cost_usd") if llm else 0.0,
-    )
+OVERHEAD: Final[dict[str, Callable[[Run], float | None]]] = {
+    "decisions": lambda r: len(r.guidance),  # generations after which a supervisor was asked
+    "injected": lambda r: sum(g.injected for g in r.guidance),  # trees put into a population
+    "seconds": lambda r: sum(c.supervision for c in r.costs),  # that the run waited for decisions
+    "simulation": lambda r: sum(c.evaluation for c in r.costs),  # s
+    "operators": lambda r: sum(c.operators for c in r.costs),  # s, everything else in the loop
+    "simulated": lambda r: sum(c.simulated for c in r.costs),  # episodes really simulated
+    "requests": _of_model("requests"),  # retries and repairs included
+    "latency": _of_model("latency_s"),  # s, all requests together
+    "input_tokens": _of_model("input_tokens"),
+    "output_tokens": _of_model("output_tokens"),
+    # Rates and trees that came from the fallback instead.
+    "fallbacks": lambda r: _of_model("fallback_rates")(r) + _of_model("fallback_trees")(r),
+    # US dollars; None: the model has no known price.
+    "dollars": lambda r: r.costs[-1].llm.get("cost_usd") if r.costs[-1].llm else 0.0,
+}
+"""What supervision took in one run, by the columns of runs.csv."""

@@ -72,7 +72,7 @@ class Claim(BaseModel, frozen=True, extra="forbid"):
     p_bh: float | None = None
 
 
-class Paper(BaseModel, frozen=True, extra="forbid"):
+class PublishedFigures(BaseModel, frozen=True, extra="forbid"):
     """All figures of one publication."""
 
     classes: str  # file of the classes that they are told of, beside this one or in conf
@@ -95,7 +95,7 @@ class Paper(BaseModel, frozen=True, extra="forbid"):
         return f"* {self.note}"
 
 
-def paper_of(config: Mapping[str, Any]) -> Paper | None:
+def paper_of(config: Mapping[str, Any]) -> PublishedFigures | None:
     """Figures of a run's domain and classes, if there are any. Raises StudyError if damaged."""
     domain = domain_of(config)
     if domain is None:
@@ -108,12 +108,12 @@ def paper_of(config: Mapping[str, Any]) -> Paper | None:
 
 
 @cache
-def read_paper(file: Path) -> Paper | None:
+def read_paper(file: Path) -> PublishedFigures | None:
     """The figures in a file, None if there is none. Raises StudyError where it is damaged."""
     if not file.exists():
         return None
     try:
-        return Paper.model_validate(yaml.safe_load(file.read_text(encoding="utf-8")))
+        return PublishedFigures.model_validate(yaml.safe_load(file.read_text(encoding="utf-8")))
     except (yaml.YAMLError, ValidationError) as error:
         raise StudyError(f"Expected a publication's figures in {file}, found {error}") from error
 

@@ -16,7 +16,7 @@ from islandgp.study.figures.episodes import by_episodes
 from islandgp.study.figures.profiles import profile_picture
 from islandgp.study.findings import Finding, examine_all, finding
 from islandgp.study.generalise import Control, Generalisation
-from islandgp.study.measures import FURTHER, TABLE_9, TABLE_10, Measure, all_measures
+from islandgp.study.measures import FURTHER, TABLE_9, TABLE_10, Measure, all_measures, examined
 from islandgp.study.plan import NOTHING, AnalysisPlan, families, said
 from islandgp.study.profiles import ScoreRow, Scores
 from islandgp.study.select import in_short
@@ -67,7 +67,7 @@ class Section:
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class ComparisonReport:
     """Everything that a comparison has to say."""
 
     title: str
@@ -94,9 +94,10 @@ def build(
     worlds: int,
     controls: Sequence[Control] = (),
     plan: AnalysisPlan = NOTHING,
-) -> Report:
+) -> ComparisonReport:
     """The report; `unseen` and `controls` are empty where they were left out."""
-    findings = examine_all(study, families(study, plan), all_measures(study))
+    asked = {*plan.margins, *([] if plan.primary is None else [plan.primary])}
+    findings = examine_all(study, families(study, plan), examined(study, asked))
     robots = " and ".join(map(title, study.milestones))
     with_library = any(control.given for control in controls)
     scores = champion_scores(study, unseen)
@@ -118,7 +119,7 @@ def build(
         "How the statistics are done": _statistics(study, plan, findings),
     }
     sections = (Section(heading, tuple(items)) for heading, items in chapters.items())
-    return Report(
+    return ComparisonReport(
         title=" against ".join(arm.name for arm in study.arms),
         comparability_warnings=study.comparability_warnings,
         sections=tuple(section for section in sections if section.items),

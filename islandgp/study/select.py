@@ -79,7 +79,7 @@ def read(found: Found) -> Run:
             costs=tuple(_cost(plain) for plain in folder.costs()),
             champion=from_plain(Champion, champion),
             validation=tuple(validation["worlds"]),
-            validated=validation["mean"],
+            validation_mean=validation["mean"],
             feasible=validation.get("feasible"),
         )
     except RunError as error:

@@ -5,21 +5,20 @@ from __future__ import annotations
 import re
 from base64 import b64encode
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
 from functools import cache
-from math import isnan
+from math import isnan, nan
 from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING
 
-from islandgp.statistics import mean_sd
+from islandgp.statistics import Interval, mean_sd
 from islandgp.study.arms import Comparison
 from islandgp.study.emergence import quantile
 from islandgp.study.findings import Finding
 from islandgp.study.generalise import Generalisation
-from islandgp.study.measures import all_measures, overhead
+from islandgp.study.measures import OVERHEAD, all_measures
 from islandgp.study.paper import MARK
-from islandgp.study.report import Report
+from islandgp.study.report import ComparisonReport
 from islandgp.study.table import to_csv
 from islandgp.study.tables.scores import scores_csv
 
@@ -27,12 +26,12 @@ if TYPE_CHECKING:
     from jinja2 import Template
 
 
-def to_page(report: Report) -> str:
+def to_page(report: ComparisonReport) -> str:
     """The page; its figures are inside as SVG."""
     return _template("page.html").render(report=report)
 
 
-def to_markdown(report: Report) -> str:
+def to_markdown(report: ComparisonReport) -> str:
     """The whole report as Markdown; figures are links to their files."""
     return _template("report.md").render(report=report)
 
@@ -59,7 +58,7 @@ def _unbroken(text: str) -> str:
     return re.sub(r" (±|%|:) ?", lambda m: m[0].replace(" ", "\N{NO-BREAK SPACE}"), text)
 
 
-def write(report: Report, study: Comparison, folder: Path) -> list[Path]:
+def write(report: ComparisonReport, study: Comparison, folder: Path) -> list[Path]:
     """Writes the report's files; other files of the folder stay. Returns the paths written."""
     files: dict[str, bytes] = {
         "index.html": to_page(report).encode(),
@@ -73,14 +72,12 @@ def write(report: Report, study: Comparison, folder: Path) -> list[Path]:
         files["champions.csv"] = champions_csv(report.unseen).encode()
     for table in report.tables:
         files[f"tables/{table.key}.csv"] = to_csv(table.columns, table.rows).encode()
-    for picture in report.pictures:
-        files[f"figures/{picture.key}.svg"] = picture.svg.encode()
-        files[f"figures/{picture.key}.png"] = picture.png
     for name, content in files.items():
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
-    return [folder / name for name in files]
+    figures = [path for picture in report.pictures for path in picture.save(folder / "figures")]
+    return [*(folder / name for name in files), *figures]
 
 
 def runs_csv(study: Comparison) -> str:
@@ -89,18 +86,18 @@ def runs_csv(study: Comparison) -> str:
     rows = []
     for arm in study.arms:
         for run in arm.runs:
-            costs = asdict(overhead(run))
+            costs = [of(run) for of in OVERHEAD.values()]
             numbers = [m.of(run) for m in measures]
             named = (arm.name, run.seed, run.supervisor, run.name)
-            rows.append([*named, *numbers, *costs.values(), run.validated])
+            rows.append([*named, *numbers, *costs, run.validation_mean])
     keys = (m.key for m in measures)
-    return to_csv(("arm", "seed", "supervisor", "name", *keys, *costs, "validated"), rows)
+    return to_csv(("arm", "seed", "supervisor", "name", *keys, *OVERHEAD, "validation_mean"), rows)
 
 
 def champions_csv(found: Sequence[Generalisation]) -> str:
     """Each champion in unseen worlds, and its paired difference to each yardstick, in points."""
     yardsticks = [g for g in found if g.seed is None]
-    columns = ["arm", "seed", "trained", "worlds", "unseen", "worst", *found[0].reached]
+    columns = ["arm", "seed", "champion_fitness", "worlds", "unseen", "worst", *found[0].reached]
     for y in yardsticks:
         columns += [f"minus {y.arm}{end}" for end in ("", ", low", ", high")]
     rows = []
@@ -126,6 +123,7 @@ def tests_csv(findings: Sequence[Finding]) -> str:
 
 def _row(f: Finding) -> dict[str, object]:
     t, p, shift = f.rank, f.paired, f.shift
+    hazard = f.hazard if f.measure.emergence else Interval(nan, nan, nan)
     left = [sample.count(None) for sample in f.samples]
     means = [
         (None, None) if censored else tuple(map(_known, mean_sd(values)))
@@ -157,6 +155,9 @@ def _row(f: Finding) -> dict[str, object]:
         "paired_p_bh": f.paired_q,
         "log_rank_p": f.log_rank,
         "log_rank_p_bh": f.log_rank_q,
+        "hazard_ratio": _known(hazard.estimate),  # above 1: sooner in the first arm
+        "hazard_ratio_low": _known(hazard.low),
+        "hazard_ratio_high": _known(hazard.high),
         **_two("without", without),  # for emergence: mean generations lived through without one
         # Of the means, or of the two before, with its 95 % interval.
         "difference": _known(shift.estimate),

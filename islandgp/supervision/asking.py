@@ -27,7 +27,15 @@ from islandgp.gp.edits import Edit
 from islandgp.plugin import path_of, plugin_errors
 from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, stream
-from islandgp.supervision.base import Guidance, Pattern, Phase, Seen, Service, Supervisor, Witness
+from islandgp.supervision.base import (
+    GenerationListener,
+    GenerationView,
+    Guidance,
+    Pattern,
+    Phase,
+    Supervisor,
+    SupervisorLifecycle,
+)
 
 
 def ask(
@@ -139,7 +147,7 @@ WANTED: Final[Mapping[str, tuple[str, Callable[[Any], bool]]]] = {
 }
 
 
-Question = tuple[PopulationState, Seen | None, Future[Guidance]]
+Question = tuple[PopulationState, GenerationView | None, Future[Guidance]]
 
 
 class SupervisorQueue:
@@ -167,13 +175,13 @@ class SupervisorQueue:
             # A daemon: a slow answer that is not waited for must not keep the process from ending.
             Thread(target=self._work, name="supervisor", daemon=True).start()
 
-    def recall(self, seen: Seen) -> None:
+    def recall(self, seen: GenerationView) -> None:
         """Tells the supervisor of a generation that is not asked about; before the first `ask`."""
-        if isinstance(self.supervisor, Witness):
+        if isinstance(self.supervisor, GenerationListener):
             with plugin_errors(path_of(type(self.supervisor))):
-                self.supervisor.see(seen)
+                self.supervisor.on_generation(seen)
 
-    def ask(self, state: PopulationState, seen: Seen | None = None) -> None:
+    def ask(self, state: PopulationState, seen: GenerationView | None = None) -> None:
         """Hands a generation's state to the supervisor, and what else is known of it."""
         answer: Future[Guidance] = Future()
         self._asked[state.now.generation] = answer
@@ -189,7 +197,7 @@ class SupervisorQueue:
 
     def spent(self) -> dict[str, float]:
         """What supervision has taken so far, by name; empty for a supervisor that takes nothing."""
-        if not isinstance(self.supervisor, Service):
+        if not isinstance(self.supervisor, SupervisorLifecycle):
             return {}
         with plugin_errors(path_of(type(self.supervisor))):
             return self.supervisor.spent()
@@ -199,11 +207,11 @@ class SupervisorQueue:
         for answer in self._asked.values():
             answer.cancel()
         self._waiting.put(None)
-        if isinstance(self.supervisor, Service):
+        if isinstance(self.supervisor, SupervisorLifecycle):
             with plugin_errors(path_of(type(self.supervisor))):
                 self.supervisor.close()
 
-    def _advise(self, state: PopulationState, seen: Seen | None) -> Guidance:
+    def _advise(self, state: PopulationState, seen: GenerationView | None) -> Guidance:
         if seen is not None:
             self.recall(seen)
         rng = stream(self.seed, Stream.SUPERVISION, generation=state.now.generation)

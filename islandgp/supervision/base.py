@@ -101,8 +101,8 @@ class RunContext:
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
-    """One generation as records keep it: what a state does not tell."""
+class GenerationView:
+    """One generation as records keep it: individuals, worlds and trials besides the state."""
 
     snapshot: GenerationStats
     worlds: tuple[int, ...]  # seeds: one an episode, or one an individual and episode
@@ -136,20 +136,20 @@ class Supervisor(Protocol):
 
 
 @runtime_checkable
-class Witness(Protocol):
-    """What a supervisor that uses more than the state has besides `advise`."""
+class GenerationListener(Protocol):
+    """Interface of a supervisor that uses more than the state."""
 
-    def see(self, generation: Seen) -> None:
-        """Is told of each generation, in order, before `advise` is asked about its state.
+    def on_generation(self, generation: GenerationView) -> None:
+        """Called for each generation, in order, before `advise` is called with its state.
 
-        A run that goes on tells those before from its records.
+        A resumed run calls it for the earlier generations from its records.
         """
         ...
 
 
 @runtime_checkable
-class Service(Protocol):
-    """What a supervisor that needs an external service has besides `advise`."""
+class SupervisorLifecycle(Protocol):
+    """Interface of a supervisor that needs an external service."""
 
     def start(self) -> str:
         """Gets ready, before generation 0; returns a line for the person who started the run.

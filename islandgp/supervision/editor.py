@@ -30,7 +30,7 @@ from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import Constraints, merit, violation
 from islandgp.scoring.state import PopulationState
 from islandgp.search.compose import library_branches
-from islandgp.supervision.base import Guidance, RunContext, Seen
+from islandgp.supervision.base import GenerationView, Guidance, RunContext
 from islandgp.supervision.expert import (
     ExpertSettings,
     classify_pattern,
@@ -176,7 +176,7 @@ class Editor:
         self.settings = settings
         self.context = context
         self.requirements = requirements(context.classes)
-        self._now: Seen | None = None
+        self._now: GenerationView | None = None
         self._donors: dict[str, list[IndividualRecord]] = {}  # by counter, the most counts first
         self._with: Counter[tuple[str, str]] = Counter()  # trees by counter they have, and action
         self._all: Counter[str] = Counter()  # trees by action
@@ -186,8 +186,8 @@ class Editor:
 
     # What the run has measured.
 
-    def see(self, generation: Seen) -> None:
-        """See `Witness`."""
+    def on_generation(self, generation: GenerationView) -> None:
+        """See `GenerationListener`."""
         self._learn(generation)
         self._now = generation
         counters = dict.fromkeys(r.counter for r in self.requirements)
@@ -203,7 +203,7 @@ class Editor:
             self._donors[counter] = list({i.tree: i for i in reversed(order)}.values())[::-1]
             del self._donors[counter][DONORS:]
 
-    def _learn(self, generation: Seen) -> None:
+    def _learn(self, generation: GenerationView) -> None:
         """Which edits were taken, and which branches made a tree better in the same world."""
         if self._now is None or generation.guidance is None:
             return
@@ -236,7 +236,7 @@ class Editor:
             edits=tuple(edit for _, edit in found),
         )
 
-    def edits(self, seen: Seen, rng: np.random.Generator) -> list[tuple[str, Edit]]:
+    def edits(self, seen: GenerationView, rng: np.random.Generator) -> list[tuple[str, Edit]]:
         """At most as many as the run takes, each with the counter that it is for."""
         fittest = best_of(seen.individuals, self.context.constraints)
         each: dict[str, Iterator[Edit]] = {}
@@ -264,9 +264,9 @@ class Editor:
 
     def wanted(self, fittest: IndividualRecord) -> list[Requirement]:
         """What the edits are for, in turn; controls ask for something else."""
-        return self.lacking(fittest) * self.context.edits
+        return self.unmet(fittest) * self.context.edits
 
-    def lacking(self, i: IndividualRecord) -> list[Requirement]:
+    def unmet(self, i: IndividualRecord) -> list[Requirement]:
         """What a tree does not meet: of the easiest milestone first, the furthest away first."""
         missed = {r.counter: r for r in reversed(self.requirements) if not r.met(i.counters)}
         easiest = [r for r in self.requirements if missed.get(r.counter) is r]
@@ -280,7 +280,7 @@ class Editor:
         return sorted(easiest, key=order)
 
     def tree(
-        self, seen: Seen, fittest: IndividualRecord, rng: np.random.Generator
+        self, seen: GenerationView, fittest: IndividualRecord, rng: np.random.Generator
     ) -> IndividualRecord:
         """The individual that is edited; controls take another one."""
         del seen, rng

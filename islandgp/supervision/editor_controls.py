@@ -13,7 +13,7 @@ import numpy as np
 from islandgp.errors import SupervisionError, brief
 from islandgp.gp.record import GenerationRecord, IndividualRecord
 from islandgp.plain import validate_json
-from islandgp.supervision.base import RunContext, Seen
+from islandgp.supervision.base import GenerationView, RunContext
 from islandgp.supervision.editor import Branch, Editor, EditorSettings, Requirement
 from islandgp.supervision.yoked import Yoked, YokedSettings
 
@@ -37,7 +37,7 @@ class RandomTree(Editor):
     name = "editor_random_tree"
 
     def tree(
-        self, seen: Seen, fittest: IndividualRecord, rng: np.random.Generator
+        self, seen: GenerationView, fittest: IndividualRecord, rng: np.random.Generator
     ) -> IndividualRecord:
         """Any individual of the population is as likely as another."""
         del fittest

@@ -53,8 +53,8 @@ class ExpertSettings(BaseModel, frozen=True, extra="forbid"):
         return self
 
 
-def calm(state: PopulationState, how: ExpertSettings) -> float:
-    """How low in its range the rate may be, in [0, 1]: the more there is to lose, the lower."""
+def exploitation_level(state: PopulationState, how: ExpertSettings) -> float:
+    """Position in the phase's rate range, in [0, 1]; 0: its high end. Rises with working robots."""
     return min(1.0, max(state.now.working, state.quality / (2 * how.several)))
 
 
@@ -96,7 +96,7 @@ def classify_pattern(state: PopulationState, how: ExpertSettings) -> Pattern:
 def wanted_rate(state: PopulationState, how: ExpertSettings) -> float:
     """A rate inside the phase's range, in [0, 1]: the more there is to lose, the lower."""
     low, high = how.rates[classify_phase(state, how)]
-    return high - (high - low) * calm(state, how)
+    return high - (high - low) * exploitation_level(state, how)
 
 
 def choose_target(state: PopulationState, how: ExpertSettings) -> str:
@@ -159,7 +159,7 @@ class Expert:
         Where the library has none, one for the rarest behaviour that it has serves instead.
         """
         compact = not state.ever_quality
-        each = (self.fitting(name, compact=compact) for name in (target, *state.lacking))
+        each = (self.fitting(name, compact=compact) for name in (target, *state.rarest_behaviours))
         names = next(names for names in each if names)
         return names[rng.integers(len(names))]
 

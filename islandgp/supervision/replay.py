@@ -18,7 +18,7 @@ from pydantic import BaseModel
 from islandgp.errors import SupervisionError
 from islandgp.plain import from_json
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, RunContext, Seen
+from islandgp.supervision.base import GenerationView, Guidance, RunContext
 from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.message import Dialect, Failure, Reply, Request
 from islandgp.supervision.llm.settings import LLMSettings
@@ -80,9 +80,9 @@ class Replay:
         self._calls = RecordedCalls(transcript)
         self._dialects = Dialects(adviser.settings, transcript, self._calls)
 
-    def see(self, generation: Seen) -> None:
-        """See `Witness`."""
-        self.adviser.see(generation)
+    def on_generation(self, generation: GenerationView) -> None:
+        """See `GenerationListener`."""
+        self.adviser.on_generation(generation)
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """See `Supervisor`.

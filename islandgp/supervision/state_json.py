@@ -88,7 +88,7 @@ def state_json(state: PopulationState, crisis: Crisis) -> dict[str, Any]:
         "history": [_line(s, state.reached) for s in state.history],
         "specialists": dict(now.specialists),
         "doing": dict(now.doing),
-        "behaviours": {"dominant": state.dominant, "lacking": list(state.lacking)},
+        "behaviours": {"dominant": state.dominant, "lacking": list(state.rarest_behaviours)},
         "diversity": {
             "now": _three(now.diversity),
             "change": _three(state.diversity_change),

@@ -1,4 +1,4 @@
-"""A sweep's folder: the runs of one name, whatever command and launcher made them.
+"""A sweep's folder: the runs of one name, of all commands and launchers.
 
 sweep.json      what was asked for: one entry a job; later commands add to it
 <job>/          each job's run (records.folder)

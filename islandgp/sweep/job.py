@@ -1,4 +1,4 @@
-"""One job of a sweep, in whatever process a launcher chose for it."""
+"""One job of a sweep, in the process that a launcher chose."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from hydra.core.utils import JobReturn
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
 
-from islandgp.config.compose import is_choice, read, run_folder
+from islandgp.config.compose import read
+from islandgp.config.naming import is_choice, run_folder
 from islandgp.config.settings import Settings
 from islandgp.errors import BusyError
 from islandgp.evaluation.processes import cores
@@ -44,7 +45,7 @@ def sweep_job(start: Start) -> Callable[[DictConfig], None]:
     """The function that Hydra calls for each job.
 
     It never raises because a job failed: an exception would end the other jobs
-    with some launchers. The job's folder tells what happened.
+    with some launchers. The job's folder has its result or its error.
     """
 
     def job(config: DictConfig) -> None:
@@ -104,7 +105,7 @@ def attempt(
         print(f"islandgp: {error}", file=sys.stderr)
     except Pruned:
         raise
-    except Exception as error:  # whatever it is, it must not end the other jobs
+    except Exception as error:  # none may end the other jobs
         if not target.error():  # the run came too short to write it down itself
             target.fail(error)
     finally:

@@ -1,7 +1,7 @@
 """A sweep whose jobs a sweeper of Hydra's chooses while it runs: `hydra/sweeper=optuna`.
 
-Each job enters itself into the sweep's file when it begins, in whatever process a
-launcher chose for it, and returns the values of `objectives`.
+Each job enters itself into the sweep's file when it begins, in the process that a
+launcher chose, and returns the values of `objectives`.
 """
 
 from __future__ import annotations
@@ -23,8 +23,10 @@ from hydra.core.override_parser.types import IntervalSweep, Override
 from omegaconf import DictConfig
 from pydantic import BaseModel, Field, ValidationError
 
-from islandgp.config.compose import MOST_JOBS, Planned, Searched, command_line, plain, run_folder
-from islandgp.config.settings import Settings, read_settings, setting_at
+from islandgp.config.compose import MOST_JOBS, Planned, Searched, plain
+from islandgp.config.error_lines import setting_at
+from islandgp.config.naming import command_line, run_folder
+from islandgp.config.settings import Settings, read_settings
 from islandgp.errors import ConfigError, RunError, brief
 from islandgp.records.files import NOT_VALIDATED, objectives
 from islandgp.records.folder import RunFolder
@@ -58,7 +60,7 @@ class SweeperSettings(BaseModel, frozen=True, extra="forbid"):
 
 
 @dataclass(frozen=True, slots=True)
-class Search:
+class TrialSearch:
     """A search at its start; jobs get it wherever they run, so it holds plain values only."""
 
     id: str
@@ -93,7 +95,7 @@ def run_search(searched: Searched, command: str, launch: Launch) -> int:
             "name: expected one name for all trials of a search, found several; give one name=..."
         )
     sweep = SweepFolder(first.folder.parent)
-    search = Search(
+    search = TrialSearch(
         uuid4().hex,
         time(),
         sweep.path,
@@ -238,11 +240,11 @@ tells whether the trial is to be stopped as others are better. The search fills 
 where the launcher runs the jobs in the process of the search."""
 
 
-def search_job(search: Search) -> Callable[[DictConfig], float | tuple[float, ...] | None]:
+def search_job(search: TrialSearch) -> Callable[[DictConfig], float | tuple[float, ...] | None]:
     """The function that Hydra calls for each trial.
 
     It returns the objectives, or None for a trial that was stopped. It never raises because a
-    trial failed: then it returns NaN, and the trial's folder tells.
+    trial failed: then it returns NaN, and the trial's folder has the error.
     """
 
     def job(config: DictConfig) -> float | tuple[float, ...] | None:
@@ -260,7 +262,7 @@ def search_job(search: Search) -> Callable[[DictConfig], float | tuple[float, ..
                 settings = read_settings(ours)
                 found = choose(RunFolder(named), settings, redacted(ours))
             except (ConfigError, RunError) as error:
-                # It failed, and its folder tells why.
+                # It failed, and its folder has the error.
                 folder = RunFolder(named)
                 if folder.begun():  # it is another run's
                     folder = RunFolder(named.with_name(f"{named.name}~refused"))
@@ -280,7 +282,7 @@ def search_job(search: Search) -> Callable[[DictConfig], float | tuple[float, ..
 
 
 def _run(
-    search: Search,
+    search: TrialSearch,
     entry: SweepJob,
     config: dict[str, Any],
     settings: Settings,

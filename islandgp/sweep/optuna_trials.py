@@ -1,4 +1,4 @@
-"""A search by Optuna: trials are asked for, launched as jobs, and told their results.
+"""A search by Optuna: asks for trials, launches them as jobs, and reports their results.
 
 With a seed in the sampler the same command asks for the same trials: finished runs are
 taken as they are, so a search that was stopped goes on.
@@ -143,7 +143,7 @@ def _fixed(override: Override) -> str:
 def _outcome(returned: JobReturn) -> Outcome:
     try:
         value = returned.return_value
-    except Exception:  # whatever ended the job; its folder tells
+    except Exception:  # of the job; its folder has it
         return ()
     if value is None:
         return None

@@ -86,7 +86,7 @@ def sweep_line(start: Start, beginning: RunFolder | None = None) -> str:
 
 
 def _error_file(run: RunFolder) -> tuple[int, int] | None:
-    """What tells a run's error file from another one in its place; None if there is none."""
+    """Inode and time of change of a run's error file; None if there is none."""
     try:
         found = (run.path / "error.txt").stat()
     except OSError:

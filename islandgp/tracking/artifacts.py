@@ -13,7 +13,6 @@ from islandgp.bt.export.render import to_svg
 from islandgp.records.files import FITNESS_KEYS, RunMetadata, fallback_words, validation_mean
 from islandgp.records.folder import RunFolder, Status
 from islandgp.text import title
-from islandgp.tracking.chart import Line, Panel, svg
 from islandgp.viewer.champion import champion_replay
 
 FILES: Final = (
@@ -52,7 +51,6 @@ def artifacts(folder: RunFolder) -> Iterator[Artifact]:
     records = [{key: r[key] for key in ("snapshot", "guidance")} for r in folder.records()]
     if records:
         yield Artifact(TABLE, lambda: json.dumps(table(records)))
-        yield Artifact("curves.svg", lambda: svg(curves(records)))
     if (best := folder.path / "best.bt").exists():
         text = best.read_text(encoding="utf-8")
         yield Artifact("best.bt.txt", lambda: text)  # MLflow shows .txt, not .bt
@@ -79,25 +77,6 @@ def table(records: list[dict[str, Any]]) -> dict[str, Any]:
             }
         )
     return {"columns": list(rows[0]), "data": [list(row.values()) for row in rows]}
-
-
-def curves(records: list[dict[str, Any]]) -> list[Panel]:
-    """The run in four pictures."""
-    snapshots = [record["snapshot"] for record in records]
-
-    def line(name: str, key: str) -> Line:
-        return Line(name, tuple(float(s[key]) for s in snapshots))
-
-    tiers = (
-        Line(name.replace("_", " "), tuple(float(s["tiers"][name]) for s in snapshots))
-        for name in snapshots[0]["tiers"]
-    )
-    return [
-        Panel("Fitness, points", (line("fitness_max", "best"), line("fitness_mean", "mean"))),
-        Panel("Diversity", (line("behavioural", "diversity"), line("working ratio", "working"))),
-        Panel("Individuals by tier", tuple(tiers)),
-        Panel("Mutation rate", (line("rate", "rate"),)),
-    ]
 
 
 def _points(summary: Mapping[str, Any]) -> str:

@@ -1,6 +1,6 @@
 """Sends a run's folder to MLflow: whatever of it is not there yet, each point once.
 
-A run's sender and `islandgp sync` do this same thing. Doing it twice changes nothing: a run is
+The child beside a run and `islandgp sync` both do this. Doing it twice changes nothing: a run is
 found again by its own id, points are sent from the last step that the store has, and a point's
 time is part of the folder, so that MLflow takes a repeated point for the one it has.
 """
@@ -29,8 +29,8 @@ from islandgp.sweep.folder import arm_of, job_of
 from islandgp.tracking.artifacts import TABLE, Artifact, artifacts, note
 from islandgp.tracking.metrics import final_metrics, metrics
 from islandgp.tracking.parent import parent_run
-from islandgp.tracking.sent import FILE, LOCK, Sent, read_sent, write_sent
-from islandgp.tracking.store import POINTS, Place, Store, metric
+from islandgp.tracking.store import ARM, POINTS, Place, Store, metric
+from islandgp.tracking.sync_state import FILE, LOCK, SyncState, read_state, write_state
 from islandgp.viewer.run_page import NAME_OF_PAGE
 
 if TYPE_CHECKING:
@@ -78,13 +78,13 @@ class Mirror:
                 raise
             return sent.run
 
-    def _sent(self, status: Status) -> Sent:
+    def _sent(self, status: Status) -> SyncState:
         """What the store has got, asked where it is not known for sure."""
-        sent = read_sent(self.folder.path)
+        sent = read_state(self.folder.path)
         if self._sure and sent is not None:
             return sent
         place, identity = self.store.place, self.about.identity
-        nothing = Sent(place.uri, place.experiment, identity, "")
+        nothing = SyncState(place.uri, place.experiment, identity, "")
         if sent is None or not sent.is_in(place, identity):
             sent = nothing
         run = self.store.find(self._key, sent.run)
@@ -102,14 +102,15 @@ class Mirror:
             self._begin(sent.run)
             self._alive()
             sent = replace(sent, begun=True)
+        arm = arm_of(self.folder.path) or self.about.tags.get("arm", "")
+        self.store.client.set_tag(sent.run, ARM, arm)
         parent = parent_run(self.folder.path, self.store)
         if parent is not None:
             self.store.client.set_tag(sent.run, "mlflow.parentRunId", parent)
-            self.store.client.set_tag(sent.run, "arm", arm_of(self.folder.path))
         if status is Status.RUNNING:
             self.store.client.update_run(sent.run, status=Status.RUNNING)
             sent = replace(sent, done="")
-        write_sent(self.folder.path, sent)
+        write_state(self.folder.path, sent)
         self._sure = True
         return sent
 
@@ -123,13 +124,13 @@ class Mirror:
         self.store.log_parameters(run, flat(self.folder.configuration()))
         self.store.client.log_text(run, self.folder.config() or "", "config.yaml")
 
-    def _generations(self, sent: Sent) -> Sent:
+    def _generations(self, sent: SyncState) -> SyncState:
         settled = self.folder.completed_generations()
         while sent.generations < settled:
             batch, upto = self._batch(sent.generations, settled)
             self.store.client.log_batch(sent.run, metrics=batch)
             sent = replace(sent, generations=upto)
-            write_sent(self.folder.path, sent)
+            write_state(self.folder.path, sent)
             self._alive()
         return sent
 
@@ -159,7 +160,7 @@ class Mirror:
             self._page_due = monotonic() + PAGE_PERIOD
             self._alive()
 
-    def _end(self, sent: Sent, status: Status) -> Sent:
+    def _end(self, sent: SyncState, status: Status) -> SyncState:
         done = end_of(status, sent.generations)
         if sent.done == done:
             return sent
@@ -187,7 +188,7 @@ class Mirror:
             points = [metric(key, value, ended, last) for key, value in found.items()]
             client.log_batch(sent.run, metrics=points)
         sent = replace(sent, done=done)
-        write_sent(self.folder.path, sent)
+        write_state(self.folder.path, sent)
         return sent
 
     def _tag_pruned(self, run: str, status: Status) -> None:
@@ -206,16 +207,16 @@ class Mirror:
 
 
 def up_to_date(folder: RunFolder, place: Place) -> bool:
-    """Whether the place has all of a run on which nobody is at work, as far as the folder knows."""
-    about, sent = folder.about(), read_sent(folder.path)
+    """True if the local sync state is complete. Does not query the store; for idle runs only."""
+    about, sent = folder.about(), read_state(folder.path)
     if about is None or sent is None or not sent.is_in(place, about.identity):
         return False
     return sent.done == end_of(folder.status(), folder.completed_generations())
 
 
 def kept(folder: RunFolder, store: Store) -> bool:
-    """Whether the store still has what the folder remembers to have sent. It may be another one."""
-    about, sent = folder.about(), read_sent(folder.path)
+    """True if the store has what the folder's sync state says; it may have been replaced."""
+    about, sent = folder.about(), read_state(folder.path)
     if about is None or sent is None:
         return False
     run = store.find(key_of(about), sent.run)

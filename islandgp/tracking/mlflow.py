@@ -1,142 +1,188 @@
-"""MLflow as a run's tracker: a sender beside the run mirrors the folder while evolution goes on.
+"""MLflow as a run's tracker: a child process mirrors the run's folder while evolution goes on.
 
-Loading MLflow takes seconds and its server may be away, so nothing of it happens in the
-process that evolves.
+Loading MLflow takes seconds and its server may be away, so the process that evolves does neither.
 """
 
 from __future__ import annotations
 
 import atexit
+import json
+import os
 import shlex
+import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterable, Sequence
-from itertools import count
+from contextlib import suppress
 from pathlib import Path
-from threading import Condition
+from threading import Condition, Thread
 from time import monotonic
-from typing import ClassVar, Final
+from typing import ClassVar, Final, Protocol
 
 from islandgp.records.folder import RunFolder, Status
 from islandgp.resources import program
-from islandgp.tracking.sender import InProcess, Kind, Order, Report, Sender, Tell
+from islandgp.tracking.follow import EventKind, OnEvent, SyncEvent, SyncRequest
 from islandgp.tracking.store import MLflowSettings, Place, check_place
 
 PREPARATION: Final = 600.0  # s that loading MLflow or making a store may take
-SILENT: Final = 2.0  # s of waiting before the user is told
+SILENT: Final = 2.0  # s of waiting before the user gets a message
+COMMAND: Final = (sys.executable, "-P", "-m", "islandgp.tracking.follow")
 
-numbers: Final = count()  # of orders, each of them given once
+
+class SyncWorker(Protocol):
+    """Interface of what carries out requests (a subprocess; a thread in tests)."""
+
+    def put(self, request: SyncRequest) -> None:
+        """Hand over a request; return at once."""
+        ...
+
+    def close(self) -> None:
+        """End the worker, if possible in the middle of a request."""
+        ...
 
 
-class SenderClient:
-    """Gives orders to a sender, and waits for them as long as there is a reason to."""
+class SyncProcess:
+    """A child that carries out requests."""
 
-    def __init__(self, make: Callable[[Tell], Sender]) -> None:
-        """`make` makes the sender, now and once more where it ends."""
-        self._make = make
+    def __init__(self, on_event: OnEvent) -> None:
+        self._errors = tempfile.TemporaryFile()  # noqa: SIM115 -- it lives as long as the child
+        self.process = subprocess.Popen(
+            COMMAND,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._errors,
+            text=True,
+            # The child finds the modules that this process finds.
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))},
+            # Ctrl-C is this process's to handle. The session stays the same: Linux weighs niceness
+            # within a session only.
+            process_group=0,
+        )
+        self._listener = Thread(target=self._listen, args=(on_event,), daemon=True)
+        self._listener.start()
+
+    def put(self, request: SyncRequest) -> None:
+        """See `SyncWorker`."""
+        assert self.process.stdin is not None
+        with suppress(OSError, ValueError):  # the child has ended: `_listen` reports it
+            self.process.stdin.write(request.to_line())
+            self.process.stdin.flush()
+
+    def _listen(self, on_event: OnEvent) -> None:
+        assert self.process.stdout is not None
+        with suppress(ValueError), self.process.stdout as lines:  # a line of a killed child is cut
+            for line in lines:
+                event = json.loads(line)
+                on_event(SyncEvent(**{**event, "kind": EventKind(event["kind"])}))
+        self.process.wait()
+        with self._errors:
+            self._errors.seek(0)
+            errors = self._errors.read().decode(errors="replace").strip().splitlines()
+        why = errors[-1] if errors else f"exit code {self.process.returncode}"
+        on_event(SyncEvent(EventKind.TROUBLE, f"the process that sends them ended: {why}"))
+
+    def close(self) -> None:
+        """See `SyncWorker`."""
+        assert self.process.stdin is not None
+        self.process.kill()
+        self._listener.join()
+        with suppress(OSError):  # what the child has not read
+            self.process.stdin.close()
+
+
+class SyncClient:
+    """Makes requests of a worker, and waits for them as long as there is a reason to."""
+
+    def __init__(self, start: Callable[[OnEvent], SyncWorker]) -> None:
+        """`start` starts the worker."""
         self._changed = Condition()
-        self._open()
-
-    def _open(self) -> None:
-        self._preparing = "starting MLflow"  # "": what is asked for could come any moment
+        self._preparing = "starting MLflow"  # "": the next event may come any moment
         self._trouble = ""  # why nothing comes
-        self.ended = False  # whether there is no sender any more
+        self.ended = False  # whether the worker has ended
         self._heard = monotonic()
-        self._done: dict[int, str] = {}  # what each order could not send for good
-        self._sender = self._make(self._hear)
+        self._done: dict[str, str] = {}  # by folder: what could not be sent, or ""
+        self.worker = start(self._on_event)
 
-    def _hear(self, report: Report) -> None:
+    def _on_event(self, event: SyncEvent) -> None:
         with self._changed:
-            match report.kind:
-                case Kind.PREPARING:
-                    self._preparing = report.text
-                case Kind.SENT:
-                    self._trouble = self._preparing = ""
-                case Kind.TROUBLE:
-                    self._trouble, self._preparing = report.text, ""
-                    self.ended = report.number < 0
-                case Kind.DONE:
-                    self._trouble = self._preparing = ""
-                    self._done[report.number] = report.text
+            self._preparing = event.text if event.kind is EventKind.PREPARING else ""
+            if event.kind is not EventKind.PREPARING:
+                self._trouble = event.text if event.kind is EventKind.TROUBLE else ""
+            if event.kind is EventKind.DONE:
+                self._done[event.folder] = event.text
+            self.ended |= event.kind is EventKind.TROUBLE and not event.folder
             if not self._trouble:
                 self._heard = monotonic()
             self._changed.notify_all()
 
-    def give(self, order: Order) -> None:
-        """Gives an order; returns at once."""
-        self._sender.add(order)
+    def put(self, request: SyncRequest) -> None:
+        """Make a request; return at once."""
+        with self._changed:
+            self._done.pop(request.folder, None)
+        self.worker.put(request)
 
-    def wait(self, orders: Sequence[Order], patience: float, uri: str) -> str:
-        """Waits for orders that were given; returns "", or why not everything was sent.
+    def wait(self, requests: Sequence[SyncRequest], patience: float, uri: str) -> str:
+        """Wait for requests that were made; return "", or why not everything was sent.
 
-        It waits while a store is made or records arrive, and else `patience` seconds: until
-        then, after a while, it tells the user so. Ctrl-C ends the waiting.
+        The client waits while a store is made or records arrive, and else `patience` seconds,
+        and prints a message after a while. Ctrl-C ends the waiting.
         """
+        folders = [request.folder for request in requests]
         try:
-            if not self._waited(orders, patience, uri) and self.ended and patience:
-                self.close()
-                self._open()
-                for order in orders:
-                    self.give(order)
-                self._waited(orders, patience, uri)
+            with self._changed:
+                if not self._all_done(folders, patience, uri):
+                    return self._trouble or f"no answer in {patience:g} s"
+                return next((text for f in folders if (text := self._done[f])), "")
         except KeyboardInterrupt:
             return "you did not wait for them"
-        with self._changed:
-            missing = [order for order in orders if order.number not in self._done]
-            lost = [why for order in orders if (why := self._done.get(order.number))]
-        if missing:
-            return self._trouble or f"no answer in {patience:g} s"
-        return lost[0] if lost else ""
 
-    def _waited(self, orders: Sequence[Order], patience: float, uri: str) -> bool:
-        """Whether all orders were carried out in time."""
-        began, told = monotonic(), False
-        with self._changed:
-            while any(order.number not in self._done for order in orders):
-                limit = PREPARATION if self._preparing and patience else patience
-                left = limit - (monotonic() - max(began, self._heard))
-                if left <= 0 or self.ended:
-                    return False
-                if not told and monotonic() - began >= SILENT:
-                    told = True
-                    what = self._preparing or "sending the records"
-                    print(
-                        f"MLflow: {uri}: {what}; Ctrl-C leaves, and `{program()} sync` sends"
-                        " what is missing.",
-                        file=sys.stderr,
-                        flush=True,
-                    )
-                self._changed.wait(left if told else min(left, SILENT))
+    def _all_done(self, folders: Sequence[str], patience: float, uri: str) -> bool:
+        """Wait; return whether the requests of all folders were carried out in time."""
+        began, informed = monotonic(), False
+        while not self._done.keys() >= set(folders):
+            limit = PREPARATION if self._preparing and patience else patience
+            left = limit - (monotonic() - max(began, self._heard))
+            if left <= 0 or self.ended:
+                return False
+            if not informed and monotonic() - began >= SILENT:
+                informed = True
+                print(
+                    f"MLflow: {uri}: {self._preparing or 'sending the records'}; Ctrl-C leaves, and"
+                    f" `{program()} sync` sends what is missing.",
+                    file=sys.stderr,
+                    flush=True,
+                )
+            self._changed.wait(left if informed else min(left, SILENT))
         return True
 
-    def close(self) -> None:
-        """Ends the sender."""
-        self._sender.close()
+
+_clients: Final[list[SyncClient]] = []  # at most one: runs of one process share its worker
 
 
-_clients: Final[list[SenderClient]] = []  # at most one: runs of one process share its sender
+def shared_client() -> SyncClient:
+    """The client of this process's runs, whose worker loads MLflow once for all of them.
 
-
-def shared_client(make: Callable[[Tell], Sender]) -> SenderClient:
-    """The client of this process's runs, whose sender has loaded MLflow once for all of them."""
+    A worker that has ended, e.g. was killed, is replaced.
+    """
     if _clients and _clients[0].ended:
         close_client()
     if not _clients:
-        _clients.append(SenderClient(make))
+        _clients.append(SyncClient(MLflow.worker))
     return _clients[0]
 
 
 @atexit.register
 def close_client() -> None:
-    """Ends the sender of this process's runs, if there is one."""
+    """End the worker of this process's runs, if there is one."""
     while _clients:
-        _clients.pop().close()
+        _clients.pop().worker.close()
 
 
 class MLflow:
     """Mirrors one run's folder into MLflow."""
 
     Settings = MLflowSettings
-    sender: ClassVar[Callable[[Tell], Sender]] = InProcess
+    worker: ClassVar[Callable[[OnEvent], SyncWorker]] = SyncProcess
 
     @classmethod
     def make(cls, settings: MLflowSettings, home: Path) -> MLflow:
@@ -149,55 +195,51 @@ class MLflow:
         check_place(Place.of(settings, home))
 
     def __init__(self, place: Place, patience: float) -> None:
-        """`patience`: s without a word of the store that `finish` waits, >= 0."""
+        """`patience`: s that `finish` waits without an event, >= 0."""
         self.place = place
         self.patience = patience
 
     def start(self, folder: RunFolder) -> None:
         """See `Tracker`."""
         self._folder = folder
-        self._client = shared_client(MLflow.sender)
         if not folder.finished():
-            self._client.give(self._order(Status.RUNNING))
+            shared_client().put(self._request(Status.RUNNING))
 
     def generation(self) -> None:
-        """See `Tracker`: the sender looks for generations by itself."""
+        """See `Tracker`: the child looks for generations itself."""
 
     def finish(self, status: Status) -> str:
         """See `Tracker`."""
-        order = self._order(status)
-        self._client.give(order)
-        reason = self._client.wait([order], self.patience, self.place.uri)
+        request, client = self._request(status), shared_client()
+        client.put(request)
+        reason = client.wait([request], self.patience, self.place.uri)
         if not reason:
             return f"MLflow: {self.place.uri}; {program()} ui shows it"
         if self.patience:
             close_client()
+        uri, experiment = self.place.uri, shlex.quote(self.place.experiment)
+        # `sync` asks no server that only the run's folder names.
+        option = "" if self.place.file is not None else f" --uri {uri} --experiment {experiment}"
         return (
-            f"MLflow: {self.place.uri} has not got all records ({reason}). They are safe; this"
-            f" sends them:\n  {program()} sync {self._folder.path}{self._option()}"
+            f"MLflow: {uri} has not got all records ({reason}). They are safe; this sends them:\n"
+            f"  {program()} sync {self._folder.path}{option}"
         )
 
-    def _option(self) -> str:
-        """The option by which `sync` is told of a server that only this command names."""
-        if self.place.file is not None:
-            return ""
-        return f" --uri {self.place.uri} --experiment {shlex.quote(self.place.experiment)}"
-
-    def _order(self, status: Status) -> Order:
-        again = status is Status.RUNNING or self.patience > 0
-        return Order(next(numbers), str(self._folder.path.absolute()), status, self.place, again)
+    def _request(self, status: Status) -> SyncRequest:
+        path, retry = str(self._folder.path.absolute()), self.patience > 0
+        return SyncRequest(path, (self.place,), status, retry)
 
 
 def send_sweeps(folders: Sequence[Path], patience: float, places: Iterable[Place]) -> str:
-    """Sends what is missing of sweeps and their jobs; returns "", or why not all was sent.
+    """Send what is missing of sweeps and their jobs; return "", or why not all was sent.
 
     `places` are those of the jobs' configurations, whose credentials the folders lack.
     """
-    client = shared_client(MLflow.sender)
-    several = tuple(dict.fromkeys(places))
-    orders = [Order(next(numbers), str(f.absolute()), places=several) for f in folders]
-    for order in orders:
-        client.give(order)
-    reason = client.wait(orders, patience, "the sweep's records")
+    client = shared_client()
+    stores = tuple(dict.fromkeys(places))
+    requests = [SyncRequest(str(folder.absolute()), stores) for folder in folders]
+    for request in requests:
+        client.put(request)
+    reason = client.wait(requests, patience, "the sweep's records")
     close_client()
     return reason

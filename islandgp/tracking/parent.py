@@ -14,10 +14,9 @@ from filelock import FileLock
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import ending_in_digest, flat
 from islandgp.sweep.folder import SweepFile, SweepFolder
-from islandgp.tracking.chart import svg
-from islandgp.tracking.sent import LOCK, Sent, read_sent, write_sent
-from islandgp.tracking.store import POINTS, Store, metric
-from islandgp.tracking.summary import ArmSummary, arm_table, arms, panels, sweep_note
+from islandgp.tracking.store import ARM, POINTS, Store, metric
+from islandgp.tracking.summary import ArmSummary, arm_table, arms, sweep_note
+from islandgp.tracking.sync_state import LOCK, SyncState, read_state, write_state
 
 LONGEST: Final = 180  # characters of an arm's name in a metric's; MLflow takes 250 for the whole
 
@@ -32,7 +31,7 @@ def parent_run(folder: Path, store: Store) -> str | None:
         sent = _parent(sweep, file, store)
         if sent.done and sweep.at_work():
             store.client.update_run(sent.run, status=Status.RUNNING)
-            write_sent(sweep.path, replace(sent, done=""))
+            write_state(sweep.path, replace(sent, done=""))
         return sent.run
 
 
@@ -53,7 +52,7 @@ def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> str | None:
         if sent.identity not in ("", key):  # its curves are of other jobs, and can't be taken back
             store.client.delete_run(sent.run)
             sent = _create(sweep, file, store)
-            write_sent(sweep.path, sent)
+            write_state(sweep.path, sent)
         ended = _ended(sweep, file)
         store.client.set_terminated(sent.run, status, ended)
         if status is Status.FINISHED and sent.identity != key:
@@ -63,36 +62,34 @@ def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> str | None:
         client = store.client
         client.set_tag(sent.run, "mlflow.note.content", sweep_note(sweep, file, found, status))
         client.log_text(sent.run, arm_table(found), "arms.md")
-        if any(arm.curves for arm in found):
-            client.log_text(sent.run, svg(panels(found)), "curves.svg")
         client.log_artifact(sent.run, str(sweep.path / "sweep.json"))
         for job in file.jobs:
-            child = read_sent(sweep.path / job.folder)
+            child = read_state(sweep.path / job.folder)
             if child is not None and child.uri == sent.uri:
                 store.client.set_tag(child.run, "mlflow.parentRunId", sent.run)
-                store.client.set_tag(child.run, "arm", file.arm(job))
-        write_sent(sweep.path, replace(sent, done=f"{status} {key}"))
+                store.client.set_tag(child.run, ARM, file.arm(job))
+        write_state(sweep.path, replace(sent, done=f"{status} {key}"))
         return sent.run
 
 
-def _parent(sweep: SweepFolder, file: SweepFile, store: Store) -> Sent:
-    sent, place = read_sent(sweep.path), store.place
+def _parent(sweep: SweepFolder, file: SweepFile, store: Store) -> SyncState:
+    sent, place = read_state(sweep.path), store.place
     if sent is None or not sent.is_in(place, sent.identity):
-        sent = Sent(place.uri, place.experiment, "", "")
+        sent = SyncState(place.uri, place.experiment, "", "")
     run = store.find(file.id, sent.run)
     if run is None:
         sent = _create(sweep, file, store)
     elif run.info.run_id != sent.run:
-        sent = Sent(place.uri, place.experiment, "", str(run.info.run_id))
-    write_sent(sweep.path, sent)
+        sent = SyncState(place.uri, place.experiment, "", str(run.info.run_id))
+    write_state(sweep.path, sent)
     return sent
 
 
-def _create(sweep: SweepFolder, file: SweepFile, store: Store) -> Sent:
+def _create(sweep: SweepFolder, file: SweepFile, store: Store) -> SyncState:
     name, command = sweep.path.name, file.commands[-1]
     tags = {"kind": "sweep", "sweep": name, "mlflow.note.content": f"`{command}`"}
     run = store.create(file.id, f"sweep {name}", command=command, started=file.started, tags=tags)
-    return Sent(store.place.uri, store.place.experiment, "", run)
+    return SyncState(store.place.uri, store.place.experiment, "", run)
 
 
 def _digest(found: list[ArmSummary]) -> str:
@@ -121,9 +118,9 @@ def _curves(run: str, store: Store, found: list[ArmSummary], at: int) -> None:
 def _points(found: list[ArmSummary]) -> Iterator[tuple[str, float, int]]:
     for arm, name in zip(found, metric_names([arm.name for arm in found]), strict=True):
         for curve in arm.curves:
-            for step, mean in enumerate(curve.values):
+            for step, mean in enumerate(curve.means):
                 yield f"sweep/{name} {curve.name} mean", mean, step
-            for step, sd in enumerate(curve.spread):  # a single run has none
+            for step, sd in enumerate(curve.deviations):  # a single run has none
                 yield f"sweep/{name} {curve.name} sd", sd, step
 
 

@@ -37,6 +37,12 @@ POINTS: Final = 1000  # MLflow's limit of metrics a call
 PARAMETERS: Final = 100  # MLflow's limit of parameters a call
 LONGEST: Final = 6000  # MLflow's limit of characters a parameter
 KEY: Final = "islandgp.id"  # the tag by which a run is found again
+ARM: Final = "islandgp.sweep.arm"
+"""The tag with the name of a run's arm in its sweep.
+
+MLflow takes the colour of a group of runs from a hash of the tag's name and value. With this name
+all supervisors in `conf` have different colours.
+"""
 
 Preparing = Callable[[str], None]
 

@@ -7,7 +7,7 @@ proper are `islandgp.study`'s; here are means and deviations to look at.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf
 from statistics import fmean, median, stdev
 from typing import Any, Final
@@ -16,7 +16,6 @@ from islandgp.records.files import fallback_words, validation_mean
 from islandgp.records.folder import Status
 from islandgp.sweep.folder import SweepFile, SweepFolder, SweepJob
 from islandgp.text import title
-from islandgp.tracking.chart import Line, Panel
 
 MEASURES: Final = {
     "fitness max": "best",
@@ -24,7 +23,16 @@ MEASURES: Final = {
     "diversity": "diversity",
     "mutation rate": "rate",
 }
-"""What is drawn over generations: a name, and the number in a snapshot."""
+"""The names of curves, and their numbers in a snapshot."""
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """A measure over the generations 0, 1, 2, ..."""
+
+    name: str
+    means: tuple[float, ...]
+    deviations: tuple[float, ...]  # sample deviations over runs; () for a single run
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +43,7 @@ class ArmSummary:
     jobs: tuple[SweepJob, ...]
     finished: tuple[SweepJob, ...]
     summaries: tuple[dict[str, Any], ...]  # of the finished ones
-    curves: tuple[Line, ...]  # measures: mean and sample deviation; none for a single run
+    curves: tuple[Curve, ...]  # one for each measure
 
 
 def arms(sweep: SweepFolder, file: SweepFile) -> list[ArmSummary]:
@@ -68,30 +76,12 @@ def _measured(snapshot: dict[str, Any], tiers: Sequence[str]) -> dict[str, float
     return found | reached
 
 
-def _curve(name: str, columns: list[list[float]]) -> Line:
-    return Line(
+def _curve(name: str, columns: list[list[float]]) -> Curve:
+    return Curve(
         name,
         tuple(fmean(column) for column in columns),
-        # One run has no deviation, so no band.
         tuple(map(stdev, columns)) if all(len(column) > 1 for column in columns) else (),
     )
-
-
-def panels(found: Sequence[ArmSummary]) -> list[Panel]:
-    """A picture for each measure: the arms' means with a band of one deviation."""
-    measures = dict.fromkeys(curve.name for arm in found for curve in arm.curves)
-    return [
-        Panel(
-            f"{measure.capitalize()}: mean and deviation over seeds",
-            tuple(
-                replace(curve, name=f"{arm.name} (n={len(arm.finished)})")
-                for arm in found
-                for curve in arm.curves
-                if curve.name == measure
-            ),
-        )
-        for measure in measures
-    ]
 
 
 FALLBACK: Final = "fallback's answers"  # one column more where any were

@@ -1,7 +1,7 @@
 """MLflow's web pages for a store, with a server as light as MLflow has one.
 
-They open on a view of the runs page that shows the arms: charts and columns that matter, by
-arm. MLflow keeps such a view as a tag of the experiment, and opens it by its key in the page's
+They open on two views of the runs page: the arms of the latest sweep as charts, and all runs as a
+table. MLflow keeps such a view as a tag of the experiment, and opens it by its key in the page's
 address. A page that does not know the key shows all runs.
 """
 
@@ -17,6 +17,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Any, Final
@@ -24,23 +25,36 @@ from urllib.error import URLError
 from urllib.request import urlopen
 
 from islandgp.errors import TrackingError, brief
-from islandgp.tracking.store import Place, Store
+from islandgp.tracking.store import ARM, Place, Store
 
-KEY: Final = "arms"
 RECENT: Final = 100  # runs whose milestones are looked at
 MOST: Final = 5  # milestones with a chart: a tag's text has 5000 characters
+HOST: Final = "mlflow.localhost"
+"""The host in the pages' addresses, which browsers resolve to 127.0.0.1.
+
+On localhost and 127.0.0.1 MLflow opens its assistant over a quarter of the page.
+"""
 
 
-def runs_page(server: str, experiment: str, mode: str) -> str:
-    """The address of the view, as CHART or TABLE: MLflow itself opens on an empty page."""
-    query = f"workflowType=machine_learning&compareRunsMode={mode}&viewStateShareKey={KEY}"
+def runs_page(server: str, experiment: str, mode: str, view: str) -> str:
+    """The address of a view, as CHART or TABLE: MLflow itself opens on an empty page."""
+    query = f"workflowType=machine_learning&compareRunsMode={mode}&viewStateShareKey={view}"
     return f"{server}/#/experiments/{experiment}/runs?{query}"
 
 
-def share_view(store: Store) -> None:
-    """Makes the view known to the store."""
-    text = json.dumps(_state(_milestones(store)), separators=(",", ":"))
-    store.client.set_experiment_tag(store.experiment, f"mlflow.sharedViewState.{KEY}", text)
+def share_views(store: Store) -> str:
+    """Store the views; return the name of the latest sweep, or "" if there is none."""
+    sweeps = store.client.search_runs(
+        [store.experiment], "tags.kind = 'sweep'", max_results=1, order_by=["start_time DESC"]
+    )
+    tiers = _milestones(store)
+    views = {"arms": _view(tiers, ARM), "runs": _view(tiers, "sweep", ARM)}
+    for sweep in sweeps:
+        views["arms"]["searchFilter"] = f"tags.`mlflow.parentRunId` = '{sweep.info.run_id}'"
+    for key, view in views.items():
+        text = json.dumps(view, separators=(",", ":"))
+        store.client.set_experiment_tag(store.experiment, f"mlflow.sharedViewState.{key}", text)
+    return next((str(sweep.data.tags["sweep"]) for sweep in sweeps), "")
 
 
 def _milestones(store: Store) -> list[str]:
@@ -50,8 +64,8 @@ def _milestones(store: Store) -> list[str]:
     return list(dict.fromkeys(tier for milestones in named for tier in milestones))[:MOST]
 
 
-def _state(tiers: list[str]) -> dict[str, Any]:
-    """The view as MLflow's pages write it: a chart has a curve and a band for each arm.
+def _view(tiers: list[str], *tags: str) -> dict[str, Any]:
+    """A view as MLflow's pages write it, with the runs grouped by tags.
 
     `arms_view.json` has what is the same in each. After its first two charts comes one for each
     milestone, and after its columns, in MLflow's spelling, the generation of the first such robot.
@@ -59,8 +73,10 @@ def _state(tiers: list[str]) -> dict[str, Any]:
     view = json.loads(Path(__file__).with_name("arms_view.json").read_text(encoding="utf-8"))
     first, second, *others = view["charts"]
     charts = [first, second, *(f"tiers/{tier}" for tier in tiers), *others]
+    keys = [{"mode": "tag", "groupByData": tag} for tag in tags]
     return {
         **view["state"],
+        "groupBy": {**view["state"]["groupBy"], "groupByKeys": keys},
         "selectedColumns": [*view["columns"], *(f"metrics.`run/first_{tier}`" for tier in tiers)],
         "compareRunCharts": [
             {**view["chart"], "uuid": name, "metricKey": name, "selectedMetricKeys": [name]}
@@ -77,7 +93,8 @@ class Pages:
     """Addresses to open in a browser."""
 
     arms: str  # charts, a curve for each arm
-    runs: str  # a table of all runs below their arms
+    runs: str  # a table of all runs below their sweeps and arms
+    sweep: str = ""  # whose arms are shown; "": the store has no sweep, all runs are shown
 
 
 @contextmanager
@@ -92,13 +109,14 @@ def served(place: Place, port: int) -> Iterator[Pages]:
             f"Expected an MLflow store in {place.file}, found no such file; give --uri of one that"
             " is there, or leave it out for that of the last run."
         )
+    if place.file is not None:
+        _must_have_server()
     store = _opened(place)
-    share_view(store)
+    sweep = share_views(store)
     if place.file is None:
-        yield _pages(place.uri, store.experiment)
+        yield _pages(place.uri, store.experiment, sweep)
         return
     _must_be_free(port)
-    address = f"http://127.0.0.1:{port}"
     with tempfile.TemporaryFile() as log:
         process = subprocess.Popen(
             server_command(place, port),
@@ -109,8 +127,8 @@ def served(place: Place, port: int) -> Iterator[Pages]:
             start_new_session=True,
         )
         try:
-            _wait(process, address)
-            yield _pages(address, store.experiment)
+            _wait(process, f"http://127.0.0.1:{port}")
+            yield _pages(f"http://{HOST}:{port}", store.experiment, sweep)
         except TrackingError as error:
             log.seek(0)
             said = log.read().decode(errors="replace").strip()[-1000:]
@@ -119,8 +137,9 @@ def served(place: Place, port: int) -> Iterator[Pages]:
             _stop(process)
 
 
-def _pages(server: str, experiment: str) -> Pages:
-    return Pages(runs_page(server, experiment, "CHART"), runs_page(server, experiment, "TABLE"))
+def _pages(server: str, experiment: str, sweep: str) -> Pages:
+    arms = runs_page(server, experiment, "CHART", "arms")
+    return Pages(arms, runs_page(server, experiment, "TABLE", "runs"), sweep)
 
 
 def _opened(place: Place) -> Store:
@@ -136,12 +155,25 @@ def _opened(place: Place) -> Store:
 
 def server_command(place: Place, port: int) -> list[str]:
     """The command of an MLflow server of the store, on a port of this machine alone."""
+    hosts = [f"{host}:{port}" for host in (HOST, "127.0.0.1", "localhost")]
     return [
         *(sys.executable, "-m", "mlflow", "server"),
         *("--backend-store-uri", place.uri),
         *("--default-artifact-root", place.artifacts or "mlartifacts"),
         *("--host", "127.0.0.1", "--port", str(port), "--workers", "1"),
+        *("--allowed-hosts", ",".join(hosts)),
+        *("--cors-allowed-origins", ",".join(f"http://{host}" for host in hosts)),
     ]
+
+
+def _must_have_server() -> None:
+    """Raises TrackingError where only MLflow's client is installed, mlflow-skinny."""
+    try:
+        distribution("mlflow")
+    except PackageNotFoundError:
+        raise TrackingError(
+            "Expected MLflow with its pages, found its client alone; pip install 'islandgp[ui]'"
+        ) from None
 
 
 def _must_be_free(port: int) -> None:

@@ -14,7 +14,7 @@ from islandgp.bt.core.node import SUCCESS, walk
 from islandgp.bt.core.vocabulary import Key
 from islandgp.bt.export.render import label, lay_out
 from islandgp.domain import Thing
-from islandgp.viewer.recording import Film, Recording, digits
+from islandgp.viewer.recording import Recording, SceneTrack, digits
 
 LETTERS: Final = ".fsrx"  # a letter per code: idle, failed, succeeded, runs, stopped
 GRID: Final = 3000  # places are told in so many parts of the picture's longer side
@@ -149,7 +149,7 @@ def _paints(recording: Recording) -> dict[str, int]:
 class _Scene:
     """A film as plain values. Places are told on a grid whose zero is the lower left corner."""
 
-    def __init__(self, recording: Recording, film: Film) -> None:
+    def __init__(self, recording: Recording, film: SceneTrack) -> None:
         self.film = film
         self.x, self.y, right, top = film.bounds
         self.width, self.height = right - self.x, top - self.y
@@ -167,7 +167,7 @@ class _Scene:
             "height": round(self.height / self.unit, 3),
             "forms": [[f.meaning, f.shape, f.colour] for f in self.shapes.values()],
             "fixed": [self._thing(thing) for thing in film.fixed],
-            "items": [[*self._thing(stay.thing), stay.begin, stay.end] for stay in film.items],
+            "items": [[*self._thing(item.thing), item.begin, item.end] for item in film.items],
             "movers": self._movers(film.movers),
             **self._frames(film.frames),
         }

@@ -38,8 +38,8 @@ class Credit(NamedTuple):
     action: str  # that earned them; "" for none
 
 
-class Stay(NamedTuple):
-    """A thing that comes, does not move, and goes."""
+class ItemSpan(NamedTuple):
+    """A thing that does not move, and the ticks in which it is there."""
 
     thing: Thing
     begin: int  # first tick in which it is there
@@ -47,19 +47,19 @@ class Stay(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Film:
-    """What there was to see."""
+class SceneTrack:
+    """The things that a domain drew, over the ticks of an episode."""
 
     bounds: Bounds  # of all ticks
     fixed: tuple[Thing, ...]
-    items: tuple[Stay, ...]  # by begin
+    items: tuple[ItemSpan, ...]  # by begin
     movers: tuple[tuple[Thing, ...], ...]
     """Each one at each tick; the last one is the robot: it is drawn on top and followed."""
     frames: tuple[tuple[int, bytes], ...]  # a tick and the PNG from then on
 
     def things(self) -> Iterator[Thing]:
-        """All that is ever to be seen; what moves stands there once a tick."""
-        return chain(self.fixed, (stay.thing for stay in self.items), *self.movers)
+        """All things drawn; movers once per tick."""
+        return chain(self.fixed, (item.thing for item in self.items), *self.movers)
 
     def forms(self) -> set[str]:
         """The forms that occur."""
@@ -80,7 +80,7 @@ class Recording:
     counts: tuple[tuple[int, int, int, int, int], ...]  # per node and code: how often; [0] is 0
     boards: tuple[tuple[float, ...], ...]  # per tick, a value per key of the vocabulary
     credits: tuple[Credit, ...]  # in their order
-    film: Film | None  # None: the domain draws nothing
+    film: SceneTrack | None  # None: the domain draws nothing
     outcome: Outcome
 
     @property
@@ -198,7 +198,7 @@ class Camera:
         self._fixed: tuple[Thing, ...] = ()
         self._items: tuple[Thing, ...] = ()  # of the last scene
         self._there: dict[tuple[Thing, int], int] = {}  # since when; equal things are numbered
-        self._gone: list[Stay] = []
+        self._gone: list[ItemSpan] = []
         self._movers: list[tuple[Thing, ...]] = []  # per tick
         self._frames: list[tuple[int, bytes]] = []
 
@@ -223,17 +223,17 @@ class Camera:
             number = seen[item] = seen.get(item, 0) + 1
             there[item, number] = self._there.get((item, number), tick)
         for key in self._there.keys() - there.keys():
-            self._gone.append(Stay(key[0], self._there[key], tick))
+            self._gone.append(ItemSpan(key[0], self._there[key], tick))
         self._there = there
 
-    def film(self, ticks: int, schema: Schema) -> Film:
+    def film(self, ticks: int, schema: Schema) -> SceneTrack:
         """What was seen in an episode of so many ticks. Raises DomainError."""
-        left = [Stay(thing, since, ticks) for (thing, _), since in self._there.items()]
+        left = [ItemSpan(thing, since, ticks) for (thing, _), since in self._there.items()]
         lows, highs = zip(*((b[:2], b[2:]) for b in self._bounds), strict=True)
-        film = Film(
+        film = SceneTrack(
             bounds=(*map(min, zip(*lows, strict=True)), *map(max, zip(*highs, strict=True))),
             fixed=self._fixed,
-            items=tuple(sorted([*self._gone, *left], key=lambda stay: (stay.begin, stay.thing))),
+            items=tuple(sorted([*self._gone, *left], key=lambda item: (item.begin, item.thing))),
             movers=self._columns(ticks),
             frames=tuple(self._frames),
         )

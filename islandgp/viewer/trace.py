@@ -24,7 +24,7 @@ ELLIPSIS: Final = "\N{HORIZONTAL ELLIPSIS}"
 MOST_LINES: Final = 5_000  # of a timeline
 MOST_GUARDS: Final = 8  # on such a line
 WIDTH: Final = 60  # letters of a key's course
-_STINT: Final = re.compile(
+_SPAN: Final = re.compile(
     b"%(runs)c[%(runs)c%(idle)c]*+[^%(runs)c%(idle)c]?|[^%(runs)c%(idle)c]"
     % {b"runs": RUNS, b"idle": IDLE}
 )
@@ -40,7 +40,7 @@ SIGNS: Final = {
 
 
 @dataclass(frozen=True, slots=True)
-class Stint:
+class ActionSpan:
     """An action from its start to its end, or to the end of the episode."""
 
     start: int  # tick
@@ -49,10 +49,10 @@ class Stint:
     action: str
     result: int  # SUCCEEDED, FAILED, STOPPED; RUNS: it was running at the end
     points: float  # that the action won and lost meanwhile
-    times: int = 1  # how many such stints in a row are told as one
+    times: int = 1  # how many such spans in a row are merged here
 
 
-def stints(recording: Recording, begin: int = 0) -> Iterator[Stint]:
+def action_spans(recording: Recording, begin: int = 0) -> Iterator[ActionSpan]:
     """What the actions started from a tick on, in order of their start.
 
     Each is found when it is asked for: large trees can have millions of them.
@@ -65,38 +65,38 @@ def stints(recording: Recording, begin: int = 0) -> Iterator[Stint]:
         _of_action(recording.statuses[place], place, name, earned.get(name, []), begin)
         for place, name in names
     ]
-    return heapq.merge(*of_actions, key=lambda stint: (stint.start, stint.place))
+    return heapq.merge(*of_actions, key=lambda span: (span.start, span.place))
 
 
-def merged(found: Iterable[Stint]) -> Iterator[Stint]:
+def merged(found: Iterable[ActionSpan]) -> Iterator[ActionSpan]:
     """The same with instant ends of one action told once where they repeat."""
-    last: Stint | None = None
-    for stint in found:
-        same = last is not None and (last.place, last.result) == (stint.place, stint.result)
-        if last is not None and same and stint.start == stint.end and last.end >= stint.start - 1:
-            points = last.points + stint.points
-            last = replace(last, end=stint.end, points=points, times=last.times + 1)
+    last: ActionSpan | None = None
+    for span in found:
+        same = last is not None and (last.place, last.result) == (span.place, span.result)
+        if last is not None and same and span.start == span.end and last.end >= span.start - 1:
+            points = last.points + span.points
+            last = replace(last, end=span.end, points=points, times=last.times + 1)
             continue
         if last is not None:
             yield last
-        last = stint
+        last = span
     if last is not None:
         yield last
 
 
 def _of_action(
     codes: bytes, place: int, action: str, credits: Sequence[Credit], begin: int
-) -> Iterator[Stint]:
-    """The stints of one node that start at a tick or later; `credits` are its action's, by tick."""
+) -> Iterator[ActionSpan]:
+    """The spans of one node that start at a tick or later; `credits` are its action's, by tick."""
     under_way = 0 < begin <= len(codes) and codes[begin - 1] == RUNS
-    for found in islice(_STINT.finditer(codes, begin), int(under_way), None):
+    for found in islice(_SPAN.finditer(codes, begin), int(under_way), None):
         start, end, result = found.start(), found.end() - 1, found[0][-1]
         if result in (RUNS, IDLE):
             end, result = len(codes) - 1, RUNS
         first = bisect_left(credits, start, key=lambda credit: credit.tick)
         behind = bisect_right(credits, end, key=lambda credit: credit.tick)
         won = sum(credit.points for credit in credits[first:behind])
-        yield Stint(start, end, place, action, result, won)
+        yield ActionSpan(start, end, place, action, result, won)
 
 
 def drawn(recording: Recording) -> Text:
@@ -130,8 +130,8 @@ def timeline(recording: Recording, begin: float = 0.0, end: float = inf) -> Iter
     wide = max([6, *map(len, actions)])
     yield Text(f"{'start':>9}  {'lasted':>8}  {'action':<{wide}}  {'result':<20}{'points':>9}")
     first = min(ceil(begin / step - 1e-9), recording.ticks)
-    for number, stint in enumerate(merged(stints(recording, first))):
-        if stint.start * step > end:
+    for number, span in enumerate(merged(action_spans(recording, first))):
+        if span.start * step > end:
             return
         if number == MOST_LINES:
             yield Text(
@@ -140,12 +140,12 @@ def timeline(recording: Recording, begin: float = 0.0, end: float = inf) -> Iter
                 "bold",
             )
             return
-        lasted = (stint.end - stint.start + 1) * step
-        line = Text(f"{stint.start * step:7.1f} s  {lasted:6.1f} s  {stint.action:<{wide}}  ")
-        times = f" {stint.times} times" if stint.times > 1 else ""
-        line.append(f"{_WORDS[stint.result] + times:<20}", SIGNS[stint.result][1])
-        line.append(f"{stint.points:+9,.{digits}f}" if stint.points else " " * 9)
-        line.append(f"  {guards[stint.place]}".rstrip(), "dim")
+        lasted = (span.end - span.start + 1) * step
+        line = Text(f"{span.start * step:7.1f} s  {lasted:6.1f} s  {span.action:<{wide}}  ")
+        times = f" {span.times} times" if span.times > 1 else ""
+        line.append(f"{_WORDS[span.result] + times:<20}", SIGNS[span.result][1])
+        line.append(f"{span.points:+9,.{digits}f}" if span.points else " " * 9)
+        line.append(f"  {guards[span.place]}".rstrip(), "dim")
         yield line
 
 

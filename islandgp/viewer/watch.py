@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Final
 
 from islandgp.bt.export.render import to_rich
-from islandgp.viewer.recording import Film, Recording
+from islandgp.viewer.recording import Recording, SceneTrack
 from islandgp.viewer.trace import SIGNS
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def frame(recording: Recording, tick: int) -> Group:
     return Group(Text(title, "bold"), side)
 
 
-def _map(recording: Recording, film: Film, tick: int) -> Text:
+def _map(recording: Recording, film: SceneTrack, tick: int) -> Text:
     """The world in letters; what is told later hides what is told before."""
     from rich.text import Text
 

@@ -29,7 +29,7 @@ from islandgp.records.checkpoint import read_checkpoint, save_state
 from islandgp.running.run import make_search, plan_of
 from islandgp.scoring.constraints import violation
 from islandgp.search.base import USES, Search, SearchContext
-from islandgp.supervision.base import Seen, Supervisor
+from islandgp.supervision.base import GenerationView, Supervisor
 from tests.composed import composed
 from tests.evolution.fake import Fake
 from tests.evolution.runs import Says, lines
@@ -245,10 +245,10 @@ def test_advice_is_obeyed_or_refused(case: Case) -> None:
 class Edits(Says):
     """Edits the first individuals of each generation, and injects a tree."""
 
-    seen_now: Seen | None = None
+    seen_now: GenerationView | None = None
 
-    def see(self, generation: Seen) -> None:
-        """See `Witness`."""
+    def on_generation(self, generation: GenerationView) -> None:
+        """See `GenerationListener`."""
         self.seen_now = generation
 
     def advise(self, state: Any, rng: Any) -> Any:

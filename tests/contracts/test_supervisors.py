@@ -21,7 +21,7 @@ from islandgp.records.checkpoint import dump
 from islandgp.resources import resource
 from islandgp.running.run import make_supervisor, run_context
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, Pattern, Phase, Service, Supervisor
+from islandgp.supervision.base import Guidance, Pattern, Phase, Supervisor, SupervisorLifecycle
 from islandgp.supervision.distilled import Answer, Distilled, Policy, Question
 from islandgp.supervision.expert import Expert
 from islandgp.supervision.llm.message import FailureKind
@@ -181,8 +181,8 @@ def test_services_can_be_closed_unused_and_twice() -> None:
     """A supervisor that holds something open lets it go whatever was done before."""
     for name, make in MAKERS.items():
         supervisor = make()
-        assert isinstance(supervisor, Service) == name.startswith("llm")
-        if isinstance(supervisor, Service):
+        assert isinstance(supervisor, SupervisorLifecycle) == name.startswith("llm")
+        if isinstance(supervisor, SupervisorLifecycle):
             assert supervisor.spent() == {}
             supervisor.close()
             supervisor.close()

@@ -19,7 +19,7 @@ from islandgp.gp.record import GenerationRecord, Step, record_values
 from islandgp.plain import from_json
 from islandgp.records.checkpoint import dump
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, Seen
+from islandgp.supervision.base import GenerationView, Guidance
 from tests.evolution.runs import Says, lines, plan, records, run
 
 LIST = (
@@ -153,10 +153,10 @@ def test_an_edit_has_the_fields_of_its_kind(
 class Edits(Says):
     """Edits the fittest individual and combines it with the second; names a stranger, too."""
 
-    now: Seen | None = None
+    now: GenerationView | None = None
 
-    def see(self, generation: Seen) -> None:
-        """See `Witness`."""
+    def on_generation(self, generation: GenerationView) -> None:
+        """See `GenerationListener`."""
         self.now = generation
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:

@@ -50,7 +50,7 @@ from islandgp.supervision.llm.message import Reply
 from islandgp.supervision.llm.settings import Caps, RateSettings
 from islandgp.supervision.llm.transcript import Transcript
 from islandgp.supervision.replay import Replay, ReplaySettings
-from islandgp.tracking.sent import read_sent
+from islandgp.tracking.sync_state import read_state
 from islandgp.viewer.page import page
 from tests.fuzz.inputs import as_json, swapped, swaps, texts, values
 from tests.llm.made import DECISION as DECIDED
@@ -267,7 +267,7 @@ def records(data: bytes) -> bool:
     shutil.copytree(runs()[1 - int(finished)], folder)
     (folder / name).write_bytes(body)
     taken = 0
-    read_sent(folder)
+    read_state(folder)
     verify(RunFolder(folder))
     for reader in READERS:
         try:

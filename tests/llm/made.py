@@ -112,7 +112,7 @@ def state(
             "excellent": bool(excellent) if ever is None else ever,
         },
         dominant="patrol_only",
-        lacking=("charging", "clearing", "humanoid", "pickup"),
+        rarest_behaviours=("charging", "clearing", "humanoid", "pickup"),
         targets=CLASSES.targets,
         mutation_rate=0.4,
         crossover_rate=0.8,

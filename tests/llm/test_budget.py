@@ -253,7 +253,7 @@ def test_no_cap_is_passed(cap: str) -> None:
     llm, _ = supervisor(script, cap)
     assert run_of(llm, 40)[-1] == "fallback"
     assert llm._calls is not None
-    most = llm._calls.ledger._most()
+    most = llm._calls.ledger.most()
     found = {"usd": most.usd, "input_tokens": most.input, "output_tokens": most.output}
     name, _, limit = cap.removeprefix("caps.").partition("=")
     assert float(limit) / 2 < found[name] <= float(limit)

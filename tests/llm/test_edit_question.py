@@ -3,29 +3,39 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Limits
 from islandgp.domains.island.vocabulary import VOCABULARY
-from islandgp.gp.edits import EDITS
+from islandgp.gp.edits import EDITS, EditRecord, EditTrial
 from islandgp.gp.population import Origin
+from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.answers import Rejection, RejectionStage
 from islandgp.supervision.llm.checks import Accepted, EditProposal, check_edits, check_proposal
-from islandgp.supervision.llm.history import listing
+from islandgp.supervision.llm.history import RunHistory, listing
 from islandgp.supervision.llm.message import Reply
 from islandgp.testing.faults import no_faults
 from islandgp.testing.mock_model import MockModel
 from islandgp.testing.server import MessagesServer
 from tests.llm.made import context, said, settings, state
+from tests.llm.test_informed import small_run
 from tests.llm.test_prompts import DIALECT
 from tests.llm.test_whole_run import live, replayed
 
 EDITING = ("supervisor.edits=2", "supervisor.inject=false", "gp.generations=5")
-MODEL = ("supervisor.policy.samples=2", "supervisor.policy.retry.deadline=5")
+MODEL = (
+    "supervisor.policy.samples=2",
+    "supervisor.policy.models={small: 1, large: 2}",
+    "supervisor.policy.choice=bandit",
+    "supervisor.policy.retry.deadline=5",
+)
 OLD = "selector { when foundGarbage { PickupGarbage } PatrolWaypoint }"
 LIVING = {"3.0": OLD, "3.1": "PatrolWaypoint"}
 KNOWN = frozenset(to_text(parse(text)) for text in (*LIVING.values(), "SeekCharger"))
@@ -127,7 +137,7 @@ def test_the_listing_has_the_path_of_each_node() -> None:
 
 
 def test_a_run_with_edits_repeats_bit_for_bit(tmp_path: Path) -> None:
-    """Edits of the model join the population; the replay asks nobody and has the same records."""
+    """Edits of two models join the population; the replay asks nobody and has the same records."""
     with MessagesServer(no_faults, MockModel()) as server:
         steps = live(server, tmp_path / "a", *EDITING, *MODEL)
     individuals = [i for s in steps for i in s.record.individuals]
@@ -139,6 +149,18 @@ def test_a_run_with_edits_repeats_bit_for_bit(tmp_path: Path) -> None:
     assert parts == {"probe", "rate", "edits", "edits 2"}
     again = replayed(tmp_path / "a", tmp_path / "b", *EDITING)
     assert [s.record for s in again] == [s.record for s in steps]
+    models = {
+        line["request"]["model"]
+        for line in asked
+        if line["line"] == "attempt" and line["part"].startswith("edits")
+    }
+    assert models == {"small", "large"}
+    with MessagesServer(no_faults, MockModel()) as server:
+        first = live(server, tmp_path / "c", *EDITING, *MODEL, stop=2)
+        past = [step.record for step in first]
+        state = first[-1].state
+        rest = live(server, tmp_path / "c", *EDITING, *MODEL, start=state, past=past)
+    assert [s.record for s in (*first, *rest)] == [s.record for s in steps]
     turns = [
         line["request"]["turns"][0]
         for line in asked
@@ -148,10 +170,34 @@ def test_a_run_with_edits_repeats_bit_for_bit(tmp_path: Path) -> None:
     assert "points (" in turns[-1]
 
 
+def test_models_are_drawn_by_weight_or_by_what_their_edits_gained() -> None:
+    """A model of twice the weight is asked twice as often; the bandit prefers who gained."""
+    given, rng = context(None, "supervisor.edits=2"), np.random.default_rng(0)
+    models = "models={small: 1, large: 2}"
+    by_weight = Adviser(settings(models), given)
+    drawn = Counter(by_weight._choose_models(rng)["edits"] for _ in range(300))
+    assert 160 < drawn["large"] < 240
+    bandit = Adviser(settings(models, "choice=bandit"), given)
+    bandit._history = RunHistory(gains={"small": (30, 0), "large": (0, 30)})
+    assert {bandit._choose_models(rng)["edits"] for _ in range(30)} == {"small"}
+    assert Adviser(settings(), given)._choose_models(rng) == {}
+
+
+def test_the_history_counts_the_edits_of_each_model() -> None:
+    """Those that made their tree better, and the others, refused ones included."""
+    seen = small_run()[1].seen[-1]
+    assert seen.guidance is not None
+    edit = EditRecord(**dict.fromkeys((f.name for f in fields(EditRecord)), ""))
+    edits = (edit, replace(edit, refused="a copy"), edit)
+    led = replace(seen.guidance, edits=edits, notes={"edit_models": "small large large"})
+    better = EditTrial(**dict.fromkeys((f.name for f in fields(EditTrial)), 1.0))
+    trials = (replace(better, fitness=2.0), replace(better, fitness=0.0))
+    found = RunHistory().followed_by(replace(seen, guidance=led, trials=trials))
+    assert found.gains == {"small": (1, 0), "large": (0, 2)}
+
+
 def test_every_kind_is_explained() -> None:
     """The system prompt has each kind of edit, and names no domain's words beside its own."""
-    from islandgp.supervision.llm.adviser import Adviser
-
     given = context(None, "supervisor.edits=2")
     found = Adviser(settings(), given).request("edits", state(), DIALECT)
     assert all(f"- {name} (needs {kind.needs})" in found.system for name, kind in EDITS.items())

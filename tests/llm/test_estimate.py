@@ -78,7 +78,7 @@ def test_a_run_never_takes_more_than_the_most(tmp_path: Path) -> None:
     for generation in range(3):
         advise(llm, state(generation))
     assert llm._calls is not None
-    most = llm._calls.ledger._most()
+    most = llm._calls.ledger.most()
     bound = at_most(llm.settings, given)
     assert most.requests <= bound.requests
     assert most.input <= bound.input

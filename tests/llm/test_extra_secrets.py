@@ -23,7 +23,9 @@ supervisor:
 """
 
 
-@pytest.mark.parametrize("sweep", [(), ("-m", "seed=0,1")])
+@pytest.mark.parametrize(
+    "sweep", [pytest.param((), marks=pytest.mark.slow), ("-m", "seed=0,1")], ids=["run", "sweep"]
+)
 def test_no_file_holds_a_secret_of_the_extra_fields(
     sweep: tuple[str, ...],
     tmp_path: Path,

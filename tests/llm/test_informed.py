@@ -21,7 +21,7 @@ from islandgp.gp.record import IndividualRecord
 from islandgp.records.folder import RunFolder
 from islandgp.running.run import make_supervisor, run_context
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, RunContext, Seen, Supervisor
+from islandgp.supervision.base import GenerationView, Guidance, RunContext, Supervisor
 from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.episode import LINE, SPANS, Stretch, describe_episode, spans
 from islandgp.supervision.llm.history import RunHistory, most_lacking
@@ -56,11 +56,11 @@ class Keeps:
 
     def __init__(self, expert: Supervisor) -> None:
         self.expert = expert
-        self.seen: list[Seen] = []
+        self.seen: list[GenerationView] = []
         self.states: list[PopulationState] = []
 
-    def see(self, generation: Seen) -> None:
-        """See `Witness`."""
+    def on_generation(self, generation: GenerationView) -> None:
+        """See `GenerationListener`."""
         self.seen.append(generation)
 
     def advise(self, at: PopulationState, rng: np.random.Generator) -> Guidance:
@@ -85,7 +85,7 @@ def adviser(*overrides: str, run: Sequence[str] = ()) -> Adviser:
     context, keeps = small_run(*run)
     found = Adviser(settings("prompts=informed", *overrides), context)
     for seen in keeps.seen:
-        found.see(seen)
+        found.on_generation(seen)
     return found
 
 
@@ -165,7 +165,7 @@ def test_prompts_have_a_largest_size() -> None:
                 replace(i, tree=huge, origin="injected", fitness=-123456789.0)
                 for i in seen.individuals
             )
-            found.see(replace(seen, individuals=trees))
+            found.on_generation(replace(seen, individuals=trees))
     at = keeps.states[-1]
     plain = Adviser(settings(), context)
     for part in ("rate", "tree"):
@@ -173,7 +173,7 @@ def test_prompts_have_a_largest_size() -> None:
         assert len(asked) - len(short) < 30_000
 
 
-@pytest.mark.parametrize("lag", [0, 2])
+@pytest.mark.parametrize("lag", [pytest.param(0, marks=pytest.mark.slow), 2])
 def test_runs_repeat_and_go_on(tmp_path: Path, lag: int) -> None:
     """Live, replayed, and stopped and gone on: the same bytes, also with faults and a lag."""
     again = ("gp.generations=6", "world.episode.length=20", f"supervisor.lag={lag}")

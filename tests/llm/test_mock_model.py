@@ -68,7 +68,7 @@ def test_it_goes_by_fates_and_traces() -> None:
     other = ("world.robot.charge_below=95", "world.humanoids.count=13")
     run = (*other, "gp.trees.kinds.parallel=0.5")  # one in which trees for a target die out
     at, found = small_run(*run)[1].states[-1], adviser(run=run)
-    assert at.lacking[0] == "humanoid"
+    assert at.rarest_behaviours[0] == "humanoid"
     assert tree(found, at)["target"] == "clearing"  # two trees for humanoid died out
     assert tree(Adviser(settings(), found.context), at)["target"] == "humanoid"
     library = found.context.library().trees.values()

@@ -106,15 +106,22 @@ def test_a_server_that_speaks_another_language_stops_the_run(
 
 
 def test_the_same_command_works_once_the_server_is_there(
-    here: Path, refused: str, monkeypatch: pytest.MonkeyPatch
+    here: Path,
+    refused: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """The failed probe is not taken for an answer."""
+    """The failed probe is not taken for an answer. Share of the answers and costs are told."""
     monkeypatch.setenv("ANTHROPIC_BASE_URL", refused)
     assert main(SMALL) == 2
     with MessagesServer() as server:
         monkeypatch.setenv("ANTHROPIC_BASE_URL", server.url)
         assert main(SMALL) == 0
-    assert found(here, "summary.json")["answers"] == {"total": 3, "fallback": 0, "in_part": 0}
+    summary, said = found(here, "summary.json"), capsys.readouterr()
+    assert summary["answers"] == {"total": 3, "fallback": 0, "in_part": 0}
+    assert summary["mostly_fallback"] is False
+    assert "Language model: 100% of the answers, 7 requests, " in said.out
+    assert " out, $0.0" in said.out
 
 
 def test_a_run_whose_transcript_is_gone_does_not_go_on(
@@ -204,13 +211,3 @@ def test_a_run_without_fallbacks_says_nothing(
     assert main([*SMALL[:-2], "supervisor=expert"]) == 0
     assert "Supervision:" not in capsys.readouterr().out
     assert found(here, "summary.json")["answers"]["fallback"] == 0
-
-
-def test_what_a_model_took_is_told(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The share of its answers, and what they cost."""
-    with MessagesServer() as server:
-        assert main([*SMALL, f"supervisor.policy.base_url={server.url}"]) == 0
-    said = capsys.readouterr()
-    assert "Language model: 100% of the answers, 7 requests, " in said.out
-    assert " out, $0.0" in said.out
-    assert found(here, "summary.json")["mostly_fallback"] is False

@@ -15,8 +15,8 @@ from islandgp.bt.core.node import Limits, within
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.supervision.base import Pattern, Phase
 from islandgp.supervision.llm.answers import (
-    Answer,
     DecisionAnswer,
+    ModelAnswer,
     Rejection,
     RejectionStage,
     find_object,
@@ -273,7 +273,7 @@ def test_the_first_object_with_a_known_field_wins() -> None:
 
 
 @pytest.mark.parametrize(("model", "good"), [(DecisionAnswer, GOOD), (PROPOSAL, GOOD_TREE)])
-def test_schemas_and_checks_agree(model: type[Answer], good: dict[str, object]) -> None:
+def test_schemas_and_checks_agree(model: type[ModelAnswer], good: dict[str, object]) -> None:
     """The schema that is sent asks for exactly the fields that are checked."""
     found = schema(model)
     assert list(found["properties"]) == found["required"] == list(good)

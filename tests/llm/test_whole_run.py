@@ -22,7 +22,7 @@ from islandgp.evolution.loop import evolve
 from islandgp.gp.record import GenerationRecord, RunState, Step
 from islandgp.records.checkpoint import dump
 from islandgp.running.run import make_supervisor, run_context
-from islandgp.supervision.base import Service
+from islandgp.supervision.base import SupervisorLifecycle
 from islandgp.supervision.decisions import decisions
 from islandgp.supervision.replay import Replay
 from islandgp.testing.faults import Fault, Script, every, no_faults
@@ -31,6 +31,7 @@ from islandgp.testing.server import MessagesServer
 from tests.composed import composed
 from tests.evolution.fake import Fake
 
+NIGHTLY = pytest.mark.slow
 QUICK = (
     "gp.population=12",
     "supervisor.policy.retry.deadline=0.25",
@@ -128,25 +129,34 @@ def test_a_run_where_nothing_ever_works(tmp_path: Path, script: Script) -> None:
     assert {g.source for s in found if (g := s.record.guidance) is not None} == {"fallback"}
 
 
-@pytest.mark.parametrize("fault", [Fault.DRIP, Fault.CUT, Fault.TRUNCATED])
+@pytest.mark.parametrize(
+    "fault", [Fault.DRIP, Fault.CUT, pytest.param(Fault.TRUNCATED, marks=NIGHTLY)]
+)
 def test_answers_that_never_arrive_whole_are_not_paid_to_the_end(
     tmp_path: Path, fault: Fault
 ) -> None:
     """A server that answers the probe and no question: ten are asked, three times each."""
     with MessagesServer(lambda n: fault if n else None) as server:
-        found = live(server, tmp_path / "live", "gp.generations=12")
+        found = live(server, tmp_path / "live", "gp.generations=7")
         assert len(server.requests) == 1 + 10 * 3
     last = found[-2].record.guidance
     assert last is not None
     assert "useless: no usable answer to 10 questions in a row (the last: " in last.notes["rate"]
     setting = "raise supervisor.policy.retry.deadline"
     assert (setting in last.notes["rate"]) == (fault is Fault.DRIP)
-    again = replayed(tmp_path / "live", tmp_path / "again", "gp.generations=12")
+    again = replayed(tmp_path / "live", tmp_path / "again", "gp.generations=7")
     assert lines(again) == lines(found)
 
 
-@pytest.mark.parametrize("lag", [0, 2])
-@pytest.mark.parametrize("stop", [0, 1, 4])
+@pytest.mark.parametrize(
+    ("lag", "stop"),
+    [
+        (0, 1),
+        (2, 0),
+        (2, 4),
+        *(pytest.param(*at, marks=NIGHTLY) for at in ((0, 0), (0, 4), (2, 1))),
+    ],
+)
 def test_a_resumed_run_asks_nothing_twice(tmp_path: Path, lag: int, stop: int) -> None:
     """Stopped after any generation and gone on, the records and the requests are the same.
 
@@ -177,7 +187,7 @@ def test_a_run_begun_anew_in_its_folder_asks_nothing_again(tmp_path: Path) -> No
         assert len(server.requests) == asked
 
 
-@pytest.mark.parametrize("lag", [1, 3])
+@pytest.mark.parametrize("lag", [pytest.param(1, marks=NIGHTLY), 3])
 def test_timing_never_changes_a_record(tmp_path: Path, lag: int) -> None:
     """With quick answers, slow ones and recorded ones: the same bytes, the lag applied exactly."""
     how = ("gp.generations=9", f"supervisor.lag={lag}")
@@ -221,7 +231,7 @@ def test_answers_hide_behind_episodes(tmp_path: Path) -> None:
         part = settings.supervisor
         part = part.model_copy(update={"policy": {**part.policy, "base_url": server.url}})
         made = make_supervisor(settings.model_copy(update={"supervisor": part}), tmp_path)
-        assert isinstance(made, Service)
+        assert isinstance(made, SupervisorLifecycle)
         evaluating.set()  # for the probe
         made.start()
         evaluating.clear()

@@ -84,6 +84,7 @@ def test_a_run_finds_parts_in_the_current_folder(tmp_path: Path) -> None:
     assert "Best robot" in done.stdout
 
 
+@pytest.mark.slow
 def test_jobs_of_a_launcher_find_parts_in_the_current_folder(tmp_path: Path) -> None:
     """In joblib's workers, and in the processes that those start."""
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")

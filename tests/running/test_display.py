@@ -40,9 +40,9 @@ def full() -> Iterator[int]:
     ("where", "sweep"),
     [
         pytest.param(without_reader, (), id="no reader-run"),
-        pytest.param(full, SWEEP, id="full-sweep"),
+        pytest.param(full, (), id="full-run"),
         pytest.param(without_reader, SWEEP, id="no reader-sweep", marks=pytest.mark.slow),
-        pytest.param(full, (), id="full-run", marks=pytest.mark.slow),
+        pytest.param(full, SWEEP, id="full-sweep", marks=pytest.mark.slow),
     ],
 )
 def test_a_run_goes_on_when_its_display_takes_no_more(

@@ -10,11 +10,14 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from islandgp.cli import main
 from islandgp.domains.island.vocabulary import SCHEMA
 from tests.running.commands import ROOT
 
@@ -28,10 +31,6 @@ LAPS = "selector { when batteryLevel < 40 { SeekCharger } PatrolWaypoint }"
 HOME = "selector { when batteryLevel < 65 { ReturnToStart } PatrolWaypoint }"
 COLLECT = "selector { when robotCurrentExtraCapacity < 15 { DeliverToClearingPoint } %s }"
 CALL = "from islandgp.cli import main; main()"  # what the command `islandgp` does
-WRITE = (  # the same, after its second word was written to the file of its first
-    "import sys; from pathlib import Path; Path(sys.argv[1]).write_text(sys.argv[2]);"
-    " del sys.argv[1:3]; " + CALL
-)
 
 Say = Callable[..., str]
 
@@ -56,21 +55,45 @@ def write_files(folder: Path) -> None:
 
 
 def words_of(words: list[str]) -> list[str]:
-    """A command of the page for Python, a run as a small one."""
+    """The arguments of `islandgp` in a command of the page, a run as a small one."""
     if words[0] == "islandgp":
-        return ["-c", CALL, *words[1:]]
+        short = ("--set", "world.episode.length=20") if "--check" in words else ()
+        return [*words[1:], *short]
     assert words[:3] == ["python", "-m", "islandgp"]
-    return [*words[1:], "evaluator=serial", *SMALL]
+    return ["run", *words[3:], "evaluator=serial", *SMALL]
 
 
-def sayer(cwd: Path, source: Path) -> Say:
-    """Runs Python with the package of `source` in `cwd`; returns what it printed."""
+def here(cwd: Path) -> Say:
+    """Runs `islandgp` in this process, in the folder `cwd`; returns what it printed."""
+
+    def say(*words: str) -> str:
+        before = set(sys.modules)
+        with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as out:
+            patch.chdir(cwd)
+            patch.setattr(sys, "argv", ["islandgp", *words])
+            patch.setattr(sys, "path", sys.path.copy())
+            code: object = 0
+            try:
+                main()
+            except SystemExit as stop:
+                code = stop.code
+        assert not code, f"{shlex.join(words)}\n{out.getvalue()}"
+        for name in set(sys.modules) - before:
+            if str(getattr(sys.modules[name], "__file__", "")).startswith(str(cwd)):
+                del sys.modules[name]
+        return out.getvalue()
+
+    return say
+
+
+def in_a_process(folder: Path) -> Say:
+    """Runs `islandgp` with the package of a folder, in that folder; returns what it printed."""
 
     def say(*words: str) -> str:
         done = subprocess.run(
-            [sys.executable, *words],
-            cwd=cwd,
-            env={**os.environ, "PYTHONPATH": str(source)},
+            [sys.executable, "-c", CALL, *words],
+            cwd=folder,
+            env={**os.environ, "PYTHONPATH": str(folder)},
             capture_output=True,
             text=True,
             check=False,
@@ -87,10 +110,11 @@ def records(folder: Path, run: str) -> Iterator[Any]:
     return (json.loads(line) for line in file.read_text(encoding="utf-8").splitlines())
 
 
-def played(say: Say, tree: str, *words: str) -> list[Any]:
+def played(say: Say, folder: Path, tree: str, *words: str) -> list[Any]:
     """A tree's outcomes in two worlds, without a multiplier."""
     flat = ("--set", "curriculum=flat", "--seeds", "2", "--json", *words)
-    found: list[Any] = json.loads(say("-c", WRITE, "tree.bt", tree, "play", "tree.bt", *flat))
+    (folder / "tree.bt").write_text(tree, encoding="utf-8")
+    found: list[Any] = json.loads(say("play", "tree.bt", *flat))
     return found
 
 
@@ -99,7 +123,7 @@ def outside(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the page's files, where each of its commands has been run."""
     folder = tmp_path_factory.mktemp("outside")
     write_files(folder)
-    say = sayer(folder, ROOT)
+    say = here(folder)
     found = commands("sh")
     assert len(found) == 10
     for words in found:
@@ -138,10 +162,10 @@ def test_a_world(outside: Path) -> None:
 
 def test_a_reward(outside: Path) -> None:
     """A delivery earns what its band says, a collision four times the penalty."""
-    say = sayer(outside, ROOT)
+    say = here(outside)
     tree = COLLECT % "sequence { MoveToGarbage PickupGarbage } PatrolWaypoint"
-    own = played(say, tree, "--config-dir", "mine", "--set", "rewards=careful")
-    paper = played(say, tree)
+    own = played(say, outside, tree, "--config-dir", "mine", "--set", "rewards=careful")
+    paper = played(say, outside, tree)
     for a, b in zip(own, paper, strict=True):
         assert a["counters"] == b["counters"]
         n = a["counters"]["deliveries"]
@@ -189,20 +213,20 @@ def test_an_action(outside: Path) -> None:
     (file,) = outside.glob("runs/smoke/*domain=homing*/generations.jsonl")
     assert "ReturnToStart" in file.read_text(encoding="utf-8")
     own = ("--config-dir", "mine", "--set", "domain=homing")
-    say = sayer(outside, ROOT)
-    homing, patrolling = played(say, HOME, *own), played(say, "PatrolWaypoint")
+    say = here(outside)
+    homing, patrolling = played(say, outside, HOME, *own), played(say, outside, "PatrolWaypoint")
     for a, b in zip(homing, patrolling, strict=True):
         assert 0 < a["counters"]["distance"] < b["counters"]["distance"] / 2
 
 
 def test_an_event(checkout: Path) -> None:
     """The event pays by the file's row."""
-    say = sayer(checkout, checkout)
+    say = in_a_process(checkout)
     for words in commands("sh checkout"):
         assert "FAILED" not in say(*words_of(words))
     assert list(checkout.glob("runs/smoke/*rewards=laps*/generations.jsonl"))
-    own = played(say, LAPS, *NEAR, "--config-dir", "mine", "--set", "rewards=laps")
-    paper = played(say, LAPS, *NEAR)
+    own = played(say, checkout, LAPS, *NEAR, "--config-dir", "mine", "--set", "rewards=laps")
+    paper = played(say, checkout, LAPS, *NEAR)
     for a, b in zip(own, paper, strict=True):
         assert a["counters"]["laps"] > 0
         gained = a["components"]["patrol"] - b["components"]["patrol"]

@@ -164,16 +164,6 @@ def test_ctrl_c_in_another_command(tmp_path: Path) -> None:
     assert done.stderr.strip() == "islandgp: stopped"
 
 
-def test_sigterm_stops_a_run_as_ctrl_c_does(tmp_path: Path) -> None:
-    """A cluster's way of ending a job leaves the run KILLED, not RUNNING."""
-    process = start(tmp_path, *SLOW, "tracking=off")
-    wait_until(lambda: any(tmp_path.rglob("checkpoint.json")), process)
-    process.terminate()
-    code, said = finish(process)
-    assert code == 130, said
-    assert "the same command goes on from here" in said
-
-
 @pytest.mark.parametrize(
     "killed",
     [
@@ -184,7 +174,10 @@ def test_sigterm_stops_a_run_as_ctrl_c_does(tmp_path: Path) -> None:
 def test_a_run_stops_in_seconds_although_a_worker_does_not_answer(
     killed: bool, tmp_path: Path
 ) -> None:
-    """A stopped worker (SIGSTOP) cannot end by itself; it is killed, and nothing is left."""
+    """A stopped worker (SIGSTOP) cannot end by itself; it is killed, and nothing is left.
+
+    SIGTERM, as clusters send it, ends the run as Ctrl-C does.
+    """
     process = start(tmp_path, *TINY, "gp.generations=5000", "tracking=off", *TWO_WORKERS)
     wait_until(lambda: any(tmp_path.rglob("checkpoint.json")), process)
     one, other = workers(process)

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 from hydra._internal.utils import get_args_parser
 
-from islandgp.config.compose import command_line, planned
+from islandgp.config.compose import planned
+from islandgp.config.naming import command_line
 from islandgp.evaluation.processes import cores
 from islandgp.running.app import main
 from islandgp.sweep.job import workers_of

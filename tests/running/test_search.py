@@ -188,7 +188,7 @@ def test_a_trial_whose_values_do_not_fit_together_fails_alone(
     ]
     assert 0 < len(failed) < len(file.jobs)
     assert f"{len(failed)} of {len(file.jobs)} jobs not finished" in said.err
-    assert "gp.tournament: expected at most gp.population=" in said.err
+    assert "gp.tournament: expected at most gp.population = " in said.err
     assert f"{len(failed)} failed" in said.out
     assert "Traceback" not in said.err
 

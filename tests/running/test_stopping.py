@@ -114,14 +114,13 @@ STARTS = {
 
 @pytest.mark.process
 @pytest.mark.skipif(os.name != "posix", reason="needs SIGTERM")
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
 @pytest.mark.parametrize(
-    ("start", "module"),
+    ("name", "start", "module"),
     [
-        ("module", "islandgp.running.app"),
-        ("module", "hydra.errors"),
-        ("script", "islandgp.cli"),
-        ("script", "click.core"),
+        ("SIGINT", "module", "hydra.errors"),
+        ("SIGTERM", "script", "islandgp.cli"),
+        pytest.param("SIGTERM", "module", "islandgp.running.app", marks=pytest.mark.slow),
+        pytest.param("SIGINT", "script", "click.core", marks=pytest.mark.slow),
     ],
 )
 def test_a_signal_while_a_command_starts(name: str, start: str, module: str) -> None:

@@ -14,7 +14,8 @@ from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from omegaconf import DictConfig
 
-from islandgp.config.compose import Planned, planned, run_folder
+from islandgp.config.compose import Planned, planned
+from islandgp.config.naming import run_folder
 from islandgp.errors import ConfigError
 from islandgp.running.app import main
 from islandgp.sweep.folder import SweepFile, SweepFolder

@@ -134,7 +134,7 @@ def test_lacking_is_sorted() -> None:
     """Behaviours stand by rising number of individuals, equals in the order of configuration."""
     doing = {"pickup": 9, "humanoid": 2, "clearing": 0, "charging": 2}
     found = state([snapshot(0, doing=doing, diversity=0.29)])
-    assert found.lacking == ("clearing", "humanoid", "charging", "pickup")
+    assert found.rarest_behaviours == ("clearing", "humanoid", "charging", "pickup")
     assert found.diversity_warning is True
 
 

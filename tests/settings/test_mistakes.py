@@ -92,8 +92,8 @@ ONE_LINE = [
     (["+tags." + "x" * 196 + "=1"],
      "+tags.xxxxxxxxxxxxxx...: expected a key of at most 200 characters, found 202;"),
     (["resume=perhaps"], "resume='perhaps': input should be 'auto', 'never' or 'force'"),
-    (["gp.tournament=50"], "gp.tournament: expected at most gp.population=30, found 50"),
-    (["supervisor.lag=41"], "supervisor.lag: expected less than gp.generations=41, found 41"),
+    (["gp.tournament=50"], "gp.tournament: expected at most gp.population = 30, found 50"),
+    (["supervisor.lag=41"], "supervisor.lag: expected at most gp.generations - 1 = 40, found 41"),
     (["world.start=[500,400]"],
      "world.start: expected points at least 2 m inside the 300 m island, found (500, 400)"),
     (["world.side=1e6"],
@@ -512,6 +512,16 @@ def test_several_errors_several_lines(capsys: pytest.CaptureFixture[str]) -> Non
         "supervisor.policy.up=0.5",
         "world.robot.speed=-2",
     ]
+
+
+def test_settings_that_exclude_others_are_reported_at_once(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """A line for each."""
+    found = errors(capsys, "gp.tournament=50", "supervisor.lag=41", "+tags.seed=1")
+    assert [line.partition(":")[0] for line in found] == [
+        "gp.tournament", "supervisor.lag", "tags.seed",
+    ]  # fmt: skip
 
 
 def test_several_unknown_names_several_lines(capsys: pytest.CaptureFixture[str]) -> None:

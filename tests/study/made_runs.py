@@ -150,7 +150,7 @@ def write_run(run: Run, folder: Path, *, finished: bool = True) -> None:
     _lines(folder / "generations.jsonl", [asdict(r) for r in run.records])
     _lines(folder / "costs.jsonl", [{**asdict(c), "at": 1} for c in run.costs])
     if finished:
-        mean = run.validated or 0.0
+        mean = run.validation_mean or 0.0
         found = Validation(run.validation, mean, mean, mean, {}) if run.validation else None
         summary = {
             "champion": {**asdict(run.champion), "validation": found and asdict(found)},

@@ -16,7 +16,7 @@ from islandgp.study.arms import Arm, Run
 from islandgp.study.comparable import compare_arms
 from islandgp.study.generalise import Generalisation, generalise
 from islandgp.study.library import library_names
-from islandgp.study.report import Report, build
+from islandgp.study.report import ComparisonReport, build
 from islandgp.study.writing import runs_csv, to_markdown, to_page
 from islandgp.trust import trust, trusting
 from tests.made import CLASSES
@@ -78,12 +78,12 @@ UNSEEN = (Generalisation("expert", 0, 50.0, (40.0,) * 9, dict.fromkeys(TIERS, 0.
 
 
 @pytest.fixture(scope="module")
-def report() -> Report:
+def report(blank_module: None) -> ComparisonReport:  # noqa: ARG001 -- figures are not rendered
     """Two arms in a maze whose class cannot even be imported."""
     return build(compare_arms(_arms()), UNSEEN, 9)
 
 
-def test_every_milestone_behaviour_and_component_has_its_row(report: Report) -> None:
+def test_every_milestone_behaviour_and_component_has_its_row(report: ComparisonReport) -> None:
     """However many there are, by the names that configuration and records give them."""
     tables = {t.key: t for t in report.tables}
     firsts = [row[0] for row in tables["table-11"].rows]
@@ -97,7 +97,7 @@ def test_every_milestone_behaviour_and_component_has_its_row(report: Report) -> 
     assert runs_csv(compare_arms(_arms())).startswith("arm,seed")
 
 
-def test_no_paper_is_quoted_where_there_is_none(report: Report) -> None:
+def test_no_paper_is_quoted_where_there_is_none(report: ComparisonReport) -> None:
     """No column of published figures, no claims, no note of where they come from."""
     assert not any(c.startswith("paper*") for t in report.tables for c in t.columns)
     assert not any(t.key.startswith("claims") for t in report.tables)
@@ -117,7 +117,7 @@ def test_unseen_worlds_need_the_domain() -> None:
             generalise(compare_arms(_arms()), Serial, worlds=1, yardsticks={})
 
 
-def test_no_word_of_the_island_is_in_the_report(report: Report) -> None:
+def test_no_word_of_the_island_is_in_the_report(report: ComparisonReport) -> None:
     """Neither its actions and keys, nor its counters, classes and tiers."""
     words = {
         *SCHEMA.vocabulary.actions,

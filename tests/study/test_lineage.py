@@ -11,6 +11,7 @@ from islandgp.study.lineage import (
     alive,
     descent_of_first,
     elite_share,
+    first_descendant,
     median_life,
     newcomers,
 )
@@ -96,3 +97,19 @@ def test_where_the_first_one_came_from(
     run = made_run(best=[1.0] * 3, populations=[POPULATIONS[0], POPULATIONS[1], [first]])
     assert descent_of_first(run, "complete") is source
     assert descent_of_first(run, "excellent") is Descent.NEVER
+
+
+def test_advised_trees_are_no_descendants() -> None:
+    """Neither the injected tree nor its unchanged copy counts; its mutated copy does."""
+    done = {"tiers": ("complete",)}
+    populations = [
+        [individual("0.0", "random")],
+        [individual("1.0", "injected", **done)],
+        [individual("2.0", "elite", ["1.0"], **done)],
+        [individual("3.0", "copy", ["2.0"], mutation="point", tree="PatrolWaypoint\n", **done)],
+    ]
+    run = made_run(best=[1.0] * 4, populations=populations)
+    assert first_descendant(run, "complete") == 3
+    assert first_descendant(run, "excellent") is None
+    mutated = [[populations[0][0]], [individual("1.0", "edited", mutation="point", **done)]]
+    assert first_descendant(made_run(best=[1.0] * 2, populations=mutated), "complete") == 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from itertools import combinations, pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +18,8 @@ from islandgp.statistics import (
     UNTESTED,
     benjamini_hochberg,
     bootstrap,
+    cox,
+    hazard_ratio,
     log_rank,
     mean_difference,
     mean_interval,
@@ -189,6 +192,47 @@ def test_log_rank_uses_censored_runs() -> None:
     """A run without one is evidence: with it the arms differ more than without it."""
     with_it = log_rank([1, 2, 3], [4, 5, None], horizon=41)
     assert with_it < log_rank([1, 2, 3], [4, 5], horizon=41)
+
+
+TREATED = [6, 6, 6, 7, 10, 13, 16, 22, 23], [6, 9, 10, 11, 17, 19, 20, 25, 32, 32, 34, 35]
+CONTROL = [1, 1, 2, 2, 3, 4, 4, 5, 5, 8, 8, 8, 8, 11, 11, 12, 12, 15, 17, 22, 23]
+
+
+def test_hazard_ratio_of_a_published_trial() -> None:
+    """Remission of leukaemia (Freireich et al. 1963): Efron's 1.5721 with standard error 0.4124."""
+    treated = [(float(t), k == 0) for k, times in enumerate(TREATED) for t in times]
+    found = cox([(float(t), True) for t in CONTROL], treated)
+    assert math.log(found.estimate) == pytest.approx(1.5721, abs=1e-4)
+    assert math.log(found.high / found.estimate) / 1.959964 == pytest.approx(0.4124, abs=1e-4)
+    assert found.estimate / found.low == pytest.approx(found.high / found.estimate)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "ratio"),
+    [([1, 2], [None, None], math.inf), ([None, None], [1, 2], 0), ([None], [None], math.nan)],
+)
+def test_hazard_ratio_without_an_interval(
+    first: list[Any], second: list[Any], ratio: float
+) -> None:
+    """Where one arm alone gets there the ratio has no finite estimate, and no interval."""
+    found = hazard_ratio(first, second, horizon=41)
+    assert found.estimate == pytest.approx(ratio, nan_ok=True)
+    assert math.isnan(found.low)
+    assert math.isnan(found.high)
+
+
+def test_single_values_have_no_interval() -> None:
+    """Every interval of a single value is nan, not of zero width."""
+    intervals = (
+        mean_interval([3.0]),
+        median_interval([3.0]),
+        mean_difference([3.0], [3.0]),
+        mean_difference([3.0], [1.0, 1.0]),
+        paired_difference([3.0], [1.0]),
+        bootstrap([[3.0], [1.0]], median_difference),
+        hazard_ratio([3], [1, 2, 5, None], horizon=41),
+    )
+    assert all(math.isnan(i.low) and math.isnan(i.high) for i in intervals)
 
 
 def test_bootstrap_is_seeded_and_holds_its_estimate() -> None:

@@ -12,7 +12,7 @@ from islandgp.statistics import Interval, mean_sd, rank_test
 from islandgp.study.findings import examine
 from islandgp.study.measures import TABLE_9, emergence
 from islandgp.study.paper import MARK
-from islandgp.study.report import Report, Section
+from islandgp.study.report import ComparisonReport, Section
 from islandgp.study.table import (
     Table,
     interval,
@@ -31,7 +31,7 @@ from islandgp.study.writing import to_markdown, to_page
 TABLE = Table(
     "t", "A title", ("Name", "value", f"{MARK} value"), (("a|b", "1,000 ± 2", "<3>"),), ("A note.",)
 )
-REPORT = Report("a against b", (), (Section("Tables", (TABLE, "A paragraph.")),), ())
+REPORT = ComparisonReport("a against b", (), (Section("Tables", (TABLE, "A paragraph.")),), ())
 
 
 def test_markdown_escapes_what_would_break_it() -> None:

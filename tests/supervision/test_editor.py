@@ -16,7 +16,7 @@ from islandgp.gp.edits import Edit, EditTrial, as_record
 from islandgp.gp.record import IndividualRecord, record_values
 from islandgp.records.checkpoint import dump
 from islandgp.running.run import make_supervisor
-from islandgp.supervision.base import Seen
+from islandgp.supervision.base import GenerationView
 from islandgp.supervision.editor import Editor, place_for, requirements, urgency, widened
 from islandgp.supervision.editor_controls import EditorYoked
 from tests.composed import composed
@@ -51,9 +51,9 @@ def individual(name: str, tree: str, fitness: float = 0.0, **counters: float) ->
     )
 
 
-def seen(*individuals: IndividualRecord, generation: int = 0, **fields: Any) -> Seen:
+def seen(*individuals: IndividualRecord, generation: int = 0, **fields: Any) -> GenerationView:
     """A generation as supervisors see it."""
-    return Seen(snapshot(generation), (0,), {}, individuals, None, **fields)
+    return GenerationView(snapshot(generation), (0,), {}, individuals, None, **fields)
 
 
 def editor(name: str = "editor", *overrides: str) -> Editor:
@@ -63,9 +63,9 @@ def editor(name: str = "editor", *overrides: str) -> Editor:
     return found
 
 
-def advice(supervisor: Editor, generation: Seen) -> tuple[Edit, ...]:
+def advice(supervisor: Editor, generation: GenerationView) -> tuple[Edit, ...]:
     """What it advises after a generation."""
-    supervisor.see(generation)
+    supervisor.on_generation(generation)
     return supervisor.advise(state([generation.snapshot]), RNG).edits
 
 
@@ -135,7 +135,7 @@ def test_nothing_to_edit() -> None:
     assert advice(editor(), seen(all_of_it)) == ()
     assert editor().advise(state([snapshot()]), RNG).edits == ()
     supervisor = editor()
-    supervisor.see(seen(individual("0.0", PATROL)))
+    supervisor.on_generation(seen(individual("0.0", PATROL)))
     assert supervisor.advise(state([snapshot(3)]), RNG).edits == ()
 
 
@@ -213,9 +213,9 @@ def test_a_random_tree() -> None:
     assert {edit.branch for edit in edits} == {parse(CHARGE)}
 
 
-def _drawn(name: str, population: Seen, seed: int) -> tuple[Edit, ...]:
+def _drawn(name: str, population: GenerationView, seed: int) -> tuple[Edit, ...]:
     supervisor = editor(name)
-    supervisor.see(population)
+    supervisor.on_generation(population)
     return supervisor.advise(state([snapshot()]), np.random.default_rng(seed)).edits
 
 

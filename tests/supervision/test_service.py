@@ -12,7 +12,7 @@ import pytest
 from islandgp.errors import PartError
 from islandgp.evolution.loop import evolve
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, Service
+from islandgp.supervision.base import Guidance, SupervisorLifecycle
 from tests.evolution.fake import Fake
 from tests.evolution.runs import Says, plan, run
 
@@ -26,7 +26,7 @@ class Serves(Says):
         self.hangs: Event | None = None
 
     def start(self) -> str:
-        """See `Service`."""
+        """See `SupervisorLifecycle`."""
         return "ready"
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
@@ -36,18 +36,18 @@ class Serves(Says):
         return super().advise(state, rng)
 
     def spent(self) -> dict[str, float]:
-        """See `Service`."""
+        """See `SupervisorLifecycle`."""
         return {"questions": float(len(self.seen))}
 
     def close(self) -> None:
-        """See `Service`."""
+        """See `SupervisorLifecycle`."""
         self.closed += 1
 
 
 def test_what_a_service_is() -> None:
     """Only those that say so are started, counted and closed."""
-    assert isinstance(Serves(), Service)
-    assert not isinstance(Says(), Service)
+    assert isinstance(Serves(), SupervisorLifecycle)
+    assert not isinstance(Says(), SupervisorLifecycle)
 
 
 def test_what_was_spent_is_in_each_generation_s_cost() -> None:

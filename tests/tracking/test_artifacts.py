@@ -7,16 +7,15 @@ import tracemalloc
 from dataclasses import asdict
 from pathlib import Path
 
-from islandgp.tracking.artifacts import TABLE, artifacts, curves, table
-from islandgp.tracking.chart import svg
+from islandgp.tracking.artifacts import TABLE, artifacts, table
 from tests.tracking.folders import begun, steps, written
 
 GENERATIONS = 20
 COMMENT = 10_000  # characters of each tree
 
 
-def test_table_and_curves_need_no_individuals(tmp_path: Path) -> None:
-    """The memory that they take is a part of what the individuals of the run would take."""
+def test_the_table_needs_no_individuals(tmp_path: Path) -> None:
+    """The memory that it takes is a part of what the individuals of the run would take."""
     folder = begun(tmp_path / "run", tmp_path)
     record = json.dumps(asdict(steps()[0].record) | {"guidance": None})
     line = json.loads(record)
@@ -27,18 +26,17 @@ def test_table_and_curves_need_no_individuals(tmp_path: Path) -> None:
     tracemalloc.start()
     try:
         found = {a.name: a.content for a in artifacts(folder)}
-        texts = [found[name]() for name in (TABLE, "curves.svg")]  # type: ignore[operator] # made
+        text = found[TABLE]()  # type: ignore[operator] # a text is made
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert len(json.loads(texts[0])["data"]) == GENERATIONS
+    assert len(json.loads(text)["data"]) == GENERATIONS
     assert peak < GENERATIONS * len(line["individuals"]) * COMMENT / 2
 
 
-def test_table_and_curves_are_those_of_whole_records(tmp_path: Path) -> None:
-    """Nothing of a record is missing that they show."""
+def test_the_table_is_that_of_whole_records(tmp_path: Path) -> None:
+    """Nothing of a record is missing that it shows."""
     folder = written(tmp_path / "run", tmp_path)
     found = {a.name: a.content for a in artifacts(folder)}
     whole = list(folder.records())
     assert found[TABLE]() == json.dumps(table(whole))  # type: ignore[operator] # a text is made
-    assert found["curves.svg"]() == svg(curves(whole))  # type: ignore[operator] # as above

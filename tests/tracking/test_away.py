@@ -20,9 +20,9 @@ from islandgp.records.folder import Status
 from islandgp.records.manifest import add_to_manifest
 from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.mlflow import MLflow
-from islandgp.tracking.sent import read_sent
 from islandgp.tracking.store import MLflowSettings, Place, Store
 from islandgp.tracking.sync import sync
+from islandgp.tracking.sync_state import read_state
 from tests.composed import plain
 from tests.running.commands import TINY, fake, finish, group_members, start
 from tests.running.histories import store as open_store
@@ -44,7 +44,7 @@ def tracker(home: Path, uri: str, patience: float) -> MLflow:
 def test_a_server_that_is_away_costs_patience_and_nothing_else(
     server: Callable[[], AbstractContextManager[str]], home: Path, store: Store
 ) -> None:
-    """The end waits no longer than was said (`test_sender`); the message names the remedy."""
+    """The end waits no longer than was said (`test_follow`); the message names the remedy."""
     folder = begun(home / "runs/a/one", home)
     with server() as uri:
         follows = tracker(home, uri, 1.5)
@@ -74,7 +74,7 @@ def test_a_store_deleted_under_way_is_made_again(
     folder.append(done[0])
     follows.generation()
     end = monotonic() + 120
-    while not (sent := read_sent(folder.path)) or not sent.generations:
+    while not (sent := read_state(folder.path)) or not sent.generations:
         assert monotonic() < end
         sleep(0.05)
     (home / "mlflow.db").unlink()

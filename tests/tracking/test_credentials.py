@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-import pickle
 from base64 import b64encode
 from pathlib import Path
+from queue import Queue
 
 import pytest
 import yaml
@@ -14,8 +14,8 @@ from click.testing import CliRunner
 from islandgp.cli import islandgp
 from islandgp.records.manifest import add_to_manifest
 from islandgp.records.parameters import redacted, without_credentials
+from islandgp.tracking.follow import Follower, SyncEvent, SyncRequest
 from islandgp.tracking.place import place_of
-from islandgp.tracking.sender import Order, Report, Worker
 from islandgp.tracking.store import ACCOUNT, MLflowSettings, Place, _authenticate
 from islandgp.trust import trust_folder, trusting
 from tests.running.commands import TINY, fake, finish, start
@@ -90,13 +90,14 @@ def test_a_sweep_s_end_knows_what_the_folders_lack(
         )
         names = frozenset({address} if given else ())
         places = (Place.of(own, tmp_path),) if given else ()
-        order = Order(0, str(tmp_path), places=places, trusted=names)
-        told: list[Report] = []
-        worker = Worker(lambda report: (told.append(report), worker.end())[0])
-        worker.add(pickle.loads(pickle.dumps(order)))
-        worker.work()
+        request = SyncRequest(str(tmp_path), places, trusted=names)
+        requests: Queue[SyncRequest | None] = Queue()
+        requests.put(SyncRequest.from_line(request.to_line()))
+        requests.put(None)
+        events: list[SyncEvent] = []
+        Follower(events.append).run(requests)
     assert set(asked) == ({BASIC} if given else set())
-    assert [PIECE in repr(place) for place in order.places] == [False] * given
+    assert [PIECE in repr(place) for place in request.places] == [False] * given
 
 
 def test_a_server_that_only_a_folder_names_is_not_asked(

@@ -11,8 +11,8 @@ from islandgp.errors import TrackingError
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import add_to_manifest
 from islandgp.tracking.mirror import Mirror, up_to_date
-from islandgp.tracking.sent import read_sent, write_sent
 from islandgp.tracking.store import Store
+from islandgp.tracking.sync_state import read_state, write_state
 from tests.tracking.folders import begun, history, place, steps, written
 
 
@@ -23,7 +23,7 @@ def maxima(generations: int) -> list[tuple[int, float]]:
 
 def run_of(store: Store, folder: RunFolder) -> object:
     """The folder's MLflow run."""
-    sent = read_sent(folder.path)
+    sent = read_state(folder.path)
     assert sent is not None
     return store.client.get_run(sent.run)
 
@@ -57,11 +57,11 @@ def test_nothing_is_doubled_when_the_memory_of_sending_is_lost(home: Path, store
     """Without tracking.json, or with one that knows too little, the store itself is asked."""
     folder = written(home / "runs/a/one", home)
     run = Mirror(folder, store).send(Status.FINISHED)
-    sent = read_sent(folder.path)
+    sent = read_state(folder.path)
     assert sent is not None
     (folder.path / "tracking.json").unlink()
     assert Mirror(folder, store).send(Status.FINISHED) == run
-    write_sent(folder.path, replace(sent, generations=2, done=""))
+    write_state(folder.path, replace(sent, generations=2, done=""))
     assert Mirror(folder, store).send(Status.FINISHED) == run
     assert history(store, run) == maxima(5)
     assert len(store.client.search_runs([store.experiment])) == 1
@@ -107,7 +107,6 @@ def test_a_finished_run_has_everything_that_people_look_for(home: Path, store: S
         "best.svg",
         "config.yaml",
         "costs.jsonl",
-        "curves.svg",
         "generations.json",
         "generations.jsonl",
         "lineage.csv",

@@ -13,9 +13,9 @@ from islandgp.records.manifest import add_to_manifest
 from islandgp.sweep.folder import SweepFile, SweepFolder, SweepJob
 from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.parent import metric_names, parent_run, send_sweep
-from islandgp.tracking.sent import read_sent
 from islandgp.tracking.store import Store
 from islandgp.tracking.summary import arm_table, arms
+from islandgp.tracking.sync_state import read_state
 from tests.tracking.folders import begun, written
 
 
@@ -137,8 +137,8 @@ def test_jobs_find_the_same_parent(home: Path, store: Store) -> None:
     assert parent_run(home / "runs/s/two", store) == first
 
 
-def test_a_finished_sweep_is_described_and_drawn(home: Path, store: Store) -> None:
-    """Table and commands as Markdown, curves over seeds as metrics and picture, children nested."""
+def test_a_finished_sweep_is_described(home: Path, store: Store) -> None:
+    """Table and commands as Markdown, curves over seeds as metrics, children nested."""
     sweep = opened(home / "runs/s", job("b-seed1", seed=1), job("b-seed2", seed=2))
     for seed in (1, 2):
         written(home / f"runs/s/b-seed{seed}", home, seed=seed)
@@ -150,15 +150,15 @@ def test_a_finished_sweep_is_described_and_drawn(home: Path, store: Store) -> No
     assert "| baseline | 2 of 2 |" in note
     assert "    python -m islandgp -m" in note
     firsts = [next(sweep.run(entry).records())["snapshot"]["best"] for entry in file_of(sweep).jobs]
-    points = store.client.get_metric_history(parent, "sweep/baseline best fitness mean")
+    points = store.client.get_metric_history(parent, "sweep/baseline fitness max mean")
     assert [m.step for m in points] == [0, 1, 2, 3, 4]
     assert points[0].value == pytest.approx(sum(firsts) / 2)
     assert found.data.params["seed"] == "1, 2"
     assert found.data.params["supervisor.name"] == "baseline"
     names = {file.path for file in store.client.list_artifacts(parent)}
-    assert names == {"arms.md", "curves.svg", "sweep.json"}
+    assert names == {"arms.md", "sweep.json"}
     for entry in file_of(sweep).jobs:
-        child = read_sent(sweep.path / entry.folder)
+        child = read_state(sweep.path / entry.folder)
         assert child is not None
         assert store.client.get_run(child.run).data.tags["mlflow.parentRunId"] == parent
 

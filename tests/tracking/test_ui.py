@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 from time import sleep
 from types import SimpleNamespace
@@ -23,20 +24,23 @@ from islandgp.cli import islandgp
 from islandgp.commands import ui_command
 from islandgp.errors import TrackingError
 from islandgp.records.folder import Status
+from islandgp.resources import resource
+from islandgp.tracking import ui
 from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.place import place_from, place_of_latest
-from islandgp.tracking.store import Place, Store
+from islandgp.tracking.store import ARM, Place, Store
 from islandgp.tracking.sync import sync
-from islandgp.tracking.ui import Pages, runs_page, served, share_view
+from islandgp.tracking.ui import Pages, runs_page, served, share_views
 from tests.running.commands import ROOT
 from tests.tracking.folders import history, place, written
+from tests.tracking.test_sweep_folder import job, opened, send
 from tests.trees.shell import shell
 from tests.viewer.browser import Browser, chromium
 
 
 def test_the_runs_page_is_the_one_with_the_charts() -> None:
     """MLflow itself opens on a page for language models, which is empty."""
-    assert runs_page("http://h:1", "7", "CHART") == (
+    assert runs_page("http://h:1", "7", "CHART", "arms") == (
         "http://h:1/#/experiments/7/runs?workflowType=machine_learning&compareRunsMode=CHART"
         "&viewStateShareKey=arms"
     )
@@ -44,10 +48,10 @@ def test_the_runs_page_is_the_one_with_the_charts() -> None:
 
 def test_the_view_of_the_arms_is_kept_in_the_store(store: Store) -> None:
     """Grouped by arm, in the tag where MLflow's pages look for shared views."""
-    share_view(store)
+    share_views(store)
     tags = store.client.get_experiment(store.experiment).tags
     state = json.loads(tags["mlflow.sharedViewState.arms"])
-    assert state["groupBy"]["groupByKeys"] == [{"mode": "tag", "groupByData": "arm"}]
+    assert state["groupBy"]["groupByKeys"] == [{"mode": "tag", "groupByData": ARM}]
     assert "fitness/max" in {chart["metricKey"] for chart in state["compareRunCharts"]}
     assert len(tags["mlflow.sharedViewState.arms"]) < 5000  # MLflow's limit of a tag
 
@@ -55,7 +59,7 @@ def test_the_view_of_the_arms_is_kept_in_the_store(store: Store) -> None:
 def test_the_view_has_a_chart_for_each_milestone_of_the_runs(home: Path, store: Store) -> None:
     """And a column, whatever the tiers of their domain are called."""
     Mirror(written(home / "runs/a/one", home), store).send(Status.FINISHED)
-    share_view(store)
+    share_views(store)
     text = store.client.get_experiment(store.experiment).tags["mlflow.sharedViewState.arms"]
     state = json.loads(text)
     charts = [chart["metricKey"] for chart in state["compareRunCharts"]]
@@ -63,6 +67,38 @@ def test_the_view_has_a_chart_for_each_milestone_of_the_runs(home: Path, store: 
     firsts = ["metrics.`run/first_complete`", "metrics.`run/first_excellent`"]
     assert state["selectedColumns"][-2:] == firsts
     assert len(text) < 5000
+
+
+def test_the_arms_are_those_of_the_latest_sweep(home: Path, store: Store) -> None:
+    """Runs of other sweeps are in the table only, below their own sweep."""
+    parents = []
+    for name in ("first", "second"):
+        written(home / f"runs/{name}/one", home)
+        parents.append(send(opened(home / f"runs/{name}", job("one")), store))
+    assert share_views(store) == "second"
+    tags = store.client.get_experiment(store.experiment).tags
+    arms, runs = (json.loads(tags[f"mlflow.sharedViewState.{key}"]) for key in ("arms", "runs"))
+    found = store.client.search_runs([store.experiment], arms["searchFilter"])
+    assert [run.data.tags["mlflow.parentRunId"] for run in found] == [parents[1]]
+    assert [run.data.tags[ARM] for run in found] == ["baseline"]
+    assert [key["groupByData"] for key in runs["groupBy"]["groupByKeys"]] == ["sweep", ARM]
+    assert "searchFilter" not in runs
+
+
+def mlflow_colour(group: str) -> int:
+    """The number of a group's colour among the 29 of MLflow's pages."""
+    low = high = 0
+    for character in group:
+        low = (low + ord(character)) % 255
+        high = (high + low) % 255
+    return (low | high << 8) % 29
+
+
+def test_the_supervisors_have_different_colours() -> None:
+    """Every pair of those that are shipped, in charts that are grouped by arm."""
+    names = [file.stem for file in resource("conf/supervisor").glob("*.yaml")]
+    assert len(names) > 8
+    assert len({mlflow_colour(f"tag.{ARM}.{name}") for name in names}) == len(names)
 
 
 def test_a_taken_port_is_named(store: Store) -> None:
@@ -85,6 +121,19 @@ def test_a_store_that_is_not_there_is_not_made(
     assert (said.code, said.out) == (2, "")
     assert said.err.splitlines()[-1].startswith(line)
     assert not (home / "mlflwo.db").exists()
+
+
+def test_the_extra_with_the_pages_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where MLflow's client alone is installed, as `pip install islandgp` does."""
+
+    def distribution(name: str) -> None:
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr(ui, "distribution", distribution)
+    file = tmp_path / "mlflow.db"
+    file.touch()
+    with pytest.raises(TrackingError, match=r"client alone; pip install 'islandgp\[ui\]'"):
+        served(Place(f"sqlite:///{file}", None, "islandgp"), 5000).__enter__()
 
 
 def test_a_server_that_is_away_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -201,9 +250,9 @@ def test_signals_end_the_command_as_ctrl_c_does(
     closed: list[int] = []
 
     @contextmanager
-    def served(_: Place, port: int) -> Iterator[SimpleNamespace]:
+    def served(_: Place, port: int) -> Iterator[Pages]:
         try:
-            yield SimpleNamespace(arms="arms", runs="runs")
+            yield Pages("arms", "runs")
         finally:
             closed.append(port)
 
@@ -305,7 +354,7 @@ def test_the_server_shows_two_arms(home: Path, store: Store) -> None:
     for name in ("baseline", "expert"):
         folder = written(home / f"runs/a/{name}-seed1", home)
         run = Mirror(folder, store).send(folder.status())
-        store.client.set_tag(run, "arm", name)
+        store.client.set_tag(run, ARM, name)
     program = chromium()
     if program is None:
         pytest.skip("no Chromium")
@@ -314,7 +363,7 @@ def test_the_server_shows_two_arms(home: Path, store: Store) -> None:
         browser.open(pages.arms)
         while "tiers/complete" not in (text := browser.run("document.body.innerText")):
             sleep(0.5)  # until the test's own time limit
-        assert "Group by: arm" in text
+        assert f"Group by: {ARM}" in text
         assert "Group: baseline" in text
         assert "Group: expert" in text
         browser.open(pages.runs)

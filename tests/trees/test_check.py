@@ -234,7 +234,7 @@ def test_facts_about_actions_hold_on_the_island() -> None:
     domain = shortened(settings, 120, stagnation=120, negative=120).make_domain()
     weights = settings.curriculum.multipliers(0)
     seen: Counter[tuple[str, int]] = Counter()
-    for tree in random_trees(settings, 40):
+    for tree in random_trees(settings, 20):
         domain.run_episode(tree, 7, weights, Facts(tree, seen))
     assert {name for name, status in seen if status == SUCCESS} >= {
         "MoveToGarbage",

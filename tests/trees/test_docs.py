@@ -226,6 +226,7 @@ def test_tutorial_trees_are_in_canonical_form() -> None:
             assert format_text(text) == text
 
 
+@pytest.mark.slow
 def test_tutorial_tells_the_results() -> None:
     """The table of results is what the trees earn (python docs/generate.py), each step earns more
     than the one before but the guard, and the last tree more than the example."""

@@ -20,7 +20,7 @@ from islandgp.bt.export.import_cpp import read_tree
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import DomainError
 from tests.bt.stage import short_tree
-from tests.profiles import examples
+from tests.profiles import cases, examples
 from tests.strategies import few_boards, few_numbers, nodes
 from tests.trees.exactness import (
     EXAMPLES,
@@ -74,20 +74,20 @@ def test_behaviortree_cpp(
 
 
 def test_many_interruptions_in_py_trees() -> None:
-    """So it is for 1,000 trees with many guards that interrupt."""
-    for tree, boards, results, _ in random_cases(1000):
+    """So it is for trees with many guards that interrupt."""
+    for tree, boards, results, _ in random_cases(cases(1000)):
         assert in_py_trees(tree, boards, results, PLACES) == ours(tree, boards, results, PLACES)
 
 
 def test_many_interruptions_in_behaviortree_cpp(cpp: BehaviorTreeCpp) -> None:
     """And there."""
-    for tree, boards, results, _ in random_cases(1000):
+    for tree, boards, results, _ in random_cases(cases(1000)):
         assert cpp.trace(tree, boards, results) == ours(tree, boards, results, PLACES)
 
 
 def test_subtrees_in_py_trees() -> None:
     """Subtrees are functions of their names there, and change nothing of what the tree does."""
-    for tree, boards, results, _ in random_cases(150):
+    for tree, boards, results, _ in random_cases(cases(150)):
         parted = in_subtrees(tree, Random(len(boards) + len(leaves(tree))))
         for plain in (False, True):
             alone = in_py_trees(unnamed(parted), boards, results, PLACES, plain=plain)
@@ -97,7 +97,7 @@ def test_subtrees_in_py_trees() -> None:
 
 def test_subtrees_in_behaviortree_cpp(cpp: BehaviorTreeCpp) -> None:
     """And SubTrees there."""
-    for tree, boards, results, _ in random_cases(300):
+    for tree, boards, results, _ in random_cases(cases(300)):
         parted = in_subtrees(tree, Random(len(boards) + len(leaves(tree))))
         expected = ours(parted, boards, results, PLACES)
         for how in ("exactly", "once"):

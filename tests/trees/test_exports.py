@@ -22,7 +22,7 @@ from islandgp.resources import resource
 from islandgp.viewer.recording import FAILED, SUCCEEDED
 from tests.bt.stage import short_tree
 from tests.composed import composed
-from tests.profiles import examples
+from tests.profiles import cases, examples
 from tests.strategies import few_boards, few_numbers, nodes
 from tests.trees.shell import Cli
 from tests.trees.targets import leaves, main_tree, with_own_names
@@ -205,14 +205,14 @@ def test_stated_losses_are_real(about: str) -> None:
     assert told(in_behaviortree_cpp(tree, boards, results), names) == there
 
 
-def test_500_random_trees() -> None:
-    """500 random trees: JSON gives the tree back, the XML loads in the real library, and reading
+def test_random_trees() -> None:
+    """Random trees: JSON gives the tree back, the XML loads in the real library, and reading
     the XML back and writing it again gives the same XML."""
     cpp: Any = pytest.importorskip("behaviortreepy", reason="extra `btcpp` is not installed")
     factory = cpp.BehaviorTreeFactory()
     for name in VOCABULARY.actions:
         factory.register_simple_action(name, lambda _: cpp.NodeStatus.SUCCESS)
-    for tree in random_trees(composed(), 500):
+    for tree in random_trees(composed(), cases(500)):
         assert from_json(to_json(tree)) == tree
         xml = behaviortree_cpp.to_xml(tree, VOCABULARY, plain=True)
         made = factory.create_tree_from_text(xml)
@@ -243,6 +243,7 @@ def test_json_is_lossless(tree: Node) -> None:
 
 
 EXAMPLES = sorted(path.stem for path in (resource("grammar") / "examples").glob("*.bt"))
+QUICK = ("all_rounder", "diverse_compact")  # equal in both forms, and in one
 PARTLY = {  # % of the ticks
     "diverse": 93.8,
     "diverse_compact": 32.9,
@@ -253,7 +254,10 @@ PARTLY = {  # % of the ticks
 }
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in EXAMPLES],
+)
 def test_py_trees_decides_the_same_on_a_recorded_episode(name: str) -> None:
     """On the blackboard and the results of an episode, py_trees calls the same actions each tick.
 

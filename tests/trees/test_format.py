@@ -12,7 +12,7 @@ from islandgp.bt.core.language import parse, parse_placed, to_text, words
 from islandgp.bt.core.node import Node, walk
 from islandgp.bt.editor.format import format_text
 from tests.composed import composed
-from tests.profiles import examples
+from tests.profiles import cases, examples
 from tests.strategies import nodes
 from tests.trees.shell import Cli
 from tests.trees.worlds import random_trees
@@ -49,9 +49,9 @@ def test_formatting(text: str) -> None:
     assert not re.search(r"[ \t]\n", once)
 
 
-def test_500_random_trees() -> None:
-    """For 500 random trees parse of print is the identity, and fmt prints what the printer does."""
-    for tree in random_trees(composed(), 500):
+def test_random_trees() -> None:
+    """For random trees parse of print is the identity, and fmt prints what the printer does."""
+    for tree in random_trees(composed(), cases(500)):
         text = to_text(tree)
         assert parse(text) == tree
         assert format_text(text) == text

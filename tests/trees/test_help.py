@@ -9,7 +9,7 @@ import click
 import pytest
 
 from islandgp import cli
-from islandgp.cli import COMMANDS, EXAMPLES
+from islandgp.cli import COMMANDS
 from tests.trees.shell import Cli
 
 
@@ -19,7 +19,7 @@ def test_each_help_ends_with_an_example_that_the_command_takes(
 ) -> None:
     """Its options exist, and its words are as many as it expects."""
     said = islandgp(name, "--help")
-    example = f"islandgp {name} {EXAMPLES[name]}".rstrip()
+    example = f"islandgp {name} {COMMANDS[name].example}".rstrip()
     assert said.out.rstrip().splitlines()[-1].strip() == example
     monkeypatch.chdir(tmp_path)
     for file in ("tree.bt", "other.bt", "tree.xml", "robot.yaml"):
@@ -27,7 +27,7 @@ def test_each_help_ends_with_an_example_that_the_command_takes(
     Path("runs/default/expert-seed0").mkdir(parents=True)
     command = cli.islandgp.get_command(click.Context(cli.islandgp), name)
     assert command is not None
-    command.make_context(name, shlex.split(EXAMPLES[name]))  # raises what is wrong
+    command.make_context(name, shlex.split(COMMANDS[name].example))  # raises what is wrong
 
 
 @pytest.mark.parametrize(
@@ -37,14 +37,39 @@ def test_each_help_ends_with_an_example_that_the_command_takes(
         (["zzz"], "islandgp: expected a command, found 'zzz'; `islandgp -h` shows what it takes"),
         (
             ["play"],
-            "islandgp: play: missing argument 'FILES...'; `islandgp play -h` shows what it takes",
+            "islandgp: play: expected FILES..., found none; `islandgp play -h` shows what it takes",
         ),
         (
             ["play", "--sedes", "3"],
-            "islandgp: play: no such option: --sedes; did you mean --seeds?",
+            "islandgp: play: expected another option, found --sedes; did you mean --seeds?",
         ),
-        (["play", "t.bt", "--seeds", "x"], "islandgp: play: invalid value for '--seeds': 'x' is"),
-        (["best"], "islandgp: best: missing argument 'RUN'; `islandgp best -h` shows what it"),
+        (
+            ["play", "-", "--seeds", "x"],
+            "islandgp: play: '--seeds': expected a valid integer, found 'x'; `islandgp play -h`",
+        ),
+        (
+            ["play", "-", "--seeds", "0"],
+            "islandgp: play: '--seeds': expected 1<=x<=100000, found 0; `islandgp play -h` shows",
+        ),
+        (
+            ["play", "-", "--timeout", "nan"],
+            "islandgp: play: '--timeout': expected a number of at least 0, found 'nan'; `island",
+        ),
+        (
+            ["show", "t.bt"],
+            "islandgp: show: 'FILE': expected a File at t.bt, found none; `islandgp show -h` shows",
+        ),
+        (
+            ["show", "-", "--format", "x"],
+            "islandgp: show: '--format': expected one of 'text', 'svg', 'mermaid', 'dot', found",
+        ),
+        (
+            ["show", "-", "-o"],
+            "islandgp: expected a value after -o, found none; `islandgp -h`",
+        ),
+        (["show", "-", "x"], "islandgp: show: expected no more words, found x; `islandgp show -h`"),
+        (["export"], "islandgp: export: expected FILE, found none; `islandgp export -h` shows"),
+        (["best"], "islandgp: best: expected RUN, found none; `islandgp best -h` shows what"),
         (["best", "nowhere"], "islandgp: Expected a finished run in nowhere, found none; give"),
     ],
 )

@@ -14,10 +14,10 @@ from rich.console import Console
 
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import size
-from islandgp.commands.play_command import Column, fitting, numbers, parts, width_of
+from islandgp.commands.tables import Column, fitting, numbers, parts, width_of
 from islandgp.resources import resource
 from islandgp.viewer.recording import IDLE, record
-from islandgp.viewer.trace import ELLIPSIS, courses, drawn, merged, stints, timeline
+from islandgp.viewer.trace import ELLIPSIS, action_spans, courses, drawn, merged, timeline
 from islandgp.viewer.watch import frame, lines, watch
 from tests.trees.shell import Cli
 from tests.viewer.episodes import going, island, small
@@ -166,7 +166,7 @@ def test_play_fits_a_narrow_terminal(
     islandgp: Cli, monkeypatch: pytest.MonkeyPatch, width: int
 ) -> None:
     """Nothing is cut off, and what is left out is told."""
-    monkeypatch.setattr("islandgp.commands.play_command.ENDLESS", width)
+    monkeypatch.setattr("islandgp.commands.tables.ENDLESS", width)
     said = islandgp("play", GOOD, "--seeds", 2, *SHORT)
     assert said.code == 0
     assert max(map(len, said.out.splitlines())) <= width
@@ -184,7 +184,7 @@ def test_play_of_several_fits_a_narrow_terminal(
     file = tmp_path / "a folder" / f"{'long' * 20}.bt"
     file.parent.mkdir()
     file.write_text("PatrolWaypoint", encoding="utf-8")
-    monkeypatch.setattr("islandgp.commands.play_command.ENDLESS", width)
+    monkeypatch.setattr("islandgp.commands.tables.ENDLESS", width)
     said = islandgp("play", GOOD, file, "--seeds", 2, *SHORT)
     assert said.code == 0
     assert max(map(len, said.out.splitlines())) <= width
@@ -210,15 +210,15 @@ def test_trace(islandgp: Cli) -> None:
 
 
 def test_trace_tells_every_call() -> None:
-    """The stints of the actions cover each tick in which an action was called, once."""
+    """The spans of the actions cover each tick in which an action was called, once."""
     recording = record(parse(GOOD.read_text()), island(), seed=1, stage=3)
     for place, codes in enumerate(recording.statuses):
-        own = [s for s in stints(recording) if s.place == place]
+        own = [s for s in action_spans(recording) if s.place == place]
         called = sum(s.end - s.start + 1 for s in own)
         if own:
             assert called == sum(code != IDLE for code in codes)
-    won = sum(s.points for s in stints(recording))
-    assert sum(s.points for s in merged(stints(recording))) == pytest.approx(won)
+    won = sum(s.points for s in action_spans(recording))
+    assert sum(s.points for s in merged(action_spans(recording))) == pytest.approx(won)
     credited = sum(
         c.points
         for c in recording.credits
@@ -244,8 +244,8 @@ def test_trace_between(islandgp: Cli) -> None:
     [
         (("--from", 300, "--to", 200), "expected --from before --to, found 300 and 200"),
         (("--from", "nan"), "'nan' is not a number of at least 0"),
-        (("--from", -5, "--to", -1), "-5.0 is not in the range x>=0"),
-        (("--to", -1), "-1.0 is not in the range x>=0"),
+        (("--from", -5, "--to", -1), "expected x>=0, found -5.0"),
+        (("--to", -1), "expected x>=0, found -1.0"),
     ],
 )
 def test_trace_between_times_that_make_no_sense(
@@ -328,9 +328,9 @@ def test_a_timeline_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     cut = [line.plain for line in timeline(recording)]
     assert cut[:-1] == whole[:6]
     assert cut[-1].startswith("More than 5 lines")
-    every = list(stints(recording))
+    every = list(action_spans(recording))
     for begin in (0, 1, every[3].start, every[3].start + 1, recording.ticks):
-        assert list(stints(recording, begin)) == [s for s in every if s.start >= begin]
+        assert list(action_spans(recording, begin)) == [s for s in every if s.start >= begin]
 
 
 def test_a_line_has_few_guards() -> None:

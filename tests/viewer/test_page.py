@@ -19,7 +19,7 @@ import pytest
 from islandgp.bt.core.node import leaf, walk
 from islandgp.domain import Form, Scene, Thing
 from islandgp.study.figures.drawing import Picture
-from islandgp.study.report import Report, Section
+from islandgp.study.report import ComparisonReport, Section
 from islandgp.study.table import Table
 from islandgp.study.writing import to_page
 from islandgp.viewer.encode import GRID
@@ -242,7 +242,7 @@ def test_a_hostile_report_does_nothing(browser: Browser, tmp_path: Path, bad: st
     table = Table("t", bad, ("a", bad), ((bad, "1"),), (bad,))
     svg = f'<svg xmlns="http://www.w3.org/2000/svg"><text>{escape(bad)}</text></svg>'
     picture = Picture("p", bad, bad, svg, b"")
-    report = Report(bad, (bad,), (Section(bad, (table, picture, bad)),), ())
+    report = ComparisonReport(bad, (bad,), (Section(bad, (table, picture, bad)),), ())
     path = tmp_path / "report.html"
     path.write_text(to_page(report), encoding="utf-8")
     browser.console.clear()

@@ -20,7 +20,7 @@ from islandgp.errors import DomainError
 from islandgp.resources import resource
 from islandgp.viewer.encode import GRID, LETTERS, encode, path, runs
 from islandgp.viewer.page import page
-from islandgp.viewer.recording import FAILED, RUNS, STOPPED, SUCCEEDED, Film, digits, record
+from islandgp.viewer.recording import FAILED, RUNS, STOPPED, SUCCEEDED, SceneTrack, digits, record
 from tests.composed import composed
 from tests.trees.worlds import random_trees
 from tests.viewer.episodes import example, going, island, random_of_size, recorded, small
@@ -28,7 +28,7 @@ from tests.viewer.episodes import example, going, island, random_of_size, record
 EXAMPLES = sorted(file.stem for file in (resource("grammar") / "examples").glob("*.bt"))
 
 
-def film(name: str = "all_rounder") -> Film:
+def film(name: str = "all_rounder") -> SceneTrack:
     """What there was to see in an example's episode."""
     found = recorded(name).film
     assert found is not None

@@ -16,7 +16,7 @@ from islandgp.gp.archive import Elite
 from islandgp.records.archive_file import NAME, read_archive
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import add_to_manifest
-from islandgp.viewer import run_page as module
+from islandgp.viewer import lineage_section
 from islandgp.viewer.history import RunHistory, read_history, thinned
 from islandgp.viewer.run_page import run_page
 from tests.evolution.runs import run
@@ -277,7 +277,7 @@ def test_a_long_run_has_a_page_of_some_size(tmp_path: Path, monkeypatch: Any) ->
     assert shown[-1]["tree"] is None
     assert json.loads(dict(found.scripts)["replay"]) == ""
     assert not any(a.get("id") == "show-replay" for _, a in found.elements)
-    monkeypatch.setattr(module, "STEPS", (1, 1))
+    monkeypatch.setattr(lineage_section, "STEPS", (1, 1))
     long = written(tmp_path / "long", steps=supervised(1.0))
     found = Parsed(run_page(long, Status.FINISHED))
     steps = sum(tag == "li" for tag, _ in found.elements)

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from importlib.util import find_spec
 from json import dumps, loads
+from math import inf, isfinite
 from typing import Any, ClassVar, Final, Self
 
 from pydantic import BaseModel
 
+from islandgp.bt.core.vocabulary import Key
 from islandgp.domain import Scene, png
 from islandgp.domains.gymnasium import world as settings
 from islandgp.domains.gymnasium.spaces import Spaces
 from islandgp.errors import ConfigError
 from islandgp.scoring.rewards import RewardTable
-from islandgp.ticking import EventLog, Leaf, Stepped, once_a_thread
+from islandgp.ticking import EventLog, Leaf, Stepped, must_be_values, once_a_thread
 
 HELPERS: Final = ("TimeLimit", "OrderEnforcing", "PassiveEnvChecker")
 """Wrappers of `gymnasium.make` that the domain does without: `ticks` limits the time."""
@@ -87,6 +89,10 @@ class Gymnasium(Stepped):
         episode = _Episode(self.world, env, _spaces(env), seed, log)
         return episode, {n: episode.leaf(choice, n) for n, choice in self.world.actions.items()}
 
+    def reader(self, episode: _Episode) -> Callable[[], list[float]]:
+        """See `Stepped`."""
+        return episode.reader(self.schema.vocabulary.keys)
+
 
 @once_a_thread
 def _spaces(env: Any) -> Spaces:
@@ -103,22 +109,26 @@ class _Episode:
         self.total, self.steps = 0.0, 0
         self._read, self._act = spaces.read, spaces.act
         self._values = self._read(env.reset(seed=seed)[0])
-        size = len(self._values)  # behind the observation's numbers stand OWN's
-        places = {name: size + i for i, name in enumerate(settings.OWN)}
+        self._step, self._steps_matter = env.step, log.matters("step")
         ats = {name: spaces.places[seen.at] for name, seen in world.observations.items()}
-        places |= ats
+        places = {name: i for i, name in enumerate(settings.OWN)}  # before the observation's
+        places |= {name: at + len(places) for name, at in ats.items()}
         self._signals = [(n, places[s.of], s.above, s.below) for n, s in world.signals.items()]
         none = spaces.none if world.otherwise is None else world.otherwise
         self._none: tuple[Any, str] = (none, "")
         self._chosen: tuple[Any, str] = self._none
-        self._keys = [(n, ats[n], o.flag, *o.range) for n, o in world.observations.items()]
+        observed = world.observations.items()
+        self._keys = [(ats[n], *((-inf, inf) if o.flag else o.range)) for n, o in observed]
+        self._flags = [i for i, (_, o) in enumerate(observed) if o.flag]
 
     def leaf(self, choice: settings.Choice, name: str) -> Leaf:
         """Chooses an action of the environment, and succeeds at once."""
         places = {key: each.at for key, each in choice.arguments.items()}
 
+        chosen = (choice.do, name)
+
         def choose() -> bool:
-            self._chosen = (choice.do, name)
+            self._chosen = chosen
             return True
 
         def fill(**values: float) -> bool:
@@ -131,31 +141,40 @@ class _Episode:
 
         return fill if places else choose
 
-    def sense(self) -> Mapping[str, float]:
-        """See `Simulation`."""
-        self._chosen = self._none
-        found: dict[str, float] = {}
-        for name, at, flag, low, high in self._keys:
-            value = self._values[at]
-            if flag:
-                found[name] = value > 0.5
-            else:
-                found[name] = low if value < low else high if value > high else value
-        return found
+    def reader(self, keys: Mapping[str, Key]) -> Callable[[], list[float]]:
+        """See `Stepped`: without a dict between the observation and the blackboard."""
+        places, flags, none = self._keys, self._flags, self._none
+
+        def read() -> list[float]:
+            self._chosen = none
+            values = self._values
+            found = [
+                low if (value := values[at]) < low else high if value > high else value
+                for at, low, high in places
+            ]
+            for i in flags:
+                found[i] = float(found[i] > 0.5)
+            if not isfinite(sum(found)):
+                must_be_values(keys, dict(zip(keys, found, strict=True)), self.env.step)
+            return found
+
+        return read
 
     def step(self) -> str:
         """See `Simulation`: one step of the environment."""
-        action, self.log.action = self._chosen
-        observation, reward, terminated, truncated, _ = self.env.step(self._act(action))
-        self._values, reward = self._read(observation), float(reward)
-        self.steps += 1
+        log, act = self.log, self._act
+        action, log.action = self._chosen
+        observation, reward, terminated, truncated, _ = self._step(act(action) if act else action)
+        self._values = values = self._read(observation)
+        reward = float(reward)
+        self.steps = steps = self.steps + 1
         self.total += reward
-        self.log("reward", reward)
-        self.log("step")
-        told = (*self._values, reward, self.steps)
+        log("reward", reward)
+        if self._steps_matter:
+            log("step")
         for event, place, above, below in self._signals:
-            if above < told[place] < below:
-                self.log(event)
+            if above < (reward, steps, *values)[place] < below:
+                log(event)
         return "terminated" if terminated else "time" if truncated else ""
 
     def measures(self) -> Mapping[str, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from operator import methodcaller
 from typing import Any
 
 from islandgp.errors import ConfigError
@@ -18,7 +19,7 @@ class Spaces:
     read: Read  # an observation as its numbers
     places: Mapping[int | str, int]  # their indices, by place and, of a Dict, by `key.place`
     observed: int  # numbers of an observation
-    act: Callable[[Any], Any]  # the environment's action from a number or a list
+    act: Callable[[Any], Any] | None  # an action from a list of numbers; None: it is a number
     none: int | tuple[float, ...]  # the action 0, or zeros
     counts: tuple[int, ...] = ()  # actions to choose from, of each choice; empty: of a Box
     bounds: tuple[tuple[float, float], ...] = ()  # of a Box: of each number
@@ -62,10 +63,10 @@ def _observations(space: Any, name: str) -> tuple[Read, list[str]]:
     if kind == "Discrete":
         return lambda found: [float(found)], [""]
     if kind in ("MultiDiscrete", "MultiBinary") or (kind == "Box" and len(space.shape) == 1):
-        flat = len(space.shape) == 1
-        read: Read = (
-            (lambda found: found.tolist()) if flat else (lambda found: found.ravel().tolist())
-        )
+        if space.dtype.kind == "f":
+            read: Read = methodcaller("tolist")
+        else:
+            read = lambda found: found.ravel().astype(float).tolist()  # noqa: E731
         count = 1
         for length in space.shape:
             count *= length
@@ -97,12 +98,15 @@ def _path(key: str, at: int, inside: Sequence[str]) -> str:
 def _actions(
     space: Any, name: str
 ) -> tuple[
-    Callable[[Any], Any], int | tuple[float, ...], tuple[int, ...], tuple[tuple[float, float], ...]
+    Callable[[Any], Any] | None,
+    int | tuple[float, ...],
+    tuple[int, ...],
+    tuple[tuple[float, float], ...],
 ]:
     """How an action is made, the action of zeros, the counts and the bounds of `Spaces`."""
     kind = type(space).__name__
     if kind == "Discrete" and space.start == 0:
-        return lambda action: action, 0, (int(space.n),), ()
+        return None, 0, (int(space.n),), ()
     if kind == "MultiDiscrete" and len(space.shape) == 1:
         counts = tuple(map(int, space.nvec))
         return _row(space.dtype), (0.0,) * len(counts), counts, ()

@@ -60,7 +60,6 @@ HATCHES: Final = ("", "////", "\\\\\\\\", "xxxx", "----", "||||", "++++", "//")
 INK: Final = "#222222"
 FAINT: Final = "#8a8a8a"
 WIDTH: Final = 7.2  # inches: the text width of a page
-COLUMN: Final = 3.5  # inches: a column of a page with two
 DPI: Final = 150
 THOUSANDS: Final = "{x:,.0f}"  # formats of ticks: 30,000
 PERCENT: Final = "{x:.0%}"
@@ -74,15 +73,18 @@ class Picture:
     title: str
     caption: str
     svg: str
-    png: bytes
+    png: bytes = b""  # empty for a tree
 
     def save(self, folder: Path) -> list[Path]:
-        """Writes KEY.svg and KEY.png into a folder, which is made. Returns their paths."""
+        """Writes KEY.svg and, if there is one, KEY.png into a folder. Returns their paths."""
         folder.mkdir(parents=True, exist_ok=True)
-        svg, png = folder / f"{self.key}.svg", folder / f"{self.key}.png"
-        svg.write_bytes(self.svg.encode())
-        png.write_bytes(self.png)
-        return [svg, png]
+        files = {
+            folder / f"{self.key}.svg": self.svg.encode(),
+            folder / f"{self.key}.png": self.png,
+        }
+        for path in (written := [path for path, content in files.items() if content]):
+            path.write_bytes(files[path])
+        return written
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +120,7 @@ def picture(
     *,
     height: float = 3.6,
     width: float = WIDTH,
-    layout: LayoutEngine | Literal["constrained"] | None = "constrained",
+    layout: LayoutEngine | Literal["constrained"] = "constrained",
     **values: object,
 ) -> Picture:
     """Draws on a figure of `width` x `height` inches and saves it both ways.

@@ -8,7 +8,7 @@ from typing import Final
 
 from islandgp.statistics import LEVEL, PairedTest, mean_sd
 from islandgp.study.findings import Finding, finding
-from islandgp.study.paper import MARK, Paper
+from islandgp.study.paper import MARK, PublishedFigures
 from islandgp.study.table import (
     DIGITS,
     NONE,
@@ -33,7 +33,7 @@ UNDECIDED: Final = "no difference shown (no evidence either way)"
 def claims_table(
     findings: Sequence[Finding],
     arms: tuple[str, str],
-    paper: Paper,
+    paper: PublishedFigures,
     margins: Mapping[str, float],
 ) -> Table:
     """One row a claim, the first arm standing for the paper's proposed system."""

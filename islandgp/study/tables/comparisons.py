@@ -15,9 +15,9 @@ from islandgp.statistics import (
     smallest_difference,
 )
 from islandgp.study.arms import Arm, Comparison
-from islandgp.study.emergence import Summary, first, reduction, summary
+from islandgp.study.emergence import EmergenceSummary, first, reduction, summary
 from islandgp.study.findings import Finding
-from islandgp.study.paper import MARK, Diversity, Emergence, Paper, Tested
+from islandgp.study.paper import MARK, Diversity, Emergence, PublishedFigures, Tested
 from islandgp.study.table import (
     DIGITS,
     NONE,
@@ -78,40 +78,20 @@ def _ours(f: Finding) -> Row:
 
 
 def fitness_table(
-    key: str, heading: str, findings: Sequence[Finding], paper: Paper | None
+    key: str, heading: str, findings: Sequence[Finding], paper: PublishedFigures | None
 ) -> Table:
     """Table 9 or 10 for one pair of arms."""
-    known = paper.fitness if paper else None
-    theirs: Cells[Tested] = {
-        "proposed": lambda row: spread(*row.proposed),
-        "baseline": lambda row: spread(*row.baseline),
-        "p": lambda row: probability(row.p),
-        "p BH": lambda row: probability(row.p_bh),
-        "r": lambda row: effect(row.r),
-    }
-    rows = (
-        [("Metric", f.measure.label), *_ours(f), *published(known, f.measure.key, theirs)]
-        for f in findings
+    return _table(
+        key, heading, findings, paper, "Metric", paper.fitness if paper else None, FITNESS
     )
-    return Table.of(key, heading, rows, (note("signs"), families_note(findings), *footnotes(paper)))
 
 
 def diversity_table(
-    key: str, heading: str, findings: Sequence[Finding], paper: Paper | None
+    key: str, heading: str, findings: Sequence[Finding], paper: PublishedFigures | None
 ) -> Table:
     """Table 12 for one pair of arms, with the tests that the paper does not make."""
-    known = paper.diversity if paper else None
-    theirs: Cells[Diversity] = {
-        "proposed": lambda row: number(row.proposed, 3),
-        "baseline": lambda row: number(row.baseline, 3),
-        "difference": lambda row: percent(row.difference),
-    }
-    rows = (
-        [("Measure", f.measure.label), *_ours(f), *published(known, f.measure.key, theirs)]
-        for f in findings
-    )
-    notes = note("signs"), families_note(findings), note("untested"), *footnotes(paper)
-    return Table.of(key, heading, rows, notes)
+    known, more = paper.diversity if paper else None, (note("untested"),)
+    return _table(key, heading, findings, paper, "Measure", known, DIVERSITY, more)
 
 
 T = TypeVar("T")
@@ -126,27 +106,60 @@ def published(known: Mapping[str, T] | None, key: str, cells: Cells[T]) -> Row:
             yield f"{MARK} {head}", NONE if row is None else cell(row)
 
 
-def footnotes(paper: Paper | None) -> tuple[str, ...]:
+FITNESS: Final[Cells[Tested]] = {
+    "proposed": lambda row: spread(*row.proposed),
+    "baseline": lambda row: spread(*row.baseline),
+    "p": lambda row: probability(row.p),
+    "p BH": lambda row: probability(row.p_bh),
+    "r": lambda row: effect(row.r),
+}
+DIVERSITY: Final[Cells[Diversity]] = {
+    "proposed": lambda row: number(row.proposed, 3),
+    "baseline": lambda row: number(row.baseline, 3),
+    "difference": lambda row: percent(row.difference),
+}
+EMERGENCE: Final[Cells[Emergence]] = {
+    "proposed": lambda row: when(summary(row.proposed, PAPER_GENERATIONS)),
+    "baseline": lambda row: when(summary(row.baseline, PAPER_GENERATIONS)),
+    "earlier by": lambda row: percent(row.earlier).lstrip("+"),
+    "p BH": lambda row: probability(row.p_bh),
+}
+
+
+def _table(
+    key: str,
+    heading: str,
+    findings: Sequence[Finding],
+    paper: PublishedFigures | None,
+    first: str,
+    known: Mapping[str, T] | None,
+    theirs: Cells[T],
+    more: tuple[str, ...] = (),
+) -> Table:
+    """A row for each measure; `first` heads the first column, `theirs` are the paper's columns."""
+    rows = (
+        [(first, f.measure.label), *_ours(f), *published(known, f.measure.key, theirs)]
+        for f in findings
+    )
+    notes = (note("signs"), families_note(findings), *more, *footnotes(paper))
+    return Table.of(key, heading, rows, notes)
+
+
+def footnotes(paper: PublishedFigures | None) -> tuple[str, ...]:
     """The note below a table with published figures."""
     return (paper.footnote,) if paper else ()
 
 
 def emergence_table(
-    key: str, heading: str, findings: Sequence[Finding], paper: Paper | None
+    key: str, heading: str, findings: Sequence[Finding], paper: PublishedFigures | None
 ) -> Table:
     """Section 3.4 for one pair of arms: when the first robot of each milestone came."""
     notes = [note("signs"), families_note(findings), note("without")]
     if any(f.censored for f in findings):
         notes.append(note("censored"))
     known = paper.emergence if paper else None
-    theirs: Cells[Emergence] = {
-        "proposed": lambda row: when(summary(row.proposed, PAPER_GENERATIONS)),
-        "baseline": lambda row: when(summary(row.baseline, PAPER_GENERATIONS)),
-        "earlier by": lambda row: percent(row.earlier).lstrip("+"),
-        "p BH": lambda row: probability(row.p_bh),
-    }
     rows = (
-        [*_times(f), *published(known, f.measure.key.removeprefix("first_"), theirs)]
+        [*_times(f), *published(known, f.measure.key.removeprefix("first_"), EMERGENCE)]
         for f in findings
     )
     return Table.of(key, heading, rows, (*notes, *footnotes(paper)))
@@ -164,12 +177,13 @@ def _times(f: Finding) -> Row:
     yield f"without one, {b}", without(second)
     yield "difference without one [95 %]", interval(f.shift, 1)
     yield "earlier by", share
+    yield "hazard ratio [95 %]", interval(f.hazard, 2)
     yield from rank_cells(f)
     yield "log-rank p", probability(f.log_rank)
     yield "log-rank p BH", probability(f.log_rank_q)
 
 
-def when(s: Summary) -> str:
+def when(s: EmergenceSummary) -> str:
     """An arm's time to emergence in a cell."""
     if s.never:
         return f"never in {s.runs} runs"
@@ -179,7 +193,7 @@ def when(s: Summary) -> str:
     return f"median {middle}, {s.emerged} of {s.runs} runs"
 
 
-def without(s: Summary) -> str:
+def without(s: EmergenceSummary) -> str:
     """The mean number of generations without one; "all" of them where there never was one."""
     return f"all {s.watched:g}" if s.never else number(s.watched, 1)
 
@@ -211,7 +225,7 @@ def runs_table(study: Comparison) -> Table:
     )
 
 
-def _beside(place: int, paper: Paper | None, tiers: Sequence[str]) -> Row:
+def _beside(place: int, paper: PublishedFigures | None, tiers: Sequence[str]) -> Row:
     """The paper's run of that number, empty beyond its last one."""
     known = [(tier, paper.emergence.get(tier)) for tier in tiers] if paper else []
     for who in ("proposed", "baseline"):

@@ -15,18 +15,18 @@ from islandgp.study.profiles import ALL_WORLDS, ScoreRow, Scores, adjusted, worl
 from islandgp.study.table import NONE, Row, Table, interval, probability, tested, to_csv
 from islandgp.study.texts import note
 
-VALIDATED: Final = "validated mean"
+VALIDATED: Final = "validation mean"
 UNSEEN: Final = "mean in unseen worlds"
 
 
 def champion_scores(study: Comparison, unseen: Sequence[Generalisation]) -> Scores:
     """The scores of the runs' best robots in points, by what they are and arm, in order of seeds.
 
-    The validated mean is left out where a run was not validated, that in unseen worlds where
+    The validation mean is left out where a run was not validated, that in unseen worlds where
     there were none.
     """
     scores: dict[str, dict[str, list[float]]] = {}
-    means = {arm.name: [run.validated for run in arm.runs] for arm in study.arms}
+    means = {arm.name: [run.validation_mean for run in arm.runs] for arm in study.arms}
     if not any(None in values for values in means.values()):
         scores[VALIDATED] = {
             arm: [mean for mean in values if mean is not None] for arm, values in means.items()

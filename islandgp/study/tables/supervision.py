@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import accumulate
-from statistics import fmean
-from typing import Final
+from typing import Any, Final
 
 from islandgp.statistics import mean_sd
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.emergence import first, quantile
 from islandgp.study.episodes import episode_cost
-from islandgp.study.measures import Overhead, overhead
+from islandgp.study.measures import OVERHEAD
 from islandgp.study.paper import MARK
 from islandgp.study.table import NONE, Row, Table, number, percent, spread
 from islandgp.study.tables.comparisons import footnotes
@@ -19,7 +18,8 @@ from islandgp.study.texts import note
 from islandgp.supervision.decisions import decisions
 from islandgp.text import title
 
-Overheads = Sequence[Overhead]
+Overheads = Mapping[str, Sequence[Any]]
+"""Each of OVERHEAD, run by run."""
 
 
 def decisions_table(study: Comparison) -> Table:
@@ -70,7 +70,9 @@ def _share(share: float | None) -> str:
 
 def overhead_table(study: Comparison) -> Table:
     """One column an arm."""
-    each = [[overhead(run) for run in arm.runs] for arm in study.arms]
+    each = [
+        {name: [of(run) for run in arm.runs] for name, of in OVERHEAD.items()} for arm in study.arms
+    ]
 
     def row(label: str, cells: Iterable[str], key: str = "") -> Row:
         yield "Metric", label
@@ -84,11 +86,15 @@ def overhead_table(study: Comparison) -> Table:
         "table-14",
         "Table 14. Computational overhead of a run",
         (
-            *(row(label, map(value, each), key) for label, key, value in _ROWS),
+            *(row(label, [_cell(o, what, n) for o in each], key) for label, key, what, n in _ROWS),
             row(f"Time to the first {title(tier)} Robot (s)", times),
         ),
         (note("overhead"), *footnotes(study.paper)),
     )
+
+
+def _cell(o: Overheads, what: str | Callable[[Overheads], str], digits: int) -> str:
+    return spread(*mean_sd(o[what]), digits) if isinstance(what, str) else what(o)
 
 
 def episodes_table(study: Comparison) -> Table:
@@ -109,51 +115,42 @@ def episodes_table(study: Comparison) -> Table:
     return Table.of("episodes", "Episodes of a run", map(dict.items, rows), (note("episodes"),))
 
 
-def _spread(value: Callable[[Overhead], float], digits: int = 0) -> Callable[[Overheads], str]:
-    return lambda runs: spread(*mean_sd([value(b) for b in runs]), digits)
+def _ratio(a: str, b: str, write: Callable[[float], str]) -> Callable[[Overheads], str]:
+    """The sum of one number over all runs as a share of another's; a dash where that is 0."""
+    return lambda o: write(sum(o[a]) / sum(o[b])) if sum(o[b]) else NONE
 
 
-def _part(runs: Overheads) -> str:
-    supervised, simulated = fmean(b.seconds for b in runs), fmean(b.simulation for b in runs)
-    return _share(supervised / simulated if simulated else None)
+def _dollars(o: Overheads) -> str:
+    return "price unknown" if None in o["dollars"] else spread(*mean_sd(o["dollars"]), 4)
 
 
-def _decision(runs: Overheads) -> str:
-    decisions = sum(b.decisions for b in runs)
-    return f"{sum(b.seconds for b in runs) / decisions:.2g}" if decisions else NONE
-
-
-def _response(runs: Overheads) -> str:
-    requests = sum(b.requests for b in runs)
-    return f"{sum(b.latency for b in runs) / requests:.3g}" if requests else NONE
-
-
-def _dollars(runs: Overheads) -> str:
-    known = [b.dollars for b in runs if b.dollars is not None]
-    return spread(*mean_sd(known), 4) if len(known) == len(runs) else "price unknown"
-
-
-_ROWS: Final[tuple[tuple[str, str, Callable[[Overheads], str]], ...]] = (
-    ("Decisions", "", _spread(lambda b: b.decisions)),
-    ("Requests to a language model", "calls", _spread(lambda b: b.requests, 1)),
-    ("Trees injected", "trees", _spread(lambda b: b.injected, 1)),
-    ("Fallbacks", "", _spread(lambda b: b.fallbacks, 1)),
+_ROWS: Final[tuple[tuple[str, str, str | Callable[[Overheads], str], int], ...]] = (
+    ("Decisions", "", "decisions", 0),
+    ("Requests to a language model", "calls", "requests", 1),
+    ("Trees injected", "trees", "injected", 1),
+    ("Fallbacks", "", "fallbacks", 1),
     (
         "Mean response time of a request (s)",
         "response",
-        _response,
+        _ratio("latency", "requests", "{:.3g}".format),
+        0,
     ),
-    ("Mean wait for a decision (s)", "", _decision),
-    ("Supervision (s)", "supervision", _spread(lambda b: b.seconds, 2)),
-    ("Simulation (s)", "simulation", _spread(lambda b: b.simulation, 1)),
-    ("Supervision as a share of simulation", "overhead", _part),
-    ("Genetic operators (s)", "", _spread(lambda b: b.operators, 2)),
-    ("Episodes simulated", "", _spread(lambda b: b.simulated)),
-    ("Input tokens", "", _spread(lambda b: b.input_tokens)),
-    ("Output tokens", "", _spread(lambda b: b.output_tokens)),
-    ("Cost (US dollars)", "", _dollars),
+    ("Mean wait for a decision (s)", "", _ratio("seconds", "decisions", "{:.2g}".format), 0),
+    ("Supervision (s)", "supervision", "seconds", 2),
+    ("Simulation (s)", "simulation", "simulation", 1),
+    (
+        "Supervision as a share of simulation",
+        "overhead",
+        _ratio("seconds", "simulation", _share),
+        0,
+    ),
+    ("Genetic operators (s)", "", "operators", 2),
+    ("Episodes simulated", "", "simulated", 0),
+    ("Input tokens", "", "input_tokens", 0),
+    ("Output tokens", "", "output_tokens", 0),
+    ("Cost (US dollars)", "", _dollars, 0),
 )
-"""Label, key of `Paper.overhead`, and how the arms' cells are made."""
+"""Label, key of the published overhead, name in OVERHEAD or how a cell is made, decimals."""
 
 
 def _time_to(tier: str, arm: Arm) -> str:

@@ -8,10 +8,8 @@ goes through the same code as the run it repeats.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future
 from dataclasses import replace
 from functools import partial
-from threading import Thread
 from typing import Any, Final, TypeVar
 
 import numpy as np
@@ -19,10 +17,11 @@ from pydantic import BaseModel
 
 from islandgp.bt.core.node import Limits
 from islandgp.errors import SupervisionError
+from islandgp.gp.edits import Edit
 from islandgp.plugin import path_of, plugin_errors
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.asking import ask
-from islandgp.supervision.base import Guidance, RunContext, Seen, Supervisor
+from islandgp.supervision.base import GenerationView, Guidance, RunContext, Supervisor
 from islandgp.supervision.llm.answers import (
     DecisionAnswer,
     EditsAnswer,
@@ -32,7 +31,7 @@ from islandgp.supervision.llm.answers import (
     reasons_first,
     schema,
 )
-from islandgp.supervision.llm.calls import Calls, Conversation, converse, unasked
+from islandgp.supervision.llm.calls import Calls, Conversation, converse, in_thread, unasked
 from islandgp.supervision.llm.checks import (
     Check,
     Proposal,
@@ -42,6 +41,7 @@ from islandgp.supervision.llm.checks import (
 )
 from islandgp.supervision.llm.episode import try_out
 from islandgp.supervision.llm.history import (
+    EDIT_MODELS,
     EDIT_VALUES,
     NO_VALUES,
     RUN_VALUES,
@@ -114,7 +114,7 @@ class Adviser:
         self.values = {
             **fixed_values(context),
             **run_facts(context),
-            **_rates(settings),
+            **settings.rate_values,
             **standing_values(settings.informed, context),
         }
         self._order: Callable[[dict[str, Any]], dict[str, Any]] = (
@@ -137,7 +137,7 @@ class Adviser:
         self._examples = tuple(named.values())
         self._last: tuple[PopulationState, RunValues] | None = None
         for prompt in self.prompts.values():
-            size = _size(settings.explore)
+            size = settings.explore.values
             render(prompt, {**self.values, **size, **dict.fromkeys(_PER_GENERATION, "")})
         part = settings.fallback
         with plugin_errors(path_of(part.factory)):
@@ -158,27 +158,33 @@ class Adviser:
             SupervisionError: the answers were of no use for too long, and the run is to stop.
         """
         generation = state.now.generation
+        models = self._choose_models(rng)
         how = self._given_up(calls, generation) or dialect(generation)
         if isinstance(how, Failure):
             found = {part: unasked(calls, generation, part, how) for part in self.parts}
         else:
-            found = self._answers(state, calls, how)
+            found = self._answers(state, calls, how, models)
             if episodes := self._run_values(state).episodes:
                 calls.transcript.add(Played(generation, "traces", episodes))
         missing = sum(outcome.value is None for outcome in found.values())
         backup = ask(self.fallback, state, rng) if missing else None
         guidance = Guidance(None, None, _source(missing, len(found)), notes=_notes(found))
-        given = (p.value.edits for p in found.values() if p.value is not None)
-        edits = tuple(dict.fromkeys(edit for some in given for edit in some))
+        edits: dict[Edit, str] = {}  # each once, with the first part that has it
+        for part, outcome in found.items():
+            for edit in () if outcome.value is None else outcome.value.edits:
+                edits.setdefault(edit, part)
+        if models and edits:
+            names = " ".join(models[part] for part in edits.values())
+            guidance = replace(guidance, notes={**guidance.notes, EDIT_MODELS: names})
         for part, outcome in found.items():
             if kind_of(part) == "edits":
                 continue
             if (said := outcome.value or backup) is not None:
                 guidance = replace(guidance, **{name: getattr(said, name) for name in FILLS[part]})
-        return replace(guidance, edits=edits)
+        return replace(guidance, edits=tuple(edits))
 
-    def see(self, generation: Seen) -> None:
-        """See `Witness`: keeps what prompts show of a run; others need nothing of it."""
+    def on_generation(self, generation: GenerationView) -> None:
+        """See `GenerationListener`: keeps what prompts show of a run; others need nothing of it."""
         if self.uses_history or self.settings.refuse_copies or self.context.edits:
             self._history = self._history.followed_by(generation)
 
@@ -187,7 +193,7 @@ class Adviser:
         least = self.settings.facts.caches_from
         if not self.settings.cache or least is None:
             return ""
-        size = _size(self.settings.explore)
+        size = self.settings.explore.values
         values = {**self.values, **size, **dict.fromkeys(_PER_GENERATION, "")}
         tokens = {
             name: round(len(render(prompt, values)[0]) / self.settings.facts.characters, -2)
@@ -212,6 +218,25 @@ class Adviser:
             *(f"edits {k}" if k > 1 else "edits" for k in samples),
         ]
 
+    def _choose_models(self, rng: np.random.Generator) -> dict[str, str]:
+        """By part, the model that is asked for edits; {}: `model` is, without a draw.
+
+        With choice=bandit by Thompson sampling over the share of each model's edits that gained.
+        """
+        weights, gains = self.settings.edit_models, self._history.gains
+        if not weights:
+            return {}
+        names, total = [*weights], sum(weights.values())
+        chosen = {}
+        for part in [part for part in self.parts if kind_of(part) == "edits"]:
+            if self.settings.choice == "bandit":
+                results = [gains.get(name, (0, 0)) for name in names]
+                k = int(np.argmax([rng.beta(1 + won, 1 + lost) for won, lost in results]))
+            else:
+                k = int(rng.choice(len(names), p=[weights[name] / total for name in names]))
+            chosen[part] = names[k]
+        return chosen
+
     def _given_up(self, calls: Calls, generation: int) -> Failure | None:
         """Why the model is not asked any more; None: it is."""
         how, found = self.settings.useless, calls.transcript.useless_before(generation)
@@ -229,14 +254,16 @@ class Adviser:
         )
 
     def _answers(
-        self, state: PopulationState, calls: Calls, dialect: Dialect
+        self, state: PopulationState, calls: Calls, dialect: Dialect, models: Mapping[str, str]
     ) -> dict[str, Conversation[Any]]:
         """Asks for all parts: at the same time, unless the budget is nearly used up."""
-        requests = {part: self.request(part, state, dialect) for part in self.parts}
+        requests = {
+            part: self.request(part, state, dialect, models.get(part)) for part in self.parts
+        }
         work = {p: partial(self._ask, p, state, calls, asked) for p, asked in requests.items()}
         room = calls.room_for(tuple(requests.values()), self.settings.repairs)
         # The first is asked in this thread, the others beside it.
-        aside = {part: _aside(work[part]) for part in [*work][1:] if room}
+        aside = {part: in_thread(work[part]) for part in [*work][1:] if room}
         return {part: aside[part].result() if part in aside else work[part]() for part in work}
 
     def _ask(
@@ -277,17 +304,19 @@ class Adviser:
         found = state.reached[self.exploit_from]
         return ("tree_exploit", how.exploit) if found else ("tree_explore", how.explore)
 
-    def request(self, part: str, state: PopulationState, dialect: Dialect) -> Request:
-        """The question for a part: "rate" or "tree"."""
+    def request(
+        self, part: str, state: PopulationState, dialect: Dialect, model: str | None = None
+    ) -> Request:
+        """The question for a part: "rate", "tree" or "edits"; to `model`, None: the settings'."""
         how, name = self.settings, "mutation_rate"
-        model: type[BaseModel] = DecisionAnswer
+        answer: type[BaseModel] = DecisionAnswer
         values: dict[str, str] = {}
         if part == "tree":
             name, size = self._tree_phase(state)
-            model, values = proposal_model(state.targets, how.candidates), _size(size)
+            answer, values = proposal_model(state.targets, how.candidates), size.values
         if kind_of(part) == "edits":
-            name, model = "edits", EditsAnswer
-        shape = self._order(schema(model))
+            name, answer = "edits", EditsAnswer
+        shape = self._order(schema(answer))
         system, user = render(
             self.prompts[name],
             {
@@ -304,7 +333,7 @@ class Adviser:
             },
         )
         return Request(
-            model=how.model_name,
+            model=model or how.model_name,
             system=system,
             turns=(user,),
             max_tokens=how.reply_tokens,
@@ -338,20 +367,6 @@ def kind_of(part: str) -> str:
     return part.partition(" ")[0]
 
 
-def _aside(work: Callable[[], T]) -> Future[T]:
-    """Does some work in a thread that keeps no process from ending."""
-    future: Future[T] = Future()
-
-    def run() -> None:
-        try:
-            future.set_result(work())
-        except BaseException as error:  # raised again where the result is fetched
-            future.set_exception(error)
-
-    Thread(target=run, name="tree", daemon=True).start()
-    return future
-
-
 def _source(missing: int, asked: int) -> str:
     """Who the guidance comes from, in the record's words."""
     if missing == 0:
@@ -372,19 +387,3 @@ def _notes(found: Mapping[str, Conversation[Any]]) -> dict[str, str]:
         if end.rejected:
             notes[f"{name}_rejected"] = " ".join(end.rejected)
     return notes
-
-
-def _rates(settings: LLMSettings) -> dict[str, str]:
-    """Table 8 as values for the prompts."""
-    ranges = {f"rate.{p}": f"{low:.2f} to {high:.2f}" for p, (low, high) in settings.phases.items()}
-    how = settings.rate
-    return {**ranges, "rate.least": f"{how.least:g}", "rate.most": f"{how.most:g}"}
-
-
-def _size(size: TreeSize) -> dict[str, str]:
-    return {
-        "depth": str(size.depth),
-        "nodes": size.nodes,
-        "most_depth": str(size.most_depth),
-        "most_nodes": str(size.most_nodes),
-    }

@@ -26,11 +26,11 @@ Number = Annotated[float, Field(gt=-1e300, lt=1e300)]
 """Neither NaN, infinity nor an integer of 400 digits, all of which Python reads from JSON."""
 
 
-class Answer(BaseModel, frozen=True, strict=True):
+class ModelAnswer(BaseModel, frozen=True, strict=True):
     """Base of the models of answers: exact types; further fields are ignored."""
 
 
-class DecisionAnswer(Answer, frozen=True):
+class DecisionAnswer(ModelAnswer, frozen=True):
     """The answer to the prompt `mutation_rate`."""
 
     mutation_rate: Number
@@ -41,7 +41,7 @@ class DecisionAnswer(Answer, frozen=True):
     reasoning: str
 
 
-class EditAnswer(Answer, frozen=True):
+class EditAnswer(ModelAnswer, frozen=True):
     """One edit of an answer; its kind needs `branch`, `number` or `donor`."""
 
     model_config = ConfigDict(json_schema_extra={"required": ["kind", "of", "at", "reason"]})
@@ -77,7 +77,7 @@ def schema(model: type[BaseModel]) -> dict[str, Any]:
     return plain(whole)
 
 
-class EditsAnswer(Answer, frozen=True):
+class EditsAnswer(ModelAnswer, frozen=True):
     """The answer to the prompt `edits`. Each edit is checked by itself."""
 
     edits: Annotated[
@@ -86,7 +86,7 @@ class EditsAnswer(Answer, frozen=True):
     reasoning: str
 
 
-def proposal_model(targets: Collection[str], candidates: int = 1) -> type[Answer]:
+def proposal_model(targets: Collection[str], candidates: int = 1) -> type[ModelAnswer]:
     """The model of an answer to a prompt for a tree, or for several candidates."""
     several = (Annotated[list[str], Field(min_length=1)], ...)
     fields: dict[str, Any] = {
@@ -94,7 +94,7 @@ def proposal_model(targets: Collection[str], candidates: int = 1) -> type[Answer
         "target": (Literal[tuple(targets)], ...),
         "rationale": (str, ...),
     }
-    return new_model("ProposalAnswer", __base__=Answer, **fields)
+    return new_model("ProposalAnswer", __base__=ModelAnswer, **fields)
 
 
 def reasons_first(found: Mapping[str, Any]) -> dict[str, Any]:

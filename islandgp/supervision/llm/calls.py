@@ -13,10 +13,11 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from math import inf
-from threading import Lock
+from threading import Lock, Thread
 from typing import Any, Final, Generic, Protocol, TypeVar
 
 import numpy as np
@@ -25,7 +26,7 @@ from islandgp.errors import SupervisionError
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.llm.answers import Rejection, RejectionStage
 from islandgp.supervision.llm.checks import Check
-from islandgp.supervision.llm.ledger import Ledger, cost, known_usage, most_tokens
+from islandgp.supervision.llm.ledger import Ledger, known_usage, most_tokens
 from islandgp.supervision.llm.message import (
     CHARGED,
     QUOTED,
@@ -234,7 +235,7 @@ class LiveCalls:
         answer: Reply | Failure
         with self._sending:
             seconds = min(self.retry.deadline, self.ledger.seconds_left() - waited)
-            if not (why := self.ledger.over(most, waited)):
+            if not (why := self.ledger.reserve(most, waited)):
                 self.transcript.add(Sent(call, number, most, round(waited + seconds, 3)))
         if why:
             answer = Failure(FailureKind.BUDGET, why)
@@ -244,7 +245,7 @@ class LiveCalls:
         if asked is not None and asked <= self.retry.retry_after_most:
             self._not_before = self.clock() + asked
         self._check_open()
-        usage, price = known_usage(answer), self.ledger.price
+        usage = known_usage(answer)
         attempt = Attempt(
             call=call,
             number=number,
@@ -252,12 +253,14 @@ class LiveCalls:
             answer=answer,
             usage=usage,
             at_most=most if usage is None else usage,
-            usd=None if usage is None or price is None else cost(usage, price),
+            usd=None if usage is None else self.ledger.usd(usage, request.model),
             seconds=round(self.clock() - began, 3),
             waited=round(waited, 3),
             at=at,
         )
         self.transcript.add(attempt)
+        if not why:
+            self.ledger.settle(attempt, most)
         return answer
 
     def _told(self, answer: Reply | Failure, seconds: float) -> Reply | Failure:
@@ -328,3 +331,17 @@ def unasked(calls: Calls, generation: int, part: str, why: Failure) -> Conversat
     end = Conclusion(generation, part, "fallback", said, (), why.kind.value)
     calls.transcript.add(end)
     return Conversation(None, end)
+
+
+def in_thread(work: Callable[[], T]) -> Future[T]:
+    """Start a function in a daemon thread, which does not keep the process from ending."""
+    future: Future[T] = Future()
+
+    def run() -> None:
+        try:
+            future.set_result(work())
+        except BaseException as error:  # raised again where the result is fetched
+            future.set_exception(error)
+
+    Thread(target=run, name="tree", daemon=True).start()
+    return future

@@ -23,7 +23,7 @@ from islandgp.gp.record import IndividualRecord
 from islandgp.scoring.classes import INTEGRATION, RARE, Classes
 from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, seed_of
-from islandgp.supervision.base import RunContext, Seen
+from islandgp.supervision.base import GenerationView, RunContext
 from islandgp.supervision.llm.checks import Proposal
 from islandgp.supervision.llm.prompts import about
 from islandgp.supervision.llm.transcript import Played
@@ -201,13 +201,13 @@ def _worth(
     For a behaviour it is the behaviour's counter, for `rare` that of the rarest, for
     `integration` how many behaviours it shows; for `exploration` points alone decide.
     """
-    name = state.lacking[0] if target == RARE else target
+    name = state.rarest_behaviours[0] if target == RARE else target
     if name in classes.behaviours:
         return o.counters[classes.behaviours[name]], o.fitness
     return float(len(classes.shown(o.counters)) if target == INTEGRATION else 0), o.fitness
 
 
-def trace_of(name: str, i: IndividualRecord, context: RunContext, now: Seen) -> str:
+def trace_of(name: str, i: IndividualRecord, context: RunContext, now: GenerationView) -> str:
     """What an individual did in the first world in which it was evaluated, in words."""
     each = len(now.worlds) // len(now.individuals)  # 0: fewer worlds than individuals, all common
     seed = now.worlds[now.individuals.index(i) * each]

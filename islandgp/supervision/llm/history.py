@@ -7,8 +7,8 @@ a resumed run and a replay have as well, and has a largest size.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from statistics import fmean
 from typing import Final
 
@@ -26,7 +26,7 @@ from islandgp.scoring.constraints import merit, violation
 from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.rewards import Reward, RewardTable
 from islandgp.scoring.state import Crisis, PopulationState
-from islandgp.supervision.base import RunContext, Seen
+from islandgp.supervision.base import GenerationView, RunContext
 from islandgp.supervision.llm.checks import LONGEST
 from islandgp.supervision.llm.episode import components, cut, trace_of
 from islandgp.supervision.llm.settings import KEPT, InformedSettings
@@ -37,6 +37,9 @@ SHOWN: Final = 2000  # characters of rewards that are no table of events
 PAST: Final = 8  # earlier edits that are shown, at most
 NEIGHBOURS: Final = 3  # individuals beside the parents that are shown, at most
 LINES: Final = 60  # nodes of a listed tree, at most
+
+EDIT_MODELS: Final = "edit_models"
+"""The note of a guidance that has the model of each edit, where several are asked."""
 
 EDIT_VALUES: Final = ("parents", "neighbours", "past_edits")
 """Values of `prompts/edits.md` that a generation changes."""
@@ -79,25 +82,34 @@ class PastEdit:
 class RunHistory:
     """A run so far."""
 
-    now: Seen | None = None  # the last generation
+    now: GenerationView | None = None  # the last generation
     injected: tuple[InjectedTree, ...] = ()  # of the trees injected last, oldest first
     decisions: tuple[PastDecision, ...] = ()  # the last decisions, oldest first
     edits: tuple[PastEdit, ...] = ()  # the last edits, oldest first
+    gains: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    """By model: edits that made a tree better, and the others, over the whole run."""
 
-    def followed_by(self, seen: Seen) -> RunHistory:
+    def followed_by(self, seen: GenerationView) -> RunHistory:
         """With one generation more. Generations that it was not given are not in it."""
         order = ranked(seen.individuals)
         ranks = {i.id: rank for rank, i in enumerate(order, 1)}
         trees = [_followed(tree, seen, ranks) for tree in self.injected]
         trees += [_new(i, seen, ranks) for i in seen.individuals if i.origin == Origin.INJECTED]
         decisions, trials, edits = self.decisions, list(seen.trials), [*self.edits]
+        guidance, gains = seen.guidance, {**self.gains}
+        models = guidance.notes.get(EDIT_MODELS, "").split() if guidance is not None else []
         if self.now is not None and seen.guidance is not None:
             decision = PastDecision(seen.guidance, self.now.snapshot, seen.snapshot)
             decisions = (*decisions, decision)
-        for edit in () if seen.guidance is None else seen.guidance.edits:
+        for k, edit in enumerate(() if guidance is None else guidance.edits):
             trial = trials.pop(0) if trials and not edit.refused else None
             edits.append(PastEdit(seen.snapshot.generation, edit, trial))
-        return RunHistory(seen, tuple(trees[-KEPT:]), decisions[-KEPT:], tuple(edits[-PAST:]))
+            if k < len(models):
+                won, lost = gains.get(models[k], (0, 0))
+                gained = trial is not None and trial.fitness > trial.parent_fitness
+                gains[models[k]] = (won + gained, lost + (not gained))
+        last = tuple(edits[-PAST:])
+        return RunHistory(seen, tuple(trees[-KEPT:]), decisions[-KEPT:], last, gains)
 
 
 def ranked(individuals: Sequence[IndividualRecord]) -> list[IndividualRecord]:
@@ -105,7 +117,7 @@ def ranked(individuals: Sequence[IndividualRecord]) -> list[IndividualRecord]:
     return sorted(individuals, key=lambda i: -i.fitness)
 
 
-def _new(i: IndividualRecord, seen: Seen, ranks: dict[str, int]) -> InjectedTree:
+def _new(i: IndividualRecord, seen: GenerationView, ranks: dict[str, int]) -> InjectedTree:
     target = "" if seen.guidance is None else seen.guidance.target or ""
     rank = ranks[i.id]
     return InjectedTree(
@@ -121,7 +133,7 @@ def _new(i: IndividualRecord, seen: Seen, ranks: dict[str, int]) -> InjectedTree
     )
 
 
-def _followed(tree: InjectedTree, seen: Seen, ranks: dict[str, int]) -> InjectedTree:
+def _followed(tree: InjectedTree, seen: GenerationView, ranks: dict[str, int]) -> InjectedTree:
     heirs = [i for i in seen.individuals if not tree.alive.isdisjoint(i.parents)]
     return replace(
         tree,
@@ -232,7 +244,7 @@ def _earnings(individuals: Sequence[IndividualRecord], classes: Classes) -> Iter
             )
 
 
-def _injected(tree: InjectedTree, now: Seen) -> str:
+def _injected(tree: InjectedTree, now: GenerationView) -> str:
     tiers = ", ".join(f"{title(tier)} Robot" for tier in tree.new.tiers)
     start = (
         f"Generation {tree.generation}, for {tree.target or 'nothing'}"
@@ -276,19 +288,19 @@ def most_lacking(individuals: Sequence[IndividualRecord], classes: Classes) -> I
     return min(ranked(individuals)[::-1], key=lambda i: (len(classes.shown(i.counters)), i.fitness))
 
 
-def _traces(context: RunContext, state: PopulationState, now: Seen) -> tuple[str, int]:
+def _traces(context: RunContext, state: PopulationState, now: GenerationView) -> tuple[str, int]:
     """The best tree and the most lacking one in the first world in which they were evaluated."""
     best, worst = ranked(now.individuals)[0], most_lacking(now.individuals, context.classes)
     named = [("The fittest tree", best)]
     if worst.tree != best.tree:
         shown = context.classes.shown(worst.counters)
-        lacking = ", ".join(name for name in state.lacking if name not in shown)
+        lacking = ", ".join(name for name in state.rarest_behaviours if name not in shown)
         named.append((f"The most lacking tree (no {lacking or 'behaviour lacks'})", worst))
     texts = [trace_of(name, i, context, now) for name, i in named]
     return "\n\n".join(texts), len(texts)
 
 
-def parents_of(seen: Seen, context: RunContext, most: int) -> list[IndividualRecord]:
+def parents_of(seen: GenerationView, context: RunContext, most: int) -> list[IndividualRecord]:
     """The individuals to improve: the fittest, then those of other classes, each tree once."""
 
     def worth(i: IndividualRecord) -> tuple[float, float]:
@@ -339,7 +351,7 @@ def _head(i: IndividualRecord) -> str:
     )
 
 
-def _parent(i: IndividualRecord, context: RunContext, seen: Seen) -> str:
+def _parent(i: IndividualRecord, context: RunContext, seen: GenerationView) -> str:
     tree = parse(i.tree, context.schema.vocabulary)
     return "\n".join((_head(i), *listing(tree), trace_of("It", i, context, seen)))
 
@@ -373,7 +385,7 @@ def _past(past: PastEdit) -> str:
     return f"{text[:LONGEST]}; {in_points(before)} -> {in_points(after)} points ({gain})"
 
 
-def nameable(seen: Seen) -> dict[str, str]:
+def nameable(seen: GenerationView) -> dict[str, str]:
     """By id, the texts of the trees that an edit may name."""
     elites = {e.id: e.tree for e in seen.archive}
     return elites | {i.id: i.tree for i in seen.individuals}

@@ -234,7 +234,7 @@ def urgency(state: PopulationState, rare: float) -> str:
     `rare` is the share of the population below which a behaviour counts as rare.
     """
     lines = []
-    for name in state.lacking:
+    for name in state.rarest_behaviours:
         count = state.now.doing[name]
         word = "MISSING" if not count else "rare" if count < rare * state.population else "present"
         lines.append(f"- {name}: {count} of {state.population} individuals do it: {word}")

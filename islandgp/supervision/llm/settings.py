@@ -98,13 +98,18 @@ class Prices(BaseModel, frozen=True, extra="forbid"):
     facts: dict[str, Facts] = Field(default_factory=dict)
 
 
-class Caps(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False):
+class SweepCaps(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False):
+    """The most that all runs in a sweep's folder may take together; None: no cap."""
+
+    requests: int | None = Field(default=None, ge=0)  # sent, retries and repairs included
+    input_tokens: int | None = Field(default=None, ge=0)  # read from and written to a cache, too
+    output_tokens: int | None = Field(default=None, ge=0)  # in all answers
+    usd: float | None = Field(default=None, ge=0)  # at the prices of `prices`
+
+
+class Caps(SweepCaps, frozen=True, extra="forbid", allow_inf_nan=False):
     """The most that one run may take; None: no cap."""
 
-    requests: int | None = Field(ge=0)  # sent, retries and repairs included
-    input_tokens: int | None = Field(ge=0)  # those read from and written to a cache included
-    output_tokens: int | None = Field(ge=0)  # in all answers
-    usd: float | None = Field(ge=0)  # at the prices of `prices`
     seconds: float | None = Field(ge=0)  # spent on attempts and on waiting between them
 
 
@@ -141,6 +146,11 @@ class TreeSize(BaseModel, frozen=True, extra="forbid"):
     nodes: str  # about how many, asked for
     most_depth: int = Field(ge=1)  # taken; the run's own limits hold besides
     most_nodes: int = Field(ge=1)  # taken
+
+    @property
+    def values(self) -> dict[str, str]:
+        """Values for prompts."""
+        return {name: str(value) for name, value in self.model_dump().items()}
 
 
 class Thinking(BaseModel, frozen=True, extra="forbid"):
@@ -203,11 +213,15 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     refuse_copies: bool = False  # of examples and living trees, and trees that check warns of
     parents: int = Field(default=2, ge=1, le=10)  # trees that the question for edits shows
     samples: int = Field(default=1, ge=1, le=10)  # answers to it that are asked for at once
+    models: dict[str, Annotated[float, Field(gt=0)]] | None = Field(default=None, min_length=1)
+    """Models that answer it, by weight; None: `model` alone."""
+    choice: Literal["weights", "bandit"] = "weights"  # bandit: by the share of edits that gained
     rare: float = Field(ge=0, le=1)  # share of the population below which a behaviour is rare
     on_outage: Outage = "fallback"  # where no server answers
     useless: Useless | None = None  # None: asked to the end, whatever the answers are
     most_fallback: float | None = Field(default=None, ge=0, le=1)  # share; None: any
     caps: Caps
+    sweep_caps: SweepCaps = SweepCaps()  # of all runs in the folder of the run's sweep
     prices: Prices
     prompts: str | None  # paper, informed, or a folder; None (of older records): paper
     informed: InformedSettings = InformedSettings()  # the parts of informed prompts
@@ -243,9 +257,11 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     @model_validator(mode="after")
     def _whole(self) -> LLMSettings:
         check_ranges("phases", self.phases)
-        if self.caps.usd is not None and self.price is None:
+        capped = self.caps.usd is not None or self.sweep_caps.usd is not None
+        names = (self.model_name, *self.edit_models)
+        if capped and (unknown := [n for n in names if n not in self.prices.models]):
             raise ValueError(
-                f"caps.usd: expected a model with a known price, found {self.model_name!r}; the"
+                f"caps.usd: expected a model with a known price, found {unknown[0]!r}; the"
                 f" prices of {self.prices.date} know {', '.join(self.prices.models)}. Add the"
                 " model to prices.models, or set caps.usd=null"
             )
@@ -281,13 +297,29 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
 
     @property
     def price(self) -> Price | None:
-        """The model's price, None where it is unknown."""
-        return self.prices.models.get(self.model_name)
+        """The price of the model, of several the dearest of each sort; None if one is unknown."""
+        found = [self.prices.models.get(n) for n in (self.model_name, *self.edit_models)]
+        known = [price.model_dump() for price in found if price is not None]
+        if len(known) < len(found):
+            return None
+        return Price(**{sort: max(price[sort] for price in known) for sort in known[0]})
 
     @property
     def model_name(self) -> str:
         """The name that the server knows the model by: aliases are resolved."""
         return self.prices.aliases.get(self.model, self.model)
+
+    @property
+    def rate_values(self) -> dict[str, str]:
+        """Table 8 as values for prompts."""
+        ranges = {f"rate.{p}": f"{low:.2f} to {high:.2f}" for p, (low, high) in self.phases.items()}
+        how = self.rate
+        return {**ranges, "rate.least": f"{how.least:g}", "rate.most": f"{how.most:g}"}
+
+    @property
+    def edit_models(self) -> dict[str, float]:
+        """The weights of `models` by the names that the server knows."""
+        return {self.prices.aliases.get(n, n): weight for n, weight in (self.models or {}).items()}
 
     @property
     def facts(self) -> Facts:

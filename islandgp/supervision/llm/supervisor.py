@@ -21,12 +21,12 @@ from islandgp.errors import SupervisionError
 from islandgp.plain import from_json
 from islandgp.redaction import secrets_in, without_secrets
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, RunContext, Seen
+from islandgp.supervision.base import GenerationView, Guidance, RunContext
 from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.answers import find_object
 from islandgp.supervision.llm.calls import Calls, LiveCalls
 from islandgp.supervision.llm.client import AnthropicClient
-from islandgp.supervision.llm.ledger import Ledger, recorded_requests
+from islandgp.supervision.llm.ledger import Ledger, SweepLedger, recorded_requests
 from islandgp.supervision.llm.message import (
     TRANSIENT,
     Client,
@@ -36,7 +36,7 @@ from islandgp.supervision.llm.message import (
     Reply,
     Request,
 )
-from islandgp.supervision.llm.settings import LLMSettings, check_address
+from islandgp.supervision.llm.settings import LLMSettings, SweepCaps, check_address
 from islandgp.supervision.llm.transcript import NAME, Call, Transcript
 
 _SYSTEM: Final = "Answer in one short sentence."
@@ -110,7 +110,7 @@ class LLM:
         self._warned = False
 
     def start(self) -> str:
-        """See `Service`: opens the transcript, and finds out how the server wants to be asked."""
+        """See `SupervisorLifecycle`: open the transcript and probe the server."""
         calls = self._open()
         try:
             self._check_complete(calls.transcript)
@@ -133,9 +133,9 @@ class LLM:
         ]
         return "\n".join(line for line in lines if line)
 
-    def see(self, generation: Seen) -> None:
-        """See `Witness`."""
-        self.adviser.see(generation)
+    def on_generation(self, generation: GenerationView) -> None:
+        """See `GenerationListener`."""
+        self.adviser.on_generation(generation)
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """See `Supervisor`. A failure ends in the fallback.
@@ -152,11 +152,11 @@ class LLM:
         return guidance
 
     def spent(self) -> dict[str, float]:
-        """See `Service`."""
+        """See `SupervisorLifecycle`."""
         return {} if self._calls is None else self._calls.ledger.totals()
 
     def close(self) -> None:
-        """See `Service`."""
+        """See `SupervisorLifecycle`."""
         if self._calls is not None:
             self._calls.close()
         self.client.close()
@@ -165,7 +165,10 @@ class LLM:
         if self._calls is None:
             folder, how = self.context.folder, self.settings
             transcript = Transcript(None if folder is None else folder / NAME)
-            ledger = Ledger(transcript, how.price, how.caps)
+            sweep = None
+            if folder is not None and how.sweep_caps != SweepCaps():
+                sweep = SweepLedger(folder.parent, how.price, how.sweep_caps)
+            ledger = Ledger(transcript, how.price, how.caps, prices=how.prices.models, sweep=sweep)
             self._calls = LiveCalls(
                 self.client,
                 transcript,

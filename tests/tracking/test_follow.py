@@ -1,9 +1,10 @@
-"""The sender beside a run: how long a command waits for it, and what becomes of its process."""
+"""The child beside a run: how long a command waits for it, and how its process ends."""
 
 from __future__ import annotations
 
 import os
 import signal
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,21 +15,22 @@ import pytest
 
 from islandgp.records.folder import Status
 from islandgp.tracking import mlflow
-from islandgp.tracking.mlflow import MLflow, SenderClient
-from islandgp.tracking.sender import InProcess, Kind, Order, Report, Tell
-from islandgp.tracking.store import Store
+from islandgp.tracking.follow import EventKind, OnEvent, SyncEvent, SyncRequest
+from islandgp.tracking.mlflow import MLflow, SyncClient, SyncProcess
+from islandgp.tracking.store import Place, Store
 from tests.tracking.folders import begun, history, place, steps, written
 
-SENT, DONE = Report(Kind.SENT), Report(Kind.DONE, "", 0)
-LOADING, READY = Report(Kind.PREPARING, "loading MLflow"), Report(Kind.PREPARING)
-AWAY = Report(Kind.TROUBLE, "connection refused", 0)
+ONE = SyncRequest("runs/a", (Place("sqlite:///x", None, "e"),), Status.FINISHED)
+SENT, DONE = SyncEvent(EventKind.PROGRESS), SyncEvent(EventKind.DONE, "", ONE.folder)
+LOADING, READY = SyncEvent(EventKind.PREPARING, "loading MLflow"), SyncEvent(EventKind.PREPARING)
+AWAY = SyncEvent(EventKind.TROUBLE, "connection refused", ONE.folder)
 
 
 @dataclass
-class Told:
-    """A clock and a condition in which reports come at times of a script."""
+class Clock:
+    """A clock and a condition in which events come at times of a script."""
 
-    script: list[tuple[float, Report]]  # s after the one before, and what comes then
+    script: list[tuple[float, SyncEvent]]  # s after the one before, and the event
     client: Any = None
     now: float = 0
     waits: list[float] = field(default_factory=list)
@@ -40,35 +42,33 @@ class Told:
     def notify_all(self) -> None: ...
 
     def wait(self, seconds: float) -> None:
-        """Time passes until the next report, or as long as is said."""
-        after, report = self.script[0] if self.script else (float("inf"), SENT)
+        """Time passes until the next event, or as long as is given."""
+        after, event = self.script[0] if self.script else (float("inf"), SENT)
         self.now += min(after, seconds)
         if after <= seconds:
             del self.script[0]
-            self.client._hear(report)
+            self.client._on_event(event)
         elif self.script:
-            self.script[0] = (after - seconds, report)
+            self.script[0] = (after - seconds, event)
 
 
-class Deaf:
-    """A sender that says nothing by itself."""
+class Silent:
+    """A worker without events of its own."""
 
-    def __init__(self, _: Tell) -> None:
-        self.orders: list[Order] = []
+    def __init__(self, _: OnEvent) -> None: ...
 
-    def add(self, order: Order) -> None:
-        """See `Sender`."""
-        self.orders.append(order)
+    def put(self, request: SyncRequest) -> None:
+        """See `SyncWorker`."""
 
     def close(self) -> None:
-        """See `Sender`."""
+        """See `SyncWorker`."""
 
 
-def waited(monkeypatch: pytest.MonkeyPatch, script: Sequence[tuple[float, Report]]) -> Told:
-    """A clock that is set to 0, with a client whose orders are carried out by the script."""
-    told = Told(list(script))
+def waited(monkeypatch: pytest.MonkeyPatch, script: Sequence[tuple[float, SyncEvent]]) -> Clock:
+    """A clock that is set to 0, with a client whose requests are carried out by the script."""
+    told = Clock(list(script))
     monkeypatch.setattr(mlflow, "monotonic", lambda: told.now)
-    told.client = SenderClient(Deaf)
+    told.client = SyncClient(Silent)
     told.client._changed = told
     return told
 
@@ -87,7 +87,7 @@ def waited(monkeypatch: pytest.MonkeyPatch, script: Sequence[tuple[float, Report
     ],
 )
 def test_how_long_the_end_of_a_run_waits(
-    script: list[tuple[float, Report]],
+    script: list[tuple[float, SyncEvent]],
     reason: str,
     seconds: float,
     monkeypatch: pytest.MonkeyPatch,
@@ -95,7 +95,7 @@ def test_how_long_the_end_of_a_run_waits(
 ) -> None:
     """As long as MLflow is loaded, a store made or records arrive; and else the patience."""
     told = waited(monkeypatch, script)
-    assert told.client.wait([Order(0, "runs/a")], 20, "sqlite:///x") == reason
+    assert told.client.wait([ONE], 20, "sqlite:///x") == reason
     assert told.now == seconds
     assert capsys.readouterr().err.count("Ctrl-C leaves") == (seconds > 2)
 
@@ -103,7 +103,7 @@ def test_how_long_the_end_of_a_run_waits(
 def test_without_patience_nothing_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
     """Not even for a store that is being made: a sweep's end does that."""
     told = waited(monkeypatch, [(1, LOADING)])
-    assert told.client.wait([Order(0, "runs/a")], 0, "sqlite:///x") == "no answer in 0 s"
+    assert told.client.wait([ONE], 0, "sqlite:///x") == "no answer in 0 s"
     assert told.now == 0
 
 
@@ -115,7 +115,7 @@ def test_ctrl_c_ends_the_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(told, "wait", pressed)
-    assert "did not wait" in told.client.wait([Order(0, "runs/a")], 20, "sqlite:///x")
+    assert "did not wait" in told.client.wait([ONE], 20, "sqlite:///x")
 
 
 def test_a_store_that_is_slow_to_be_made_is_waited_for(
@@ -138,7 +138,7 @@ def test_a_store_that_is_slow_to_be_made_is_waited_for(
             assert made.wait_for(lambda: bool(told), 60)
         return Store(where, preparing)
 
-    monkeypatch.setattr("islandgp.tracking.sender.Store", store)
+    monkeypatch.setattr("islandgp.tracking.follow.Store", store)
     monkeypatch.setattr("builtins.print", five_minutes_pass)
     monkeypatch.setattr(mlflow, "SILENT", 0.2)
     folder = written(tmp_path / "runs/a/one", tmp_path)
@@ -149,12 +149,18 @@ def test_a_store_that_is_slow_to_be_made_is_waited_for(
     assert "making the store; Ctrl-C leaves" in line
 
 
+def worker_process() -> Any:
+    """The child of this process's runs."""
+    worker: Any = mlflow.shared_client().worker
+    return worker.process
+
+
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_the_process_sends_a_run_and_ends_with_its_input(
     home: Path, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """All generations are there, whatever Ctrl-C in the terminal; no process stays."""
-    monkeypatch.setattr(MLflow, "sender", InProcess)
+    monkeypatch.setattr(MLflow, "worker", SyncProcess)
     folder = begun(home / "runs/a/one", home)
     follows = MLflow(place(home), 120)
     follows.start(folder)
@@ -166,24 +172,27 @@ def test_the_process_sends_a_run_and_ends_with_its_input(
     (run,) = store.client.search_runs([store.experiment])
     assert run.info.status == "KILLED"
     assert [step for step, _ in history(store, run.info.run_id)] == [0, 1, 2]
-    process = follows._client._sender._process
+    process = worker_process()
     assert os.getpgid(process.pid) != os.getpgid(0)  # Ctrl-C in a terminal does not reach it
     process.stdin.close()
     assert process.wait(60) == 0
 
 
 @pytest.mark.slow
-def test_a_process_that_is_killed_is_made_again(
+def test_a_process_that_was_killed_is_replaced(
     home: Path, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """At the run's end, once: all records are there."""
-    monkeypatch.setattr(MLflow, "sender", InProcess)
+    monkeypatch.setattr(MLflow, "worker", SyncProcess)
     folder = begun(home / "runs/a/one", home)
     follows = MLflow(place(home), 120)
     follows.start(folder)
     for step in steps()[:3]:
         folder.append(step)
-    os.kill(follows._client._sender._process.pid, signal.SIGKILL)
+    client = mlflow.shared_client()
+    os.kill(worker_process().pid, signal.SIGKILL)
+    with client._changed:
+        assert client._changed.wait_for(lambda: client.ended, 60)
     assert follows.finish(Status.KILLED).endswith("ui shows it")
     folder.close()
     (run,) = store.client.search_runs([store.experiment])
@@ -194,8 +203,9 @@ def test_a_process_that_cannot_load_mlflow_says_why(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With the last line of its traceback."""
-    monkeypatch.setattr("islandgp.tracking.sender.START", "raise ImportError('no such library')")
-    monkeypatch.setattr(MLflow, "sender", InProcess)
+    program = "raise ImportError('no such library')"
+    monkeypatch.setattr(mlflow, "COMMAND", (sys.executable, "-c", program))
+    monkeypatch.setattr(MLflow, "worker", SyncProcess)
     folder = begun(tmp_path / "runs/a/one", tmp_path)
     follows = MLflow(place(tmp_path), 120)
     follows.start(folder)

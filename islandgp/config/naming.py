@@ -1,0 +1,77 @@
+"""Names that follow from a job's overrides: its folder, its arm and its command."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from islandgp.records.parameters import (
+    RUNTIME_KEYS,
+    ending_in_digest,
+    is_secret,
+    without_credentials,
+)
+from islandgp.redaction import HIDDEN
+
+NOT_IN_FOLDER: Final = RUNTIME_KEYS | {
+    "hydra",
+    "name",
+    "seed",
+    "experiment",
+    "supervisor",
+    "supervisor.policy.base_url",
+}
+"""Keys and groups without a part of their own in the name of a run's folder."""
+
+LONGEST: Final = 180  # characters of a folder's name; file systems take 255 bytes
+
+
+def run_folder(config: Mapping[str, Any], overrides: Sequence[str], home: Path) -> Path:
+    """Where a run keeps its records: <runs>/<name>/<supervisor>-seed<n>[-<overrides>].
+
+    Characters that could trouble a shell or a file system become `_`. A name that lost some,
+    or was cut, ends in a digest of the whole, so that different overrides have different names.
+    """
+    last = {key_of(override): override for override in overrides}  # Hydra takes the last of a key
+    words = [
+        override
+        for key, override in last.items()
+        if key not in NOT_IN_FOLDER
+        and (key.startswith("supervisor.") or group_of(key) not in NOT_IN_FOLDER)
+        and not is_secret(key)
+    ]
+    leaf = "-".join([f"{config['supervisor']['name']}-seed{int(config['seed'])}", *sorted(words)])
+    return (home / str(config["runs"]) / str(config["name"]) / _safe(leaf)).resolve()
+
+
+def _safe(name: str) -> str:
+    """The name as a folder's, as `run_folder` says."""
+    safe = re.sub(r"[^A-Za-z0-9._=,+-]+", "_", name)
+    if safe == name and len(name) <= LONGEST:
+        return name
+    return ending_in_digest(safe, name, LONGEST)
+
+
+def is_choice(override: str) -> bool:
+    """True if the override is part of an arm's identity."""
+    group = group_of(override)
+    return not is_secret(key_of(override)) and group not in RUNTIME_KEYS | {"hydra", "name", "seed"}
+
+
+def command_line(words: Sequence[str]) -> str:
+    """The command for a shell, secrets hidden."""
+    shown = [f"{w.partition('=')[0]}={HIDDEN}" if is_secret(key_of(w)) else w for w in words]
+    return shlex.join(["python", "-m", "islandgp", *map(without_credentials, shown)])
+
+
+def key_of(override: str) -> str:
+    """The key of an override, e.g. `gp.population` of `+gp.population=8`."""
+    return override.lstrip("+~").partition("=")[0].partition("@")[0]
+
+
+def group_of(override: str) -> str:
+    """The first part of that key."""
+    return key_of(override).split(".")[0].split("/")[0]

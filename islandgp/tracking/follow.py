@@ -1,0 +1,176 @@
+"""The process that sends run folders to MLflow: `python -m islandgp.tracking.follow`.
+
+MLflow takes seconds to load, and its calls take processor time. A run leaves both to this child,
+which follows the run's folder. Requests and events are lines of JSON on its standard input and
+output; it ends when its input does. The folders hold all its state, so a killed child loses
+nothing.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from queue import Empty, Queue
+from threading import Thread
+from typing import Final, Self
+
+from islandgp.errors import brief
+from islandgp.records.folder import RunFolder, Status
+from islandgp.tracking.mirror import Mirror
+from islandgp.tracking.store import Place, Store, load_alone
+from islandgp.tracking.sync import sync
+from islandgp.trust import trust, trusted
+
+PERIOD: Final = 2.0  # s between two looks at a folder; a look costs ten milliseconds
+NICENESS: Final = 5  # episodes have three times the weight; the end of a run has to wait for this
+
+
+@dataclass(frozen=True, slots=True)
+class SyncRequest:
+    """A run's folder to send, or a folder to synchronize with all that is below it.
+
+    A run with the status RUNNING is followed until a request with another status replaces this.
+    """
+
+    folder: str
+    places: tuple[Place, ...]  # of a run: its store; else the stores whose credentials are known
+    status: Status | None = None  # of the run; None: all runs and sweeps below the folder
+    retry: bool = True  # whether to try until it succeeds
+    trusted: frozenset[str] = field(default_factory=trusted)  # names that the sender trusts
+
+    def to_line(self) -> str:
+        """The request as a line of JSON. It holds credentials."""
+        return json.dumps(asdict(self), default=sorted) + "\n"
+
+    @classmethod
+    def from_line(cls, line: str) -> Self:
+        """The request that `to_line` wrote."""
+        values = json.loads(line)
+        places = tuple(Place(**place) for place in values.pop("places"))
+        status = values.pop("status")
+        names = frozenset(values.pop("trusted"))
+        return cls(
+            **values,
+            places=places,
+            status=None if status is None else Status(status),
+            trusted=names,
+        )
+
+
+class EventKind(StrEnum):
+    """What a child reports."""
+
+    PREPARING = "preparing"  # `text` names what takes time: MLflow loads, a store is made; "": done
+    PROGRESS = "progress"  # more records are in the store
+    TROUBLE = "trouble"  # `text`: why a request failed; with no folder: why the child ended
+    DONE = "done"  # an ending request is carried out; `text`: what could not be sent
+
+
+@dataclass(frozen=True, slots=True)
+class SyncEvent:
+    """A report of the child."""
+
+    kind: EventKind
+    text: str = ""
+    folder: str = ""  # of the request, with TROUBLE and DONE
+
+
+OnEvent = Callable[[SyncEvent], None]
+
+
+class Follower:
+    """Carries out requests, one after the other."""
+
+    def __init__(self, on_event: OnEvent) -> None:
+        self._on_event = on_event
+        self._mirrors: dict[str, Mirror] = {}
+
+    def run(self, requests: Queue[SyncRequest | None]) -> None:
+        """Carry out the requests of a queue until it yields None."""
+        waiting: dict[str, SyncRequest] = {}
+        while True:
+            with suppress(Empty):
+                request = requests.get(timeout=PERIOD if waiting else None)
+                if request is None:
+                    return
+                waiting[request.folder] = request
+            for request in tuple(waiting.values()):
+                succeeded = self._carry_out(request)
+                if request.status is not Status.RUNNING and (succeeded or not request.retry):
+                    del waiting[request.folder]
+
+    def _carry_out(self, request: SyncRequest) -> bool:
+        trust(request.trusted)
+        try:
+            text = self._sync(request) if request.status is None else self._send(request)
+        except Exception as error:  # a store may fail in any way, and a folder be damaged
+            self._mirrors.pop(request.folder, None)  # the store may have been replaced
+            self._on_event(SyncEvent(EventKind.TROUBLE, brief(error), request.folder))
+            return False
+        done = request.status is not Status.RUNNING
+        kind = EventKind.DONE if done else EventKind.PROGRESS
+        self._on_event(SyncEvent(kind, text, request.folder))
+        return True
+
+    def _send(self, request: SyncRequest) -> str:
+        assert request.status is not None
+        (place,) = request.places
+        mirror = self._mirrors.get(request.folder)
+        if mirror is None or mirror.store.place != place:
+            store = Store(place, self._preparing)
+            mirror = Mirror(RunFolder(Path(request.folder)), store, self._progress)
+            self._mirrors[request.folder] = mirror
+        mirror.send(request.status)
+        if request.status is not Status.RUNNING:
+            del self._mirrors[request.folder]
+        return ""
+
+    def _sync(self, request: SyncRequest) -> str:
+        """Synchronize a folder; return the first failure, or ""."""
+        result = sync(
+            Path(request.folder),
+            places=request.places,
+            alive=self._progress,
+            preparing=self._preparing,
+        )
+        return next((f"{path}: {brief(error)}" for path, error in result.failed.items()), "")
+
+    def _preparing(self, text: str) -> None:
+        self._on_event(SyncEvent(EventKind.PREPARING, text))
+
+    def _progress(self) -> None:
+        self._on_event(SyncEvent(EventKind.PROGRESS))
+
+
+def main() -> None:
+    """Read requests from standard input, and write events to standard output."""
+    with suppress(AttributeError):  # not on Windows
+        os.nice(NICENESS)
+    events = os.fdopen(os.dup(1), "w", encoding="ascii")
+    os.dup2(2, 1)  # libraries may print
+    requests: Queue[SyncRequest | None] = Queue()
+
+    def on_event(event: SyncEvent) -> None:
+        with suppress(OSError):  # the parent has died
+            print(json.dumps(asdict(event)), file=events, flush=True)
+
+    def work() -> None:
+        on_event(SyncEvent(EventKind.PREPARING, "loading MLflow"))
+        load_alone()
+        Follower(on_event).run(requests)
+
+    Thread(target=work, daemon=True).start()
+    for line in sys.stdin:
+        if line.endswith("\n"):  # else the parent died while it wrote
+            requests.put(SyncRequest.from_line(line))
+    os._exit(0)  # in the middle of a request, too
+
+
+if __name__ == "__main__":
+    main()

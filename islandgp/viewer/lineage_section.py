@@ -1,0 +1,138 @@
+"""How the champion came to be, on a run's page: its ancestors, a list item each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from html import escape
+from typing import Any, Final
+
+from islandgp.viewer.ancestry import Lineage, LineageStep, lineage
+from islandgp.viewer.run_view import RunView
+
+STEPS: Final = (6, 34)  # of a long lineage, the first and the last that are shown
+NOTE: Final = 300  # characters of a supervisor's reasons
+
+
+def lineage_section(view: RunView) -> Iterator[str]:
+    """How the champion came to be, a list item a tree."""
+    if view.champion is None:
+        yield "<p>None yet.</p>"
+        return
+    found = lineage(view.folder, view.champion["id"])
+    yield f"<p>{escape(_chain(found))}</p>"
+    first, last = STEPS
+    steps = found.steps
+    gains = [abs(s.gain) for s in steps if s.gain is not None]
+    most = max(gains, default=0.0) or 1.0
+    yield '<ol class="lineage">'
+    if len(steps) > first + last:
+        yield from (_item(view, step, most) for step in steps[:first])
+        left = len(steps) - first - last
+        yield f'<li class="gap">{left:,} trees between these are not shown.</li>'
+        steps = steps[-last:]
+    yield from (_item(view, step, most) for step in steps)
+    yield "</ol>"
+
+
+def _chain(found: Lineage) -> str:
+    """What can be said of all steps."""
+    steps = found.steps
+    if not steps:
+        return "The records of its generation are missing."
+    if len(steps) == 1:
+        text = f"It was made in one step: {_origin(steps[0])}."
+    else:
+        up = sum((s.gain or 0) > 0 for s in steps)
+        text = (
+            f"{len(steps):,} trees in {steps[-1].generation + 1:,} generations, each made of the"
+            f" one before; {up:,} of them brought points."
+        )
+    if not found.whole:
+        text += " What was before the first of them is not known."
+    return text + (
+        " A gain is to the parent in the same worlds where it says so; else the worlds differ, and"
+        " part of it is luck." * any(s.gain is not None for s in steps)
+    )
+
+
+def _item(view: RunView, step: LineageStep, most: float) -> str:
+    kind, gain = "none", ""
+    if step.gain is not None:
+        kind = "up" if step.gain > 0 else "down" if step.gain < 0 else "even"
+        where = "same worlds" if step.same_worlds else "other worlds"
+        width = 100 * abs(step.gain) / most
+        gain = (
+            f'<span class="gain">{view.points(step.gain, "+" if step.gain else "")}'
+            f" <small>{where}</small></span>"
+            f'<span class="bar" style="width:{width:.1f}%"></span>'
+        )
+    elif step.parents:
+        gain = '<span class="gain"><small>another stage</small></span>'
+    kept = ""
+    if step.until > step.generation:
+        last = "" if view.champion is None else view.champion["id"]
+        name = f" as {last}" if last.startswith(f"{step.until}.") else ""
+        kept = f", kept to generation {step.until}{name} (mean of {step.evaluated} evaluations)"
+    return (
+        f'<li class="{kind}"><div class="head"><b>{escape(step.id)}</b>'
+        f"<span>{escape(_origin(step))}</span>{gain}</div>"
+        f'<p class="soft">{view.points(step.fitness)} points, {step.nodes} nodes{kept}</p>'
+        f"{_guidance(step)}{_changes(step)}</li>"
+    )
+
+
+def _origin(step: LineageStep) -> str:
+    """How a tree came to be, in words."""
+    names = [name for name, _ in step.parents]
+    first = names[0] if names else "a tree that is not in the records"
+    origins = {
+        "random": "drawn at random",
+        "crossover": f"a child of {' and '.join(dict.fromkeys(names))}",
+        "copy": f"a child of {first}",
+        "elite": f"the elite {first}",
+        "behavioural_elite": f"the elite {first} of its behaviour",
+        "resurrected": f"{first}, brought back",
+        "injected": "given at the start",
+    }
+    text = origins.get(step.origin, step.origin)
+    if step.origin == "injected" and step.generation:
+        text = "injected by the supervisor"
+        if step.guidance is not None:
+            target = step.guidance.get("target")
+            text = f"injected by {step.guidance['source']}" + (f" for {target}" if target else "")
+    mutation = step.mutation
+    if step.origin == "edited":
+        kind, _, mutation = mutation.removeprefix("edit:").partition("+")
+        text = f"{first}, edited by the supervisor ({kind})"
+    return f"{text}, then mutation {mutation}" if mutation else text
+
+
+def _guidance(step: LineageStep) -> str:
+    if step.guidance is None:
+        return ""
+    why = str(step.guidance.get("rationale") or step.guidance.get("reasoning") or "")
+    why = why if len(why) <= NOTE else f"{why[:NOTE]} ..."
+    return f'<p class="soft">{escape(why)}</p>' if why else ""
+
+
+def _changes(step: LineageStep) -> str:
+    if step.left_out < 0:
+        return '<p class="soft">The trees are too large to compare here.</p>'
+    if not step.changes:
+        return f"<details><summary>The tree</summary><pre>{escape(step.tree)}</pre></details>"
+    marks = {"-": "deleted", "+": "inserted", "~": "changed"}
+    lines = [
+        f'<span class="{marks[c.mark]}">{c.mark} {"  " * c.level}{escape(c.text)}</span>'
+        for c in step.changes
+    ]
+    if step.left_out:
+        lines.append(f"... and {step.left_out} more")
+    counts = _counts(step.changes, marks)
+    body = "\n".join(lines)
+    return f'<details><summary>{counts}</summary><pre class="diff">{body}</pre></details>'
+
+
+def _counts(changes: Sequence[Any], marks: Mapping[str, str]) -> str:
+    """How many nodes of each kind of change, e.g. `2 deleted, 1 inserted`."""
+    counts = {word: sum(c.mark == mark for c in changes) for mark, word in marks.items()}
+    return "What changed: " + ", ".join(f"{n} {word}" for word, n in counts.items() if n)

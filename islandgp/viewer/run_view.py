@@ -1,0 +1,61 @@
+"""What the sections of a run's page have in common."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from islandgp.records.folder import RunFolder, Status
+from islandgp.redaction import HIDDEN
+from islandgp.viewer.history import RunHistory
+
+WORLD_GROUPS: Final = frozenset(
+    {"domain", "world", "rewards", "curriculum", "classes", "experiment", "search"}
+)
+"""Groups of the configuration on which an episode may depend."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunView:
+    """A run as its folder is: what all sections of its page show."""
+
+    folder: RunFolder
+    status: Status
+    config: Mapping[str, Any]
+    history: RunHistory
+    champion: Mapping[str, Any] | None  # an individual's record
+    validation: Mapping[str, Any] | None
+    digits: int  # behind the point, of points, >= 0
+
+    def points(self, value: float, sign: str = "") -> str:
+        """Points as text."""
+        return f"{value:{sign},.{self.digits}f}"
+
+
+def world_flags(view: RunView) -> str:
+    """The options with which a command plays in this run's world."""
+    about = view.folder.about()
+    try:
+        words = [] if about is None else shlex.split(about.command)
+    except ValueError:  # the quotes of a damaged file
+        words = []
+    flags: list[str] = []
+    for k, word in enumerate(words):
+        group = word.lstrip("+~").partition("=")[0].partition(".")[0].partition("/")[0]
+        if word == "--config-dir":
+            flags += words[k : k + 2]
+        elif word.startswith("--config-dir="):
+            flags.append(word)
+        elif "=" in word and group in WORLD_GROUPS and HIDDEN not in word:
+            flags += ["--set", word]
+    return shlex.join(flags)
+
+
+def path_from_home(view: RunView) -> Path:
+    """The run's folder as a command given where the run was started names it."""
+    about, path = view.folder.about(), view.folder.path
+    home = Path("/" if about is None else about.home)
+    return path.relative_to(home) if path.is_relative_to(home) else path
