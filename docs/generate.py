@@ -28,7 +28,7 @@ from islandgp.bt.core.builder import (
 )
 from islandgp.bt.core.condition import OPERATORS
 from islandgp.bt.core.includes import MAX_FILES
-from islandgp.bt.core.kinds import ABORTS, COUNTED, INNER, KINDS, POLICIES, REPEATS
+from islandgp.bt.core.kinds import ABORTS, COUNTED, INNER, KINDS, POLICIES, REPEATS, SECONDS, TIMED
 from islandgp.bt.core.language import MAX_CHARACTERS, parse, to_text
 from islandgp.commands.estimate_command import ANSWER
 from islandgp.commands.setting import configured
@@ -59,6 +59,7 @@ _WRITTEN = {
     "inverter": "`inverter { x }`",
     "repeater": "`repeater 3 { x }`",
     "retry": "`retry 3 { x }`",
+    **{kind: f"`{kind} 2.5 {{ x }}`" for kind in TIMED},
     "when": "`when KEY < 25 abort lower { x }`",
     "action": "its name",
 }
@@ -100,7 +101,8 @@ def tables() -> dict[str, str]:
                 ("comparison", _codes(OPERATORS)),
                 ("between conditions", _codes(["and", "or", "not"])),
                 ("`abort`, the default last", _codes(ABORTS)),
-                ("`success`, `failure` of a parallel", _codes(POLICIES)),
+                ("`success`, `failure` of a parallel", f"{_codes(POLICIES)}, or a whole number"),
+                (_codes(TIMED), f"seconds from {SECONDS[0]:g} to {SECONDS[1]:,}"),
                 (_codes(COUNTED), f"a whole number from {REPEATS[0]} to {REPEATS[1]}"),
             ],
         ),
@@ -251,7 +253,7 @@ def textmate() -> str:
         },
         _rule(rf"\b(use)\s+({_A_NAME})\s*(\([^)]*\))", "keyword.other.use", _FUNCTION, _OTHER),
         _rule(rf"\b(use)\s+({_A_NAME})", "keyword.other.use", _FUNCTION),
-        _rule(rf"\b({'|'.join(COUNTED)})\s+({_A_NAME})", "keyword.control", _OTHER),
+        _rule(rf"\b({'|'.join([*COUNTED, *TIMED])})\s+({_A_NAME})", "keyword.control", _OTHER),
         _rule(rf"([<>]=?|[=!]=)\s*({_A_NAME})", "keyword.operator.comparison", _OTHER),
         {"name": "keyword.control", "match": _any_of(INNER)},
         {"name": "keyword.other", "match": _any_of(["abort", "success", "failure"])},

@@ -61,7 +61,9 @@ class Tree:
         """The blackboard keys that its conditions ask, in document order, each once."""
         return tuple(dict.fromkeys(term.key for term in asked_in(self.node)))
 
-    def bind(self, leaves: object, keys: object = None) -> RobotTree:
+    def bind(
+        self, leaves: object, keys: object = None, *, step_s: float | None = None
+    ) -> RobotTree:
         """The tree with functions of yours as its leaves.
 
         Args:
@@ -72,10 +74,13 @@ class Tree:
             keys: a value for each blackboard key, by name: a number, True or False, or a function
                 that returns one; a mapping or an object as well. They are read once a tick. None:
                 `leaves` has them, too.
+            step_s: seconds from a tick to the next one, > 0; a tree with a wait, a timeout or a
+                cooldown needs it.
 
         Raises:
-            DomainError: an action or a key of the tree is missing, an entry is no function or
-                takes other arguments, or a mapping has a name that the vocabulary does not.
+            DomainError: the tree needs `step_s`, an action or a key of it is missing, an entry is
+                no function or takes other arguments, or a mapping has a name that the vocabulary
+                does not.
         """
         sources = {"action": leaves, "key": leaves if keys is None else keys}
         if faults := dict.fromkeys([*self._faults(sources), *self._unknown(sources)]):
@@ -85,7 +90,7 @@ class Tree:
                 f" found:{lines}"
             )
         functions: dict[str, Leaf] = {name: _entry(leaves, name) for name in self.actions()}
-        return RobotTree(self, functions, sources["key"])
+        return RobotTree(self, functions, sources["key"], step_s)
 
     def _faults(self, sources: Mapping[str, object]) -> Iterator[str]:
         """What is missing, or cannot be called."""
@@ -122,8 +127,11 @@ class Tree:
 class RobotTree:
     """A tree at work, made by `Tree.bind`. At the end of a `with` block it is stopped."""
 
-    def __init__(self, tree: Tree, leaves: Mapping[str, Leaf], keys: object) -> None:
+    def __init__(
+        self, tree: Tree, leaves: Mapping[str, Leaf], keys: object, step_s: float | None
+    ) -> None:
         self.tree = tree
+        self._step_s = step_s
         self.statuses: list[NodeStatus | None] = []
         """Of each node in document order, in the last tick; None: it was not ticked."""
         self._leaves, self._keys = leaves, keys
@@ -173,12 +181,17 @@ class RobotTree:
 
         def leaf_of(args: ActionArgs) -> _RunningLeaf:
             arguments = _arguments(args, self.tree.vocabulary)
-            made.append(_RunningLeaf(args.name, self._leaves[args.name], arguments))
+            words = self.tree.vocabulary
+            asks = words is not None and words.action(args.name).condition
+            leaf = self._leaves[args.name]
+            made.append(_RunningLeaf(args.name, leaf, arguments, condition=asks))
             return made[-1]
 
         node = self.tree.node
         places = {name: place for place, name in enumerate(self._asked)}
-        self._tick = compile_tree(node, leaf_of, self._board, places, watch=self._watch)
+        self._tick = compile_tree(
+            node, leaf_of, self._board, places, watch=self._watch, step_s=self._step_s
+        )
         self._by_place = dict(zip([place for place, _ in _leaves(node)], made, strict=True))
         self.statuses = self.statuses or [None] * sum(1 for _ in walk(node))
 
@@ -191,14 +204,17 @@ class RobotTree:
 class _RunningLeaf:
     """One leaf of a tree: its action's function, with a generator of its own."""
 
-    def __init__(self, name: str, leaf: Leaf, arguments: Mapping[str, object]) -> None:
-        self._name, self._leaf = name, leaf
+    def __init__(
+        self, name: str, leaf: Leaf, arguments: Mapping[str, object], *, condition: bool
+    ) -> None:
+        self._name, self._leaf, self._condition = name, leaf, condition
         self._steps = steps(partial(leaf, **arguments) if arguments else leaf)
         self.running = False  # its function is called, raised an exception, or goes on
 
     def __call__(self, fresh: bool) -> int:
         self.running = True
-        status = status_of(self._steps(fresh), self._name, self._leaf)
+        found = self._steps(fresh)
+        status = status_of(found, self._name, self._leaf, condition=self._condition)
         self.running = status == RUNNING
         return status
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Generator
 from inspect import iscoroutine, isgenerator, isgeneratorfunction
 from math import isfinite
 from numbers import Real
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
 from islandgp.bt.core.node import RUNNING
 from islandgp.errors import DomainError
@@ -59,16 +59,24 @@ class GeneratorSteps:
             running.close()
 
 
-def status_of(found: object, name: str, leaf: object) -> int:
-    """What the leaf of an action returned, as a status. Raises DomainError where it is none."""
-    if isinstance(found, int) and 0 <= found <= RUNNING:
+def status_of(found: object, name: str, leaf: object, *, condition: bool = False) -> int:
+    """What the leaf of an action, or of a condition, returned, as a status.
+
+    Raises:
+        DomainError: it is no status, or a condition is RUNNING.
+    """
+    if isinstance(found, int) and 0 <= found <= RUNNING - condition:
         return int(found)
     if is_flag(found):
         return int(bool(found))
+    ends, kind = ("True or False", "condition") if condition else _ANY_END
     raise DomainError(
-        f"Expected True, False or RUNNING from the action {name}, found"
-        f" {short_repr(found)}{_hint(found)}{defined_in(leaf)}."
+        f"Expected {ends} from the {kind} {name}, found {short_repr(found)}{_hint(found)}"
+        f"{defined_in(leaf)}."
     )
+
+
+_ANY_END: Final = ("True, False or RUNNING", "action")
 
 
 def is_number(value: object) -> bool:

@@ -248,7 +248,7 @@ class Stepped:
         places = self.schema.vocabulary.places
         board = [0.0] * len(places)
         watch = None if observer is None else observer.node
-        tick = compile_tree(tree, leaves.tick_of, board, places, watch=watch)
+        tick = compile_tree(tree, leaves.tick_of, board, places, watch=watch, step_s=self.step_s)
         read, see = self.reader(episode), None
         if self.faults is not None:
             see = self.faults.sensors(self.schema.vocabulary.keys, seed)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from hypothesis import strategies as st
 
-from islandgp.bt.core.condition import OPERATORS, Asked, Condition, denied, joined
-from islandgp.bt.core.kinds import ABORTS, POLICIES, REPEATS
+from islandgp.bt.core.condition import OPERATORS, Condition, ConditionExpr, conjoin, negate
+from islandgp.bt.core.kinds import ABORTS, POLICIES, REPEATS, TIMED
 from islandgp.bt.core.language import MAX_NUMBER
-from islandgp.bt.core.node import CountArgs, GuardArgs, Node, ParallelArgs, leaf
+from islandgp.bt.core.node import CountArgs, GuardArgs, Node, ParallelArgs, SecondsArgs, leaf
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import PopulationState
@@ -45,13 +45,15 @@ def single_conditions(thresholds: st.SearchStrategy[float]) -> st.SearchStrategy
     )
 
 
-def conditions(thresholds: st.SearchStrategy[float] | None = None) -> st.SearchStrategy[Asked]:
+def conditions(
+    thresholds: st.SearchStrategy[float] | None = None,
+) -> st.SearchStrategy[ConditionExpr]:
     """Any condition of at most eight comparisons and flags, single ones among them."""
     single = single_conditions(numbers() if thresholds is None else thresholds)
 
-    def grown(part: st.SearchStrategy[Asked]) -> st.SearchStrategy[Asked]:
+    def grown(part: st.SearchStrategy[ConditionExpr]) -> st.SearchStrategy[ConditionExpr]:
         words = st.sampled_from(["and", "or"])
-        return st.builds(joined, words, st.lists(part, min_size=2, max_size=3)) | part.map(denied)
+        return st.builds(conjoin, words, st.lists(part, min_size=2, max_size=3)) | part.map(negate)
 
     return st.one_of(single, st.recursive(single, grown, max_leaves=8))
 
@@ -68,17 +70,26 @@ def nodes(
     *,
     max_leaves: int = 12,
     max_repeats: int = REPEATS[1],
+    timed: bool = True,
+    reactive: bool = True,
 ) -> st.SearchStrategy[Node]:
-    """Valid trees of every kind of node, about `max_leaves` leaves at most."""
+    """Valid trees, about `max_leaves` leaves at most, of every kind of node.
+
+    `timed`: those that count seconds, too; `reactive`: reactive composites, too.
+    """
     guard = when_args(numbers() if thresholds is None else thresholds)
-    policy = st.sampled_from([*POLICIES])
+    policy = st.sampled_from([*POLICIES]) | st.integers(1, 3)
+    seconds = st.builds(SecondsArgs, st.sampled_from([0.5, 1.0, 2.0, 2.5]))
+    kinds = ["selector", "sequence"] + ["reactive_selector", "reactive_sequence"] * reactive
     count = st.builds(CountArgs, st.integers(REPEATS[0], max_repeats))
 
     def grown(child: st.SearchStrategy[Node]) -> st.SearchStrategy[Node]:
         one = st.tuples(child)
         several = st.lists(child, min_size=1, max_size=4).map(tuple)
-        composite = st.sampled_from(["selector", "sequence"])
+        composite = st.sampled_from(kinds)
+        clocks = st.builds(Node, st.sampled_from(TIMED), seconds, one)
         return st.one_of(
+            *[clocks] * timed,
             st.builds(Node, composite, st.just(()), several),
             st.builds(Node, st.just("when"), guard, one),
             st.builds(Node, st.just("parallel"), st.builds(ParallelArgs, policy, policy), several),

@@ -11,7 +11,7 @@ from typing import Any, Final
 import click
 
 from islandgp.bt.analysis.lint import LintWarning, warnings
-from islandgp.bt.core.language import parse, plain
+from islandgp.bt.core.language import parse, plain, tree_errors
 from islandgp.bt.core.node import Limits, Node, check_limits, depth, size
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.commands.files import FILE, called, folder_of, read_text
@@ -54,16 +54,20 @@ def command(
     entries: list[dict[str, Any]] = []
     for file in files:
         text, name, folder = read_text(file), called(file), folder_of(file)
+        errors: list[TreeError] = []
         try:
             vocabulary = vocabulary_of(text, chosen, name=name, folder=folder, in_world=True)
+            if errors := tree_errors(text, vocabulary, name=name, folder=folder):
+                raise errors[0]
             tree, found = checked(text, vocabulary, name, folder, limits)
         except TreeError as error:
             wrong += 1
-            if as_json:
-                entries.append(plain_error(error, name))
-                continue
-            message = str(error)
-            click.echo(message if message.startswith(name) else f"{name}: {message}")
+            for each in errors or [error]:
+                message = str(each)
+                if as_json:
+                    entries.append(plain_error(each, name))
+                else:
+                    click.echo(message if message.startswith(name) else f"{name}: {message}")
             continue
         doubtful += bool(found)
         if as_json:

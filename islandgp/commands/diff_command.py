@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 import click
 
 from islandgp.bt.analysis.compare import Mark, compare
 from islandgp.bt.analysis.simplify import simplify
-from islandgp.bt.core.language import domain_of, parse
+from islandgp.bt.core.builder import NodePlace
+from islandgp.bt.core.language import domain_of, parse_placed
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.bt.export.render import label
@@ -30,11 +31,12 @@ COLOURS: Final = {Mark.DELETED: "red", Mark.INSERTED: "green", Mark.CHANGED: "ye
 def command(old: str, new: str, whole: bool, chosen: Chosen) -> None:
     """Compare the trees in OLD and NEW, node by node.
 
-    Marks: - deleted, + inserted, ~ changed. Exit code 1 when they differ, also in their domain.
+    Marks: - deleted, + inserted, ~ changed; behind # is the line in the file. Exit code 1
+    when they differ, also in their domain.
     """
     before, text = read_text(old), read_text(new)
-    a = parse(before, name=called(old), folder=folder_of(old))
-    b = parse(text, name=called(new), folder=folder_of(new))
+    a, written_a, _ = parse_placed(before, name=called(old), folder=folder_of(old))
+    b, written_b, _ = parse_placed(text, name=called(new), folder=folder_of(new))
     domains = [name for name in (domain_of(before), domain_of(text)) if name]
     several = len(set(domains)) > 1
 
@@ -48,7 +50,7 @@ def command(old: str, new: str, whole: bool, chosen: Chosen) -> None:
     if a == b:
         click.echo("The same nodes." if several else "The same tree.")
         sys.exit(int(several))
-    for line in _lines(a, b, whole):
+    for line in _lines(a, b, (written_a, written_b), whole):
         click.echo(line)
 
     if not several and _do_the_same(a, b, words):
@@ -67,7 +69,9 @@ def _do_the_same(a: Node, b: Node, words: Callable[[], Vocabulary]) -> bool:
     return simplify(a, vocabulary).tree == simplify(b, vocabulary).tree
 
 
-def _lines(a: Node, b: Node, whole: bool) -> Iterator[str]:
+def _lines(
+    a: Node, b: Node, written: tuple[Sequence[NodePlace], Sequence[NodePlace]], whole: bool
+) -> Iterator[str]:
     lines = compare(a, b)
     for line in lines:
         if line.mark is Mark.SAME and not whole:
@@ -76,7 +80,9 @@ def _lines(a: Node, b: Node, whole: bool) -> Iterator[str]:
         if line.mark is Mark.SAME:
             texts = texts[:1]
         end = "end of " if line.end else ""
-        text = f"{line.mark} {'  ' * line.level}{end}{' -> '.join(texts)}"
+        both = zip(written, (line.old_place, line.new_place), strict=True)
+        at = dict.fromkeys(f"{places[at].line}" for places, at in both if at is not None)
+        text = f"{line.mark} {'  ' * line.level}{end}{' -> '.join(texts)}  # {' -> '.join(at)}"
         plain = bool(os.environ.get("NO_COLOR"))  # as no-color.org has it
         yield text if plain else click.style(text, fg=COLOURS.get(line.mark))
     counts = [sum(line.mark is mark and not line.end for line in lines) for mark in COLOURS]

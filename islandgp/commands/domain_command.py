@@ -144,6 +144,8 @@ def _plain(schema: Schema) -> dict[str, Any]:
     for action in found["vocabulary"]["actions"].values():
         if not action["arguments"]:
             del action["arguments"]
+        if not action["condition"]:
+            del action["condition"]
         action["statuses"] = [STATUS_NAMES[status] for status in sorted(action["statuses"])]
     return found
 

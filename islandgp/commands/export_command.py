@@ -24,12 +24,18 @@ _BY_ENDING: Final = {"json": "json", "xml": "btcpp", "py": "pytrees"}
 @click.option("-o", "--output", type=OUTPUT, default=STDIN, help="File to write.")
 @click.option("--plain", is_flag=True, help="Only nodes of the library itself, with losses.")
 @click.option("--header", is_flag=True, help="Write the C++ header with our nodes; no FILE.")
+@click.option(
+    "--step",
+    type=click.FloatRange(min=0, min_open=True),
+    help="Seconds between two ticks, for a tree that waits.",
+)
 @with_vocabulary_options
 def command(
     file: str | None,
     form: str | None,
     output: str,
     plain: bool,
+    step: float | None,
     header: bool,
     chosen: Chosen,
 ) -> None:
@@ -51,7 +57,7 @@ def command(
     if not form:
         raise click.UsageError(f"expected --to with one of {', '.join(FORMATS)}, found none")
     _, vocabulary, tree = read_in_domain(file, chosen, marked=True)
-    exported, losses = _export(tree, form, vocabulary, plain)
+    exported, losses = _export(tree, form, vocabulary, plain, step)
     write_text(output, exported)
     for loss in losses:
         click.echo(f"not the same ({loss.about}): {loss.message}", err=True)
@@ -63,9 +69,12 @@ def command(
         )
 
 
-def _export(tree: Node, form: str, vocabulary: Vocabulary, plain: bool) -> tuple[str, list[Loss]]:
+def _export(
+    tree: Node, form: str, vocabulary: Vocabulary, plain: bool, step: float | None
+) -> tuple[str, list[Loss]]:
     if form == "json":
         return to_json(tree), []
     other = behaviortree_cpp if form == "btcpp" else py_trees
     write = behaviortree_cpp.to_xml if form == "btcpp" else py_trees.to_python
-    return write(tree, vocabulary, plain=plain), other.losses(tree) if plain else []
+    text = write(tree, vocabulary, plain=plain, step_s=step)
+    return text, other.losses(tree) if plain else []

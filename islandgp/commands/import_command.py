@@ -11,7 +11,7 @@ from islandgp.bt.editor.format import format_text
 from islandgp.bt.export.declared import UNNAMED
 from islandgp.bt.export.import_cpp import Imported, read_tree
 from islandgp.bt.export.json import from_json
-from islandgp.commands.files import FILE, OUTPUT, STDIN, called, read_text, write_text
+from islandgp.commands.files import FILE, OUTPUT, STDIN, called, folder_of, read_text, write_text
 from islandgp.commands.setting import (
     Chosen,
     default_domain,
@@ -56,7 +56,7 @@ def command(
         read = from_json(text, vocabulary, name=name)
         found = Imported(read, (), to_text(read))
     else:
-        found = read_tree(text, vocabulary, name=name, tree=identity)
+        found = read_tree(text, vocabulary, name=name, tree=identity, folder=folder_of(file))
     losses = [
         f"{name}:{line}:{column}: not the same ({loss.about}): there, {loss.message}"
         for line, column, loss in found.differences

@@ -13,7 +13,7 @@ from pygls.lsp.server import LanguageServer
 from pygls.workspace import ServerTextPosition, TextDocument
 
 from islandgp import __version__
-from islandgp.bt.core.language import MAX_CHARACTERS
+from islandgp.bt.core.language import MAX_CHARACTERS, tree_errors
 from islandgp.bt.core.node import Limits
 from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
 from islandgp.bt.editor.assist import Word, meaning, offers, renamed, subtree_at
@@ -169,6 +169,8 @@ def _found(document: TextDocument, words: Words) -> list[dict[str, Any]]:
     text, name, folder = document.source, _name(document), _folder(document)
     try:
         vocabulary = words(text, name, folder)
+        if errors := tree_errors(text, vocabulary, name=name, folder=folder):
+            return [plain_error(error, name) for error in errors]
         _, findings = checked(text, vocabulary, name, folder, ANY_SIZE)
     except TreeError as error:
         return [plain_error(error, name)]

@@ -58,7 +58,7 @@ def command(tree: Path, map_file: Path, rate: float, vocabulary: Path | None, on
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: signals.append(number))
     with ros_node(robot_map.node) as (node, spin):
-        tree_node = TreeNode(node, tree, robot_map, vocabulary)
+        tree_node = TreeNode(node, tree, robot_map, vocabulary, step_s=1 / rate)
         status = run(spin, tree_node, rate, lambda: bool(signals), once=once)
     if status is None:
         raise click.Abort

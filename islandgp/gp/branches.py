@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from islandgp.bt.analysis.simplify import simplify
-from islandgp.bt.core.condition import Asked, joined, terms, with_term
+from islandgp.bt.core.condition import ConditionExpr, conjoin, terms, with_term
 from islandgp.bt.core.kinds import ABORTS, kind_of
 from islandgp.bt.core.node import (
     FAILURE,
@@ -68,7 +68,7 @@ def random_branch(rng: np.random.Generator, space: TreeSpace) -> Node:
         return body
     declared = space.vocabulary.action(next(_actions(body)).action).to_start
     if declared and rng.random() < DECLARED:
-        condition: Asked = joined("and", declared)
+        condition: ConditionExpr = conjoin("and", declared)
     else:
         condition = _random_condition(rng, space)
     return guarded(condition, body, random_abort(rng, space))
@@ -107,13 +107,13 @@ def random_list(rng: np.random.Generator, space: TreeSpace) -> Node:
     return selector(*branches, _random_body(rng, space, 1))
 
 
-def _random_condition(rng: np.random.Generator, space: TreeSpace) -> Asked:
+def _random_condition(rng: np.random.Generator, space: TreeSpace) -> ConditionExpr:
     """A single condition, or two that are joined; `and` is likelier than `or`."""
     condition = random_term(rng, space)
     if rng.random() < 0.7:
         return condition
     word = "or" if rng.random() < 0.2 else "and"
-    return joined(word, [condition, random_term(rng, space)])
+    return conjoin(word, [condition, random_term(rng, space)])
 
 
 def _selectors(tree: Node) -> list[tuple[int, Node]]:
@@ -188,11 +188,11 @@ def condition(rng: np.random.Generator, tree: Node, space: TreeSpace, _: Mutatio
         return replace_at(
             tree, i, old._replace(args=args._replace(abort=others[rng.integers(len(others))]))
         )
-    new: Asked | None = random_term(rng, space)
+    new: ConditionExpr | None = random_term(rng, space)
     if what < 0.5 and len(parts) < space.settings.conditions.terms:
         word = "or" if rng.random() < 0.3 else "and"
         assert new is not None
-        new = joined(word, [parts[at], new])
+        new = conjoin(word, [parts[at], new])
     elif what < 0.65:
         new = None
     changed = with_term(asked, at, new)
@@ -214,10 +214,10 @@ def fulfil(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSe
     if not needy:
         return tree
     i, node, conditions = needy[rng.integers(len(needy))]
-    return replace_at(tree, i, guarded(joined("and", conditions), node, "none"))
+    return replace_at(tree, i, guarded(conjoin("and", conditions), node, "none"))
 
 
-def _declared(action: str, space: TreeSpace) -> tuple[Asked, ...]:
+def _declared(action: str, space: TreeSpace) -> tuple[ConditionExpr, ...]:
     """What an action declares that it needs to start and to succeed."""
     known = space.vocabulary.action(action)
     return tuple(dict.fromkeys((*known.to_start, *known.to_succeed)))

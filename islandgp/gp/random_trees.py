@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
-from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS, Asked, Condition, joined
+from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS, Condition, ConditionExpr, conjoin
 from islandgp.bt.core.kinds import ABORTS, INNER, KINDS, Argument, Sort
 from islandgp.bt.core.node import Args, GuardArgs, Limits, Node, Value, within
 from islandgp.bt.core.parameters import Parameter, leaf_of
@@ -165,6 +165,8 @@ def random_args(rng: np.random.Generator, kind: str, space: TreeSpace) -> Args:
 def _drawn(rng: np.random.Generator, argument: Argument, space: TreeSpace) -> float | str:
     if argument.sort is Sort.COUNT:
         return float(rng.integers(1, space.settings.repeats + 1))
+    if argument.sort is Sort.SECONDS:
+        return float(round(10 ** rng.uniform(0, 2)))  # 1 to 100 s
     return list(argument.words)[rng.integers(len(argument.words))]
 
 
@@ -183,12 +185,12 @@ def random_abort(rng: np.random.Generator, space: TreeSpace) -> str:
     return weighted(rng, space.settings.aborts)
 
 
-def _random_joined(rng: np.random.Generator, space: TreeSpace, terms: int) -> Asked:
+def _random_joined(rng: np.random.Generator, space: TreeSpace, terms: int) -> ConditionExpr:
     if terms == 1:
         return random_term(rng, space)
     left = int(rng.integers(1, terms))
     word = ("and", "or")[rng.integers(2)]
-    return joined(word, [_random_joined(rng, space, n) for n in (left, terms - left)])
+    return conjoin(word, [_random_joined(rng, space, n) for n in (left, terms - left)])
 
 
 def random_term(rng: np.random.Generator, space: TreeSpace) -> Condition:

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
-from islandgp.bt.core.condition import Asked, Condition, joined, terms, with_term
+from islandgp.bt.core.condition import Condition, ConditionExpr, conjoin, terms, with_term
 from islandgp.bt.core.kinds import KINDS, REPEATS
 from islandgp.bt.core.node import (
     ActionArgs,
@@ -177,26 +177,28 @@ def _other_argument(
     return leaf_of(args.name, values, arguments)
 
 
-def _nudged(asked: Condition, key: Key, nudge: float) -> Condition:
+def _nudged(expr: Condition, key: Key, nudge: float) -> Condition:
     """A comparison with its number moved by `nudge` ranges of its key, on the key's grid."""
-    moved = asked.number + nudge * (key.high - key.low)
+    moved = expr.number + nudge * (key.high - key.low)
     nearest = on_grid(key, round((moved - key.low) / key.step))
-    return asked._replace(number=min(key.high, max(key.low, nearest)))
+    return expr._replace(number=min(key.high, max(key.low, nearest)))
 
 
-def _rejoined(rng: np.random.Generator, asked: Asked, nudge: float, space: TreeSpace) -> Asked:
+def _rejoined(
+    rng: np.random.Generator, expr: ConditionExpr, nudge: float, space: TreeSpace
+) -> ConditionExpr:
     """A condition with one part more, one part less, or one part changed."""
-    parts, how = list(terms(asked)), space.settings.conditions
+    parts, how = list(terms(expr)), space.settings.conditions
     at = int(rng.integers(len(parts)))
     key = space.vocabulary.keys[parts[at].key]
     if how.joined and len(parts) < how.terms and rng.random() < 0.5:
-        new = joined(("and", "or")[rng.integers(2)], [parts[at], random_term(rng, space)])
-        return with_term(asked, at, new) or asked
+        new = conjoin(("and", "or")[rng.integers(2)], [parts[at], random_term(rng, space)])
+        return with_term(expr, at, new) or expr
     if rng.random() < 0.5:
-        return with_term(asked, at, None) or random_term(rng, space)
+        return with_term(expr, at, None) or random_term(rng, space)
     if not key.flag and rng.random() < 0.5:
-        return with_term(asked, at, _nudged(parts[at], key, nudge)) or asked
-    return with_term(asked, at, random_term(rng, space)) or asked
+        return with_term(expr, at, _nudged(parts[at], key, nudge)) or expr
+    return with_term(expr, at, random_term(rng, space)) or expr
 
 
 def _insert(rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings) -> Node:

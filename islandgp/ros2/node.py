@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from time import monotonic
 from typing import Any, Final
@@ -27,9 +28,17 @@ class TreeNode:
     """A tree at work in a node of ROS 2."""
 
     def __init__(
-        self, node: Any, file: Path, robot_map: RobotMap, vocabulary: Path | None = None
+        self,
+        node: Any,
+        file: Path,
+        robot_map: RobotMap,
+        vocabulary: Path | None = None,
+        *,
+        step_s: float | None = None,
     ) -> None:
         """Makes clients and subscriptions of `node`, an rclpy Node.
+
+        `vocabulary` and `step_s` are those of `load_tree` and `Tree.bind`.
 
         Raises:
             ConfigError: the map names an interface or a field that there is not.
@@ -39,9 +48,11 @@ class TreeNode:
 
         self._log = node.get_logger()
         self._file, self._vocabulary = file, vocabulary
-        self._message = String
+        self._message, self._step_s = String, step_s
         self._actions = RosLeaves(node, robot_map.actions)
         self._keys = ros_keys(node, robot_map.keys)
+        answers = ros_keys(node, robot_map.conditions)
+        self._conditions = {name: partial(_holds, read) for name, read in answers.items()}
         self._stamp = _stamp(file)
         self._looked = monotonic()
         self.robot_tree = self._load()
@@ -83,7 +94,9 @@ class TreeNode:
         return self._keys[key]() is None
 
     def _load(self) -> RobotTree:
-        return load_tree(self._file, self._vocabulary).bind(self._actions.leaves, self._keys)
+        return load_tree(self._file, self._vocabulary).bind(
+            {**self._actions.leaves, **self._conditions}, self._keys, step_s=self._step_s
+        )
 
     def _reload(self) -> None:
         """Loads the tree again where a file has changed; a file with errors changes nothing."""
@@ -120,6 +133,11 @@ def _stamp(file: Path) -> tuple[object, ...]:
     except (OSError, ValueError):
         return ()
     return (text, *others.items())
+
+
+def _holds(read: Callable[[], object], **_: object) -> bool:
+    """Whether a condition's field is true; without a value it is not."""
+    return bool(read())
 
 
 @contextmanager

@@ -78,11 +78,13 @@ class RobotMap(_Entry):
     node: Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")] = "islandgp"
     actions: dict[str, ActionServer | ServiceCall]
     keys: dict[str, TopicKey | ServiceKey] = {}
+    conditions: dict[str, TopicKey | ServiceKey] = {}  # leaves that succeed while the field is true
 
 
 _KINDS: Final[dict[str, dict[str, type[_Entry]]]] = {
     "actions": {"action": ActionServer, "service": ServiceCall},
     "keys": {"topic": TopicKey, "service": ServiceKey},
+    "conditions": {"topic": TopicKey, "service": ServiceKey},
 }
 """The class of an entry by the word that it has."""
 

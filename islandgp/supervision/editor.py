@@ -18,7 +18,7 @@ from typing import ClassVar, Final, Literal, Self
 import numpy as np
 from pydantic import Field
 
-from islandgp.bt.core.condition import Asked, Condition
+from islandgp.bt.core.condition import Condition, ConditionExpr
 from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import FAILURE, Node, guard_of, size, walk
@@ -96,23 +96,23 @@ class Branch:
     source: str  # for people, e.g. "library tree single_charging"
 
 
-def width(asked: Asked, vocabulary: Vocabulary) -> float:
+def width(expr: ConditionExpr, vocabulary: Vocabulary) -> float:
     """Share of the blackboards on which a condition holds, if values were spread evenly.
 
     A flag holds on half of them. In [0, 1].
     """
-    if not isinstance(asked, Condition):
-        parts = [width(part, vocabulary) for part in asked.parts]
-        if asked.word == "not":
+    if not isinstance(expr, Condition):
+        parts = [width(part, vocabulary) for part in expr.parts]
+        if expr.word == "not":
             return 1 - parts[0]
-        return min(parts) if asked.word == "and" else max(parts)
-    key = vocabulary.keys[asked.key]
-    if asked.operator in ("is", "not"):
+        return min(parts) if expr.word == "and" else max(parts)
+    key = vocabulary.keys[expr.key]
+    if expr.operator in ("is", "not"):
         return 0.5
-    below = min(1.0, max(0.0, (asked.number - key.low) / (key.high - key.low)))
+    below = min(1.0, max(0.0, (expr.number - key.low) / (key.high - key.low)))
     equal = min(1.0, key.step / (key.high - key.low))
     return {"<": below, "<=": below, ">": 1 - below, ">=": 1 - below, "==": equal, "!=": 1 - equal}[
-        asked.operator
+        expr.operator
     ]
 
 
@@ -143,14 +143,14 @@ def guard_above(tree: Node, branch: Node) -> tuple[Path, Node] | None:
     return None
 
 
-def widened(asked: Asked, vocabulary: Vocabulary) -> float | None:
+def widened(expr: ConditionExpr, vocabulary: Vocabulary) -> float | None:
     """The number of a single comparison, moved so that it holds more often; None: it cannot be."""
-    if not isinstance(asked, Condition) or asked.operator not in ("<", "<=", ">", ">="):
+    if not isinstance(expr, Condition) or expr.operator not in ("<", "<=", ">", ">="):
         return None
-    key = vocabulary.keys[asked.key]
-    by = WIDER * (key.high - key.low) * (1 if asked.operator in ("<", "<=") else -1)
-    number = fine(asked.number + by, key)
-    return None if number == asked.number else number
+    key = vocabulary.keys[expr.key]
+    by = WIDER * (key.high - key.low) * (1 if expr.operator in ("<", "<=") else -1)
+    number = fine(expr.number + by, key)
+    return None if number == expr.number else number
 
 
 def best_of(individuals: Sequence[IndividualRecord], constraints: Constraints) -> IndividualRecord:

@@ -13,7 +13,7 @@ from math import inf
 from types import CellType, FunctionType
 from typing import Any, TypeAlias
 
-from islandgp.bt.core.condition import Asked, condition, terms
+from islandgp.bt.core.condition import ConditionExpr, condition, terms
 from islandgp.bt.core.engine import compile_tree
 from islandgp.bt.core.node import Node, guard_of, walk
 from islandgp.bt.core.vocabulary import Key, Vocabulary
@@ -42,7 +42,7 @@ class Engine:
 
                 return act
 
-        self.tick = compile_tree(tree, Leaves(), self.board, vocabulary.places)
+        self.tick = compile_tree(tree, Leaves(), self.board, vocabulary.places, step_s=1.0)
         self._cells: list[CellType] = []
         self._lists: list[list[Any]] = []
         self._find(self.tick, set())
@@ -140,7 +140,7 @@ def _tick(
     return others
 
 
-def all_boards(tree: Node, vocabulary: Vocabulary, *also: Asked) -> list[list[float]]:
+def all_boards(tree: Node, vocabulary: Vocabulary, *also: ConditionExpr) -> list[list[float]]:
     """Blackboards on which the guards of a tree, and these conditions, differ in all ways.
 
     There is one of each kind: for each key that is asked, values at, between, below and above the

@@ -10,10 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 
-from islandgp.bt.core.condition import Asked, Condition
+from islandgp.bt.core.condition import Condition, ConditionExpr
 from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.kinds import count_of
 from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, guard_of
+
+NO_DECORATORS = (
+    "selector", "sequence", "parallel", "reactive_selector", "reactive_sequence", "action",
+)  # fmt: skip
 
 
 class Live:
@@ -30,6 +34,8 @@ class Live:
         self.failures = 0  # retry
         self.visited = False  # when: in this activation of its composite
         self.broken = False  # when: its condition failed while its child ran
+        self.ticks = 0  # wait, timeout: since its start
+        self.free = 0  # cooldown: the first tick in which its child may start
 
 
 class Reference:
@@ -40,7 +46,10 @@ class Reference:
         board: list[float],
         places: Mapping[str, int],
         watch: Callable[[int, int], None],
+        step_s: float = 1.0,
     ) -> None:
+        self.step_s = step_s
+        self.now = 0  # number of the tick
         self.root = Live(tree, iter(range(10**9)))
         self.actions = actions
         self.board = board
@@ -51,6 +60,7 @@ class Reference:
 
     def tick(self) -> int:
         self.cut_short = False
+        self.now += 1
         if self.root.running:
             self.check(self.root)
         status = self.run(self.root)
@@ -89,6 +99,7 @@ class Reference:
         return holds(guard_of(guard.node).condition, board, self.places)
 
     def abort(self, live: Live) -> None:
+        live.broken = False
         if live.running:
             live.running = False
             self.watch(live.place, ABORTED)
@@ -121,13 +132,57 @@ class Reference:
                 return status
             live.at += 1
 
+    def reactive_selector(self, live: Live) -> int:
+        return self.reactive(live, FAILURE)
+
+    def reactive_sequence(self, live: Live) -> int:
+        return self.reactive(live, SUCCESS)
+
+    def reactive(self, live: Live, go_on: int) -> int:
+        for index, child in enumerate(live.children):
+            status = self.run(child)
+            if status != go_on:
+                for later in live.children[index + 1 :]:
+                    self.abort(later)
+                return AGAIN if status == RUNNING and index > 0 else status
+        return go_on
+
+    def wait(self, live: Live) -> int:
+        live.ticks = live.ticks + 1 if live.running else 0
+        if live.ticks < self.duration(live):
+            return AGAIN
+        return self.run(live.children[0])
+
+    def timeout(self, live: Live) -> int:
+        live.ticks = live.ticks + 1 if live.running else 0
+        if live.ticks == self.duration(live):
+            self.abort(live.children[0])
+            return FAILURE
+        status = self.run(live.children[0])
+        return AGAIN if status == RUNNING else status
+
+    def cooldown(self, live: Live) -> int:
+        if not live.running and self.now < live.free:
+            return FAILURE
+        status = self.run(live.children[0])
+        if status in (SUCCESS, FAILURE):
+            live.free = self.now + self.duration(live)
+        return status
+
+    def duration(self, live: Live) -> int:
+        """In ticks: the first that is at least so many seconds later."""
+        (seconds,) = live.node.args
+        return next(n for n in range(1, 10**6) if n * self.step_s >= seconds)
+
     def parallel(self, live: Live) -> int:
         if not live.running:
             live.statuses = [RUNNING] * len(live.children)
         for index, child in enumerate(live.children):
             if live.statuses[index] in (RUNNING, AGAIN):
                 live.statuses[index] = self.run(child)
-        status = judge(live.statuses, *live.node.args)
+        count = {"one": 1, "all": len(live.children)}
+        success, failure = (count.get(policy, policy) for policy in live.node.args)
+        status = judge(live.statuses, success, failure)
         if status in (SUCCESS, FAILURE):
             for child in live.children:
                 self.cut_short = self.cut_short or child.running
@@ -175,18 +230,18 @@ class Reference:
         return self.run(live.children[0])
 
 
-def judge(statuses: list[int], success: str | float, failure: str | float) -> int:
+def judge(statuses: list[int], success: float, failure: float) -> int:
     """What a parallel's children make of it."""
-    if FAILURE in statuses and (failure == "one" or set(statuses) == {FAILURE}):
+    if statuses.count(FAILURE) >= min(failure, len(statuses)):
         return FAILURE
-    if SUCCESS in statuses and (success == "one" or set(statuses) == {SUCCESS}):
+    if statuses.count(SUCCESS) >= min(success, len(statuses)):
         return SUCCESS
     if set(statuses) <= {SUCCESS, FAILURE}:
         return FAILURE
     return AGAIN if AGAIN in statuses else RUNNING
 
 
-def holds(asked: Asked, board: list[float], places: Mapping[str, int]) -> bool:
+def holds(asked: ConditionExpr, board: list[float], places: Mapping[str, int]) -> bool:
     """What a condition says, from the table of docs/language.md."""
     if not isinstance(asked, Condition):
         inside = [holds(part, board, places) for part in asked.parts]
@@ -206,7 +261,7 @@ def holds(asked: Asked, board: list[float], places: Mapping[str, int]) -> bool:
 
 def guards(branch: Live) -> Iterator[Live]:
     """The `when` nodes of a branch, down to its first composite or action."""
-    while branch.node.kind not in ("selector", "sequence", "parallel", "action"):
+    while branch.node.kind not in NO_DECORATORS:
         if branch.node.kind == "when":
             yield branch
         branch = branch.children[0]

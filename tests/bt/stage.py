@@ -53,6 +53,7 @@ class Stage:
             self._board,
             VOCABULARY.places,
             watch=lambda *event: self.events.append(event),
+            step_s=1.0,
         )
 
     def tick(self, **changes: float) -> tuple[str, int]:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from islandgp.bt.analysis import boards
 from islandgp.bt.analysis.boards import ANY_BOARD, NO_BOARD, BoardSets
-from islandgp.bt.core.condition import Asked, Condition, condition, joined, opposite
+from islandgp.bt.core.condition import Condition, ConditionExpr, condition, conjoin, opposite
 from islandgp.bt.core.language import parse_condition
 from islandgp.bt.core.vocabulary import Key, flag, number
 from islandgp.domains.island.vocabulary import VOCABULARY
@@ -19,14 +19,16 @@ from tests.strategies import conditions, few_boards, few_numbers
 PLACES = VOCABULARY.places
 
 
-def island(text: str) -> Asked:
+def island(text: str) -> ConditionExpr:
     """A condition of the island."""
     return parse_condition(text, VOCABULARY)
 
 
 @settings(deadline=None)
 @given(conditions(few_numbers()), conditions(few_numbers()), few_boards())
-def test_sets_hold_what_conditions_say(one: Asked, other: Asked, board: list[float]) -> None:
+def test_sets_hold_what_conditions_say(
+    one: ConditionExpr, other: ConditionExpr, board: list[float]
+) -> None:
     """A blackboard is in the set of a condition where that holds; and, or, not likewise."""
     sets = BoardSets(VOCABULARY.keys)
     a, b = sets.of(one), sets.of(other)
@@ -40,11 +42,11 @@ def test_sets_hold_what_conditions_say(one: Asked, other: Asked, board: list[flo
 
 @settings(deadline=None)
 @given(conditions(few_numbers()), conditions(few_numbers()), few_boards())
-def test_equal_sets_are_one(one: Asked, other: Asked, near: list[float]) -> None:
+def test_equal_sets_are_one(one: ConditionExpr, other: ConditionExpr, near: list[float]) -> None:
     """Sets have one form each: what holds nowhere is NO_BOARD, what always holds ANY_BOARD."""
     sets = BoardSets(VOCABULARY.keys)
     a, b = sets.of(one), sets.of(other)
-    assert sets.both(a, b) == sets.of(joined("and", [other, one]))
+    assert sets.both(a, b) == sets.of(conjoin("and", [other, one]))
     assert sets.both(a, sets.of(opposite(one))) == NO_BOARD
     assert sets.either(a, sets.of(opposite(one))) == ANY_BOARD
     found = sets.pick(sets.both(a, b), near)
@@ -117,10 +119,10 @@ def test_too_much_work_gives_a_larger_set(steps: int) -> None:
     """Within a bound; then the sets are not exact any more."""
     keys = {f"x{i}": number("", 0, 9) for i in range(12)}
     pairs = [
-        joined("and", [Condition(f"x{i}", "<", 1.0), Condition(f"x{i + 6}", "<", 1.0)])
+        conjoin("and", [Condition(f"x{i}", "<", 1.0), Condition(f"x{i + 6}", "<", 1.0)])
         for i in range(6)
     ]
-    asked = joined("or", pairs)
+    asked = conjoin("or", pairs)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(boards, "MOST_STEPS", steps)
         sets = BoardSets(keys)

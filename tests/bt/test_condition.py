@@ -10,15 +10,15 @@ from hypothesis import given
 
 from islandgp.bt.analysis.truth import excludes, implies, shorter
 from islandgp.bt.core.condition import (
-    Asked,
     Compound,
     Condition,
+    ConditionExpr,
     condition,
-    denied,
-    joined,
+    conjoin,
+    negate,
     opposite,
-    spread,
     terms,
+    to_nnf,
     with_term,
 )
 from islandgp.bt.core.language import parse, parse_condition, to_text
@@ -44,7 +44,7 @@ VALUES = [0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5]
 """One of each stretch of the numbers of `few_numbers`, and these numbers."""
 
 
-def boards(*asked: Asked) -> list[list[float]]:
+def boards(*asked: ConditionExpr) -> list[list[float]]:
     """All blackboards that conditions can tell apart."""
     keys = {term.key for each in asked for term in terms(each)}
     each_key = [
@@ -56,13 +56,15 @@ def boards(*asked: Asked) -> list[list[float]]:
 
 @examples(max_examples=300)
 @given(asked=ASKED, board=few_boards())
-def test_one_closure_says_what_the_interpreter_says(asked: Asked, board: list[float]) -> None:
+def test_one_closure_says_what_the_interpreter_says(
+    asked: ConditionExpr, board: list[float]
+) -> None:
     """Also after the board has changed, and for what is opposite, denied and spread."""
     other = list(board)
     compiled = condition(asked, other, PLACES)
     assert compiled() is holds(asked, board, PLACES)
-    assert condition(spread(asked), board, PLACES)() is compiled()
-    for against in (opposite(asked), denied(asked)):
+    assert condition(to_nnf(asked), board, PLACES)() is compiled()
+    for against in (opposite(asked), negate(asked)):
         assert condition(against, board, PLACES)() is not compiled()
     other[:] = [1 - value for value in board]
     assert compiled() is holds(asked, other, PLACES)
@@ -72,14 +74,14 @@ def test_a_single_condition_stays_what_it_was() -> None:
     """Its closure reads the board and compares: nothing is compiled, nothing else is called."""
     compiled = condition(LOW, [1.0] * 5, PLACES)
     assert compiled.__code__.co_names == ()
-    joined_up = condition(joined("and", [LOW, P]), [1.0] * 5, PLACES)
+    joined_up = condition(conjoin("and", [LOW, P]), [1.0] * 5, PLACES)
     assert joined_up.__code__.co_names == ()
     assert joined_up.__code__.co_freevars == ("board",)
 
 
 @examples(max_examples=150, deadline=None)
 @given(first=ASKED, second=ASKED)
-def test_what_follows(first: Asked, second: Asked) -> None:
+def test_what_follows(first: ConditionExpr, second: ConditionExpr) -> None:
     """What one condition implies or excludes, it does on every blackboard, and it is all found."""
     found = [(holds(first, b, PLACES), holds(second, b, PLACES)) for b in boards(first, second)]
     followed = not any(a and not b for a, b in found)
@@ -99,7 +101,7 @@ def test_a_not_in_an_or_denies() -> None:
 
 @examples(max_examples=150, deadline=None)
 @given(asked=ASKED, known=ASKED)
-def test_shorter(asked: Asked, known: Asked) -> None:
+def test_shorter(asked: ConditionExpr, known: ConditionExpr) -> None:
     """A shorter condition is the same where what is known holds, and shortening it ends there."""
     found = shorter(asked, (known,))
     assert shorter(found, (known,)) == found
@@ -132,7 +134,7 @@ def test_shorter_examples(text: str, short: str) -> None:
 
 @examples(max_examples=200)
 @given(asked=conditions())
-def test_ways_out_and_back(asked: Asked) -> None:
+def test_ways_out_and_back(asked: ConditionExpr) -> None:
     """Text, JSON and scripts of BehaviorTree.CPP bring a condition back."""
     tree = guarded(asked, leaf("PatrolWaypoint"))
     assert parse(to_text(tree), VOCABULARY) == tree
@@ -145,18 +147,18 @@ def test_scripts_bind_equally() -> None:
     """In BehaviorTree.CPP && does not bind more than ||."""
     text = "foundGarbage || lap < 3 && isHumanoidWantToClear"
     three = Condition("lap", "<", 3.0)
-    assert read_condition(text, VOCABULARY) == joined("and", [joined("or", [P, three]), Q])
+    assert read_condition(text, VOCABULARY) == conjoin("and", [conjoin("or", [P, three]), Q])
     assert parse_condition("foundGarbage or lap < 3 and isHumanoidWantToClear", VOCABULARY) == (
-        joined("or", [P, joined("and", [three, Q])])
+        conjoin("or", [P, conjoin("and", [three, Q])])
     )
 
 
 def test_terms_change_places() -> None:
     """A single condition of a joined one can be replaced and taken out."""
-    asked = joined("or", [P, denied(joined("and", [Q, LOW]))])
-    assert with_term(asked, 2, P) == joined("or", [P, denied(joined("and", [Q, P]))])
-    assert with_term(asked, 1, None) == joined("or", [P, Compound("not", (LOW,))])
-    assert with_term(asked, 0, None) == denied(joined("and", [Q, LOW]))
+    asked = conjoin("or", [P, negate(conjoin("and", [Q, LOW]))])
+    assert with_term(asked, 2, P) == conjoin("or", [P, negate(conjoin("and", [Q, P]))])
+    assert with_term(asked, 1, None) == conjoin("or", [P, Compound("not", (LOW,))])
+    assert with_term(asked, 0, None) == negate(conjoin("and", [Q, LOW]))
     assert with_term(P, 0, None) is None
 
 

@@ -9,7 +9,7 @@ from lark import Lark
 
 from islandgp.bt.core import node
 from islandgp.bt.core.condition import OPERATORS, Condition
-from islandgp.bt.core.kinds import ABORTS, KINDS, POLICIES
+from islandgp.bt.core.kinds import ABORTS, COUNTED, KINDS, POLICIES, TIMED
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import leaf
 from islandgp.bt.core.vocabulary import RESERVED, Action, Vocabulary, number
@@ -79,8 +79,7 @@ def test_arguments_are_as_declared(kind: str) -> None:
     """A parsed node has the arguments that its kind declares, and its number of children."""
     examples = {
         "action": "PatrolWaypoint",
-        "repeater": "repeater 2 { PatrolWaypoint }",
-        "retry": "retry 2 { PatrolWaypoint }",
+        **{k: f"{k} 2 {{ PatrolWaypoint }}" for k in (*COUNTED, *TIMED)},
         "when": "when lap > 1 { PatrolWaypoint }",
     }
     parsed = parse(examples.get(kind, f"{kind} {{ PatrolWaypoint }}"))

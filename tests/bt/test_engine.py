@@ -10,7 +10,7 @@ import pytest
 from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS, Condition
 from islandgp.bt.core.engine import ABORTED, compile_tree, condition, thresholds
 from islandgp.bt.core.language import parse
-from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, guard_of
+from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, SecondsArgs, guard_of
 from islandgp.domains.island.vocabulary import VOCABULARY
 from tests.bt.stage import Stage, short_tree
 
@@ -174,6 +174,67 @@ def test_forced_ends() -> None:
     for word, end in (("force_success", SUCCESS), ("force_failure", FAILURE)):
         stage = Stage(f"{word} {{ A }}", A="RFRSF")
         assert [stage.tick()[1] for _ in range(5)] == [RUNNING, end, RUNNING, end, end]
+
+
+@pytest.mark.parametrize("policy", ["success 2", "success 2 failure 2"])
+def test_parallel_counts(policy: str) -> None:
+    """A number says how many children decide; it is never more than there are."""
+    assert Stage(f"parallel {policy} {{ A B C }}", A="S", B="S").tick()[1] == SUCCESS
+    failed = Stage(f"parallel {policy} {{ A B C }}", A="F").tick()[1]
+    assert failed == (RUNNING if "failure 2" in policy else FAILURE)
+    assert Stage("parallel success 9 failure 9 { A }", A="S").tick()[1] == SUCCESS
+
+
+@pytest.mark.parametrize(("kind", "ends"), [("reactive_selector", "F"), ("reactive_sequence", "S")])
+def test_reactive_begins_with_its_first_child(kind: str, ends: str) -> None:
+    """Children that ended start again in each tick; the running one is resumed."""
+    stage = Stage(f"{kind} {{ A B }}", A=ends)
+    assert stage.tick() == ("A! B!", AGAIN)
+    assert stage.tick() == ("A! B", AGAIN)
+
+
+def test_reactive_aborts_later_children() -> None:
+    """A child that does not hand over stops the later one, after its own tick."""
+    stage = Stage("reactive_selector { A B }", A="FRF")
+    assert stage.tick() == ("A! B!", AGAIN)
+    assert stage.tick() == ("A!", RUNNING)
+    assert stage.events == [(1, RUNNING), (2, ABORTED), (0, RUNNING)]
+    assert stage.tick() == ("A B!", AGAIN)
+
+
+def test_reactive_observes_no_guard() -> None:
+    """Its children are asked in each tick anyway; `lower` does nothing there."""
+    stage = Stage("selector { reactive_sequence { when p abort lower { A } B } C }", A="S", B="F")
+    assert stage.tick() == ("C!", RUNNING)
+    assert stage.tick(p=1) == ("C", RUNNING)
+
+
+def test_wait() -> None:
+    """Its child starts in the first tick that is at least so late."""
+    stage = Stage("wait 1.5 { A }", A="RS")
+    ticks = [stage.tick() for _ in range(5)]
+    assert ticks == [("", AGAIN), ("", AGAIN), ("A!", RUNNING), ("A", SUCCESS), ("", AGAIN)]
+
+
+def test_timeout() -> None:
+    """In the first tick that is at least so late its child is aborted, and it fails."""
+    stage = Stage("timeout 2 { A }")
+    assert [stage.tick() for _ in range(3)] == [("A!", AGAIN), ("A", AGAIN), ("", FAILURE)]
+    assert stage.events == [(1, ABORTED), (0, FAILURE)]
+    assert stage.tick() == ("A!", AGAIN)
+
+
+def test_cooldown() -> None:
+    """Its child starts again in the first tick that is at least so late after its end."""
+    stage = Stage("selector { cooldown 2 { A } B }", A="S", B="S")
+    assert [stage.tick()[0] for _ in range(5)] == ["A!", "B!", "A!", "B!", "A!"]
+    stage = Stage("when p { cooldown 2 { A } }", "p", A="R")
+    assert [stage.tick(p=p)[0] for p in (1, 0, 1)] == ["A!", "", "A!"]  # an abort is no end
+
+
+def test_seconds_are_whole_ticks() -> None:
+    """As many ticks as reach the time: 1.1 s are eleven of 0.1 s, without rounding errors."""
+    assert [SecondsArgs(s).ticks(0.1) for s in (0.01, 0.3, 1.1, 1.11)] == [1, 3, 11, 12]
 
 
 def test_repeater_fails_with_its_child() -> None:

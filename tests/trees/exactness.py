@@ -19,9 +19,16 @@ from random import Random
 from tempfile import TemporaryDirectory
 from typing import Final, NamedTuple
 
-from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS, Asked, Condition, denied, joined
+from islandgp.bt.core.condition import (
+    FLAG_OPERATORS,
+    OPERATORS,
+    Condition,
+    ConditionExpr,
+    conjoin,
+    negate,
+)
 from islandgp.bt.core.engine import ABORTED
-from islandgp.bt.core.kinds import ABORTS, POLICIES
+from islandgp.bt.core.kinds import ABORTS, COUNTED, KINDS, POLICIES, TIMED
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import (
     AGAIN,
@@ -34,6 +41,7 @@ from islandgp.bt.core.node import (
     GuardArgs,
     Node,
     ParallelArgs,
+    SecondsArgs,
     Used,
     leaf,
     walk,
@@ -72,12 +80,12 @@ def named(tree: Node) -> Node:
     return with_own_names(tree, count())
 
 
-def random_condition(rng: Random, terms: int) -> Asked:
+def random_condition(rng: Random, terms: int) -> ConditionExpr:
     """A comparison, or several of them joined."""
     if terms > 1:
         parts = [random_condition(rng, count) for count in (1, terms - 1)]
-        whole = joined(rng.choice(["and", "or"]), parts)
-        return denied(whole) if rng.random() < 0.3 else whole
+        whole = conjoin(rng.choice(["and", "or"]), parts)
+        return negate(whole) if rng.random() < 0.3 else whole
     key = rng.choice([*VOCABULARY.keys])
     if VOCABULARY.keys[key].flag:
         return Condition(key, rng.choice(FLAG_OPERATORS), 0.0)
@@ -87,11 +95,11 @@ def random_condition(rng: Random, terms: int) -> Asked:
 def random_tree(rng: Random, levels: int) -> Node:
     """A tree rich in guards that interrupt; Hypothesis makes few of them."""
     kinds = ["action"] * 2 + ["selector", "when"] * 3 + ["sequence", "parallel", "inverter"]
-    kinds += ["force_success", "force_failure"]
-    kind = rng.choice([*kinds, "repeater", "retry"]) if levels > 1 else "action"
+    kinds += ["force_success", "force_failure", "reactive_selector", "reactive_sequence"]
+    kind = rng.choice([*kinds, *COUNTED, "wait", "timeout"]) if levels > 1 else "action"
     if kind == "action":
         return leaf("A")
-    several = kind in ("selector", "sequence", "parallel")
+    several = not KINDS[kind].decorates
     args: Args = ()
     if kind == "when":
         args = GuardArgs(
@@ -99,9 +107,11 @@ def random_tree(rng: Random, levels: int) -> Node:
             rng.choice(["lower", "both", *ABORTS]),
         )
     elif kind == "parallel":
-        args = ParallelArgs(rng.choice([*POLICIES]), rng.choice([*POLICIES]))
-    elif kind in ("repeater", "retry"):
+        args = ParallelArgs(rng.choice([*POLICIES, 2]), rng.choice([*POLICIES, 2]))
+    elif kind in COUNTED:
         args = CountArgs(rng.randint(1, 4))
+    elif kind in TIMED:
+        args = SecondsArgs(float(rng.randint(1, 4)))
     children = range(rng.randint(1, 4) if several else 1)
     return Node(kind, args, tuple(random_tree(rng, levels - 1) for _ in children))
 

@@ -78,7 +78,7 @@ def ours(tree: Node, boards: Boards, results: Sequence[int], places: dict[str, i
             script.halt(names[place])
 
     actions = {name: action(name) for name in names.values()}
-    tick = compile_tree(tree, actions, board, places, watch=watch)
+    tick = compile_tree(tree, actions, board, places, watch=watch, step_s=1.0)
     trace = []
     for values in boards:
         board[:] = values
@@ -115,7 +115,7 @@ def in_py_trees(
                 script.halt(self.name)
 
     module: dict[str, Any] = {}
-    exec(py_trees.to_python(tree, plain=plain), module)
+    exec(py_trees.to_python(tree, plain=plain, step_s=1.0), module)
     library.blackboard.Blackboard.clear()
     root = module["create_tree"](Leaf)
     writer = library.blackboard.Client(name="robot")
@@ -149,7 +149,7 @@ class BehaviorTreeCpp:
         how: str = "exactly",
     ) -> Trace:
         """What the library does; `how` is once or exactly, the tick function."""
-        xml = behaviortree_cpp.to_xml(tree, plain=plain)
+        xml = behaviortree_cpp.to_xml(tree, plain=plain, step_s=1.0)
         return self.trace_of(xml, leaves(tree), boards, results, how=how)
 
     def trace_of(

@@ -12,8 +12,11 @@ import pytest
 
 import islandgp
 from islandgp import NodeStatus
+from islandgp.binding import Tree
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import RUNNING
 from islandgp.bt.core.parameters import one_of, switch
-from islandgp.bt.core.vocabulary import Action, Vocabulary, flag, number
+from islandgp.bt.core.vocabulary import Action, Vocabulary, condition_leaf, flag, number
 from islandgp.errors import DomainError, OtherDomainError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -270,3 +273,27 @@ def test_the_tutorials_program(
     assert lines[:8] == ["RUNNING"] * 5 + ["wheels stopped", "SUCCESS", "RUNNING"]
     assert lines[-1] == "wheels stopped"  # at the end of the with block
     assert len(lines) == 20 + 4
+
+
+def test_conditions_in_code() -> None:
+    """A condition is a function that answers at once; an action may go on."""
+    asks = condition_leaf("the way is clear", {"to": one_of("where to", ("dock", "door"))})
+    words = Vocabulary("robot", {"IsClear": asks, "Go": Action("goes")}, {})
+    node = parse("sequence { IsClear(to: door) Go }", words)
+    tree = Tree(node, words, "a.bt")
+    leaves = {"IsClear": lambda to: to == "door", "Go": lambda: RUNNING}
+    assert tree.bind(leaves).tick() is NodeStatus.RUNNING
+    with pytest.raises(DomainError, match="True or False from the condition IsClear"):
+        tree.bind({**leaves, "IsClear": lambda to: RUNNING}).tick()  # noqa: ARG005
+    with pytest.raises(DomainError, match="which is a condition"):
+        Vocabulary("robot", {"IsClear": Action("asks", condition=True)}, {})
+
+
+def test_seconds_of_a_program() -> None:
+    """A tree that waits is told how far apart its ticks are."""
+    tree = Tree(parse("wait 0.2 { Go }"), None, "a.bt")
+    with pytest.raises(DomainError, match="step_s"):
+        tree.bind({"Go": lambda: True})
+    bound = tree.bind({"Go": lambda: True}, step_s=0.1)
+    ends = [bound.tick() for _ in range(3)]
+    assert ends == [NodeStatus.RUNNING, NodeStatus.RUNNING, NodeStatus.SUCCESS]

@@ -12,9 +12,11 @@ import pytest
 
 from islandgp.bt.analysis.lint import CODES, warnings
 from islandgp.bt.core.condition import condition
+from islandgp.bt.core.language import parse, tree_errors
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, walk
 from islandgp.domain import Scene
 from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.errors import TreeError
 from islandgp.resources import resource
 from tests.composed import composed
 from tests.goldens import check_golden
@@ -72,6 +74,69 @@ PLACES = {
     "wrong_operator": (1, 10),
 }
 """Where each wrong file is wrong: line and column, found by reading it."""
+
+
+@pytest.mark.parametrize(
+    ("text", "guess"),
+    {
+        "when foundGarbage && lap < 3 { PatrolWaypoint }": "and",
+        "when foundGarbage || lap < 3 { PatrolWaypoint }": "or",
+        "when !foundGarbage { PatrolWaypoint }": "not",
+        "when lap \N{LESS-THAN OR EQUAL TO} 3 { PatrolWaypoint }": "<=",
+        "selector { PatrolWaypoint; SeekCharger }": "a blank, which is all that separates nodes",
+        "// patrol\nPatrolWaypoint": "#, which begins a comment",
+        "Fallback { PatrolWaypoint }": "selector",
+        "if foundGarbage { PatrolWaypoint }": "when",
+    }.items(),
+)
+def test_slips(text: str, guess: str) -> None:
+    """Signs and words of other languages are answered with ours."""
+    (error,) = tree_errors(text, VOCABULARY, name="f", folder=None)
+    assert str(error).endswith(f"Did you mean {guess}?")
+
+
+def test_all_errors_of_a_file() -> None:
+    """Each wrong name and number is told once, with its place, also in a subtree used twice."""
+    text = (
+        "subtree s = when lapp < 3 { PatrolWaypoint }\n"
+        "selector { use s use s SekCharger repeater 0 { PatrolWaypoint } use t }"
+    )
+    errors = tree_errors(text, VOCABULARY, name="f", folder=None)
+    assert [(e.line, e.column) for e in errors] == [(1, 18), (2, 24), (2, 44), (2, 69)]
+
+
+@pytest.mark.parametrize(
+    ("text", "brace"),
+    [
+        ("selector {\n  sequence {\n    SeekCharger\n  PatrolWaypoint\n}\n", "sequence in line 2"),
+        ("selector {\n  sequence {\n    SeekCharger\n  }\n", "selector in line 1"),
+        ("selector { sequence { SeekCharger", "sequence in line 1"),
+    ],
+)
+def test_unclosed_brace(text: str, brace: str) -> None:
+    """By the indentation of the lines it is said which brace is not closed."""
+    with pytest.raises(TreeError, match=f"the brace of the {brace} is not closed"):
+        parse(text, VOCABULARY)
+
+
+def test_a_shared_subtree_is_judged_by_all_its_uses() -> None:
+    """A guard that only one use needs is not called needless."""
+    text = "subtree s = when lap < 3 { PatrolWaypoint }\n"
+    once = text + "selector { when foundGarbage { use s } when lap < 3 abort self { use s } }"
+    twice = text + "parallel { when lap < 2 { use s } when lap < 3 { use s } }"
+    assert warnings(once, VOCABULARY) == []
+    assert [w.code for w in warnings(twice, VOCABULARY)] == ["needless-guard"]
+
+
+def test_unused_names() -> None:
+    """Constants and parameters that nothing uses are told."""
+    text = (
+        "constant low = 2 constant high = 3\n"
+        "subtree s(a, b) = when lap < a { PatrolWaypoint }\n"
+        "selector { use s(low, 1) SeekCharger }"
+    )
+    found = [(w.code, w.line, w.column) for w in warnings(text, VOCABULARY)]
+    assert found == [("unused-constant", 1, 27), ("unused-parameter", 2, 14)]
 
 
 def test_every_wrong_file_has_its_place() -> None:
@@ -357,6 +422,8 @@ DOUBTFUL = {
     "never-succeeds": "when batteryLevel < 15 { ExecuteCharge }",
     "needless-abort": "when foundGarbage abort lower { PatrolWaypoint }",
     "unused-subtree": "subtree x = PatrolWaypoint\nPatrolWaypoint",
+    "unused-constant": "constant x = 1\nPatrolWaypoint",
+    "unused-parameter": "subtree s(x) = PatrolWaypoint\nuse s(1)",
 }
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from random import Random
+from time import process_time
 
 from hypothesis import given
 
 from islandgp.bt.analysis.compare import Mark, compare
-from islandgp.bt.core.node import Node, walk
+from islandgp.bt.core.node import Node, leaf, selector, walk
 from tests.bt.stage import short_tree
 from tests.profiles import examples
 from tests.strategies import few_numbers, nodes
@@ -72,7 +74,7 @@ def test_command(islandgp: Cli, tmp_path: Path) -> None:
     other = islandgp("diff", a, c)
     assert other.code == 1
     assert other.out.splitlines() == [
-        "+   MoveToGarbage",
+        "+   MoveToGarbage  # 1",
         "0 deleted, 1 inserted, 0 changed",
         "Written differently, but they do the same.",
     ]
@@ -85,7 +87,20 @@ def test_large_trees(islandgp: Cli, tmp_path: Path) -> None:
     b.write_text("selector {" + " MoveToGarbage" * 4000 + " PatrolWaypoint }")
     said = islandgp("diff", a, b)
     assert said.code == 1
-    assert said.out.splitlines()[:2] == ["+   PatrolWaypoint", "0 deleted, 1 inserted, 0 changed"]
+    assert said.out.splitlines()[:2] == [
+        "+   PatrolWaypoint  # 1",
+        "0 deleted, 1 inserted, 0 changed",
+    ]
+
+
+def test_unlike_trees_of_4000_nodes() -> None:
+    """Two large trees with little in common are compared in seconds."""
+    rng = Random(1)
+    a, b = (selector(*(leaf(rng.choice("ABCDEFG")) for _ in range(4000))) for _ in range(2))
+    start = process_time()
+    same = sum(line.mark is Mark.SAME for line in compare(a, b))
+    assert process_time() - start < 10
+    assert same > 1000
 
 
 def test_equal_trees_of_two_domains_are_not_the_same(tmp_path: Path, islandgp: Cli) -> None:

@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, Phase, assume, given
 from hypothesis import strategies as st
 
 from islandgp.bt.core.language import parse
-from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, CountArgs, Node, leaf
+from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, CountArgs, Node, leaf, walk
 from islandgp.bt.core.vocabulary import Action, Vocabulary, flag
 from islandgp.bt.editor.format import format_text
 from islandgp.bt.export import behaviortree_cpp, py_trees
@@ -68,6 +68,7 @@ def test_behaviortree_cpp(
 ) -> None:
     """The exported file does so with our header, whichever function ticks the tree once."""
     tree = named(tree)
+    assume(not any(node.kind == "cooldown" for node in walk(tree)))  # there is no such node
     expected = ours(tree, boards, results, PLACES)
     assert cpp.trace(tree, boards, results) == expected
     assert cpp.trace(tree, boards, results, how="once") == expected

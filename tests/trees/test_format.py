@@ -49,6 +49,15 @@ def test_formatting(text: str) -> None:
     assert not re.search(r"[ \t]\n", once)
 
 
+def test_a_long_condition_is_broken() -> None:
+    """Before its `and`s or `or`s; doing it again changes nothing."""
+    condition = " and ".join(["batteryLevel < 20"] * 6)
+    text = format_text(f"selector {{ when {condition} {{ SeekCharger }} PatrolWaypoint }}")
+    assert "  when batteryLevel < 20\n      and batteryLevel < 20\n" in text
+    assert max(map(len, text.splitlines())) <= 80
+    assert format_text(text) == text
+
+
 def test_random_trees() -> None:
     """For random trees parse of print is the identity, and fmt prints what the printer does."""
     for tree in random_trees(composed(), cases(500)):
@@ -66,7 +75,7 @@ def test_places_are_those_of_the_nodes(tree: Node) -> None:
     lines = text.split("\n")
     found = parse_placed(text)
     assert found.node == tree
-    for node, (line, column) in zip(walk(tree), found.places, strict=True):
+    for node, (line, column, _) in zip(walk(tree), found.places, strict=True):
         word = node.args[0] if node.kind == "action" else node.kind
         assert lines[line - 1][column - 1 :].startswith(str(word))
 

@@ -49,7 +49,8 @@ def short_xml(text: str) -> str:
 @given(tree=nodes())
 def test_every_export_comes_back(tree: Node) -> None:
     """Reading what was written gives the tree again, and nothing is lost on the way."""
-    assert read_tree(to_xml(tree), VOCABULARY)[:2] == (tree, ())
+    if not any(node.kind == "cooldown" for node in walk(tree)):  # which XML has no node for
+        assert read_tree(to_xml(tree, step_s=0.1), VOCABULARY)[:2] == (tree, ())
     assert from_json(to_json(tree), VOCABULARY) == tree
 
 
@@ -59,7 +60,8 @@ LOST = {
     "<ReactiveSequence><ScriptCondition code='lap &lt; 1'/><A/></ReactiveSequence>": "",
     "<Sequence><ScriptCondition code='lap == 1'/><A/></Sequence>": "equal",
     "<ReactiveFallback><Sequence><ScriptCondition code='foundGarbage'/><A/></Sequence><B/>"
-    "</ReactiveFallback>": "level order resumed",
+    "</ReactiveFallback>": "",
+    "<Timeout msec='100'><A/></Timeout>": "clock",
     "<Parallel><A/><B/></Parallel>": "judged",
     "<Parallel><A/></Parallel>": "",
     "<Repeat num_cycles='3'><A/></Repeat>": "repeat",
@@ -107,6 +109,45 @@ def test_subtree_with_a_blackboard_of_its_own() -> None:
         text = short_xml(xml_of(f"<SubTree ID='T1' {attributes}/>", inside))
         told = [d.loss.about for d in read_tree(text, VOCABULARY).differences]
         assert told == lost, (inside, attributes)
+
+
+def test_remapped_subtrees() -> None:
+    """A SubTree asks the keys that its attributes name, through each SubTree around it."""
+    asks = "<Sequence><ScriptCondition code='x'/><A/></Sequence>"
+    uses = "<Fallback><SubTree ID='T1' y='{foundGarbage}'/><SubTree ID='T1' y='{lap}'/></Fallback>"
+    text = short_xml(xml_of(uses, "<SubTree ID='T2' x='{y}'/>", asks))
+    with pytest.raises(TreeError, match="lap is a number"):
+        read_tree(text, VOCABULARY)
+    text = text.replace("{lap}", "{isHumanoidWantToClear}")
+    tree = main_tree(text, VOCABULARY)
+    assert tree == short_tree("selector { when p abort none { A } when q abort none { A } }")
+
+
+def test_version_3(islandgp: Cli, tmp_path: Path) -> None:
+    """Files of version 3 are read where their nodes mean the same."""
+    (tmp_path / "a.xml").write_text(
+        "<root main_tree_to_execute='M'><BehaviorTree ID='M'><RetryUntilSuccesful num_attempts='1'>"
+        f"<SubTreePlus ID='S' __autoremap='1'/></RetryUntilSuccesful></BehaviorTree>"
+        f"<BehaviorTree ID='S'><{A} _description='x'/></BehaviorTree></root>"
+    )
+    said = islandgp("import", tmp_path / "a.xml")
+    assert (said.code, said.err) == (0, "")
+    assert said.out == f"subtree S = {A}\n\nretry 1 {{ use S }}\n"
+
+
+def test_included_files(islandgp: Cli, tmp_path: Path) -> None:
+    """An <include> brings the trees of a file beside this one; errors name their file."""
+    include = "<include path='parts/b.xml'/>"
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "a.xml").write_text(xml_of("<SubTree ID='T9'/>").replace(">", f">{include}", 1))
+    part = tmp_path / "parts" / "b.xml"
+    part.write_text(xml_of(f"<{A}/>").replace("T0", "T9"))
+    assert f"subtree T9 = {A}" in islandgp("import", tmp_path / "a.xml").out
+    part.write_text(xml_of("<Nope/>").replace("T0", "T9"))
+    assert "b.xml:" in islandgp("import", tmp_path / "a.xml").err
+    part.unlink()
+    part.symlink_to("/etc/hostname")
+    assert "leads out of the folder" in islandgp("import", tmp_path / "a.xml").err
 
 
 def test_one_of_several_trees(islandgp: Cli, tmp_path: Path) -> None:
@@ -165,7 +206,7 @@ def test_strict(islandgp: Cli, tmp_path: Path) -> None:
 
 
 WRONG = {
-    "includes": (xml_of("<A/>", head='<include path="other.xml"/>'), "<include> is not followed"),
+    "includes": (xml_of("<A/>", head='<include path="other.xml"/>'), "the path of a file"),
     "entities": ('<!DOCTYPE r [<!ENTITY x "y">]>' + xml_of("&x;"), "no document type"),
     "external": ('<!DOCTYPE r SYSTEM "file:///etc/passwd">' + xml_of("<A/>"), "no document type"),
     "digits": (
@@ -184,7 +225,7 @@ WRONG = {
     ),
     "op": (xml_of("<When condition='lap'><A/></When>"), "lap is a number"),
     "flag": (xml_of("<When condition='foundGarbage &lt; 1'><A/></When>"), "is yes or no"),
-    "policy": (xml_of("<JudgedParallel success='two'><A/></JudgedParallel>"), "one or all"),
+    "policy": (xml_of("<JudgedParallel success='two'><A/></JudgedParallel>"), "one, all or"),
     "conditions": (
         xml_of("<Sequence>" + "<ScriptCondition code='foundGarbage'/>" * 5000 + "<A/></Sequence>"),
         "at most 100 levels",

@@ -56,11 +56,11 @@ def trace(tree: Node, boards: list[list[float]], results: list[int]) -> Trace:
             aborted.append(leaves[place])
 
     actions = {name: action(name) for name in leaves.values()}
-    tick = compile_tree(tree, actions, board, VOCABULARY.places, watch=watch)
+    tick = compile_tree(tree, actions, board, VOCABULARY.places, watch=watch, step_s=1.0)
     ticks: Trace = []
     for values in boards:
         board[:] = values
-        status = tick()
+        status = min(tick(), RUNNING)  # AGAIN is RUNNING
         # Aborts of one tick come in document order per subtree, so their order is not told.
         ticks.append((tuple(calls), tuple(sorted(aborted)), status))
         calls.clear()

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from math import floor, inf
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.core.condition import Asked, Condition, spread
+from islandgp.bt.core.condition import Condition, ConditionExpr, to_nnf
 from islandgp.bt.core.vocabulary import Key
 
 Boards: TypeAlias = int
@@ -60,9 +60,9 @@ class BoardSets:
         self._left = ALL_STEPS
         self._room = 0  # steps that are left for the sets that are being joined
 
-    def of(self, asked: Asked) -> Boards:
+    def of(self, expr: ConditionExpr) -> Boards:
         """The blackboards on which a condition holds."""
-        return self._of(spread(asked))
+        return self._of(to_nnf(expr))
 
     def both(self, *sets: Boards) -> Boards:
         """The blackboards that are in all of these sets."""
@@ -120,14 +120,14 @@ class BoardSets:
         low, high = self._ranges[place]
         return _between(max(between[0], low), min(between[1], high))
 
-    def _of(self, asked: Asked) -> Boards:
-        if isinstance(asked, Condition):
-            return self._single(asked)
-        parts = [self._of(part) for part in asked.parts]
-        return self.both(*parts) if asked.word == "and" else self.either(*parts)
+    def _of(self, expr: ConditionExpr) -> Boards:
+        if isinstance(expr, Condition):
+            return self._single(expr)
+        parts = [self._of(part) for part in expr.parts]
+        return self.both(*parts) if expr.word == "and" else self.either(*parts)
 
-    def _single(self, asked: Condition) -> Boards:
-        x, no, yes = float(asked.number), NO_BOARD, ANY_BOARD
+    def _single(self, expr: Condition) -> Boards:
+        x, no, yes = float(expr.number), NO_BOARD, ANY_BOARD
         cuts: tuple[Cut, ...]
         cuts, parts = {
             "<": (((x, 0),), (yes, no)),
@@ -138,8 +138,8 @@ class BoardSets:
             "!=": (((x, 0), (x, 1)), (yes, no, yes)),
             "is": (((x, 1),), (no, yes)),
             "not": (((x, 1),), (yes, no)),
-        }[asked.operator]
-        place = self.places[asked.key]
+        }[expr.operator]
+        place = self.places[expr.key]
         low, high = self._ranges[place]
         while cuts and cuts[0] <= low:
             cuts, parts = cuts[1:], parts[1:]

@@ -7,13 +7,11 @@ branch shows as one inserted node, where a comparison of texts would show the wh
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from difflib import SequenceMatcher
 from enum import StrEnum
-from typing import Final, NamedTuple, TypeAlias
+from itertools import count
+from typing import NamedTuple, TypeAlias
 
 from islandgp.bt.core.node import Node
-
-EXACT: Final = 1_000  # edges of a tree; in a larger one those that are frequent guide nothing
 
 
 class Mark(StrEnum):
@@ -33,6 +31,8 @@ class DiffLine(NamedTuple):
     old: Node | None  # None: inserted
     new: Node | None  # None: deleted
     end: bool  # of a node that is the same, in a place where the other tree's does not end
+    old_place: int | None = None  # of the node in document order
+    new_place: int | None = None
 
 
 class _Edge(NamedTuple):
@@ -41,6 +41,7 @@ class _Edge(NamedTuple):
     node: Node
     level: int
     begin: int  # the place of its beginning among the edges
+    place: int  # of the node in document order
     end: bool
 
 
@@ -59,7 +60,8 @@ def compare(old: Node, new: Node) -> list[DiffLine]:
         if mark is not Mark.SAME and not edge.end:
             for each, begun in sides:
                 begun.add(each.begin)
-        found.append(DiffLine(mark, edge.level, a and a.node, b and b.node, edge.end))
+        nodes, places = (a and a.node, b and b.node), (a and a.place, b and b.place)
+        found.append(DiffLine(mark, edge.level, *nodes, edge.end, *places))
     return found
 
 
@@ -67,13 +69,15 @@ def _edges(tree: Node) -> list[_Edge]:
     """The edges of a tree in document order."""
     found: list[_Edge] = []
 
+    places = count()
+
     def visit(node: Node, level: int) -> None:
-        begin = len(found)
-        found.append(_Edge(node, level, begin, False))
+        begin, place = len(found), next(places)
+        found.append(_Edge(node, level, begin, place, False))
         for child in node.children:
             visit(child, level + 1)
         if node.children:
-            found.append(_Edge(node, level, begin, True))
+            found.append(_Edge(node, level, begin, place, True))
 
     visit(tree, 0)
     return found
@@ -82,13 +86,53 @@ def _edges(tree: Node) -> list[_Edge]:
 def _rows(old: Sequence[_Edge], new: Sequence[_Edge]) -> Iterator[_Row]:
     """The edges of both trees in their order, the same ones together."""
     before, after = ([(e.end, e.node.kind, e.node.args) for e in edges] for edges in (old, new))
-    matcher = SequenceMatcher(None, before, after, autojunk=max(len(old), len(new)) > EXACT)
-    for what, i, behind_i, j, behind_j in matcher.get_opcodes():
-        a, b = old[i:behind_i], new[j:behind_j]
+    i = j = 0
+    for same_i, same_j in [*_common(before, after), (len(old), len(new))]:
+        a, b = old[i:same_i], new[j:same_j]
         sorts = [[(edge.end, edge.node.action != "") for edge in part] for part in (a, b)]
         if sorts[0] == sorts[1]:  # each can become the other in place
-            mark = Mark.SAME if what == "equal" else Mark.CHANGED
-            yield from ((mark, *pair) for pair in zip(a, b, strict=True))
+            yield from ((Mark.CHANGED, *pair) for pair in zip(a, b, strict=True))
         else:
             yield from ((Mark.DELETED, edge, None) for edge in a)
             yield from ((Mark.INSERTED, None, edge) for edge in b)
+        if same_i < len(old):
+            yield Mark.SAME, old[same_i], new[same_j]
+        i, j = same_i + 1, same_j + 1
+
+
+def _common(old: Sequence[object], new: Sequence[object]) -> list[tuple[int, int]]:
+    """The places of a longest common subsequence in both, ascending.
+
+    Bit-parallel: `steps` has a 0 for each place of `new` at which the length grows by one. So one
+    addition of large integers does a whole row (Hyyroe 2004, Bit-parallel LCS-length computation
+    revisited).
+    """
+    begin, most = 0, min(len(old), len(new))
+    while begin < most and old[begin] == new[begin]:
+        begin += 1
+    end = 0
+    while end < most - begin and old[-1 - end] == new[-1 - end]:
+        end += 1
+    rest_old, rest_new = old[begin : len(old) - end], new[begin : len(new) - end]
+    where: dict[object, int] = {}
+    for place, each in enumerate(rest_new):
+        where[each] = where.get(each, 0) | 1 << place
+    full = (1 << len(rest_new)) - 1
+    rows = [full]
+    for each in rest_old:
+        steps = rows[-1]
+        matches = steps & where.get(each, 0)
+        rows.append((steps + matches | steps - matches) & full)
+    found: list[tuple[int, int]] = []
+    i, j = len(rest_old), len(rest_new)
+    while i and j:
+        if rows[i] >> (j - 1) & 1:  # the length does not grow here
+            j -= 1
+        elif not rows[i - 1] >> (j - 1) & 1:  # it grew in a row before
+            i -= 1
+        else:
+            i, j = i - 1, j - 1
+            found.append((begin + i, begin + j))
+    head = [(place, place) for place in range(begin)]
+    tail = [(len(old) - n, len(new) - n) for n in range(end, 0, -1)]
+    return [*head, *reversed(found), *tail]

@@ -66,6 +66,8 @@ class _Finder:
     def inside(self, place: int, own: NodeBoards) -> list[NodeBoards]:
         """The blackboards on which the children of a node can be ticked."""
         node, (starts, resumes) = self._machine.nodes[place], own
+        if kind_of(node).reactive:
+            return [NodeBoards(each, each) for each in self._in_turn(place, own)[0]]
         if kind_of(node).hands_over is not None:
             return [branch.ticked for branch in self._branches(place, own)]
         if node.guard:
@@ -75,7 +77,24 @@ class _Finder:
                 resumes = self._sets.both(resumes, holds)
         if kind_of(node).counts is not None and count_of(node) > 1:
             starts = self._sets.either(starts, resumes)
+        if kind_of(node).later:
+            starts = resumes
         return [NodeBoards(starts, resumes)] * len(self._machine.children[place])
+
+    def _in_turn(self, place: int, own: NodeBoards) -> tuple[list[Boards], Outcomes]:
+        """On which blackboards the children of a reactive composite are ticked; its outcomes."""
+        handing = hands_over(self._machine.nodes[place])
+        entered, found = self._sets.either(*own), [NO_BOARD] * 3
+        ticked: list[Boards] = []
+        for child in self._machine.children[place]:
+            ticked.append(entered)
+            ends = self._either(self._machine.fresh(child), self._resumed_outcomes(child))
+            for status in (1 - handing, RUNNING):
+                reached = self._sets.both(entered, ends[status])
+                found[status] = self._sets.either(found[status], reached)
+            entered = self._sets.both(entered, ends[handing])
+        found[handing] = entered
+        return ticked, (found[0], found[1], found[2])
 
     def _branches(self, place: int, own: NodeBoards) -> list[_Branch]:
         """The branches of a composite, in order."""
@@ -149,14 +168,20 @@ class _Finder:
         kind = kind_of(node)
         if node.action:
             return machine.fresh(place)
+        if kind.reactive:
+            return self._in_turn(place, NodeBoards(ANY_BOARD, ANY_BOARD))[1]
         if kind.hands_over is not None:
             return self._of_composite(place)
         if isinstance(node.args, ParallelArgs):
-            each = [self._in_parallel(child, node.args) for child in children]
+            needed = node.args.needed(len(children))
+            each = [self._in_parallel(child, needed) for child in children]
             return judged(self._sets, node.args, each)
         inside = self._resumed_outcomes(children[0])
         if node.guard:
             return machine.guarded(place, inside, fresh=False)
+        if kind.later:
+            failure, success, _ = self._either(inside, machine.fresh(children[0]))
+            return failure, success, ANY_BOARD
         if kind.counts is None:
             return turned(self._sets, node, inside)
         if count_of(node) == 1:
@@ -164,13 +189,13 @@ class _Finder:
         again = self._either(inside, machine.fresh(children[0]))
         return self._either(again, repeated(self._sets, node, again, last=False))
 
-    def _in_parallel(self, child: int, policies: ParallelArgs) -> Outcomes:
+    def _in_parallel(self, child: int, needed: tuple[int, int]) -> Outcomes:
         """The outcomes of a child of a running parallel, which may have ended before."""
         fresh, resumed = self._machine.fresh(child), self._resumed_outcomes(child)
         found = list(resumed)
-        for status, policy in zip((SUCCESS, FAILURE), policies, strict=True):
-            # With the policy `one` the parallel would have ended as well.
-            if policy == "all" and (fresh[status], resumed[status]) != (NO_BOARD, NO_BOARD):
+        for status, count in zip((SUCCESS, FAILURE), needed, strict=True):
+            # Where one is enough the parallel would have ended as well.
+            if count > 1 and (fresh[status], resumed[status]) != (NO_BOARD, NO_BOARD):
                 found[status] = ANY_BOARD
         return found[0], found[1], found[2]
 

@@ -6,6 +6,7 @@ pointed out where that part is written. Each gives its reason.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 from islandgp.bt.analysis.outcomes import dead_end, hands_over, never
 from islandgp.bt.analysis.truth import (
-    Standing,
+    NodeContext,
     below,
     excludes,
     implies,
@@ -22,7 +23,7 @@ from islandgp.bt.analysis.truth import (
     shorter,
     whenever_asked,
 )
-from islandgp.bt.core.condition import Asked, terms
+from islandgp.bt.core.condition import ConditionExpr, terms
 from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.language import parse_placed, plain
 from islandgp.bt.core.node import FAILURE, SUCCESS, GuardArgs, Node, size
@@ -42,8 +43,14 @@ CODES: Final = {
     "never-succeeds": "an action that can never succeed where it stands",
     "needless-abort": "`abort lower` where no later branch is there to be stopped",
     "unused-subtree": "a named subtree that is never used",
+    "unused-constant": "a constant that is never used",
+    "unused-parameter": "a parameter that its subtree does not use",
 }
 """What a finding is about, by a name that stays."""
+
+
+ADVICE: Final = frozenset({"needless-guard", "long-condition", "double-inverter", "needless-abort"})
+"""Codes of what could be left out."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -65,7 +72,7 @@ class _Place(NamedTuple):
     """A node where it stands in the expanded tree."""
 
     node: Node
-    standing: Standing
+    context: NodeContext
     above: Above
 
 
@@ -74,58 +81,90 @@ def warnings(
 ) -> list[LintWarning]:
     """The doubtful places of a file, in its order, each once.
 
-    What is doubtful in an included subtree is told where that is used. `folder`: as `parse`.
+    What could be left out of a subtree is told if that is so wherever it is used. What is
+    doubtful in an included subtree is told where that is used. `folder`: as `parse`.
 
     Raises:
         TreeError: the text is not a tree of the language.
     """
     tree, written, file = parse_placed(text, vocabulary, name=name, folder=folder)
-    found = set(_unused(file))
     cold: set[int] = set()  # places below a node that never runs: one warning is enough
     places = list(_places(tree, root_of(vocabulary), ()))
     course = _Course(places)
+    doubts: dict[tuple[int, str], dict[int, str]] = {}  # by origin and code: message by place
     for index, place in enumerate(places):
         if index in cold:
             continue
         for at, code, message in _about(place, index, course):
-            found.add(LintWarning(*written[at], message, code))
+            doubts.setdefault((written[at].origin, code), {})[at] = message
             if code == "unreachable":
                 cold.update(range(at, at + size(places[at].node)))
-    return sorted(found)
+    uses = Counter(place.origin for at, place in enumerate(written) if at not in cold)
+    found = {
+        (written[at][:2], code): messages[at]
+        for (origin, code), messages in doubts.items()
+        if code not in ADVICE or len(messages) == uses[origin]
+        for at in sorted(messages, reverse=True)
+    }
+    doubtful = [LintWarning(*at, message, code) for (at, code), message in found.items()]
+    return sorted([*_unused(file), *doubtful])
 
 
-def _places(node: Node, standing: Standing, above: Above) -> Iterator[_Place]:
-    yield _Place(node, standing, above)
+def _places(node: Node, context: NodeContext, above: Above) -> Iterator[_Place]:
+    yield _Place(node, context, above)
     for index, child in enumerate(node.children):
-        yield from _places(child, below(node, standing, index), (*above, (node, index)))
+        yield from _places(child, below(node, context, index), (*above, (node, index)))
 
 
 def _unused(file: Any) -> Iterator[LintWarning]:
-    """Subtrees that a file defines and never uses; `file`: as the grammar has it."""
+    """What a file defines and never uses; `file`: as the grammar has it."""
     used = {str(use.children[0]) for use in file.find_data("use")}
     for subtree in file.find_data("subtree"):
-        name = subtree.children[0]
+        name, *parameters, body = subtree.children
         if name not in used:
-            message = f"subtree {str(name)!r} is never used"
-            yield LintWarning(name.line, name.column, message, "unused-subtree")
+            yield _never_used("subtree", name)
+        numbers = _words_behind_the_first(body)
+        for parameter in (each for part in parameters for each in part.children):
+            if parameter not in numbers:
+                yield _never_used("parameter", parameter)
+    numbers = _words_behind_the_first(file)
+    for constant in file.find_data("constant"):
+        if constant.children[0] not in numbers:
+            yield _never_used("constant", constant.children[0])
+
+
+def _never_used(what: str, name: Any) -> LintWarning:
+    message = f"{what} {str(name)!r} is never used"
+    return LintWarning(name.line, name.column, message, f"unused-{what}")
+
+
+def _words_behind_the_first(tree: Any) -> set[str]:
+    """The names in a tree of the grammar, but for those that begin a part: numbers and words."""
+    words = (token for part in tree.iter_subtrees() for token in part.children[_first(part) :])
+    return {str(word) for word in words if not hasattr(word, "children") and word.type == "NAME"}
+
+
+def _first(part: Any) -> int:
+    """0 where the first word of a part can be a number: the arguments of a `use`, a policy."""
+    return int(part.data not in ("arguments", "success", "failure"))
 
 
 def _about(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, str]]:
     """Warnings about one node: where, which of CODES, and in words."""
-    node, standing, above = place
+    node, context, above = place
     kind = kind_of(node)
     if kind.hands_over is not None:
-        yield from _never_goes_on(node, standing, at)
+        yield from _never_goes_on(node, context, at)
     elif kind.inverts and kind_of(node.children[0]).inverts:
         yield at, "double-inverter", "double inverter: the two undo each other"
     elif node.guard:
-        yield from _guard(node.guard, standing, above, at)
+        yield from _guard(node.guard, context, above, at)
     elif node.action:
         yield from _action(place, at, course)
 
 
-def _never_goes_on(node: Node, standing: Standing, at: int) -> Iterator[tuple[int, str, str]]:
-    index = dead_end(node, standing)
+def _never_goes_on(node: Node, context: NodeContext, at: int) -> Iterator[tuple[int, str, str]]:
+    index = dead_end(node, context)
     if index is not None:
         word = "fails" if hands_over(node) == FAILURE else "succeeds"
         message = (
@@ -136,39 +175,39 @@ def _never_goes_on(node: Node, standing: Standing, at: int) -> Iterator[tuple[in
 
 
 def _guard(
-    guard: GuardArgs, standing: Standing, above: Above, at: int
+    guard: GuardArgs, context: NodeContext, above: Above, at: int
 ) -> Iterator[tuple[int, str, str]]:
-    asked = guard.condition
-    if never(guard, standing):
-        why = _why_not(asked, standing.at_start, above, standing.vocabulary)
+    expr = guard.condition
+    if never(guard, context):
+        why = _why_not(expr, context.at_start, above, context.vocabulary)
         yield at + 1, "unreachable", f"this branch can never run: {why}"
         return
-    if implies(standing.at_start, asked):
-        needless = not guard.checks_itself or implies(standing.always, asked)
-        if needless and not may_interrupt(guard, standing):
-            message = f"this guard says nothing new: {_why(asked, above)}"
+    if implies(context.at_start, expr):
+        needless = not guard.checks_itself or implies(context.always, expr)
+        if needless and not may_interrupt(guard, context):
+            message = f"this guard says nothing new: {_why(expr, above)}"
             yield at, "needless-guard", message
             return
-    elif guard.abort == "lower" and standing.observer is None:
+    elif guard.abort == "lower" and context.observer is None:
         message = "abort lower is abort none here: no composite has a later branch to stop"
         yield at, "needless-abort", message
-    if (same := shorter(asked, whenever_asked(guard, standing))) != asked:
+    if (same := shorter(expr, whenever_asked(guard, context))) != expr:
         message = f"this condition is the same as a shorter one: {condition_text(same)}"
         yield at, "long-condition", message
 
 
 def _action(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, str]]:
-    node, standing, above = place
+    node, context, above = place
     name = node.action
-    known = standing.vocabulary.action(name)
-    needs = [(needed, standing.at_start) for needed in known.to_start]
-    needs += [(needed, standing.always) for needed in known.to_succeed]
+    known = context.vocabulary.action(name)
+    needs = [(needed, context.at_start) for needed in known.to_start]
+    needs += [(needed, context.always) for needed in known.to_succeed]
     for needed, holding in needs:
         if not excludes(holding, needed):
             continue
         if course.changed_before(needed.key, known.changes.get(needed.key, 0), at):
             continue
-        reason = _why_not(needed, holding, above, standing.vocabulary, for_action=True)
+        reason = _why_not(needed, holding, above, context.vocabulary, for_action=True)
         yield at, "never-succeeds", f"{name} can never succeed here: {reason}"
         return
 
@@ -202,10 +241,10 @@ class _Course:
 
         def visit(before: bool) -> tuple[bool, bool]:
             """Whether an action below changes the key, and one whose success may not pass up."""
-            node, standing, _ = places[len(found)]
+            node, context, _ = places[len(found)]
             found.append(before)
             if node.action:
-                known = standing.vocabulary.action(node.action)
+                known = context.vocabulary.action(node.action)
                 return known.changes.get(key, 0) * sign < 0, False
             changes = stays = False
             for index in range(len(node.children)):
@@ -230,8 +269,8 @@ def _passes_up(node: Node, index: int) -> bool:
 
 
 def _why_not(
-    needed: Asked,
-    known: Sequence[Asked],
+    needed: ConditionExpr,
+    known: Sequence[ConditionExpr],
     above: Above,
     vocabulary: Vocabulary,
     *,
@@ -253,13 +292,13 @@ def _why_not(
     return f"{lead}, but above it stands {stands}"
 
 
-def _why(asked: Asked, above: Above) -> str:
+def _why(expr: ConditionExpr, above: Above) -> str:
     """Why a condition always holds."""
-    same = [c for c in _guards(above) if implies((c,), asked)]
+    same = [c for c in _guards(above) if implies((c,), expr)]
     if not same:
-        return f"{condition_text(asked)} always holds"
+        return f"{condition_text(expr)} always holds"
     return f"when {condition_text(same[-1])} stands above it already"
 
 
-def _guards(above: Above) -> list[Asked]:
+def _guards(above: Above) -> list[ConditionExpr]:
     return [node.guard.condition for node, _ in above if node.guard]

@@ -96,7 +96,7 @@ class Machine:
         self.holds = {place: sets.of(each) for place, each in asked.items()}
         self.fails = {place: sets.of(opposite(each)) for place, each in asked.items()}
         self.observed = {
-            place: tuple(self._observed(place))
+            place: tuple(self._observed(place)) if kind_of(node).remembers_branch else ()
             for place, node in enumerate(self.nodes)
             if kind_of(node).hands_over is not None
         }
@@ -216,6 +216,8 @@ class Machine:
             return int(FAILURE in can), int(SUCCESS in can), int(RUNNING in can)
         if node.guard:
             return self.guarded(place, self.now(children[0], memory), fresh=memory is None)
+        if kind.later:
+            return NO_BOARD, NO_BOARD, ANY_BOARD
         if kind.counts is not None:
             left, inner = self.repetition(place, memory)
             return repeated(self.sets, node, self.now(children[0], inner), last=left == 1)
@@ -371,7 +373,7 @@ def turned(sets: BoardSets, decorator: Node, child: Outcomes) -> Outcomes:
     found = [NO_BOARD, NO_BOARD, child[RUNNING]]
     for status, end in enumerate(kind_of(decorator).ends):
         found[end] = sets.either(found[end], child[status])
-    return found[0], found[1], found[2]
+    return ANY_BOARD if kind_of(decorator).may_fail else found[0], found[1], found[2]
 
 
 def judged(sets: BoardSets, parallel: ParallelArgs, each: Sequence[Outcomes]) -> Outcomes:
@@ -384,6 +386,8 @@ def judged(sets: BoardSets, parallel: ParallelArgs, each: Sequence[Outcomes]) ->
         return sets.both(*(sets.either(*(its[s] for s in statuses)) for its in each))
 
     success, failure = parallel
+    if not isinstance(success, str) or not isinstance(failure, str):
+        return _judged_by_counts(sets, parallel.needed(len(each)), each)
     if failure == "one":
         fails = some(FAILURE)
         if success == "one":
@@ -392,6 +396,26 @@ def judged(sets: BoardSets, parallel: ParallelArgs, each: Sequence[Outcomes]) ->
     if success == "one":
         return only(FAILURE), some(SUCCESS), sets.both(only(FAILURE, RUNNING), some(RUNNING))
     return sets.both(only(FAILURE, SUCCESS), some(FAILURE)), only(SUCCESS), some(RUNNING)
+
+
+def _judged_by_counts(
+    sets: BoardSets, needed: tuple[int, int], each: Sequence[Outcomes]
+) -> Outcomes:
+    """The same where numbers of successes and failures decide."""
+    counts: dict[tuple[int, ...], Boards] = {(0, 0, 0): ANY_BOARD}  # by FAILURE, SUCCESS, RUNNING
+    for outcomes in each:
+        more: dict[tuple[int, ...], Boards] = {}
+        for count, boards in counts.items():
+            for status, ends in enumerate(outcomes):
+                key = tuple(number + (at == status) for at, number in enumerate(count))
+                more[key] = sets.either(more.get(key, NO_BOARD), sets.both(boards, ends))
+        counts = more
+    found = [NO_BOARD] * 3
+    for (failed, succeeded, running), boards in counts.items():
+        decided = SUCCESS if succeeded >= needed[0] else RUNNING if running else FAILURE
+        status = FAILURE if failed >= needed[1] else decided
+        found[status] = sets.either(found[status], boards)
+    return found[0], found[1], found[2]
 
 
 def judgement(parallel: ParallelArgs, statuses: Sequence[int]) -> int:

@@ -8,10 +8,13 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from islandgp.bt.core.builder import Builder
-from islandgp.bt.core.kinds import COUNTED
+from islandgp.bt.core.kinds import COUNTED, TIMED
 from islandgp.bt.core.language import built, files_of, plain
 from islandgp.bt.core.printer import number_text
 from islandgp.bt.core.vocabulary import Vocabulary
+
+SECONDS: Final = "seconds"
+"""The purpose of a number of seconds of a wait, a timeout or a cooldown."""
 
 COUNT: Final = "count"
 """The purpose of a count; other purposes are the keys that are compared with the number."""
@@ -117,9 +120,11 @@ def _slots(tree: Any, taken: dict[str, dict[str, Purposes]], words: Vocabulary) 
                 if arguments[str(key)].numeric:
                     purpose = argument_purpose(str(name), str(key))
                     yield _Slot(f"{name}: {key}", frozenset({purpose}), word)
-        case kind, [_, word, child] if kind in COUNTED:
-            yield _Slot(kind, frozenset({COUNT}), word)
+        case kind, [_, word, child] if kind in COUNTED or kind in TIMED:
+            yield _Slot(kind, frozenset({COUNT if kind in COUNTED else SECONDS}), word)
             yield from _slots(child, taken, words)
+        case "success" | "failure" as policy, [word] if word.type in ("NAME", "NUMBER"):
+            yield _Slot(policy, frozenset({COUNT}), word)
         case _, parts:
             for part in parts:
                 if hasattr(part, "children"):  # no word

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final, TypeAlias
 
-from islandgp.bt.analysis.truth import Standing, below, excludes, may_interrupt
+from islandgp.bt.analysis.truth import NodeContext, below, excludes, may_interrupt
 from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.node import FAILURE, SUCCESS, GuardArgs, Node, ParallelArgs
 
@@ -13,17 +13,17 @@ Ends: TypeAlias = frozenset[int]  # of SUCCESS and FAILURE
 _FAILS: Final[Ends] = frozenset({FAILURE})
 
 
-def ends(node: Node, standing: Standing) -> Ends:
+def ends(node: Node, context: NodeContext) -> Ends:
     """The statuses with which a node can end, or more; never fewer."""
     if node.action:
-        return standing.vocabulary.action(node.action).statuses & {FAILURE, SUCCESS}
-    if node.guard and never(node.guard, standing):
+        return context.vocabulary.action(node.action).statuses & {FAILURE, SUCCESS}
+    if node.guard and never(node.guard, context):
         return _FAILS
     kind = kind_of(node)
-    each = [ends(child, below(node, standing, i)) for i, child in enumerate(node.children)]
+    each = [ends(child, below(node, context, i)) for i, child in enumerate(node.children)]
     if kind.decorates:
         found = frozenset(kind.ends[end] for end in each[0])
-        return found | _FAILS if node.guard else found
+        return found | _FAILS if node.guard or kind.may_fail else found
     if isinstance(node.args, ParallelArgs):
         return _parallel(node.args, each)
     go_on = hands_over(node)
@@ -42,23 +42,23 @@ def hands_over(node: Node) -> int:
     return status
 
 
-def dead_end(node: Node, standing: Standing) -> int | None:
+def dead_end(node: Node, context: NodeContext) -> int | None:
     """The first child of a selector or sequence behind which it never goes on; None: there is none.
 
     The last child does not count.
     """
     for index, child in enumerate(node.children[:-1]):
-        if hands_over(node) not in ends(child, below(node, standing, index)):
+        if hands_over(node) not in ends(child, below(node, context, index)):
             return index
     return None
 
 
-def never(guard: GuardArgs, standing: Standing) -> bool:
+def never(guard: GuardArgs, context: NodeContext) -> bool:
     """Whether the condition of a `when` can't hold when the guard starts."""
-    return excludes(standing.at_start, guard.condition)
+    return excludes(context.at_start, guard.condition)
 
 
-def idle(node: Node, standing: Standing) -> int | None:
+def idle(node: Node, context: NodeContext) -> int | None:
     """With what a node ends at once, whenever it starts, without doing anything; else None.
 
     Such a node calls no action and stops no other node.
@@ -67,24 +67,24 @@ def idle(node: Node, standing: Standing) -> int | None:
     if not kind.decorates:
         return None
     if node.guard:
-        if may_interrupt(node.guard, standing):
+        if may_interrupt(node.guard, context):
             return None
-        if never(node.guard, standing):
+        if never(node.guard, context):
             # What it guards never starts, but guards in there could only be observed after a start.
             return FAILURE
-        return FAILURE if idle(node.children[0], below(node, standing, 0)) == FAILURE else None
-    end = idle(node.children[0], below(node, standing, 0))
-    return None if end is None or end == kind.counts else kind.ends[end]
+        return FAILURE if idle(node.children[0], below(node, context, 0)) == FAILURE else None
+    end = idle(node.children[0], below(node, context, 0))
+    if end is None or end == kind.counts or kind.later or (kind.may_fail and end != FAILURE):
+        return None
+    return kind.ends[end]
 
 
 def _parallel(args: ParallelArgs, each: list[Ends]) -> Ends:
-    success, failure = args
-    found = set()
-    # Children that all ended without a decision fail it, so `failure all` can fail with one.
-    if any(FAILURE in e for e in each) and (
-        failure == "one" or success == "all" or all(FAILURE in e for e in each)
-    ):
-        found.add(FAILURE)
-    if (any if success == "one" else all)(SUCCESS in e for e in each):
-        found.add(SUCCESS)
-    return frozenset(found)
+    success, failure = args.needed(len(each))
+    failing, succeeding = (sum(end in e for e in each) for end in (FAILURE, SUCCESS))
+    # Children that all ended without a decision fail it: too few of them succeeded.
+    can = {
+        FAILURE: failing >= min(failure, len(each) - success + 1),
+        SUCCESS: succeeding >= success,
+    }
+    return frozenset(end for end in can if can[end])

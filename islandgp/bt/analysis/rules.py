@@ -23,8 +23,9 @@ from islandgp.bt.analysis.boards import ANY_BOARD, NO_BOARD, Boards, BoardSets
 from islandgp.bt.analysis.invariants import boards_of_nodes
 from islandgp.bt.analysis.machine import Machine, Memory, SpentError
 from islandgp.bt.analysis.moves import ActionCalls, moves
-from islandgp.bt.core.condition import Asked, terms
+from islandgp.bt.core.condition import ConditionExpr, terms
 from islandgp.bt.core.engine import compile_tree
+from islandgp.bt.core.kinds import TIMED, kind_of
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node, asked_in, leaf, walk
 from islandgp.bt.core.vocabulary import Vocabulary
@@ -43,7 +44,7 @@ class Rule:
 
     text: str  # as it was written
     action: str
-    condition: Asked
+    condition: ConditionExpr
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +108,9 @@ def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEP
     left = [place for place in places if sets.both(possible[place], forbidden) != NO_BOARD]
     if not left:
         return RuleResult(rule, "proven", "it follows from the guards")
+    if kind := next((n.kind for n in machine.nodes if n.kind in TIMED or kind_of(n).reactive), ""):
+        why = f"neither proven nor refuted: of a tree with a {kind} only the guards are looked at"
+        return RuleResult(rule, "unknown", why)
     machine.left = steps
     return _explored(machine, rule, forbidden, left, vocabulary)
 

@@ -15,7 +15,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 from islandgp.bt.analysis.outcomes import dead_end, ends, hands_over, idle
 from islandgp.bt.analysis.truth import (
-    Standing,
+    NodeContext,
     below,
     exposes,
     hidden,
@@ -41,18 +41,18 @@ from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
 Rewrite: TypeAlias = tuple[Node, str] | None  # the shorter node, and why; None: nothing to do
 
 
-def _only_child(node: Node, standing: Standing) -> Rewrite:
+def _only_child(node: Node, context: NodeContext) -> Rewrite:
     # With one child there is nothing to go on to and no policy to apply: its status is the status.
     if len(node.children) > 1:
         return None
     # But its guards, which were not observed, must not become observed ones.
     child = node.children[0]
-    moved = child if standing.observer is None else hidden(child)
+    moved = child if context.observer is None else hidden(child)
     return moved, f"{head(node)} has one child"
 
 
-def _never_gets_there(node: Node, standing: Standing) -> Rewrite:
-    index = dead_end(node, standing)
+def _never_gets_there(node: Node, context: NodeContext) -> Rewrite:
+    index = dead_end(node, context)
     if index is None:
         return None
     word = "fails" if hands_over(node) == FAILURE else "succeeds"
@@ -60,12 +60,12 @@ def _never_gets_there(node: Node, standing: Standing) -> Rewrite:
     return node._replace(children=node.children[: index + 1]), reason
 
 
-def _idle_branch(node: Node, standing: Standing) -> Rewrite:
+def _idle_branch(node: Node, context: NodeContext) -> Rewrite:
     # It hands over at once, each time, and its guards never turn true.
     busy: list[Node] = []
     idling: list[Node] = []
     for index, child in enumerate(node.children):
-        found = idle(child, below(node, standing, index)) == hands_over(node)
+        found = idle(child, below(node, context, index)) == hands_over(node)
         (idling if found else busy).append(child)
     if not idling or len(node.children) == 1:
         return None
@@ -73,7 +73,7 @@ def _idle_branch(node: Node, standing: Standing) -> Rewrite:
     return node._replace(children=rest), f"{head(idling[0])} never does anything"
 
 
-def _same_inside(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001 -- every rule's form
+def _same_inside(node: Node, context: NodeContext) -> Rewrite:  # noqa: ARG001 -- every rule's form
     # In the last place the inner composite observes what the outer one would.
     # Elsewhere it observes nothing, or the outer one would observe it for longer.
     *earlier, last = node.children
@@ -89,7 +89,7 @@ def _same_inside(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001 -- 
     return node._replace(children=tuple(children)), f"{node.kind} directly in a {node.kind}"
 
 
-def _same_parallel_inside(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001
+def _same_parallel_inside(node: Node, context: NodeContext) -> Rewrite:  # noqa: ARG001
     # One success (failure) decides both at once, and all failures (successes) are all of both.
     if node.args not in (ParallelArgs("all", "one"), ParallelArgs("one", "all")):
         return None
@@ -100,12 +100,12 @@ def _same_parallel_inside(node: Node, standing: Standing) -> Rewrite:  # noqa: A
     return None
 
 
-def _double_inverter(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001
+def _double_inverter(node: Node, context: NodeContext) -> Rewrite:  # noqa: ARG001
     child = node.children[0]
     return (child.children[0], "double inverter") if kind_of(child).inverts else None
 
 
-def _inverted_composite(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001
+def _inverted_composite(node: Node, context: NodeContext) -> Rewrite:  # noqa: ARG001
     # De Morgan: a selector is a sequence with everything inverted. Guards are observed through
     # inverters, so nothing changes for them.
     child = node.children[0]
@@ -121,18 +121,18 @@ def _inverted_composite(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG
     return Node(kind_of(child).dual, (), children), f"{child.kind} between inverters"
 
 
-def _repeats_once(node: Node, standing: Standing) -> Rewrite:
+def _repeats_once(node: Node, context: NodeContext) -> Rewrite:
     child = node.children[0]
     if count_of(node) == 1:
         return child, head(node)
     counted = kind_of(node).counts
-    if counted not in ends(child, below(node, standing, 0)):
+    if counted not in ends(child, below(node, context, 0)):
         word = "fails" if counted == FAILURE else "succeeds"
         return child, f"{head(child)} never {word}, so it is never repeated"
     return None
 
 
-def _double_repeater(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001
+def _double_repeater(node: Node, context: NodeContext) -> Rewrite:  # noqa: ARG001
     # Both take a tick a success, and a failure fails both.
     child = node.children[0]
     if child.kind != node.kind:
@@ -143,37 +143,37 @@ def _double_repeater(node: Node, standing: Standing) -> Rewrite:  # noqa: ARG001
     return Node(node.kind, CountArgs(count), child.children), f"{node.kind} in a {node.kind}"
 
 
-def _forced(node: Node, standing: Standing) -> Rewrite:
+def _forced(node: Node, context: NodeContext) -> Rewrite:
     # However what is below ends, the node ends with its one status, in the same tick.
     child = node.children[0]
     kind = kind_of(child)
     if kind.inverts or kind.forces:
         return node._replace(children=child.children), f"{node.kind} above {child.kind}"
     end = kind_of(node).ends[SUCCESS]
-    if ends(child, below(node, standing, 0)) <= {end}:
+    if ends(child, below(node, context, 0)) <= {end}:
         word = "succeeds" if end == SUCCESS else "fails"
         return child, f"{head(child)} {word} whenever it ends"
     return None
 
 
-def _holds_anyway(node: Node, standing: Standing) -> Rewrite:
+def _holds_anyway(node: Node, context: NodeContext) -> Rewrite:
     # It lets every start through, stops nothing below it, and no later branch.
     guard = guard_of(node)
-    if not implies(standing.at_start, guard.condition) or may_interrupt(guard, standing):
+    if not implies(context.at_start, guard.condition) or may_interrupt(guard, context):
         return None
-    if guard.checks_itself and not implies(standing.always, guard.condition):
+    if guard.checks_itself and not implies(context.always, guard.condition):
         return None
     return node.children[0], f"{head(node)} always holds where it stands"
 
 
-def _guard_twice(node: Node, standing: Standing) -> Rewrite:
+def _guard_twice(node: Node, context: NodeContext) -> Rewrite:
     # The inner guard is visited when the condition holds; so what it would see turn true, the
     # outer one sees too if it interrupts as well.
     guard, child = guard_of(node), node.children[0]
     inner = child.guard
     if inner is None or inner.condition != guard.condition:
         return None
-    if may_interrupt(inner, below(node, standing, 0)) and not guard.interrupts:
+    if may_interrupt(inner, below(node, context, 0)) and not guard.interrupts:
         return None
     stops = guard.checks_itself or inner.checks_itself
     abort = {(0, 0): "none", (1, 0): "self", (0, 1): "lower", (1, 1): "both"}
@@ -181,25 +181,25 @@ def _guard_twice(node: Node, standing: Standing) -> Rewrite:
     return Node(node.kind, args, child.children), f"{head(node)} twice"
 
 
-def _weaker_guard(node: Node, standing: Standing) -> Rewrite:
+def _weaker_guard(node: Node, context: NodeContext) -> Rewrite:
     # The inner condition holds only where the outer one does, so it alone lets through and stops.
     guard, child = guard_of(node), node.children[0]
     inner = child.guard
-    if inner is None or may_interrupt(guard, standing):
+    if inner is None or may_interrupt(guard, context):
         return None
-    if may_interrupt(inner, below(node, standing, 0)):
+    if may_interrupt(inner, below(node, context, 0)):
         return None
     if guard.checks_itself and not inner.checks_itself:
         return None
-    if not implies((*standing.always, inner.condition), guard.condition):
+    if not implies((*context.always, inner.condition), guard.condition):
         return None
     return child, f"{head(node)} says less than the guard below it"
 
 
-def _shorter_condition(node: Node, standing: Standing) -> Rewrite:
+def _shorter_condition(node: Node, context: NodeContext) -> Rewrite:
     # It is the same in every tick in which it is asked, so the two behave alike.
     guard = guard_of(node)
-    found = shorter(guard.condition, whenever_asked(guard, standing))
+    found = shorter(guard.condition, whenever_asked(guard, context))
     if found == guard.condition:
         return None
     changed = node._replace(args=guard._replace(condition=found))
@@ -213,7 +213,7 @@ _REPEATER: Final = (_repeats_once, _double_repeater)
 _GUARD: Final = (_holds_anyway, _guard_twice, _weaker_guard, _shorter_condition)
 
 
-def _rules(kind: NodeKind) -> tuple[Callable[[Node, Standing], Rewrite], ...]:
+def _rules(kind: NodeKind) -> tuple[Callable[[Node, NodeContext], Rewrite], ...]:
     """The rules for the nodes of a kind, in the order in which they are tried."""
     if kind.hands_over is not None:
         return _COMPOSITE
@@ -251,19 +251,19 @@ def simplify(tree: Node, vocabulary: Vocabulary = NOTHING) -> Simplified:
             return Simplified(tree, tuple(reasons))
 
 
-def _visit(node: Node, standing: Standing, reasons: list[str]) -> Node:
+def _visit(node: Node, context: NodeContext, reasons: list[str]) -> Node:
     """From the root down, so that what is known of a node's place stays true."""
-    while (rewrite := _first(node, standing)) is not None:
+    while (rewrite := _first(node, context)) is not None:
         node, reason = rewrite
         reasons.append(reason)
     for index in range(len(node.children)):
-        child = _visit(node.children[index], below(node, standing, index), reasons)
+        child = _visit(node.children[index], below(node, context, index), reasons)
         children = (*node.children[:index], child, *node.children[index + 1 :])
         node = node._replace(children=children)
     return node
 
 
-def _first(node: Node, standing: Standing) -> Rewrite:
+def _first(node: Node, context: NodeContext) -> Rewrite:
     return next(
-        (found for rule in RULES[node.kind] if (found := rule(node, standing)) is not None), None
+        (found for rule in RULES[node.kind] if (found := rule(node, context)) is not None), None
     )

@@ -1,4 +1,4 @@
-"""What must be true of the blackboard where a node stands in its tree.
+"""What must be true of the blackboard when a node of a tree is ticked.
 
 A guard that checks itself (abort self or both) holds in each tick in which
 anything below it runs; any guard holds in the tick in which its child starts.
@@ -11,19 +11,19 @@ from collections.abc import Mapping, Sequence
 from math import inf, prod
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.core.condition import Asked, Condition, joined, opposite, spread, terms
+from islandgp.bt.core.condition import Condition, ConditionExpr, conjoin, opposite, terms, to_nnf
 from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.node import Args, GuardArgs, Node
 from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
 
-Conditions: TypeAlias = tuple[Asked, ...]
+Conditions: TypeAlias = tuple[ConditionExpr, ...]
 
 MOST_CASES: Final = 32  # that are told apart where conditions are joined by `or`
 MOST_TERMS: Final = 64  # of all joined conditions that are looked at together
 
 
-class Standing(NamedTuple):
-    """Where a node stands: what holds there, and who observes its guards."""
+class NodeContext(NamedTuple):
+    """What holds when a node is ticked, and whether its guards are observed."""
 
     always: Conditions = ()  # in each tick in which the node runs
     at_start: Conditions = ()  # in the tick in which it starts; `always` is part of it
@@ -31,9 +31,9 @@ class Standing(NamedTuple):
     vocabulary: Vocabulary = NOTHING  # what is known of actions and keys
 
 
-def root_of(vocabulary: Vocabulary) -> Standing:
-    """Where the root of a tree stands."""
-    return Standing(vocabulary.always, vocabulary.always, None, vocabulary)
+def root_of(vocabulary: Vocabulary) -> NodeContext:
+    """The context of the root of a tree."""
+    return NodeContext(vocabulary.always, vocabulary.always, None, vocabulary)
 
 
 def chain(node: Node) -> list[Node]:
@@ -69,59 +69,59 @@ def exposes(branch: Node) -> bool:
     return any(each.guard and each.guard.interrupts for each in chain(branch))
 
 
-def implies(known: Conditions, asked: Asked) -> bool:
-    """Whether `asked` holds on every blackboard on which all of `known` hold.
+def implies(known: Conditions, expr: ConditionExpr) -> bool:
+    """Whether `expr` holds on every blackboard on which all of `known` hold.
 
     False may also mean that this is not known: where very much is joined.
     """
-    return excludes(known, opposite(asked))
+    return excludes(known, opposite(expr))
 
 
-def excludes(known: Conditions, asked: Asked) -> bool:
-    """Whether `asked` holds on no blackboard on which all of `known` hold; as in `implies`."""
+def excludes(known: Conditions, expr: ConditionExpr) -> bool:
+    """Whether `expr` holds on no blackboard on which all of `known` hold; as in `implies`."""
     single = [c for c in known if isinstance(c, Condition)]
-    if isinstance(asked, Condition) and len(single) == len(known):
-        return not _together([*(c for c in single if c.key == asked.key), asked])
-    return not _possible(_about(known, asked), asked)
+    if isinstance(expr, Condition) and len(single) == len(known):
+        return not _together([*(c for c in single if c.key == expr.key), expr])
+    return not _possible(_about(known, expr), expr)
 
 
-def shorter(asked: Asked, known: Conditions) -> Asked:
-    """A condition with fewer words that is the same wherever all of `known` hold; else `asked`."""
-    found, near = spread(asked), _about(known, asked)
+def shorter(expr: ConditionExpr, known: Conditions) -> ConditionExpr:
+    """A condition with fewer words that is the same wherever all of `known` hold; else `expr`."""
+    found, near = to_nnf(expr), _about(known, expr)
     while (less := _without_needless(found, near)) != found:
         found = less
-    return found if _words(found) < _words(asked) else asked
+    return found if _words(found) < _words(expr) else expr
 
 
-def _words(asked: Asked) -> int:
-    if isinstance(asked, Condition):
-        return 2 if asked.operator == "not" else 1
-    return (asked.word == "not") + sum(map(_words, asked.parts))
+def _words(expr: ConditionExpr) -> int:
+    if isinstance(expr, Condition):
+        return 2 if expr.operator == "not" else 1
+    return (expr.word == "not") + sum(map(_words, expr.parts))
 
 
-def _without_needless(asked: Asked, known: Conditions) -> Asked:
+def _without_needless(expr: ConditionExpr, known: Conditions) -> ConditionExpr:
     """Without parts that the others, or `known`, decide already."""
-    if isinstance(asked, Condition):
-        return asked
-    parts = list(asked.parts)
+    if isinstance(expr, Condition):
+        return expr
+    parts = list(expr.parts)
     at = 0
     while at < len(parts) > 1:
         others = parts[:at] + parts[at + 1 :]
         # Where a part of an `and` matters, the others hold; of an `or`, none of them does.
-        given = (*known, *(others if asked.word == "and" else map(opposite, others)))
-        if not _possible(given, opposite(parts[at]) if asked.word == "and" else parts[at]):
+        given = (*known, *(others if expr.word == "and" else map(opposite, others)))
+        if not _possible(given, opposite(parts[at]) if expr.word == "and" else parts[at]):
             parts = others
         else:
             parts[at] = _without_needless(parts[at], given)
             at += 1
-    return joined(asked.word, parts)
+    return conjoin(expr.word, parts)
 
 
-def _about(known: Conditions, asked: Asked) -> Conditions:
-    """Those of `known` that say something of the keys of `asked`, however indirectly."""
-    keys = {term.key for term in terms(asked)}
+def _about(known: Conditions, expr: ConditionExpr) -> Conditions:
+    """Those of `known` that say something of the keys of `expr`, however indirectly."""
+    keys = {term.key for term in terms(expr)}
     left = [(c, {term.key for term in terms(c)}) for c in known]
-    found: list[Asked] = []
+    found: list[ConditionExpr] = []
     grown = True
     while grown:
         grown = False
@@ -137,26 +137,26 @@ def _about(known: Conditions, asked: Asked) -> Conditions:
     return tuple(found)
 
 
-def _possible(known: Conditions, asked: Asked) -> bool:
+def _possible(known: Conditions, expr: ConditionExpr) -> bool:
     """Whether there may be a blackboard on which all hold."""
-    wanted = [spread(asked)]
+    wanted = [to_nnf(expr)]
     room = MOST_TERMS
     for each in known:
         room -= sum(1 for _ in terms(each))
         if room >= 0:  # to know less is no mistake
-            wanted.append(spread(each))
-    whole = joined("and", wanted)
+            wanted.append(to_nnf(each))
+    whole = conjoin("and", wanted)
     return _cases(whole) > MOST_CASES or _some_case([], [whole])
 
 
-def _cases(asked: Asked) -> int:
+def _cases(expr: ConditionExpr) -> int:
     """In how many ways a condition that is spread can hold: one part of each `or` must."""
-    if isinstance(asked, Condition):
+    if isinstance(expr, Condition):
         return 1
-    return (prod if asked.word == "and" else sum)(map(_cases, asked.parts))
+    return (prod if expr.word == "and" else sum)(map(_cases, expr.parts))
 
 
-def _some_case(single: list[Condition], wanted: list[Asked]) -> bool:
+def _some_case(single: list[Condition], wanted: list[ConditionExpr]) -> bool:
     """Whether all of these conditions, which are spread, can hold together."""
     if not wanted:
         return _together(single)
@@ -201,39 +201,41 @@ class _Range:
         return self.open_low or self.open_high or self.low in self.never
 
 
-def below(node: Node, standing: Standing, index: int) -> Standing:
-    """Where the child of that index stands."""
-    always, at_start, observer, vocabulary = standing
+def below(node: Node, context: NodeContext, index: int) -> NodeContext:
+    """The context of the child of that index."""
+    always, at_start, observer, vocabulary = context
     kind = kind_of(node)
     if node.guard:
         holds = node.guard.condition
         if node.guard.checks_itself:
             always = (*always, holds)
-        return Standing(always, (*at_start, holds), observer, vocabulary)
+        return NodeContext(always, (*at_start, holds), observer, vocabulary)
     if kind.together:
-        return Standing(always, at_start, None, vocabulary)
-    if kind.counts is not None:  # starts its child again in later ticks
-        return Standing(always, always, observer, vocabulary)
+        return NodeContext(always, at_start, None, vocabulary)
+    if kind.reactive:  # any child starts in any tick
+        return NodeContext(always, always, None, vocabulary)
+    if kind.counts is not None or kind.later:  # starts its child in later ticks
+        return NodeContext(always, always, observer, vocabulary)
     if kind.decorates:
-        return standing
+        return context
     last = index == len(node.children) - 1
     # The first branch starts with its composite, unless its guard can call it back later.
     starts = index == 0 and (last or not exposes(node.children[0]))
     observer = None if last else always
-    return Standing(always, at_start if starts else always, observer, vocabulary)
+    return NodeContext(always, at_start if starts else always, observer, vocabulary)
 
 
-def may_interrupt(guard: GuardArgs, standing: Standing) -> bool:
-    """Whether a `when` can ever stop a later branch where it stands."""
-    if standing.observer is None or not guard.interrupts:
+def may_interrupt(guard: GuardArgs, context: NodeContext) -> bool:
+    """Whether a `when` can ever stop a later branch in this context."""
+    if context.observer is None or not guard.interrupts:
         return False
     # What is never true, or true all the time, does not turn true.
-    never = excludes(standing.observer, guard.condition)
-    return not (never or implies(standing.observer, guard.condition))
+    never = excludes(context.observer, guard.condition)
+    return not (never or implies(context.observer, guard.condition))
 
 
-def whenever_asked(guard: GuardArgs, standing: Standing) -> Conditions:
+def whenever_asked(guard: GuardArgs, context: NodeContext) -> Conditions:
     """What holds in each tick in which the condition of a `when` is asked."""
-    if standing.observer is not None and guard.interrupts:
-        return standing.observer
-    return standing.always if guard.checks_itself else standing.at_start
+    if context.observer is not None and guard.interrupts:
+        return context.observer
+    return context.always if guard.checks_itself else context.at_start

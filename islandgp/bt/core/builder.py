@@ -6,9 +6,9 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from textwrap import shorten
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
-from islandgp.bt.core.condition import OPERATORS, Asked, Condition, denied, joined
+from islandgp.bt.core.condition import OPERATORS, Condition, ConditionExpr, conjoin, negate
 from islandgp.bt.core.diagnosis import unknown_argument, unknown_key, unknown_node
 from islandgp.bt.core.includes import ParsedFile
 from islandgp.bt.core.kinds import KINDS, Argument, Sort
@@ -40,8 +40,16 @@ _Places: TypeAlias = list[Any]
 """Where nodes stand, in document order: a word, or (a subtree, its use)."""
 
 
+class NodePlace(NamedTuple):
+    """Where a node is written."""
+
+    line: int  # from 1
+    column: int
+    origin: int  # the same for all uses of a node of a subtree
+
+
 @dataclass(frozen=True, slots=True)
-class _Subtree:
+class _BuiltSubtree:
     node: Node
     nodes: int  # expanded
     levels: int  # expanded
@@ -55,7 +63,7 @@ class _Template:
 
     parameters: tuple[str, ...]
     body: _Tree
-    whole: _Subtree  # with 1 for each parameter
+    whole: _BuiltSubtree  # with 1 for each parameter
 
 
 class Builder:
@@ -72,12 +80,15 @@ class Builder:
         *,
         marked: bool = False,
         named: bool = False,
+        errors: list[TreeError] | None = None,
     ) -> None:
         """Without a vocabulary every name is an action, and every key a flag or a number.
 
         Marked: the root of a subtree that is used is a `Used`. Named: the numbers of constants
-        and parameters are `Named`.
+        and parameters are `Named`. Errors: a list to which wrong names and numbers are added,
+        instead of raising the first of them.
         """
+        self._errors = errors
         self._marked = marked
         self._named = named
         self._source = source
@@ -86,7 +97,7 @@ class Builder:
         self.nodes = 0  # of the tree that is being built, so far
         self.levels = 0
         self._templates: dict[str, _Template] = {}
-        self._instances: dict[tuple[str, tuple[float, ...]], _Subtree] = {}
+        self._instances: dict[tuple[str, tuple[float, ...]], _BuiltSubtree] = {}
         self._constants: dict[str, float] = {}
         self._values: dict[str, float] = {}  # of parameters of the subtree that is being built
         self._defining = False  # whether each parameter has the value 1 until the subtree is used
@@ -112,7 +123,7 @@ class Builder:
             return NO_TREE
         return self._whole(last[0])
 
-    def condition(self, tree: _Tree) -> Asked:
+    def condition(self, tree: _Tree) -> ConditionExpr:
         """A condition alone."""
         self._terms = 0
         return self._asked(tree, 1)
@@ -144,7 +155,7 @@ class Builder:
         self._values = {}
         self._later.discard(str(name))
 
-    def _instance(self, name: _Token, given: Sequence[_Token], level: int) -> _Subtree:
+    def _instance(self, name: _Token, given: Sequence[_Token], level: int) -> _BuiltSubtree:
         """The subtree with these arguments; each is built once."""
         template = self._templates[str(name)]
         if given and not template.parameters:
@@ -184,8 +195,8 @@ class Builder:
         self.nodes, self.levels, self._places = outside
         return found
 
-    def _finished(self, node: Node) -> _Subtree:
-        return _Subtree(node, self.nodes, self.levels, self._places, self._source)
+    def _finished(self, node: Node) -> _BuiltSubtree:
+        return _BuiltSubtree(node, self.nodes, self.levels, self._places, self._source)
 
     def _whole(self, tree: _Tree, name: str = "", base: int = 1) -> Node:
         """A tree whose root is on the level `base` of all that is being built."""
@@ -193,12 +204,12 @@ class Builder:
         self._name, self._base, self._places = name, base, []
         return self._node(tree, 1)
 
-    def places(self) -> list[tuple[int, int]]:
-        """Line and column of each node of the tree that was built, in document order.
+    def places(self) -> list[NodePlace]:
+        """Where each node of the tree that was built is written, in document order.
 
         A node of an included subtree stands where that is used. The grammar's trees must be placed.
         """
-        found: list[tuple[int, int]] = []
+        found: list[NodePlace] = []
         inside: list[tuple[Iterator[Any], tuple[int, int] | None]] = [(iter(self._places), None)]
         while inside:
             rest, at = inside[-1]
@@ -209,18 +220,25 @@ class Builder:
                     here = at or (None if own else (use.meta.line, use.meta.column))
                     inside.append((iter(subtree.places), here))
                     break
-                found.append(at or (each.line, each.column))
+                line, column = at or (each.line, each.column)
+                found.append(NodePlace(line, column, id(each)))
             else:
                 inside.pop()
         return found
 
     def _node(self, tree: _Tree, level: int) -> Node:
         kind, parts = str(tree.data), tree.children
-        if kind == "use":
-            return self._use(tree, parts[0], parts[1].children if parts[1:] else [], level)
-        self._count(parts[0], nodes=1, deepest=level)
-        self._places.append(parts[0])
-        node, below = self._head(tree)
+        try:
+            if kind == "use":
+                return self._use(tree, parts[0], parts[1].children if parts[1:] else [], level)
+            self._count(parts[0], nodes=1, deepest=level)
+            self._places.append(parts[0])
+            node, below = self._head(tree)
+        except TreeError as error:
+            if self._errors is None or isinstance(error, LimitError):
+                raise
+            self._errors.append(error)
+            node, below = NO_TREE, [part for part in parts if _is(part, *KINDS, "use")]
         return node._replace(children=tuple([self._node(part, level + 1) for part in below]))
 
     def _head(self, tree: _Tree) -> tuple[Node, Sequence[_Tree]]:
@@ -274,13 +292,28 @@ class Builder:
             )
         return value
 
-    def _argument(self, kind: str, argument: Argument, tree: _Tree) -> Asked | float | str:
+    def _argument(self, kind: str, argument: Argument, tree: _Tree) -> ConditionExpr | float | str:
         """The value of an argument, from what stands for it."""
         if argument.sort is Sort.CONDITION:
             return self.condition(tree)
+        if argument.sort is Sort.SECONDS:
+            return self._seconds(kind, argument, tree)
         if argument.sort is Sort.COUNT:
-            return self._count_of(kind, argument, tree)
-        return str(tree.children[0])
+            return self._count_of(argument, tree, f"a {kind} can't repeat {{}} times")
+        word = tree.children[0]
+        if word.type == "NAME" and word not in self._values and word not in self._constants:
+            raise self._source.error_at(
+                word,
+                f"unexpected {shown(word)}",
+                expected=f"one of: {' '.join(sorted(argument.words))}, or a whole number",
+                guess=closest(word, argument.words),
+                kind=UnknownNameError,
+            )
+        if word.type in ("NAME", "NUMBER"):
+            return self._count_of(
+                argument, word, f"{{}} is no number of children for {argument.name}"
+            )
+        return str(word)
 
     def written(self, tree: _Tree, parameters: Sequence[str]) -> Node:
         """A tree of what has been built, as it is written, in a subtree with these parameters.
@@ -318,7 +351,7 @@ class Builder:
                 kind=LimitError,
             )
 
-    def _asked(self, tree: _Tree, level: int) -> Asked:
+    def _asked(self, tree: _Tree, level: int) -> ConditionExpr:
         form, parts = str(tree.data), tree.children
         if form in ("comparison", "flag"):
             self._terms += 1
@@ -331,10 +364,10 @@ class Builder:
         self._bounded(_first_word(tree), level)
         inside = [self._asked(part, level + 1) for part in parts]
         if form == "negation":
-            return denied(inside[0])
+            return negate(inside[0])
         if form == "brackets":
             return inside[0]
-        return joined("and" if form == "conjunction" else "or", inside)
+        return conjoin("and" if form == "conjunction" else "or", inside)
 
     def _bounded(self, at: _Token, level: int) -> None:
         if self._terms > MAX_TERMS or level > MAX_NESTED:
@@ -384,7 +417,18 @@ class Builder:
             )
         return value
 
-    def _count_of(self, kind: str, argument: Argument, token: _Token) -> float:
+    def _seconds(self, kind: str, argument: Argument, token: _Token) -> float:
+        least, most = argument.range
+        seconds = self._number(token)
+        if not least <= seconds <= most:
+            raise self._source.error_at(
+                token,
+                f"a {kind} can't last {shown(token)} seconds",
+                expected=f"seconds from {least:g} to {most:,}",
+            )
+        return seconds
+
+    def _count_of(self, argument: Argument, token: _Token, message: str) -> float:
         fewest, most = argument.range
         count = 0.0
         if token.type == "NAME":
@@ -394,7 +438,7 @@ class Builder:
         if count != int(count) or not fewest <= count <= most:
             raise self._source.error_at(
                 token,
-                f"a {kind} can't repeat {shown(token)} times",
+                message.format(shown(token)),
                 expected=f"a whole number from {fewest} to {most}",
             )
         return count if isinstance(count, Named) else int(count)

@@ -36,6 +36,26 @@ def composite(branches: list[Tick], go_on: int) -> Tick:
     return tick
 
 
+def reactive_composite(branches: list[Tick], go_on: int, places: list[int], stop: Stop) -> Tick:
+    """A selector or sequence that begins with its first child in each tick."""
+    current = 0  # the child that ran in the tick before
+
+    def tick(fresh: bool) -> int:
+        nonlocal current
+        running = -1 if fresh else current
+        for at, branch in enumerate(branches):
+            status = branch(at != running)
+            if status != go_on:
+                if running > at:
+                    stop(places[running], places[running + 1])
+                current = at
+                # The children before it start again in the next tick.
+                return AGAIN if status == RUNNING and at else status
+        return go_on
+
+    return tick
+
+
 def parallel(
     branches: list[Tick], success: int, failure: int, places: list[int], stop: Stop
 ) -> Tick:
@@ -101,6 +121,50 @@ def repeater(child: Tick, count: int, counted: int) -> Tick:
             left -= 1
             due = left > 0
         return AGAIN if due else status
+
+    return tick
+
+
+def wait(child: Tick, ticks: int) -> Tick:
+    """Starts its child in the tick of that index, its own first one being 0."""
+    left = 0
+
+    def tick(fresh: bool) -> int:
+        nonlocal left
+        left = ticks if fresh else left - 1
+        return AGAIN if left > 0 else child(left == 0)
+
+    return tick
+
+
+def timeout(child: Tick, ticks: int, span: tuple[int, int], stop: Stop) -> Tick:
+    """Fails in the tick of that index if its child still runs; `span` as in `guard`."""
+    left = 0
+
+    def tick(fresh: bool) -> int:
+        nonlocal left
+        left = ticks if fresh else left - 1
+        if left == 0:
+            stop(*span)
+            return FAILURE
+        status = child(fresh)
+        return AGAIN if status == RUNNING else status
+
+    return tick
+
+
+def cooldown(child: Tick, ticks: int, now: Callable[[], int]) -> Tick:
+    """Fails so many ticks long after its child has ended; `now` is the number of the tick."""
+    free = 0  # the first tick in which the child may start
+
+    def tick(fresh: bool) -> int:
+        nonlocal free
+        if fresh and now() < free:
+            return FAILURE
+        status = child(fresh)
+        if status < RUNNING:
+            free = now() + ticks
+        return status
 
     return tick
 

@@ -22,7 +22,7 @@ class Condition(NamedTuple):
 
 
 class Compound(NamedTuple):
-    """Conditions that are joined, or denied; made by `joined` and `denied`.
+    """Conditions joined by `and` or `or`, or negated by `not`; made by `conjoin` and `negate`.
 
     Equal meanings may be written differently, but each way of writing is one value: `and` holds
     no `and`, `or` no `or`, and `not` neither a flag nor another `not`.
@@ -32,7 +32,7 @@ class Compound(NamedTuple):
     parts: tuple[Condition | Compound, ...]
 
 
-Asked: TypeAlias = Condition | Compound
+ConditionExpr: TypeAlias = Condition | Compound
 
 OPPOSITE: Final = {
     "<": ">=",
@@ -47,102 +47,103 @@ OPPOSITE: Final = {
 """The operator that holds where another one does not."""
 
 
-def joined(word: str, parts: Sequence[Asked]) -> Asked:
-    """The parts joined by `and` or `or`; one part is itself."""
-    flat: list[Asked] = []
+def conjoin(word: str, parts: Sequence[ConditionExpr]) -> ConditionExpr:
+    """Join conditions by the word `and` or `or`; one part is returned as it is."""
+    flat: list[ConditionExpr] = []
     for part in parts:
         same = isinstance(part, Compound) and part.word == word
         flat += part.parts if isinstance(part, Compound) and same else (part,)
     return flat[0] if len(flat) == 1 else Compound(word, tuple(flat))
 
 
-def denied(asked: Asked) -> Asked:
-    """`not` of a condition; of a flag and of another `not`, without that word."""
-    if isinstance(asked, Compound):
-        return asked.parts[0] if asked.word == "not" else Compound("not", (asked,))
-    if asked.operator in FLAG_OPERATORS:
-        return asked._replace(operator=OPPOSITE[asked.operator])
-    return Compound("not", (asked,))
+def negate(expr: ConditionExpr) -> ConditionExpr:
+    """Negate a condition; a flag and a double `not` lose the word."""
+    if isinstance(expr, Compound):
+        return expr.parts[0] if expr.word == "not" else Compound("not", (expr,))
+    if expr.operator in FLAG_OPERATORS:
+        return expr._replace(operator=OPPOSITE[expr.operator])
+    return Compound("not", (expr,))
 
 
-def opposite(asked: Asked) -> Asked:
-    """What holds where a condition does not, said without the word `not` before a compound."""
-    if isinstance(asked, Condition):
-        return asked._replace(operator=OPPOSITE[asked.operator])
-    if asked.word == "not":
-        return spread(asked.parts[0])
-    return joined({"and": "or", "or": "and"}[asked.word], [opposite(p) for p in asked.parts])
+def opposite(expr: ConditionExpr) -> ConditionExpr:
+    """The negation of a condition, in negation normal form."""
+    if isinstance(expr, Condition):
+        return expr._replace(operator=OPPOSITE[expr.operator])
+    if expr.word == "not":
+        return to_nnf(expr.parts[0])
+    return conjoin({"and": "or", "or": "and"}[expr.word], [opposite(p) for p in expr.parts])
 
 
-def spread(asked: Asked) -> Asked:
-    """The same condition with each `not` turned into the opposite of what it denies."""
-    if isinstance(asked, Condition):
-        return asked
-    if asked.word == "not":
-        return opposite(asked.parts[0])
-    return joined(asked.word, [spread(part) for part in asked.parts])
+def to_nnf(expr: ConditionExpr) -> ConditionExpr:
+    """The condition in negation normal form: no `not` is left."""
+    if isinstance(expr, Condition):
+        return expr
+    if expr.word == "not":
+        return opposite(expr.parts[0])
+    return conjoin(expr.word, [to_nnf(part) for part in expr.parts])
 
 
-def terms(asked: Asked) -> Iterator[Condition]:
+def terms(expr: ConditionExpr) -> Iterator[Condition]:
     """The single conditions, in order."""
-    if isinstance(asked, Condition):
-        yield asked
+    if isinstance(expr, Condition):
+        yield expr
     else:
-        for part in asked.parts:
+        for part in expr.parts:
             yield from terms(part)
 
 
-def with_term(asked: Asked, index: int, new: Asked | None) -> Asked | None:
+def with_term(expr: ConditionExpr, index: int, new: ConditionExpr | None) -> ConditionExpr | None:
     """The condition with its single condition of that index, from 0, replaced; None: without it."""
-    if isinstance(asked, Condition):
-        return new if index == 0 else asked
-    parts: list[Asked] = []
-    for part in asked.parts:
+    if isinstance(expr, Condition):
+        return new if index == 0 else expr
+    parts: list[ConditionExpr] = []
+    for part in expr.parts:
         count = sum(1 for _ in terms(part))
         changed = with_term(part, index, new) if 0 <= index < count else part
         parts += [] if changed is None else [changed]
         index -= count
     if not parts:
         return None
-    return denied(parts[0]) if asked.word == "not" else joined(asked.word, parts)
+    return negate(parts[0]) if expr.word == "not" else conjoin(expr.word, parts)
 
 
-def condition(asked: Asked, board: Board, places: Mapping[str, int]) -> Callable[[], bool]:
+def condition(expr: ConditionExpr, board: Board, places: Mapping[str, int]) -> Callable[[], bool]:
     """Whether the condition holds on the board at the moment of the call.
 
     `places` is the index of each key on the board.
     """
-    if isinstance(asked, Compound):
-        return _compiled(_expression(asked, places))(board)
-    place, operator, number = places[asked.key], asked.operator, asked.number
-    if operator == "<":
-        return lambda: board[place] < number
-    if operator == "<=":
-        return lambda: board[place] <= number
-    if operator == ">":
-        return lambda: board[place] > number
-    if operator == ">=":
-        return lambda: board[place] >= number
-    if operator == "==":
-        return lambda: board[place] == number
-    if operator == "!=":
-        return lambda: board[place] != number
-    if operator == "is":
-        return lambda: board[place] != 0
-    if operator == "not":
-        return lambda: board[place] == 0
-    raise ValueError(f"Expected one of {', '.join(OPERATORS)}, is, not; found {operator!r}.")
+    if isinstance(expr, Compound):
+        return _compiled(_expression(expr, places))(board)
+    if expr.operator not in _CLOSURES:
+        raise ValueError(_unknown_operator(expr.operator))
+    return _CLOSURES[expr.operator](board, places[expr.key], expr.number)
 
 
-def _expression(asked: Asked, places: Mapping[str, int]) -> str:
+_CLOSURES: Final[Mapping[str, Callable[[Board, int, float], Callable[[], bool]]]] = {
+    "<": lambda board, place, number: lambda: board[place] < number,
+    "<=": lambda board, place, number: lambda: board[place] <= number,
+    ">": lambda board, place, number: lambda: board[place] > number,
+    ">=": lambda board, place, number: lambda: board[place] >= number,
+    "==": lambda board, place, number: lambda: board[place] == number,
+    "!=": lambda board, place, number: lambda: board[place] != number,
+    "is": lambda board, place, _: lambda: board[place] != 0,
+    "not": lambda board, place, _: lambda: board[place] == 0,
+}
+
+
+def _unknown_operator(operator: str) -> str:
+    return f"Expected one of {', '.join(OPERATORS)}, is, not; found {operator!r}."
+
+
+def _expression(expr: ConditionExpr, places: Mapping[str, int]) -> str:
     """The condition as Python text; it holds nothing of the tree but numbers."""
-    if isinstance(asked, Compound):
-        parts = [_expression(part, places) for part in asked.parts]
-        return f"(not {parts[0]})" if asked.word == "not" else f"({f' {asked.word} '.join(parts)})"
-    operator = {"is": "!=", "not": "=="}.get(asked.operator, asked.operator)
+    if isinstance(expr, Compound):
+        parts = [_expression(part, places) for part in expr.parts]
+        return f"(not {parts[0]})" if expr.word == "not" else f"({f' {expr.word} '.join(parts)})"
+    operator = {"is": "!=", "not": "=="}.get(expr.operator, expr.operator)
     if operator not in OPERATORS:
-        raise ValueError(f"Expected one of {', '.join(OPERATORS)}, is, not; found {operator!r}.")
-    return f"(board[{places[asked.key]:d}] {operator} {float(asked.number)!r})"
+        raise ValueError(_unknown_operator(operator))
+    return f"(board[{places[expr.key]:d}] {operator} {float(expr.number)!r})"
 
 
 @lru_cache(maxsize=1024)

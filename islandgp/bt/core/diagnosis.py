@@ -8,7 +8,7 @@ from itertools import pairwise, takewhile
 from typing import TYPE_CHECKING
 
 from islandgp.bt.core.condition import OPERATORS
-from islandgp.bt.core.kinds import COUNTED, GUARDS, INNER
+from islandgp.bt.core.kinds import COUNTED, GUARDS, INNER, TIMED
 from islandgp.bt.core.parameters import Parameter, value_range
 from islandgp.bt.core.source import Source, closest, shown
 from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
@@ -20,6 +20,24 @@ if TYPE_CHECKING:
 
 _NAMING = ("subtree", "use", "domain", "constant")  # a name of its own stands behind
 _NODE_WORDS = (*INNER, "use")
+_BEFORE_NUMBERS = (*COUNTED, *TIMED, "success", "failure")
+
+_SIGNS = {
+    "&&": "and", "&": "and", "||": "or", "|": "or", "!": "not", "//": "#, which begins a comment",
+    "/*": "#, which begins a comment", ";": "a blank, which is all that separates nodes",
+    "\N{LESS-THAN OR EQUAL TO}": "<=", "\N{GREATER-THAN OR EQUAL TO}": ">=",
+    "\N{NOT EQUAL TO}": "!=", "\N{MINUS SIGN}": "-", "\N{EN DASH}": "-",
+    "\N{LEFT DOUBLE QUOTATION MARK}": '"', "\N{RIGHT DOUBLE QUOTATION MARK}": '"',
+    "[": "{", "]": "}",
+}  # fmt: skip
+"""Signs of other languages, with ours; longer ones first."""
+
+_WORDS = {
+    "fallback": "selector", "priority": "selector", "reactivefallback": "reactive_selector",
+    "if": "when", "while": "when", "guard": "when", "condition": "when", "else": "selector",
+    "loop": "repeater", "delay": "wait", "sleep": "wait", "invert": "inverter",
+}  # fmt: skip
+"""Words of other languages, with ours."""
 
 # What the parser's terminals look like in a text.
 _SPELLING = {
@@ -75,7 +93,7 @@ def unknown_node(
         flag = words.keys[token].flag
         guess = f"when {token} {{ ... }}" if flag else f"when {token} < 5 {{ ... }}"
     else:
-        guess = closest(token, (*_NODE_WORDS, *words.actions))
+        guess = _WORDS.get(token.lower()) or closest(token, (*_NODE_WORDS, *words.actions))
     what = "node" if source.text[token.end_pos :].lstrip().startswith("{") else "action"
     return source.error_at(
         token,
@@ -117,9 +135,11 @@ def syntax_error(
             return unknown_node(source, word, subtrees, vocabulary)
     words = vocabulary or NOTHING
     if not isinstance(error, UnexpectedToken):
-        character = source.text[error.pos_in_stream or 0]
-        message = f"unexpected character {character!r} (U+{ord(character):04X})"
-        return source.error(message, error.line, error.column)
+        rest = source.text[error.pos_in_stream or 0 :]
+        sign = next((sign for sign in _SIGNS if rest.startswith(sign)), rest[0])
+        message = f"unexpected character {rest[0]!r} (U+{ord(rest[0]):04X})"
+        guess = _SIGNS.get(sign, "")
+        return source.error(message, error.line, error.column, guess=guess)
     accepted = set(error.accepts)
     if _takes_nothing(before, words):
         accepted.discard("LPAR")
@@ -152,7 +172,7 @@ def _names_of_numbers(words: Sequence[Token]) -> set[int]:
         if (
             inside
             or compared
-            or (at > 0 and words[at - 1] in COUNTED)
+            or (at > 0 and words[at - 1] in _BEFORE_NUMBERS)
             or before[:1] == ["constant"]
         ):
             found.add(at)
@@ -183,7 +203,31 @@ def _unexpected_end(
     last = before[-1]
     expected, _ = _expected(accepted, before, words)
     line, column = last.end_line or 1, last.end_column or 1
-    return source.error("the text ends too early", line, column, expected=expected)
+    message = "the text ends too early"
+    if (brace := _unclosed(source, before)) is not None:
+        node = next(str(w) for w in reversed(before[:brace]) if w in _NODE_WORDS)
+        message += f": the brace of the {node} in line {before[brace].line} is not closed"
+    return source.error(message, line, column, expected=expected)
+
+
+def _unclosed(source: Source, words: Sequence[Token]) -> int | None:
+    """The index of the brace that is probably not closed; None if each one is.
+
+    A closing brace that begins a line belongs to a line that is indented as much. If its
+    counterpart is indented more, that one is not closed.
+    """
+    lines = source.text.split("\n")
+    opened: list[int] = []
+    for at, word in enumerate(words):
+        if word == "{":
+            opened.append(at)
+        elif word == "}" and opened:
+            line = lines[(words[opened[-1]].line or 1) - 1]
+            begins = not lines[(word.line or 1) - 1][: (word.column or 1) - 1].strip()
+            if begins and len(line) - len(line.lstrip()) > (word.column or 1) - 1:
+                break
+            opened.pop()
+    return opened[-1] if opened else None
 
 
 def _unexpected_word(

@@ -16,8 +16,18 @@ from typing import Final, TypeAlias
 from islandgp.bt.core import closures
 from islandgp.bt.core.closures import Observed, Stop, Tick
 from islandgp.bt.core.condition import Board, condition
-from islandgp.bt.core.kinds import KINDS, count_of
-from islandgp.bt.core.node import AGAIN, RUNNING, SUCCESS, ActionArgs, Node, ParallelArgs, asked_in
+from islandgp.bt.core.kinds import KINDS, count_of, is_timed
+from islandgp.bt.core.node import (
+    AGAIN,
+    RUNNING,
+    SUCCESS,
+    ActionArgs,
+    Node,
+    ParallelArgs,
+    SecondsArgs,
+    asked_in,
+)
+from islandgp.errors import DomainError
 
 __all__ = ["ABORTED", "Board", "Tick", "Watch", "compile_tree", "condition", "thresholds"]
 
@@ -36,6 +46,7 @@ def compile_tree(
     places: Mapping[str, int],
     *,
     watch: Watch | None = None,
+    step_s: float | None = None,
 ) -> Callable[[], int]:
     """A function that ticks the tree once and returns the root's status.
 
@@ -48,6 +59,8 @@ def compile_tree(
         places: the index of each key on the board, as `Vocabulary.places`.
         watch: called for each node that is ticked, children before parents, and
             with ABORTED for each running node that is stopped. None costs nothing.
+        step_s: seconds from a tick to the next one, > 0. A tree with a wait, a timeout or a
+            cooldown needs it, and has to be ticked in each step.
 
     Returns:
         The tick. It gives FAILURE, SUCCESS, RUNNING, or AGAIN (running, and the
@@ -57,13 +70,16 @@ def compile_tree(
 
     Raises:
         KeyError: an action of the tree is missing in `actions`, or a key in `places`.
+        DomainError: the tree counts seconds, and `step_s` is None.
     """
-    compiler = _Compiler(actions, board, places, watch)
+    compiler = _Compiler(actions, board, places, watch, step_s)
     root = compiler.compile(tree, None)
-    fresh = True
+    fresh, timed = True, is_timed(tree)
 
     def tick() -> int:
         nonlocal fresh
+        if timed:
+            compiler.now += 1
         status = root(fresh)
         fresh = status < RUNNING
         if compiler.cut_short:
@@ -77,7 +93,10 @@ def compile_tree(
 class _Compiler:
     """Turns nodes into closures, and numbers them in document order."""
 
-    __slots__ = ("_actions", "_board", "_places", "_running", "_stop", "_watch", "cut_short")
+    __slots__ = (
+        "_actions", "_board", "_places", "_running", "_step_s", "_stop", "_watch",
+        "cut_short", "now",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -85,7 +104,10 @@ class _Compiler:
         board: Board,
         places: Mapping[str, int],
         watch: Watch | None,
+        step_s: float | None,
     ) -> None:
+        self._step_s = step_s
+        self.now = 0  # the number of the tick, in a tree that counts seconds
         self._actions = actions
         self._board = board
         self._places = places
@@ -124,13 +146,46 @@ class _Compiler:
 
     def _parallel(self, node: Node, _: Observed | None) -> Tick:
         assert isinstance(node.args, ParallelArgs)
+        branches, places = self._unobserved(node)
+        success, failure = node.args.needed(len(branches))
+        return closures.parallel(branches, success, failure, places, self._cut_short)
+
+    def _reactive(self, node: Node, _: Observed | None) -> Tick:
+        go_on = KINDS[node.kind].hands_over
+        assert go_on is not None
+        branches, places = self._unobserved(node)
+        return closures.reactive_composite(branches, go_on, places, self._stop)
+
+    def _unobserved(self, node: Node) -> tuple[list[Tick], list[int]]:
+        """The closures of children whose guards nobody observes, and where each begins and ends."""
         branches, places = [], []
         for child in node.children:
             places.append(len(self._running))
             branches.append(self.compile(child, None))
-        places.append(len(self._running))
-        success, failure = node.args.needed(len(branches))
-        return closures.parallel(branches, success, failure, places, self._cut_short)
+        return branches, [*places, len(self._running)]
+
+    def _ticks(self, node: Node) -> int:
+        assert isinstance(node.args, SecondsArgs)
+        if self._step_s is None:
+            raise DomainError(
+                f"Expected step_s, the seconds between two ticks, as the tree has a {node.kind};"
+                " found None."
+            )
+        return node.args.ticks(self._step_s)
+
+    def _wait(self, node: Node, observed: Observed | None) -> Tick:
+        ticks = self._ticks(node)
+        return closures.wait(self.compile(node.children[0], observed), ticks)
+
+    def _timeout(self, node: Node, observed: Observed | None) -> Tick:
+        first, ticks = len(self._running), self._ticks(node)
+        child = self.compile(node.children[0], observed)
+        return closures.timeout(child, ticks, (first, len(self._running)), self._stop)
+
+    def _cooldown(self, node: Node, observed: Observed | None) -> Tick:
+        ticks = self._ticks(node)
+        child = self.compile(node.children[0], observed)
+        return closures.cooldown(child, ticks, lambda: self.now)
 
     def _inverter(self, node: Node, observed: Observed | None) -> Tick:
         return closures.inverter(self.compile(node.children[0], observed))
@@ -183,7 +238,12 @@ class _Compiler:
 _MADE: Final[dict[str, Callable[[_Compiler, Node, Observed | None], Tick]]] = {
     "selector": _Compiler._composite,
     "sequence": _Compiler._composite,
+    "reactive_selector": _Compiler._reactive,
+    "reactive_sequence": _Compiler._reactive,
     "parallel": _Compiler._parallel,
+    "wait": _Compiler._wait,
+    "timeout": _Compiler._timeout,
+    "cooldown": _Compiler._cooldown,
     "inverter": _Compiler._inverter,
     "repeater": _Compiler._repeater,
     "retry": _Compiler._repeater,

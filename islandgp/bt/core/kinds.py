@@ -21,6 +21,8 @@ from islandgp.bt.core.node import (
     GuardArgs,
     Node,
     ParallelArgs,
+    SecondsArgs,
+    walk,
 )
 
 ANY: Final = 1_000_000  # "as many children as the limits allow"
@@ -32,7 +34,9 @@ class Sort(Enum):
     NAME = auto()  # of an action
     CONDITION = auto()  # as `condition` has it
     COUNT = auto()  # a whole number within `range`
+    SECONDS = auto()  # a number within `range`
     WORD = auto()  # one of `words`
+    POLICY = auto()  # one of `words`, or a whole number within `range`
     VALUES = auto()  # of the arguments of an action
 
 
@@ -78,6 +82,8 @@ class NodeKind:
     """Of a selector or sequence: the status of a child with which the next one starts."""
     dual: str = ""
     """Of a selector or sequence: the kind that is the same with SUCCESS and FAILURE exchanged."""
+    reactive: bool = False
+    """Of a selector or sequence: it begins with its first child in each tick, and observes none."""
     together: bool = False
     """It ticks all its children in each tick, and its args say how many of them decide."""
     ends: tuple[int, int] = (FAILURE, SUCCESS)
@@ -91,8 +97,18 @@ class NodeKind:
         made: Args = self.args(*values) if values else ()
         return made
 
+    may_fail: bool = False
+    """Of a decorator: it can fail although its child does not end."""
+    later: bool = False
+    """Of a decorator: its child starts in a later tick."""
+
     paper: bool = True
     """One of the paper's node types, section 2.2.3; prompts describe these."""
+
+    @property
+    def remembers_branch(self) -> bool:
+        """Whether it is a selector or sequence that goes on with its running child."""
+        return self.hands_over is not None and not self.reactive
 
     @property
     def decorates(self) -> bool:
@@ -121,6 +137,8 @@ POLICIES: Final = {"one": "one child", "all": "all children"}
 """How many children of a parallel decide."""
 REPEATS: Final = (1, 100)
 """Fewest and most repetitions."""
+SECONDS: Final = (0.001, 100_000)
+"""Shortest and longest time, in s."""
 
 KINDS: Final[dict[str, NodeKind]] = {
     "selector": NodeKind(
@@ -142,10 +160,8 @@ KINDS: Final[dict[str, NodeKind]] = {
         children=(1, ANY),
         args=ParallelArgs,
         arguments=(
-            Argument(
-                "success", Sort.WORD, "how many children must succeed", POLICIES, default="all"
-            ),
-            Argument("failure", Sort.WORD, "how many children must fail", POLICIES, default="one"),
+            Argument("success", Sort.POLICY, "how many must succeed", POLICIES, REPEATS, "all"),
+            Argument("failure", Sort.POLICY, "how many must fail", POLICIES, REPEATS, "one"),
         ),
         look=Look("\N{RIGHTWARDS PAIRED ARROWS}", "bold magenta", "#f3e0ec", "#a8437e"),
         together=True,
@@ -187,6 +203,53 @@ KINDS: Final[dict[str, NodeKind]] = {
         ends=(FAILURE, FAILURE),
         paper=False,
     ),
+    "reactive_selector": NodeKind(
+        meaning="tries its children in order in each tick until one does not fail",
+        children=(1, ANY),
+        look=Look("?\N{CLOCKWISE OPEN CIRCLE ARROW}", "bold cyan", "#d7ecfa", "#0072b2"),
+        hands_over=FAILURE,
+        dual="reactive_sequence",
+        reactive=True,
+        paper=False,
+    ),
+    "reactive_sequence": NodeKind(
+        meaning="runs its children in order in each tick until one does not succeed",
+        children=(1, ANY),
+        look=Look(
+            "\N{RIGHTWARDS ARROW}\N{CLOCKWISE OPEN CIRCLE ARROW}", "bold blue", "#dfe6f7", "#3f5fa8"
+        ),
+        hands_over=SUCCESS,
+        dual="reactive_selector",
+        reactive=True,
+        paper=False,
+    ),
+    "wait": NodeKind(
+        meaning="waits so many seconds, then runs its child",
+        children=(1, 1),
+        args=SecondsArgs,
+        arguments=(Argument("seconds", Sort.SECONDS, "before its child starts", range=SECONDS),),
+        look=Look("\N{HOURGLASS}", "magenta", "#efe3f5", "#7f4fa3"),
+        later=True,
+        paper=False,
+    ),
+    "timeout": NodeKind(
+        meaning="fails when its child has run for so many seconds",
+        children=(1, 1),
+        args=SecondsArgs,
+        arguments=(Argument("seconds", Sort.SECONDS, "of its child at most", range=SECONDS),),
+        look=Look("\N{STOPWATCH}", "red", "#fbe0e0", "#b02f2f"),
+        may_fail=True,
+        paper=False,
+    ),
+    "cooldown": NodeKind(
+        meaning="fails for so many seconds after its child has ended",
+        children=(1, 1),
+        args=SecondsArgs,
+        arguments=(Argument("seconds", Sort.SECONDS, "after an end of its child", range=SECONDS),),
+        look=Look("\N{SNOWFLAKE}", "cyan", "#e0eefb", "#2f6fb0"),
+        may_fail=True,
+        paper=False,
+    ),
     "when": NodeKind(
         meaning="runs its child while a condition holds",
         children=(1, 1),
@@ -220,7 +283,10 @@ INNER: Final = tuple(name for name, kind in KINDS.items() if kind.children != (0
 
 
 COUNTED: Final = tuple(n for n, k in KINDS.items() if k.args is CountArgs)
-"""The kinds whose word stands before a number."""
+"""The kinds whose word stands before a count."""
+
+TIMED: Final = tuple(n for n, k in KINDS.items() if k.args is SecondsArgs)
+"""The kinds whose word stands before a number of seconds."""
 
 GUARDS: Final = tuple(n for n, k in KINDS.items() if k.args is GuardArgs)
 """The kinds whose word stands before a condition."""
@@ -229,6 +295,11 @@ GUARDS: Final = tuple(n for n, k in KINDS.items() if k.args is GuardArgs)
 def kind_of(node: Node) -> NodeKind:
     """The record of a node's kind."""
     return KINDS[node.kind]
+
+
+def is_timed(tree: Node) -> bool:
+    """Whether a tree has a node that counts seconds."""
+    return any(node.kind in TIMED for node in walk(tree))
 
 
 def count_of(node: Node) -> int:

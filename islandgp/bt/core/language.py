@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from islandgp.bt.core.builder import MAX_LEVELS as MAX_LEVELS
 from islandgp.bt.core.builder import MAX_NODES as MAX_NODES
 from islandgp.bt.core.builder import MAX_NUMBER as MAX_NUMBER
-from islandgp.bt.core.builder import Builder
-from islandgp.bt.core.condition import Asked
+from islandgp.bt.core.builder import Builder, NodePlace
+from islandgp.bt.core.condition import ConditionExpr
 from islandgp.bt.core.diagnosis import syntax_error
 from islandgp.bt.core.includes import ParsedFile, gathered
 from islandgp.bt.core.node import Node
@@ -24,7 +24,7 @@ from islandgp.bt.core.printer import to_text as to_text
 from islandgp.bt.core.source import Source, shown
 from islandgp.bt.core.source import plain as plain
 from islandgp.bt.core.vocabulary import Vocabulary
-from islandgp.errors import LimitError, OtherDomainError
+from islandgp.errors import LimitError, OtherDomainError, TreeError
 from islandgp.resources import resource
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ class PlacedTree(NamedTuple):
     """The tree that a text means, with the names of its constants and parameters."""
 
     node: Node
-    places: list[tuple[int, int]]  # line and column of each node, in document order
+    places: list[NodePlace]  # of each node, in document order
     file: Any  # lark.Tree of the text
 
 
@@ -128,6 +128,22 @@ def parse_placed(
     built(Builder(parts[-1].source, vocabulary), parts)
     builder = Builder(parts[-1].source, vocabulary, named=True)
     return PlacedTree(builder.build(parts), builder.places(), parts[-1].tree)
+
+
+def tree_errors(
+    text: str, vocabulary: Vocabulary | None, *, name: str, folder: Path | None
+) -> list[TreeError]:
+    """What is wrong in a text, in its order, each once. Arguments as in `parse`.
+
+    All wrong names and numbers, or else the first fault of syntax.
+    """
+    found: list[TreeError] = []
+    try:
+        parts = files_of(text, vocabulary, name=name, folder=folder)
+        built(Builder(parts[-1].source, vocabulary, errors=found), parts)
+    except TreeError as error:
+        found.append(error)
+    return list({str(error): error for error in found}.values())
 
 
 def _parsed(source: Source, rule: str, vocabulary: Vocabulary | None, placed: bool) -> Any:
@@ -153,7 +169,7 @@ def following(text: str) -> frozenset[str]:
     return frozenset(interactive.accepts())  # type: ignore[no-untyped-call] # lark types it not
 
 
-def parse_condition(text: str, vocabulary: Vocabulary) -> Asked:
+def parse_condition(text: str, vocabulary: Vocabulary) -> ConditionExpr:
     """The condition that a text says, as it stands behind `when`. Raises TreeError as `parse`."""
     from lark.exceptions import UnexpectedInput
 

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from fractions import Fraction
+from math import ceil
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.core.condition import Asked, Condition, terms
+from islandgp.bt.core.condition import Condition, ConditionExpr, terms
 from islandgp.errors import LimitError
 
 # Statuses are plain integers because a tick is the innermost loop of a run.
@@ -36,7 +38,7 @@ class ActionArgs(NamedTuple):
 class GuardArgs(NamedTuple):
     """Arguments of a `when`."""
 
-    condition: Asked
+    condition: ConditionExpr
     abort: str = "both"  # a key of ABORTS
 
     @property
@@ -56,18 +58,33 @@ class CountArgs(NamedTuple):
     times: float  # a whole number within REPEATS
 
 
+class SecondsArgs(NamedTuple):
+    """Arguments of a wait, a timeout or a cooldown."""
+
+    seconds: float  # of the domain's clock, within SECONDS
+
+    def ticks(self, step_s: float) -> int:
+        """The first tick, counted from 0, that is at least that late; ticks are `step_s` apart."""
+        return max(1, ceil(Fraction(str(self.seconds)) / Fraction(str(step_s))))
+
+
+Policy: TypeAlias = str | float
+"""How many children of a parallel decide: a key of POLICIES, or a whole number >= 1."""
+
+
 class ParallelArgs(NamedTuple):
     """Arguments of a parallel."""
 
-    success: str = "all"  # a key of POLICIES: how many children must succeed
-    failure: str = "one"  # a key of POLICIES: how many must fail
+    success: Policy = "all"  # how many children must succeed
+    failure: Policy = "one"  # how many must fail
 
     def needed(self, children: int) -> tuple[int, int]:
         """How many successes, and how many failures, of that many children decide."""
-        return (
-            1 if self.success == "one" else children,
-            1 if self.failure == "one" else children,
+        success, failure = (
+            {"one": 1, "all": children}[policy] if isinstance(policy, str) else int(policy)
+            for policy in self
         )
+        return min(success, children), min(failure, children)
 
 
 class UseArgs(NamedTuple):
@@ -77,7 +94,9 @@ class UseArgs(NamedTuple):
     numbers: tuple[float, ...] = ()
 
 
-Args: TypeAlias = tuple[()] | ActionArgs | GuardArgs | CountArgs | ParallelArgs | UseArgs
+Args: TypeAlias = (
+    tuple[()] | ActionArgs | GuardArgs | CountArgs | SecondsArgs | ParallelArgs | UseArgs
+)
 
 
 class Node(NamedTuple):
@@ -109,7 +128,7 @@ def leaf(name: str) -> Node:
     return Node("action", ActionArgs(name))
 
 
-def guarded(condition: Asked, child: Node, abort: str = "both") -> Node:
+def guarded(condition: ConditionExpr, child: Node, abort: str = "both") -> Node:
     """A `when` above a node."""
     return Node("when", GuardArgs(condition, abort), (child,))
 

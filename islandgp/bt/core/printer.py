@@ -10,7 +10,7 @@ from decimal import Decimal
 from functools import lru_cache
 from typing import Any, Self
 
-from islandgp.bt.core.condition import Asked, Compound
+from islandgp.bt.core.condition import Compound, ConditionExpr
 from islandgp.bt.core.kinds import KINDS, Argument, Sort
 from islandgp.bt.core.node import ActionArgs, Node, UseArgs, Value, names_of
 
@@ -96,26 +96,26 @@ def _argument(argument: Argument, value: Any) -> str:
     """An argument as it stands behind the word of its node; "" for its default."""
     if argument.sort is Sort.CONDITION:
         return condition_text(value)
-    text = value if argument.sort is Sort.WORD else number_text(value)
+    text = value if isinstance(value, str) else number_text(value)
     if argument.default is None:
         return text
     return "" if value == argument.default else f"{argument.name} {text}"
 
 
-def condition_text(asked: Asked, *, brackets: bool = False) -> str:
+def condition_text(expr: ConditionExpr, *, brackets: bool = False) -> str:
     """A condition as it is written; `brackets`: around one that is joined."""
-    if isinstance(asked, Compound):
-        if asked.word == "not":
-            return f"not {condition_text(asked.parts[0], brackets=True)}"
+    if isinstance(expr, Compound):
+        if expr.word == "not":
+            return f"not {condition_text(expr.parts[0], brackets=True)}"
         # `and` binds more than `or`, so only an `or` in an `and` needs them.
-        inside = [condition_text(part, brackets=asked.word == "and") for part in asked.parts]
-        text = f" {asked.word} ".join(inside)
+        inside = [condition_text(part, brackets=expr.word == "and") for part in expr.parts]
+        text = f" {expr.word} ".join(inside)
         return f"({text})" if brackets else text
-    if asked.operator == "is":
-        return asked.key
-    if asked.operator == "not":
-        return f"not {asked.key}"
-    return f"{asked.key} {asked.operator} {number_text(asked.number)}"
+    if expr.operator == "is":
+        return expr.key
+    if expr.operator == "not":
+        return f"not {expr.key}"
+    return f"{expr.key} {expr.operator} {number_text(expr.number)}"
 
 
 def _lines(node: Node, indent: str) -> Iterator[str]:

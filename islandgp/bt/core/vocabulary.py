@@ -51,6 +51,18 @@ class Action:
     """Actions whose success often comes right before it. Random trees put some of them in front."""
     arguments: Mapping[str, Parameter] = field(default_factory=dict)
     """By name, in the order in which trees are written."""
+    condition: bool = False  # it asks something and answers within its tick; see `condition_leaf`
+
+
+def condition_leaf(meaning: str, arguments: Mapping[str, Parameter] | None = None) -> Action:
+    """A condition that code of the domain answers: a leaf that succeeds or fails within its tick.
+
+    Args:
+        meaning: one line: when it succeeds.
+        arguments: as those of an `Action`.
+    """
+    ends = frozenset({FAILURE, SUCCESS})
+    return Action(meaning, ends, arguments=arguments or {}, condition=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +116,11 @@ def _must_be_known(action: Action, what: str, keys: Mapping[str, Key]) -> None:
         raise DomainError(
             f"Expected statuses among FAILURE, SUCCESS and RUNNING for {what}, found"
             f" {action.statuses!r}."
+        )
+    if action.condition and (RUNNING in action.statuses or action.changes):
+        raise DomainError(
+            f"Expected neither RUNNING nor changes of {what}, which is a condition; use"
+            " condition_leaf(...), or leave out `condition`."
         )
     asked = [condition.key for condition in (*action.to_start, *action.to_succeed)]
     for key in (*asked, *action.changes):

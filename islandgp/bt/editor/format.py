@@ -1,7 +1,7 @@
 """`fmt`: a tree file in canonical form, with its comments and named subtrees.
 
-A file without comments, subtrees and blank lines comes out as `to_text` prints
-its tree. Otherwise each comment keeps its place: lines of their own stay above
+A file without comments, subtrees, blank lines and long conditions comes out as
+`to_text` prints its tree. Otherwise each comment keeps its place: lines of their own stay above
 the node they stood above, a comment at the end of a line stays at its end, and
 one in the middle of a node moves above it. At most one blank line stays where
 some were.
@@ -16,11 +16,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from islandgp.bt.core.builder import Builder
+from islandgp.bt.core.condition import Compound
 from islandgp.bt.core.includes import ParsedFile
 from islandgp.bt.core.kinds import KINDS
 from islandgp.bt.core.language import MAX_CHARACTERS, built, files_of, parse, words
 from islandgp.bt.core.node import Node
-from islandgp.bt.core.printer import INDENT, INLINE_LEVELS, WIDTH, head, inline, number_text
+from islandgp.bt.core.printer import (
+    INDENT,
+    INLINE_LEVELS,
+    WIDTH,
+    condition_text,
+    head,
+    inline,
+    number_text,
+)
 from islandgp.errors import LimitError
 
 if TYPE_CHECKING:
@@ -132,7 +141,9 @@ class _Formatter:
         if not node.children or (fits and not self._commented(brace, behind)):
             yield f"{start}{line}{_aside(last.behind)}"
             return
-        yield f"{start}{head(node)} {{{_aside(self._words[brace].behind)}"
+        *lines, last_line = _broken(f"{start}{head(node)} {{", node)
+        yield from lines
+        yield f"{last_line}{_aside(self._words[brace].behind)}"
         inside: list[str] = []
         for below, child in zip(_below(_body(tree)), node.children, strict=True):
             inside += self._node(below, child, indent + INDENT)
@@ -168,6 +179,20 @@ class _Formatter:
         first, *others = loose
         moved = (_Comment(first, blank), *(_Comment(text, False) for text in others))
         return (*found[0].before, *moved), False
+
+
+def _broken(line: str, node: Node) -> Iterator[str]:
+    """The line of a node's head; a long condition is broken before its `and`s or `or`s."""
+    expr = node.guard.condition if node.guard else None
+    if len(line) <= WIDTH or not isinstance(expr, Compound) or expr.word == "not":
+        yield line
+        return
+    indent = " " * (len(line) - len(line.lstrip())) + 2 * INDENT
+    first, *parts = (condition_text(part, brackets=expr.word == "and") for part in expr.parts)
+    before, _, behind = line.partition(condition_text(expr))
+    rows = [before + first, *(f"{indent}{expr.word} {part}" for part in parts)]
+    rows[-1] += behind
+    yield from rows
 
 
 def _body(tree: Any) -> Any:

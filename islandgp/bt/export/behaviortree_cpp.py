@@ -15,13 +15,14 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 from xml.sax.saxutils import escape, quoteattr
 
-from islandgp.bt.core.condition import Asked, Compound, Condition, terms
+from islandgp.bt.core.condition import Compound, Condition, ConditionExpr, terms
 from islandgp.bt.core.node import (
     ActionArgs,
     CountArgs,
     GuardArgs,
     Node,
     ParallelArgs,
+    SecondsArgs,
     asked_in,
     walk,
 )
@@ -29,9 +30,11 @@ from islandgp.bt.core.parameters import Parameter
 from islandgp.bt.core.printer import condition_text, number_text
 from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
 from islandgp.bt.export.plan import (
+    CLOCK,
     OWN,
     Loss,
     TargetNode,
+    check_clocks,
     guard_losses,
     own_nodes,
     parts,
@@ -65,6 +68,8 @@ NODES: Final[dict[str, NodeType]] = {
     "retry": NodeType("RetryUntilSuccessful", ("num_attempts",)),
     "force_success": NodeType("ForceSuccess"),
     "force_failure": NodeType("ForceFailure"),
+    "delay": NodeType("Delay", ("delay_msec",)),
+    "timeout": NodeType("Timeout", ("msec",)),
     "check": NodeType("ScriptCondition", ("code",)),
     "when": NodeType("When", ("condition", "abort"), "Decorator"),
     "interruptible_fallback": NodeType("InterruptibleFallback", (), "Control"),
@@ -72,8 +77,12 @@ NODES: Final[dict[str, NodeType]] = {
     "judged_parallel": NodeType("JudgedParallel", ("success", "failure"), "Control"),
     "repeat_per_tick": NodeType("RepeatPerTick", ("num_cycles",), "Decorator"),
     "retry_per_tick": NodeType("RetryPerTick", ("num_attempts",), "Decorator"),
+    "wait_ticks": NodeType("WaitTicks", ("ticks", "seconds"), "Decorator"),
+    "timeout_ticks": NodeType("TimeoutTicks", ("ticks", "seconds"), "Decorator"),
 }
 """By our names of `plan`."""
+
+_FLAGS: Final = {"no": "false", "yes": "true"}
 
 TAGS: Final = {node.tag: kind for kind, node in NODES.items()}
 
@@ -102,8 +111,7 @@ JUDGED = Loss(
 )
 POLICY = Loss(
     "policy",
-    "a parallel with success all and failure all fails at the first failure, as it can't succeed"
-    " any more",
+    "Parallel fails as soon as it can't succeed any more: with success all at the first failure",
 )
 EQUAL = Loss("equal", "== and != take two numbers that differ by no more than 0.00000012 as equal")
 
@@ -115,7 +123,11 @@ def losses(tree: Node) -> list[Loss]:
         if isinstance(node.args, CountArgs) and differs(node):
             found.add(REPEAT)
         if isinstance(node.args, ParallelArgs) and len(node.children) > 1:
-            found.add(POLICY if node.args == ("all", "all") else JUDGED)
+            success, failure = node.args.needed(len(node.children))
+            late = failure > len(node.children) - success + 1
+            found.add(POLICY if late else JUDGED)
+        if isinstance(node.args, SecondsArgs):
+            found.add(CLOCK)
         if node.guard and differs(node):
             found.add(EQUAL)
     return sorted(found)
@@ -123,6 +135,8 @@ def losses(tree: Node) -> list[Loss]:
 
 def differs(node: Node) -> bool:
     """Whether the library's own node for a parallel, a repeater or a `when` does something else."""
+    if isinstance(node.args, SecondsArgs):
+        return True
     if isinstance(node.args, CountArgs):
         return node.args.times != 1
     if isinstance(node.args, ParallelArgs):
@@ -132,24 +146,33 @@ def differs(node: Node) -> bool:
     return guard is not None and any(t.operator in ("==", "!=") for t in terms(guard.condition))
 
 
-def to_xml(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = False) -> str:
+def to_xml(
+    tree: Node,
+    vocabulary: Vocabulary = NOTHING,
+    *,
+    plain: bool = False,
+    step_s: float | None = None,
+) -> str:
     """The text of an XML file; the vocabulary gives the actions' meanings.
 
     Args:
         tree: what to write; each `Used` in it becomes a tree of its own in the file.
         vocabulary: its actions and keys.
         plain: only nodes of the library; what is not the same then is told by `losses`.
+        step_s: seconds between two ticks, for a wait or a timeout that is not plain.
 
     Raises:
-        DomainError: an action has the name of a node of the library.
+        DomainError: an action has the name of a node of the library, the tree has a cooldown, or
+            `step_s` is missing.
     """
+    check_clocks(tree, plain=plain, step_s=step_s, unfit=("cooldown",))
     used = sorted({node.action for node in walk(tree) if node.action})
     if taken := BUILT_IN.intersection(used):
         raise DomainError(
             f"Expected action names that are no nodes of BehaviorTree.CPP, found {min(taken)!r};"
             " rename the action in the domain."
         )
-    whole = plan(tree, None if plain else differs)
+    whole = _with_ports(plan(tree, None if plain else differs), vocabulary)
     own = {part.kind for part in parts(whole)} & OWN
     identity = TREE_ID if TREE_ID not in used else f"{TREE_ID}Tree"
     # A SubTree does not see entries of the blackboard above whose names begin with _.
@@ -160,15 +183,21 @@ def to_xml(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = False)
     if own:
         lines.append(f"  <!-- Needs {HEADER}: islandgp::register_nodes(factory). -->")
     for name, part in {identity: root, **subtrees}.items():
-        lines += [f'  <BehaviorTree ID="{name}">', *_lines(part, "    "), "  </BehaviorTree>", ""]
+        lines += [
+            f'  <BehaviorTree ID="{name}">',
+            *_lines(part, "    ", step_s),
+            "  </BehaviorTree>",
+            "",
+        ]
     lines.append("  <TreeNodesModel>")
     for name in used:
         words = vocabulary.action(name).meaning.replace("--", "-")
         meaning = f"<!-- {escape(words)} -->" if words else ""
         ports = vocabulary.action(name).arguments
-        lines.append(f"    <Action ID={quoteattr(name)}{'' if ports else '/'}> {meaning}".rstrip())
+        tag = "Condition" if vocabulary.action(name).condition else "Action"
+        lines.append(f"    <{tag} ID={quoteattr(name)}{'' if ports else '/'}> {meaning}".rstrip())
         lines += (f"      {_port(port, each)}" for port, each in ports.items())
-        lines += ["    </Action>"] if ports else []
+        lines += [f"    </{tag}>"] if ports else []
     lines += (line for kind in sorted(own) for line in _model(kind))
     return "\n".join([*lines, "  </TreeNodesModel>", "</root>", ""])
 
@@ -183,7 +212,19 @@ def header() -> str:
     return own_nodes(HEADER)
 
 
-def _lines(part: TargetNode, indent: str) -> Iterator[str]:
+def _with_ports(part: TargetNode, vocabulary: Vocabulary) -> TargetNode:
+    """The plan with flags of actions as the library reads them."""
+    args = part.args
+    if isinstance(args, ActionArgs):
+        arguments = vocabulary.action(args.name).arguments
+        flags = {key for key, each in arguments.items() if each.sort == "flag"}
+        values = ((key, _FLAGS[str(v)] if key in flags else v) for key, v in args.values)
+        args = args._replace(values=tuple(values))
+    children = tuple(_with_ports(child, vocabulary) for child in part.children)
+    return part._replace(args=args, children=children)
+
+
+def _lines(part: TargetNode, indent: str, step_s: float | None) -> Iterator[str]:
     if isinstance(part.args, ActionArgs):
         ports = (f" {name}={quoteattr(_word(value))}" for name, value in part.args.values)
         yield f"{indent}<{part.args.name}{''.join(ports)}/>"
@@ -195,18 +236,26 @@ def _lines(part: TargetNode, indent: str) -> Iterator[str]:
         yield f"{indent}<ScriptCondition code={quoteattr(_script(part.args.condition))}/>"
         return
     tag = NODES[part.kind].tag
-    yield f"{indent}<{tag}{_attributes(part)}>"
+    yield f"{indent}<{tag}{_attributes(part, step_s)}>"
     for child in part.children:
-        yield from _lines(child, indent + "  ")
+        yield from _lines(child, indent + "  ", step_s)
     yield f"{indent}</{tag}>"
 
 
-def _attributes(part: TargetNode) -> str:
+def _attributes(part: TargetNode, step_s: float | None) -> str:
     if part.kind == "parallel" and isinstance(part.args, ParallelArgs):
-        success, failure = part.args
-        # With success all, the first failure fails it, whatever stands here.
-        fails = 1 if failure == "one" or success == "all" else len(part.children)
-        return f' success_count="{1 if success == "one" else -1}" failure_count="{fails}"'
+        count = len(part.children)
+        succeeds, fails = part.args.needed(count)
+        # It fails when it can't succeed any more, whatever stands here.
+        fails = min(fails, count - succeeds + 1) if part.args.success == "all" else fails
+        succeeds = -1 if part.args.success == "all" else succeeds
+        return f' success_count="{succeeds}" failure_count="{fails}"'
+    if isinstance(part.args, SecondsArgs):
+        attributes, seconds = NODES[part.kind].attributes, part.args.seconds
+        if len(attributes) == 1:
+            return f' {attributes[0]}="{max(1, round(seconds * 1000))}"'
+        assert step_s is not None
+        return f' ticks="{part.args.ticks(step_s)}" seconds="{number_text(seconds)}"'
     if part.rest:
         return f' name="{REST}"'
     values = zip(NODES[part.kind].attributes, part.args, strict=False)
@@ -221,7 +270,8 @@ def _word(value: object) -> str:
 
 def _port(name: str, parameter: Parameter) -> str:
     sort = {"number": "double", "integer": "int", "flag": "bool"}.get(parameter.sort, "std::string")
-    given = quoteattr(_word(parameter.default))
+    default = parameter.default
+    given = quoteattr(_FLAGS[str(default)] if sort == "bool" else _word(default))
     return f'<input_port name="{name}" type="{sort}" default={given}/>'
 
 
@@ -237,15 +287,15 @@ def _model(kind: str) -> Iterator[str]:
     yield f"    </{sort}>"
 
 
-def _script(asked: Asked) -> str:
+def _script(expr: ConditionExpr) -> str:
     """A condition in the library's script language, in which && and || bind equally."""
-    if isinstance(asked, Condition):
-        flag = {"is": asked.key, "not": f"!{asked.key}"}.get(asked.operator)
-        return flag or f"{asked.key} {asked.operator} {number_text(asked.number)}"
+    if isinstance(expr, Condition):
+        flag = {"is": expr.key, "not": f"!{expr.key}"}.get(expr.operator)
+        return flag or f"{expr.key} {expr.operator} {number_text(expr.number)}"
     inside = [
         f"({_script(part)})" if isinstance(part, Compound) and part.word != "not" else _script(part)
-        for part in asked.parts
+        for part in expr.parts
     ]
-    if asked.word == "not":
+    if expr.word == "not":
         return f"!{inside[0]}" if inside[0].startswith("(") else f"!({inside[0]})"
-    return {"and": " && ", "or": " || "}[asked.word].join(inside)
+    return {"and": " && ", "or": " || "}[expr.word].join(inside)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, Literal
 
@@ -18,10 +19,10 @@ from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 from islandgp.bt.core.builder import MAX_NUMBER
 from islandgp.bt.core.condition import OPERATORS, Condition
 from islandgp.bt.core.language import domain_of, parse
-from islandgp.bt.core.node import FAILURE, STATUS_NAMES, SUCCESS, asked_in
-from islandgp.bt.core.parameters import Parameter
+from islandgp.bt.core.node import STATUS_NAMES, asked_in
+from islandgp.bt.core.parameters import Parameter, real, switch, whole
 from islandgp.bt.core.source import shown
-from islandgp.bt.core.vocabulary import RESERVED, Action, Key, Vocabulary
+from islandgp.bt.core.vocabulary import RESERVED, Action, Key, Vocabulary, condition_leaf
 from islandgp.bt.export.xml_reader import Element, read_xml
 from islandgp.errors import DomainError
 from islandgp.plain import read_json
@@ -29,6 +30,8 @@ from islandgp.plain import read_json
 UNNAMED: Final = "model"
 """The domain of a vocabulary from a TreeNodesModel, which names none."""
 
+_PORTS: Final = {"double": "number", "float": "number", "int": "integer", "bool": "flag"}
+"""What an argument is, by the type of its port; ports of other types cannot be read."""
 _SCRIPTS: Final = ("code", "condition")  # attributes that ask the blackboard
 _WORD: Final = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)\s*([<>=!]=|[<>])?")
 
@@ -70,9 +73,24 @@ def _model(root: Element, name: str) -> Iterator[tuple[str, Action]]:
                     f"{name}:{element.line}:{element.column}: expected an ID of letters, digits and"
                     f" _ that is no word of the language, found {shown(identity)}; rename it."
                 )
-            at_once = frozenset({FAILURE, SUCCESS})
-            known = Action("") if element.tag == "Action" else Action("", at_once)
-            yield identity, known
+            ports = {
+                port.attributes.get("name", ""): _port(port)
+                for port in element.children
+                if port.tag == "input_port" and port.attributes.get("type") in _PORTS
+            }
+            known = condition_leaf("") if element.tag == "Condition" else Action("")
+            yield identity, replace(known, arguments=ports)
+
+
+def _port(port: Element) -> Parameter:
+    """A number or a flag; a port without a default has 0 or no."""
+    sort, default = _PORTS[port.attributes["type"]], port.attributes.get("default", "")
+    if sort == "flag":
+        return switch("", default=default in ("true", "1"))
+    number = float(default) if re.fullmatch(r"-?[0-9]{1,9}(\.[0-9]{1,9})?", default) else 0.0
+    if sort == "integer":
+        return whole("", -MAX_NUMBER, MAX_NUMBER, default=int(number))
+    return real("", -MAX_NUMBER, MAX_NUMBER, default=number)
 
 
 def _asked(tree: str, name: str, folder: Path | None) -> dict[str, Key]:
@@ -131,6 +149,7 @@ class _Action(BaseModel, extra="forbid"):
     changes: dict[str, Literal[-1, 1]] = {}
     after: list[str] = []
     arguments: dict[str, _Parameter] = {}
+    condition: bool = False
 
     def action(self) -> Action:
         return Action(
@@ -141,6 +160,7 @@ class _Action(BaseModel, extra="forbid"):
             self.changes,
             tuple(self.after),
             {name: each.parameter() for name, each in self.arguments.items()},
+            self.condition,
         )
 
 

@@ -15,11 +15,11 @@ from islandgp.bt.core.builder import MAX_NESTED
 from islandgp.bt.core.condition import (
     FLAG_OPERATORS,
     OPERATORS,
-    Asked,
     Compound,
     Condition,
-    denied,
-    joined,
+    ConditionExpr,
+    conjoin,
+    negate,
 )
 from islandgp.bt.core.kinds import KINDS, Argument, Sort
 from islandgp.bt.core.language import MAX_LEVELS, MAX_NODES, MAX_NUMBER, parse, to_text
@@ -71,7 +71,7 @@ def from_json(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<
         raise TreeError(
             f'{name}: expected "version": {VERSION}, found {whole.get("version")!r:.40}'
         )
-    tree = _Reader(name).node(whole.get("tree"), "tree", 1)
+    tree = _JsonReader(name).node(whole.get("tree"), "tree", 1)
     # The text of the tree is read again, as only the language knows what a right tree is.
     return parse(to_text(tree), vocabulary, name=f"{name}, as text")
 
@@ -93,11 +93,11 @@ def _plain(node: Node) -> dict[str, Any]:
     return found
 
 
-def _plain_condition(asked: Asked) -> dict[str, Any]:
-    if isinstance(asked, Condition):
-        return {"key": asked.key, "op": asked.operator, "number": _number(asked.number)}
-    parts = [_plain_condition(part) for part in asked.parts]
-    return {asked.word: parts[0] if asked.word == "not" else parts}
+def _plain_condition(expr: ConditionExpr) -> dict[str, Any]:
+    if isinstance(expr, Condition):
+        return {"key": expr.key, "op": expr.operator, "number": _number(expr.number)}
+    parts = [_plain_condition(part) for part in expr.parts]
+    return {expr.word: parts[0] if expr.word == "not" else parts}
 
 
 def _plain_value(value: Any) -> Any:
@@ -108,7 +108,7 @@ def _number(value: float) -> float:
     return int(value) if value == int(value) else value
 
 
-class _Reader:
+class _JsonReader:
     """Turns plain values into nodes; only their form is checked here."""
 
     def __init__(self, name: str) -> None:
@@ -172,7 +172,7 @@ class _Reader:
             return self._condition(value["condition"], f"{at}.condition", 1)
         return self._single(value, at)
 
-    def _condition(self, value: Any, at: str, level: int) -> Asked:
+    def _condition(self, value: Any, at: str, level: int) -> ConditionExpr:
         if not isinstance(value, dict):
             self._fail(at, f"expected a condition, found {value!r:.40}")
         if level > MAX_NESTED:
@@ -189,7 +189,7 @@ class _Reader:
         parts = [
             self._condition(each, f"{at}.{word}[{i}]", level + 1) for i, each in enumerate(inside)
         ]
-        return denied(parts[0]) if word == "not" else joined(word, parts)
+        return negate(parts[0]) if word == "not" else conjoin(word, parts)
 
     def _single(self, value: dict[str, Any], at: str) -> Condition:
         key, operator, number = (
@@ -201,7 +201,8 @@ class _Reader:
 
     def _argument(self, value: dict[str, Any], argument: str, at: str) -> str | float:
         found = value.get(argument)
-        if argument in ("number", "count"):
+        policy = argument in ("success", "failure") and isinstance(found, int | float)
+        if policy or argument in ("number", "count", "seconds"):
             if isinstance(found, bool) or not isinstance(found, int | float):
                 self._fail(at, f"expected a number as {argument!r}, found {found!r:.40}")
             if not abs(found) <= MAX_NUMBER:
@@ -210,7 +211,7 @@ class _Reader:
                     f"expected {argument!r} from {-MAX_NUMBER} to {MAX_NUMBER}: out of range is"
                     f" {found!r:.40}",
                 )
-            return int(found) if found == int(found) and argument == "count" else float(found)
+            return int(found) if found == int(found) and argument != "number" else float(found)
         words = WORDS.get(argument)
         if words is not None and found not in words:
             guess = closest(str(found), words)

@@ -22,16 +22,17 @@ from pathlib import Path
 from typing import Final, NamedTuple, TypeAlias
 
 from islandgp.bt.analysis.truth import chain, exposes
-from islandgp.bt.core.kinds import KINDS, count_of, kind_of
-from islandgp.bt.core.node import FAILURE, Args, Node, UseArgs, names_of
+from islandgp.bt.core.kinds import KINDS, TIMED, count_of, kind_of
+from islandgp.bt.core.node import FAILURE, Args, Node, UseArgs, names_of, walk
+from islandgp.errors import DomainError
 
 
 class TargetNode(NamedTuple):
     """A node of the other libraries, under our names.
 
     Kinds: fallback, sequence (with memory), reactive_fallback, reactive_sequence, parallel,
-    inverter, repeat, retry, force_success, force_failure, check (a condition), action, and subtree:
-    around the root of a named one.
+    inverter, repeat, retry, force_success, force_failure, delay, timeout, check (a condition),
+    action, and subtree: around the root of a named one.
     """
 
     kind: str
@@ -74,9 +75,16 @@ INNER = Loss(
 )
 
 
+CLOCK = Loss(
+    "clock",
+    "the library counts the seconds of a wait or a timeout by the clock of the computer; here a"
+    " number of ticks does, which is the same in each run",
+)
+
+
 OWN: Final = frozenset({
     "when", "interruptible_fallback", "interruptible_sequence", "judged_parallel",
-    "repeat_per_tick", "retry_per_tick",
+    "repeat_per_tick", "retry_per_tick", "wait_ticks", "timeout_ticks", "cooldown_ticks",
 })  # fmt: skip
 """Kinds of parts that are nodes of ours, beside those of `plan`."""
 
@@ -90,6 +98,11 @@ _KINDS: Final = {
     "force_success": ("force_success", "force_success"),
     "force_failure": ("force_failure", "force_failure"),
     "parallel": ("parallel", "judged_parallel"),
+    "reactive_selector": ("reactive_fallback", "reactive_fallback"),
+    "reactive_sequence": ("reactive_sequence", "reactive_sequence"),
+    "wait": ("delay", "wait_ticks"),
+    "timeout": ("timeout", "timeout_ticks"),
+    "cooldown": ("cooldown_ticks", "cooldown_ticks"),
 }
 """By kind the library's node and ours."""
 
@@ -115,7 +128,7 @@ def _part(node: Node, differs: Differs | None, observed: bool) -> TargetNode:
         return TargetNode("action", args)
     if kind in ("selector", "sequence"):
         return _composite(node) if differs is None else _observing(node, differs)
-    observed = observed and kind != "parallel"
+    observed = observed and kind_of(node).decorates
     children = tuple(plan(child, differs, observed=observed) for child in node.children)
     if node.guard:
         if differs is not None and (observed or exposes(node) or differs(node)):
@@ -185,6 +198,27 @@ def separated(
 
     root = visit(whole)
     return root, {name: body for (_, body), name in found.items()}
+
+
+def check_clocks(tree: Node, *, plain: bool, step_s: float | None, unfit: Iterable[str]) -> None:
+    """Raises DomainError for a tree whose seconds cannot be exported.
+
+    Args:
+        tree: to be exported.
+        plain: with nodes of the library alone, which count seconds.
+        step_s: seconds between two ticks; our nodes count ticks.
+        unfit: kinds that the library has no node for.
+    """
+    timed = {node.kind for node in walk(tree)} & {*TIMED}
+    if missing := timed.intersection(unfit):
+        raise DomainError(
+            f"Expected a tree without {min(missing)}, for which the library has no node; export"
+            " it in another form."
+        )
+    if timed and not plain and step_s is None:
+        raise DomainError(
+            f"Expected the seconds between two ticks, as the tree has a {min(timed)}; give --step."
+        )
 
 
 def subtree_of(part: TargetNode) -> str:

@@ -16,7 +16,7 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
-from islandgp.bt.core.condition import Asked, Compound, Condition, terms
+from islandgp.bt.core.condition import Compound, Condition, ConditionExpr, terms
 from islandgp.bt.core.language import to_text
 from islandgp.bt.core.node import (
     ActionArgs,
@@ -24,15 +24,18 @@ from islandgp.bt.core.node import (
     GuardArgs,
     Node,
     ParallelArgs,
+    SecondsArgs,
     asked_in,
     walk,
 )
 from islandgp.bt.core.printer import condition_text, head, number_text
 from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
 from islandgp.bt.export.plan import (
+    CLOCK,
     OWN,
     Loss,
     TargetNode,
+    check_clocks,
     guard_losses,
     own_nodes,
     parts,
@@ -41,7 +44,7 @@ from islandgp.bt.export.plan import (
     subtree_of,
 )
 
-POLICY = Loss("policy", "any failing child fails a Parallel of py_trees; there is no failure all")
+POLICY = Loss("policy", "any failing child fails a Parallel of py_trees, which has no counts")
 
 _SUBTREE: Final = '''def {name}(action):
     """A subtree of the tree."""
@@ -55,25 +58,39 @@ _COMPARE: Final = {"<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "!=
 def losses(tree: Node) -> list[Loss]:
     """What does not mean the same in a plain module, each kind once."""
     found = guard_losses(tree)
-    if any(differs(node) for node in walk(tree)):
+    nodes = list(walk(tree))
+    if any(differs(node) and isinstance(node.args, ParallelArgs) for node in nodes):
         found.add(POLICY)
+    if any(isinstance(node.args, SecondsArgs) for node in nodes):
+        found.add(CLOCK)
     return sorted(found)
 
 
 def differs(node: Node) -> bool:
     """Whether the library's own node for a parallel, a repeater or a `when` does something else."""
-    args = node.args
-    return isinstance(args, ParallelArgs) and args.failure == "all" and len(node.children) > 1
+    if isinstance(node.args, SecondsArgs):
+        return True
+    if not isinstance(node.args, ParallelArgs):
+        return False
+    success, failure = node.args.needed(len(node.children))
+    return failure > 1 or success not in (1, len(node.children))
 
 
-def to_python(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = False) -> str:
-    """The text of a Python module; the vocabulary gives the keys' meanings.
+def to_python(
+    tree: Node,
+    vocabulary: Vocabulary = NOTHING,
+    *,
+    plain: bool = False,
+    step_s: float | None = None,
+) -> str:
+    """The text of a Python module. Arguments and errors as in `behaviortree_cpp.to_xml`.
 
     Each `Used` of the tree becomes a function of its own.
-
-    Plain: only behaviours of the library; what is not the same then is told by `losses`.
     """
+    check_clocks(tree, plain=plain, step_s=step_s, unfit=("cooldown",) if plain else ())
     whole = plan(tree, None if plain else differs)
+    if any(part.kind == "cooldown_ticks" for part in parts(whole)):
+        whole = TargetNode("tick_counter", (), (whole,))
     own = _own() if any(part.kind in OWN for part in parts(whole)) else ""
     text = "".join(f"    {line}\n" for line in to_text(tree).splitlines())
     asked = dict.fromkeys(term.key for term in asked_in(tree))
@@ -83,14 +100,14 @@ def to_python(tree: Node, vocabulary: Vocabulary = NOTHING, *, plain: bool = Fal
     module = own_nodes("tree_module.txt")
     taken = {*re.findall(r"\w+", module + _own()), *keyword.kwlist, *dir(builtins)}
     root, subtrees = separated(whole, taken)
-    functions = [_SUBTREE.format(name=n, tree=_body(part)) for n, part in subtrees.items()]
+    functions = [_SUBTREE.format(name=n, tree=_body(part, step_s)) for n, part in subtrees.items()]
     return module.format(
-        text=text, keys=keys, own=own, subtrees="".join(functions), tree=_body(root)
+        text=text, keys=keys, own=own, subtrees="".join(functions), tree=_body(root, step_s)
     )
 
 
-def _body(part: TargetNode) -> str:
-    return "\n".join(_lines(part, "    ")).strip().removesuffix(",")
+def _body(part: TargetNode, step_s: float | None) -> str:
+    return "\n".join(_lines(part, "    ", step_s)).strip().removesuffix(",")
 
 
 def _own() -> str:
@@ -99,17 +116,17 @@ def _own() -> str:
     return text[text.index("class When(") :].rstrip() + "\n\n\n"
 
 
-def _lines(part: TargetNode, indent: str) -> Iterator[str]:
+def _lines(part: TargetNode, indent: str, step_s: float | None) -> Iterator[str]:
     if part.kind == "check":
         yield f"{indent}{_check(_guard(part).condition)},"
         return
-    before, behind = _around(part)
+    before, behind = _around(part, step_s)
     if not part.children:
         yield f"{indent}{before}{behind},"
         return
     yield f"{indent}{before}"
     for child in part.children[1:] if _is_guard(part) else part.children:
-        yield from _lines(child, indent + "    ")
+        yield from _lines(child, indent + "    ", step_s)
     yield f"{indent}{behind},"
 
 
@@ -117,6 +134,18 @@ def _is_guard(part: TargetNode) -> bool:
     return part.kind == "reactive_sequence" and part.children[0].kind == "check"
 
 
+_TICKED: Final = {
+    "wait_ticks": "WaitTicks",
+    "timeout_ticks": "TimeoutTicks",
+    "cooldown_ticks": "CooldownTicks",
+}
+_KIND_OF: Final = {
+    "wait_ticks": "wait",
+    "delay": "wait",
+    "timeout_ticks": "timeout",
+    "timeout": "timeout",
+    "cooldown_ticks": "cooldown",
+}
 _AROUND: Final = {
     "interruptible_fallback": "InterruptibleSelector('selector', children=[",
     "interruptible_sequence": "InterruptibleSequence('sequence', children=[",
@@ -124,6 +153,7 @@ _AROUND: Final = {
     "reactive_fallback": "Selector('selector', memory=False, children=[",
     "sequence": "Sequence('sequence', memory=True, children=[",
     "reactive_sequence": "Sequence('sequence', memory=False, children=[",
+    "tick_counter": "TickCounter('ticks', child=",
     "inverter": "Inverter('inverter', child=",
     "force_success": "FailureIsSuccess('force_success', child=",
     "force_failure": "SuccessIsFailure('force_failure', child=",
@@ -131,7 +161,7 @@ _AROUND: Final = {
 """What stands before the children of nodes without arguments."""
 
 
-def _around(part: TargetNode) -> tuple[str, str]:
+def _around(part: TargetNode, step_s: float | None) -> tuple[str, str]:
     """The Python text before and behind a node's children."""
     kind, args = part.kind, part.args
     if kind == "subtree":
@@ -152,6 +182,14 @@ def _around(part: TargetNode) -> tuple[str, str]:
         policy = "SuccessOnOne()" if args.success == "one" else "SuccessOnAll(synchronise=True)"
         name = head(Node("parallel", args))
         return f"Parallel({name!r}, ParallelPolicy.{policy}, children=[", "])"
+    if isinstance(args, SecondsArgs):
+        name, seconds = head(Node(_KIND_OF[kind], args)), number_text(args.seconds)
+        if kind in _TICKED:
+            assert step_s is not None
+            return f"{_TICKED[kind]}({name!r}, ticks={args.ticks(step_s)}, child=", ")"
+        if kind == "delay":
+            return f"Sequence({name!r}, memory=True, children=[Timer('timer', {seconds}),", "])"
+        return f"Timeout({name!r}, duration={seconds}, child=", ")"
     if isinstance(args, CountArgs):
         if kind == "retry":
             return f"Retry('retry', num_failures={args.times:.0f}, child=", ")"
@@ -165,16 +203,16 @@ def _guard(part: TargetNode) -> GuardArgs:
     return part.args
 
 
-def _check(asked: Asked) -> str:
+def _check(expr: ConditionExpr) -> str:
     """Behaviours of the library that succeed when a condition holds; they end in their tick."""
-    if isinstance(asked, Condition):
-        compare, value = _comparison(asked)
-        return f"check({asked.key!r}, operator.{compare}, {value})"
-    inside = ", ".join(map(_check, asked.parts))
-    if asked.word == "not":
+    if isinstance(expr, Condition):
+        compare, value = _comparison(expr)
+        return f"check({expr.key!r}, operator.{compare}, {value})"
+    inside = ", ".join(map(_check, expr.parts))
+    if expr.word == "not":
         return f"Inverter('not', child={inside})"
-    kind = "Sequence" if asked.word == "and" else "Selector"
-    return f"{kind}({asked.word!r}, memory=False, children=[{inside}])"
+    kind = "Sequence" if expr.word == "and" else "Selector"
+    return f"{kind}({expr.word!r}, memory=False, children=[{inside}])"
 
 
 def _condition(part: TargetNode) -> str:
@@ -187,19 +225,19 @@ def _condition(part: TargetNode) -> str:
     )
 
 
-def _expression(asked: Asked) -> str:
-    if isinstance(asked, Condition):
-        compare, value = _comparison(asked)
-        return f"operator.{compare}(blackboard.get({asked.key!r}), {value})"
+def _expression(expr: ConditionExpr) -> str:
+    if isinstance(expr, Condition):
+        compare, value = _comparison(expr)
+        return f"operator.{compare}(blackboard.get({expr.key!r}), {value})"
     inside = [
         f"({_expression(part)})" if isinstance(part, Compound) else _expression(part)
-        for part in asked.parts
+        for part in expr.parts
     ]
-    return f"not {inside[0]}" if asked.word == "not" else f" {asked.word} ".join(inside)
+    return f"not {inside[0]}" if expr.word == "not" else f" {expr.word} ".join(inside)
 
 
-def _comparison(asked: Condition) -> tuple[str, str]:
+def _comparison(expr: Condition) -> tuple[str, str]:
     """The name of a function of `operator`, and its second argument."""
-    if asked.operator in ("is", "not"):
-        return "ne" if asked.operator == "is" else "eq", "0"
-    return _COMPARE[asked.operator], number_text(asked.number)
+    if expr.operator in ("is", "not"):
+        return "ne" if expr.operator == "is" else "eq", "0"
+    return _COMPARE[expr.operator], number_text(expr.number)

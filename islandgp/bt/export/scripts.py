@@ -6,7 +6,7 @@ import re
 from typing import Final, NoReturn
 
 from islandgp.bt.core.builder import MAX_NESTED, MAX_NUMBER, MAX_TERMS
-from islandgp.bt.core.condition import Asked, Condition, denied, joined
+from islandgp.bt.core.condition import Condition, ConditionExpr, conjoin, negate
 from islandgp.bt.core.source import closest, shown
 from islandgp.bt.core.vocabulary import Vocabulary
 
@@ -16,7 +16,7 @@ _WORD: Final = re.compile(
 )
 
 
-def read_condition(code: str, vocabulary: Vocabulary) -> Asked:
+def read_condition(code: str, vocabulary: Vocabulary) -> ConditionExpr:
     """The condition that a script asks.
 
     Raises:
@@ -32,20 +32,20 @@ class _Script:
         self._code, self._vocabulary = code, vocabulary
         self._at = self._terms = 0
 
-    def read(self) -> Asked:
+    def read(self) -> ConditionExpr:
         found = self._joined(1)
         if self._code[self._at :].strip():
             self._fail()
         return found
 
-    def _joined(self, level: int) -> Asked:
+    def _joined(self, level: int) -> ConditionExpr:
         found = self._term(level)
         while (word := self._peek()) in ("&&", "||"):
             self._take()
-            found = joined({"&&": "and", "||": "or"}[word], [found, self._term(level)])
+            found = conjoin({"&&": "and", "||": "or"}[word], [found, self._term(level)])
         return found
 
-    def _term(self, level: int) -> Asked:
+    def _term(self, level: int) -> ConditionExpr:
         if level > MAX_NESTED or self._terms >= MAX_TERMS:
             raise ValueError(
                 f"expected a condition of at most {MAX_TERMS} comparisons and flags,"
@@ -59,7 +59,7 @@ class _Script:
             following = _WORD.match(self._code, self._at)
             if following is None or following["operator"]:
                 self._fail()
-            return denied(self._term(level + 1))
+            return negate(self._term(level + 1))
         if match[1] == "(":
             found = self._joined(level + 1)
             if self._peek() != ")":

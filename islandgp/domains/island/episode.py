@@ -18,6 +18,7 @@ from functools import partial
 from math import hypot
 
 from islandgp.bt.core.engine import compile_tree, thresholds
+from islandgp.bt.core.kinds import is_timed
 from islandgp.bt.core.node import AGAIN, RUNNING, Node, walk
 from islandgp.domains.island import engine
 from islandgp.domains.island.actions import ACTIONS, IslandAction
@@ -171,16 +172,19 @@ def run_episode(
     island = build_island(world, seed, award, thresholds(tree, "batteryLevel"))
     bound = _bound(tree, island, actions)
     seen = island.board if sensors is None else list(island.board)
-    tick = compile_tree(tree, bound, seen, VOCABULARY.places, watch=watch)
+    tick = compile_tree(
+        tree, bound, seen, VOCABULARY.places, watch=watch, step_s=world.episode.step
+    )
     if sensors is not None:
         tick = _sensing(tick, island.board, seen, sensors)
+    timed = is_timed(tree)  # such a tree is ticked in every step
     ticks, due, end = 0, 0, _deadline(island)
     ending: Ending | None = None
     while ending is None:
         start = island.step
         sense(island, always=stepwise)
         if island.changed or start >= due or start >= island.wake:
-            again = _tick(island, tick) or stepwise
+            again = _tick(island, tick) or stepwise or timed
             due = start + 1 if again else island.robot.battery_due(start)
             ticks += 1
             if observe is not None:

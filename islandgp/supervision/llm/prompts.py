@@ -134,7 +134,9 @@ def shown_grammar(*, arguments: bool) -> str:
     shown = "\n\n".join(parts).replace("domain? include* ", "")
     shown = re.sub(r"^FILE: .*\n", "", shown, flags=re.MULTILINE)
     more = "|".join(name for name, kind in KINDS.items() if not kind.paper)
-    shown = re.sub(rf"^ *\|? *({more})\b.*\n", "", shown, flags=re.MULTILINE | re.IGNORECASE)
+    shown = re.sub(
+        rf"^ *\|? *({more})\b.*\n| *\| _number\b.*\n", "", shown, flags=re.MULTILINE | re.IGNORECASE
+    )
     return shown if arguments else _OF_ARGUMENTS.sub("", shown)
 
 

@@ -435,13 +435,13 @@ class JudgedParallel : public BT::ControlNode
 {
 public:
   JudgedParallel(const std::string& name, const BT::NodeConfig& config)
-    : BT::ControlNode(name, config), success_one_(one("success")), failure_one_(one("failure"))
+    : BT::ControlNode(name, config), success_(needed("success")), failure_(needed("failure"))
   {}
 
   static BT::PortsList providedPorts()
   {
-    return { BT::InputPort<std::string>("success", "all", "how many must succeed: one or all"),
-             BT::InputPort<std::string>("failure", "one", "how many must fail: one or all") };
+    return { BT::InputPort<std::string>("success", "all", "how many must succeed: one, all or a number"),
+             BT::InputPort<std::string>("failure", "one", "how many must fail: one, all or a number") };
   }
 
 private:
@@ -468,8 +468,8 @@ private:
       failed += results_[at] == BT::NodeStatus::FAILURE;
       succeeded += results_[at] == BT::NodeStatus::SUCCESS || results_[at] == BT::NodeStatus::SKIPPED;
     }
-    const bool fails = failed >= (failure_one_ ? 1 : count);
-    const bool succeeds = succeeded >= (success_one_ ? 1 : count);
+    const bool fails = failed >= std::min(failure_, count);
+    const bool succeeds = succeeded >= std::min(success_, count);
     if(!fails && !succeeds && succeeded + failed < count)
     {
       return BT::NodeStatus::RUNNING;
@@ -478,18 +478,24 @@ private:
     return succeeds && !fails ? BT::NodeStatus::SUCCESS : BT::NodeStatus::FAILURE;
   }
 
-  bool one(const std::string& port)
+  std::size_t needed(const std::string& port)
   {
     const auto found = getInput<std::string>(port);
-    if(!found || (found.value() != "one" && found.value() != "all"))
+    const std::string word = found ? found.value() : "";
+    if(word == "one" || word == "all")
     {
-      throw BT::RuntimeError("JudgedParallel: expected one or all as the attribute ", port);
+      return word == "one" ? 1 : static_cast<std::size_t>(-1);
     }
-    return found.value() == "one";
+    if(word.empty() || word.size() > 9 || word.find_first_not_of("0123456789") != std::string::npos ||
+       std::stoul(word) == 0)
+    {
+      throw BT::RuntimeError("JudgedParallel: expected one, all or a number as the attribute ", port);
+    }
+    return std::stoul(word);
   }
 
-  bool success_one_;
-  bool failure_one_;
+  std::size_t success_;
+  std::size_t failure_;
   std::vector<BT::NodeStatus> results_;
 };
 
@@ -564,6 +570,85 @@ public:
   }
 };
 
+/// Counts the ticks since its start: `left_` is how many are missing to the attribute `ticks`.
+class CountsTicks : public BT::DecoratorNode
+{
+public:
+  static BT::PortsList providedPorts()
+  {
+    return { BT::InputPort<int>("ticks", "how many ticks it lasts"),
+             BT::InputPort<double>("seconds", 0.0, "the time that these ticks take") };
+  }
+
+protected:
+  CountsTicks(const std::string& name, const BT::NodeConfig& config)
+    : BT::DecoratorNode(name, config)
+  {
+    const auto found = getInput<int>("ticks");
+    if(!found || found.value() < 1)
+    {
+      throw BT::RuntimeError(name, ": expected ticks of at least 1");
+    }
+    ticks_ = found.value();
+  }
+
+  void count()
+  {
+    left_ = status() == BT::NodeStatus::RUNNING ? left_ - 1 : ticks_;
+    setStatus(BT::NodeStatus::RUNNING);
+  }
+
+  BT::NodeStatus tickChild()
+  {
+    const auto result = child_node_->executeTick();
+    if(result != BT::NodeStatus::RUNNING)
+    {
+      resetChild();
+    }
+    return result;
+  }
+
+  int left_ = 0;
+
+private:
+  int ticks_ = 1;
+};
+
+/// Starts its child so many ticks after its own start.
+class WaitTicks : public CountsTicks
+{
+public:
+  WaitTicks(const std::string& name, const BT::NodeConfig& config) : CountsTicks(name, config)
+  {}
+
+private:
+  BT::NodeStatus tick() override
+  {
+    count();
+    return left_ > 0 ? BT::NodeStatus::RUNNING : tickChild();
+  }
+};
+
+/// Stops its child, and fails, when that still runs so many ticks after its start.
+class TimeoutTicks : public CountsTicks
+{
+public:
+  TimeoutTicks(const std::string& name, const BT::NodeConfig& config) : CountsTicks(name, config)
+  {}
+
+private:
+  BT::NodeStatus tick() override
+  {
+    count();
+    if(left_ == 0)
+    {
+      resetChild();
+      return BT::NodeStatus::FAILURE;
+    }
+    return tickChild();
+  }
+};
+
 /// Makes the nodes known to a factory, under the names of the classes.
 inline void register_nodes(BT::BehaviorTreeFactory& factory)
 {
@@ -573,6 +658,8 @@ inline void register_nodes(BT::BehaviorTreeFactory& factory)
   factory.registerNodeType<JudgedParallel>("JudgedParallel");
   factory.registerNodeType<RepeatPerTick>("RepeatPerTick");
   factory.registerNodeType<RetryPerTick>("RetryPerTick");
+  factory.registerNodeType<WaitTicks>("WaitTicks");
+  factory.registerNodeType<TimeoutTicks>("TimeoutTicks");
 }
 
 }  // namespace islandgp

@@ -132,13 +132,14 @@ class InterruptibleSequence(Interruptible):
 class JudgedParallel(Composite):
     """Ticks every child that is not finished, and judges afterwards, failures first.
 
-    `success` and `failure` are "one" or "all": how many children decide.
+    `success` and `failure` are "one", "all" or a number: how many children decide.
     """
 
     def __init__(self, name, success, failure, children):
         """The arguments are told above."""
         super().__init__(name, children)
-        self.needed = [1 if word == "one" else len(children) for word in (success, failure)]
+        count = {"one": 1, "all": len(children)}
+        self.needed = [min(count.get(each, each), len(children)) for each in (success, failure)]
 
     def tick(self):
         """Ticks the children, then judges."""
@@ -160,6 +161,89 @@ class JudgedParallel(Composite):
         else:
             self.status = Status.RUNNING
         yield self
+
+
+class WaitTicks(Decorator):
+    """Starts its child so many ticks after its own start."""
+
+    def __init__(self, name, ticks, child):
+        """`ticks` is at least 1."""
+        super().__init__(name, child)
+        self.ticks, self.left = ticks, 0
+
+    def tick(self):
+        """Waits, then ticks the child."""
+        self.left = self.left - 1 if self.status == Status.RUNNING else self.ticks
+        if self.left > 0:
+            self.status = Status.RUNNING
+            yield self
+            return
+        yield from super().tick()
+
+    def update(self):
+        """It is what its child is."""
+        return self.decorated.status
+
+
+class TimeoutTicks(WaitTicks):
+    """Stops its child, and fails, when that still runs so many ticks after its start."""
+
+    def tick(self):
+        """Counts, then ticks the child."""
+        self.left = self.left - 1 if self.status == Status.RUNNING else self.ticks
+        if self.left == 0:
+            self.stop(Status.FAILURE)  # stops a running child
+            yield self
+            return
+        yield from Decorator.tick(self)
+
+
+class TickCounter(Decorator):
+    """The root of a tree with CooldownTicks: counts its ticks."""
+
+    def __init__(self, name, child):
+        """The child is the tree."""
+        super().__init__(name, child)
+        self.now = 0
+
+    def tick(self):
+        """Counts, then ticks the tree."""
+        self.now += 1
+        yield from super().tick()
+
+    def update(self):
+        """It is what its child is."""
+        return self.decorated.status
+
+
+class CooldownTicks(Decorator):
+    """Fails, without its child, for less than so many ticks after an end of its child."""
+
+    def __init__(self, name, ticks, child):
+        """`ticks` is at least 1."""
+        super().__init__(name, child)
+        self.ticks, self.free = ticks, 0
+
+    def now(self):
+        """The number of the tick."""
+        root = self
+        while root.parent is not None:
+            root = root.parent
+        return root.now
+
+    def tick(self):
+        """Ticks the child unless that ended a short time ago."""
+        if self.status != Status.RUNNING and self.now() < self.free:
+            self.stop(Status.FAILURE)
+            yield self
+            return
+        yield from super().tick()
+        if self.status != Status.RUNNING:
+            self.free = self.now() + self.ticks
+
+    def update(self):
+        """It is what its child is."""
+        return self.decorated.status
 
 
 def _guards(branch):
