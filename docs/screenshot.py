@@ -58,9 +58,7 @@ def main() -> None:
         replay_of(IMAGES / "evolved.bt", evolved, "Evolved from random trees")
         with Browser(program, Path(folder) / "profile", size=(WIDTH, HEIGHT)) as browser:
             size = {"width": WIDTH, "height": HEIGHT, "mobile": False}
-            browser.call(
-                "Emulation.setDeviceMetricsOverride", deviceScaleFactor=SHARPNESS, **size
-            )
+            browser.call("Emulation.setDeviceMetricsOverride", deviceScaleFactor=SHARPNESS, **size)
             reduced(frame(browser, by_hand, SECOND), 256).save(IMAGES / "replay.png", optimize=True)
             browser.call("Emulation.setDeviceMetricsOverride", deviceScaleFactor=1, **size)
             seconds = [FIRST + STEP * i for i in range(int((LAST - FIRST) / STEP))]

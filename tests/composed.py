@@ -1,7 +1,7 @@
 """The configuration of `conf/`, composed as `python -m islandgp` composes it.
 
-`composed` and `composed_plan` take `search=paper` where no override names a search or an experiment, since most
-tests of evolution are about Algorithm 1.
+`composed` and `composed_plan` take `search=paper` where no override names a search or an
+experiment, since most tests of evolution are about Algorithm 1.
 """
 
 from __future__ import annotations

@@ -11,6 +11,7 @@ from typing import Any, cast
 
 import pytest
 from click.testing import CliRunner
+from islandgp.tracking.sent import FILE
 
 import islandgp as library
 from islandgp.cli import islandgp
@@ -22,7 +23,6 @@ from islandgp.running.progress import columns
 from islandgp.running.report import report
 from islandgp.tracking.artifacts import FILES
 from islandgp.tracking.metrics import final_metrics, metrics
-from islandgp.tracking.sent import FILE
 from tests.made import CLASSES
 from tests.running.commands import ROOT, finish, start
 from tests.tracking.folders import steps
