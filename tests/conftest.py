@@ -58,6 +58,7 @@ def pytest_collection_finish() -> None:
     """Modules stay until the end: looking for garbage among them takes a tenth of the time."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(20_000)  # not 700: tests leave little behind
     gc.enable()
 
 

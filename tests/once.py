@@ -1,12 +1,13 @@
 """Work on configuration that tests repeat, done once a process.
 
 A text of YAML is parsed once and a file of `conf` is loaded once. The files are merged once for
-each choice of options; values given by the command are applied each time. All of it gives new
-objects at each call and raises what it raises without this module.
+each choice of options; values given by the command are applied once for each command. All of it
+gives new objects at each call and raises what it raises without this module.
 """
 
 from __future__ import annotations
 
+import os
 import pickle
 from functools import lru_cache
 from typing import Any, Final
@@ -15,6 +16,8 @@ import yaml
 from hydra._internal import config_loader_impl
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra._internal.config_repository import ConfigRepository
+from hydra.core.utils import JobRuntime
+from hydra.version import getbase
 
 from islandgp.resources import resource
 
@@ -24,11 +27,13 @@ _parse = yaml.load
 _read = ConfigRepository.load_config
 _choose = config_loader_impl.create_defaults_list
 _merge = ConfigLoaderImpl._compose_config_from_defaults_list
+_configure = ConfigLoaderImpl.load_configuration
 
 _loaders: dict[str, Any] = {}  # OmegaConf makes a class for each text, always the same one
 _files: dict[tuple[str, str], bytes] = {}
 _chosen: dict[str, bytes] = {}
 _merged: dict[str, bytes] = {}
+_configured: dict[str, bytes] = {}
 
 
 @lru_cache(maxsize=2048)
@@ -96,9 +101,26 @@ def _compose_config(self: ConfigLoaderImpl, defaults: Any, repo: Any) -> Any:
     return pickle.loads(_merged[key])
 
 
+def _load_configuration(
+    self: ConfigLoaderImpl, config_name: str | None, overrides: list[str], *args: Any, **given: Any
+) -> Any:
+    """As Hydra's: the whole configuration of a command."""
+    sources = _sources(self.repository)
+    if not sources or any("searchpath" in word for word in overrides):
+        return _configure(self, config_name, overrides, *args, **given)
+    job = JobRuntime.instance().conf
+    key = repr((sources, config_name, overrides, args, sorted(given.items()), job, getbase()))
+    if key not in _configured:
+        _configured[key] = pickle.dumps(_configure(self, config_name, overrides, *args, **given))
+    config = pickle.loads(_configured[key])
+    config.hydra.runtime.cwd = os.getcwd()
+    return config
+
+
 def install() -> None:
     """Replaces PyYAML's and Hydra's functions for the rest of this process."""
     yaml.load = _load
     ConfigRepository.load_config = _load_config
+    ConfigLoaderImpl.load_configuration = _load_configuration
     config_loader_impl.create_defaults_list = _create_defaults_list
     ConfigLoaderImpl._compose_config_from_defaults_list = _compose_config

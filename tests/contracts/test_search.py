@@ -177,7 +177,7 @@ def test_populations(case: Case, overrides: tuple[str, ...]) -> None:
 
     A search that cannot work there says so before the run begins.
     """
-    settings = case.settings(*overrides)
+    settings = case.settings("gp.generations=5", *overrides)
     plan = plan_of(settings, settings.make_domain())
     for start, answer in REFUSED.get(case.name, {}).items():
         if any(word.startswith(start) for word in overrides):
@@ -186,7 +186,7 @@ def test_populations(case: Case, overrides: tuple[str, ...]) -> None:
             return
     search = make_search(settings, plan)
     steps = run(plan, search, supervisor=Says(0.3, CHARGER))
-    assert len(steps) == 7
+    assert len(steps) == 5
     check(steps, plan, case.name in FEWER)
     if "gp.founders=true" in overrides:
         assert steps[0].record.origins["injected"] >= len(plan.founders) > 0

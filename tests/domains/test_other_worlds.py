@@ -47,6 +47,7 @@ BY_HAND = {
 SHORT = ("world.ticks=40",)
 TINY = (*SHORT, "gp.population=6", "gp.generations=4", "gp.episodes=1", "supervisor=baseline")
 
+NIGHTLY = pytest.mark.slow
 every_world = pytest.mark.parametrize("world", BY_HAND)
 
 
@@ -102,7 +103,14 @@ class TestPendulum(DomainSuite):
         return short("pendulum")
 
 
-@every_world
+@pytest.mark.parametrize(
+    "world",
+    [
+        "minigrid",
+        "cartpole",
+        *(pytest.param(w, marks=NIGHTLY) for w in ("lunarlander", "pendulum")),
+    ],
+)
 def test_the_commands_work(islandgp: Cli, tmp_path: Path, world: str) -> None:
     """Check, play, trace, replay and export, on a tree whose first line names the domain."""
     tree, quick = BY_HAND[world], ("--set", SHORT[0])

@@ -27,12 +27,12 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 class TestIsland(DomainSuite):
     """The island, with short episodes."""
 
-    random_trees = 8
-    grown_trees = 10
+    random_trees = 4
+    grown_trees = 6
     more_episodes = 0
 
     def make_domain(self) -> Domain:
-        return Problem.recorded(plain("world.episode.length=60")).domain
+        return Problem.recorded(plain("world.episode.length=40")).domain
 
 
 class TestPickPlace(DomainSuite):

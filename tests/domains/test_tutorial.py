@@ -9,11 +9,14 @@ import shlex
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 
+from islandgp.evolution import single_behaviours
+from islandgp.running.app import main
 from islandgp.testing.server import MessagesServer
 
 pytestmark = pytest.mark.process
@@ -79,6 +82,30 @@ def follow(folder: Path, python: Path, env: dict[str, str]) -> str:
     return said
 
 
+Run = Callable[..., str]
+
+
+@pytest.fixture
+def run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Iterator[Run]:
+    """Runs the program in an empty folder; returns what it printed."""
+    known = sys.modules.pop("pick_place", None)  # that of another test
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(EXAMPLE))
+    monkeypatch.delenv("ANTHROPIC_API_KEY", raising=False)
+    monkeypatch.setattr(single_behaviours, "ROUNDS", 4)  # of the search for a library
+
+    def said(*words: str) -> str:
+        assert main([*words, *QUICK]) == 0
+        return capsys.readouterr().out
+
+    yield said
+    sys.modules.pop("pick_place", None)
+    if known is not None:
+        sys.modules["pick_place"] = known
+
+
 def test_the_commands_run(tmp_path: Path) -> None:
     """From check to compare, in a folder with a blank in its name."""
     env = {**os.environ, "PYTHONPATH": str(ROOT)}
@@ -87,18 +114,18 @@ def test_the_commands_run(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("supervisor", ["baseline", "fixed", "untargeted"])
-def test_every_supervisor_runs(tmp_path: Path, supervisor: str) -> None:
+def test_every_supervisor_runs(run: Run, supervisor: str) -> None:
     """Each supervisor that needs no server runs on the domain."""
     words = ("--config-dir", str(EXAMPLE / "conf"), "domain=pick_place", "experiment=smoke")
-    assert "Best robot" in run_here(tmp_path, *words, f"supervisor={supervisor}")
+    assert "Best robot" in run(*words, f"supervisor={supervisor}")
 
 
-def test_a_language_model_supervises_it(tmp_path: Path) -> None:
+def test_a_language_model_supervises_it(tmp_path: Path, run: Run) -> None:
     """Prompts, answers and trees of the domain, against the mock model; then the replay."""
     common = ("--config-dir", str(EXAMPLE / "conf"), "domain=pick_place", "gp.generations=4")
     with MessagesServer() as server:
         asked = ("supervisor=llm", f"supervisor.policy.base_url={server.url}", "runs=live")
-        live = run_here(tmp_path, *common, *asked)
+        live = run(*common, *asked)
         prompts = " ".join(str(request) for request in server.requests)
     assert "at most" not in live  # a note on answers that were lost
     assert "A mobile robot with an arm carries blocks" in prompts
@@ -108,22 +135,6 @@ def test_a_language_model_supervises_it(tmp_path: Path) -> None:
     sources = [json.loads(line)["guidance"] for line in record.read_text().splitlines()][:-1]
     assert {guidance["source"] for guidance in sources} == {"llm"}
     again = f"supervisor.policy.transcript='{record.parent}'"
-    run_here(tmp_path, *common, "supervisor=replay", again, "runs=again")
+    run(*common, "supervisor=replay", again, "runs=again")
     (repeated,) = (tmp_path / "again").rglob("generations.jsonl")
     assert repeated.read_bytes() == record.read_bytes()
-
-
-def run_here(folder: Path, *words: str) -> str:
-    """Runs the program in a folder; returns what it printed."""
-    env = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{EXAMPLE}"}
-    env.pop("ANTHROPIC_API_KEY", None)
-    done = subprocess.run(
-        [sys.executable, "-m", "islandgp", *words, *QUICK],
-        cwd=folder,
-        env=env,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout

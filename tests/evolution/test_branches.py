@@ -35,7 +35,7 @@ from islandgp.gp.branches import branch_crossover, branches_of, fine, random_lis
 from islandgp.gp.random_trees import TreeSpace
 from islandgp.gp.variation import MUTATIONS, MutationSettings, mutate
 from tests.composed import composed
-from tests.profiles import examples
+from tests.profiles import cases, examples
 from tests.strategies import few_boards, nodes
 from tests.trees.test_simplify import BOARDS, RESULTS, trace
 
@@ -302,7 +302,7 @@ def test_other_vocabularies(operator: str, domain: str) -> None:
     """Without keys there is no guard; with one action there is no other; numbers stay in range."""
     space = replace(SPACE, vocabulary=VOCABULARIES[domain])
     action = next(iter(space.actions))
-    for seed in range(60):
+    for seed in range(cases(60)):
         tree = Node("selector", (), (leaf(action), leaf(action)))
         for step in range(8):
             tree = changed(operator, tree, 8 * seed + step, space)
@@ -322,7 +322,7 @@ def test_tight_limits(domain: str) -> None:
     tight = Limits(2, 3)
     space = TreeSpace(SPACE.settings, VOCABULARIES[domain], tight)
     tree = leaf(next(iter(space.actions)))
-    for seed in range(300):
+    for seed in range(cases(300)):
         for operator in NEW:
             how = MutationSettings(operators={operator: 1}, subtree_depth=1, number_sd=0.2)
             rng = np.random.default_rng(seed)

@@ -34,6 +34,13 @@ def records(home: Path) -> dict[str, bytes]:
     return {file.parent.name: file.read_bytes() for file in home.rglob("generations.jsonl")}
 
 
+def alone(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs the sweep in this process, one job after the other."""
+    home.mkdir()
+    monkeypatch.chdir(home)
+    assert main([*WORDS, "evaluator=serial"]) == 0
+
+
 def sweep(home: Path, *words: str) -> str:
     """Runs the sweep in a new folder; returns what it said."""
     home.mkdir()
@@ -45,9 +52,9 @@ def sweep(home: Path, *words: str) -> str:
     return said
 
 
-def test_joblib_gives_the_same_records(tmp_path: Path) -> None:
+def test_joblib_gives_the_same_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two jobs at a time, each in workers of its own; one progress line for all."""
-    sweep(tmp_path / "basic", "evaluator=serial")
+    alone(tmp_path / "basic", monkeypatch)
     said = sweep(tmp_path / "joblib", "hydra/launcher=local", "hydra.launcher.n_jobs=2")
     assert records(tmp_path / "joblib") == records(tmp_path / "basic")
     assert len(records(tmp_path / "basic")) == 2
@@ -64,10 +71,12 @@ def test_joblib_gives_the_same_records(tmp_path: Path) -> None:
         ("ray", ["evaluator=ray", "evaluator.policy.address=local", "evaluator.policy.workers=2"]),
     ],
 )
-def test_clusters_give_the_same_records(tmp_path: Path, module: str, words: list[str]) -> None:
+def test_clusters_give_the_same_records(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, words: list[str]
+) -> None:
     """Jobs on Ray, jobs as Slurm would start them, episodes on Ray."""
     pytest.importorskip(module)
-    sweep(tmp_path / "basic", "evaluator=serial")
+    alone(tmp_path / "basic", monkeypatch)
     sweep(tmp_path / "other", *words)
     assert records(tmp_path / "other") == records(tmp_path / "basic")
 

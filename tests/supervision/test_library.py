@@ -166,7 +166,13 @@ def test_a_tree_for_each_behaviour_is_found(
     assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize("change", ["world.episode.length=60", "rewards.events.idle.base=-1"])
+@pytest.mark.parametrize(
+    "change",
+    [
+        "world.episode.length=60",
+        pytest.param("rewards.events.idle.base=-1", marks=pytest.mark.slow),
+    ],
+)
 def test_another_world_has_a_library_of_its_own(
     automatic: Callable[..., Library], tmp_path: Path, change: str
 ) -> None:

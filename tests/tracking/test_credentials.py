@@ -27,6 +27,7 @@ PIECE = "s3cret"
 BASIC = "Basic " + b64encode(b"me:s3cret-w@rd").decode()
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(
     "how",
     [

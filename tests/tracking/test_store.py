@@ -39,6 +39,7 @@ def start(home: Path) -> subprocess.Popen[str]:
     )
 
 
+@pytest.mark.process
 def test_two_processes_may_start_on_no_store_at_all(tmp_path: Path) -> None:
     """Both succeed, in one store with one experiment."""
     processes = [start(tmp_path) for _ in range(2)]

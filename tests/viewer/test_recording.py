@@ -238,7 +238,13 @@ def test_changes_are_lossless() -> None:
     assert [entry["key"] for entry in told] == list(recording.schema.vocabulary.keys)
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=() if name in ("all_rounder", "poor") else pytest.mark.slow)
+        for name in EXAMPLES
+    ],
+)
 def test_page_of_an_example_is_small(name: str) -> None:
     """The page of a whole episode is about a hundred kilobytes."""
     assert len(page(recorded(name), title=name).encode()) < 200_000
