@@ -113,16 +113,13 @@ class StudyError(IslandError):
 
 
 def brief(error: Exception) -> str:
-    """The first line that says something, at most 200 characters."""
+    """The first line of the message that is not empty, or the type; at most 200 characters."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     return (lines[0] if lines else type(error).__name__)[:200]
 
 
 def in_the_way(folder: Path) -> str:
-    """What to say of files that stand in the way of Python's or installed modules, or "".
-
-    For errors of imports: whatever is first on the path takes a module's place.
-    """
+    """The message for files in a folder that shadow Python's or installed modules; "" for none."""
     from importlib.metadata import packages_distributions
 
     taken = {*sys.stdlib_module_names, *packages_distributions()}

@@ -70,7 +70,7 @@ class ImportedClass(BaseModel, frozen=True, extra="forbid"):
 
 
 class ComponentConfig(ImportedClass, frozen=True, extra="forbid"):
-    """A part that configuration chooses: a class, and the settings for it.
+    """A class that the configuration names, and the settings for it.
 
     The class carries a pydantic model `Settings` and is made by `make(settings, ...)`.
     """
@@ -104,7 +104,7 @@ def _load(path: object) -> None:
 
 
 def imported(path: str) -> Any:
-    """What a path names: "package.module:name". Raises ValidationError, PartError."""
+    """Import an object by its path, "package.module:name". Raises ValidationError, PartError."""
     with plugin_errors(path):
         _load(path)
         return TypeAdapter(ImportString[Any]).validate_python(path)

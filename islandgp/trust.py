@@ -36,7 +36,7 @@ def trust(names: Iterable[str]) -> None:
 
 @contextmanager
 def trusting() -> Iterator[None]:
-    """What is trusted inside is not trusted afterwards."""
+    """Forget at the end what was trusted inside the context."""
     before = trusted()
     try:
         yield
@@ -45,7 +45,7 @@ def trusting() -> Iterator[None]:
 
 
 def trusted() -> frozenset[str]:
-    """What has been trusted so far, to be handed to another process."""
+    """All trusted names, for another process."""
     return frozenset(_trusted)
 
 
@@ -130,7 +130,7 @@ def server_name(uri: str) -> str:
 def trust_folder(folder: Path) -> None:
     """Trusts what the groups of a user's folder of configuration name.
 
-    Files that are not YAML are passed over: who composes a configuration of them reports it.
+    Files that are not YAML are skipped; composing a configuration of them reports the error.
     """
     import yaml
 

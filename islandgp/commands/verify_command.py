@@ -13,8 +13,8 @@ import click
 from islandgp.errors import RunError
 from islandgp.gp.record import Cost
 from islandgp.records.checkpoint import read_checkpoint
-from islandgp.records.folder import RunFolder, generation_lines, run_folders
-from islandgp.records.lines import Lines, digests, read_digests, wrong_record
+from islandgp.records.folder import RunFolder, run_folders
+from islandgp.records.lines import Lines, digests, generation_lines, read_digests, wrong_record
 from islandgp.records.manifest import Damage, DamagedFile, damaged_files, read_manifest
 from islandgp.trust import must_have_no_links
 

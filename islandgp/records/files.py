@@ -16,7 +16,7 @@ from islandgp.gp.record import IndividualRecord
 
 @dataclass(frozen=True, slots=True)
 class _Validated:
-    """What is read of `evolution.validation.Validation`; an interval of one world is null."""
+    """What is read of `evolution.validation.Validation`; null: one world has no interval."""
 
     worlds: tuple[int, ...]
     mean: float

@@ -33,6 +33,7 @@ from islandgp.records.lines import (
     append_digest,
     chained,
     digests,
+    generation_lines,
     read_digests,
     stamp,
     write_digests,
@@ -393,8 +394,3 @@ def run_folders(root: Path) -> Iterator[RunFolder]:
     for folder in sorted({file.parent for name in signs for file in root.rglob(name)}):
         if not COPIES.intersection(folder.relative_to(root).parts):
             yield RunFolder(folder)
-
-
-def generation_lines(folder: Path) -> Lines:
-    """A run's generation records."""
-    return Lines(folder / "generations.jsonl", "generation records", GenerationRecord)

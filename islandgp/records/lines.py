@@ -17,6 +17,7 @@ from typing import Any
 
 from islandgp.atomic_files import reading, write_atomic
 from islandgp.errors import RunError
+from islandgp.gp.record import GenerationRecord
 from islandgp.plain import validate_json
 from islandgp.records.checkpoint import dump
 
@@ -83,6 +84,11 @@ class Lines:
         keep = b"".join(self.head(n))
         if not self.path.exists() or self.path.stat().st_size != len(keep):
             write_atomic(self.path, keep)
+
+
+def generation_lines(folder: Path) -> Lines:
+    """A run's generation records."""
+    return Lines(folder / "generations.jsonl", "generation records", GenerationRecord)
 
 
 def chained(before: str, line: bytes) -> str:

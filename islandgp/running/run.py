@@ -13,21 +13,12 @@ from typing import Any
 
 import yaml
 
-from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node, within
 from islandgp.config.settings import Settings
 from islandgp.domain import Domain
 from islandgp.evaluation.base import Cached, Evaluator
 from islandgp.evolution.loop import evolve
-from islandgp.evolution.validation import (
-    Best,
-    Validation,
-    candidates,
-    candidates_by_evidence,
-    entrants,
-    validate,
-    validation_seeds,
-)
+from islandgp.evolution.validation import Best
 from islandgp.gp.archive import archive_record
 from islandgp.gp.plan import Plan
 from islandgp.gp.record import Step
@@ -38,6 +29,7 @@ from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import is_as_written
 from islandgp.records.parameters import redacted
 from islandgp.running.automatic_library import automatic_library
+from islandgp.running.best_robot import best_robot
 from islandgp.running.page_writer import PageWriter
 from islandgp.running.progress import Progress
 from islandgp.running.report import is_mostly_fallback, report, summary
@@ -50,7 +42,7 @@ from islandgp.supervision.base import (
     Supervisor,
     SupervisorLifecycle,
 )
-from islandgp.supervision.library import Library, library_folder, read_library, read_tree
+from islandgp.supervision.library import Library, library_folder, read_library
 from islandgp.tracking.base import Tracker
 from islandgp.trust import names_in, trust
 
@@ -190,12 +182,16 @@ def run(
     keep_display: bool = True,
     judge: Judge | None = None,
 ) -> RunResult:
-    """Runs an experiment, or what is missing of it, in `folder`.
+    """Runs an experiment, or what is missing of it.
 
-    `config` is the resolved configuration that `settings` were read from, `home` the
-    folder in which the command was given, and `command` does the run again. The live
-    display stays on the terminal with `keep_display`. `judge` gets each generation with its
-    highest fitness, also those before a resumption, and may stop the run by raising Pruned.
+    Args:
+        settings: of the run.
+        config: the resolved configuration that they were read from.
+        folder: of the run.
+        home: the folder in which the command was given.
+        command: that does the run again.
+        keep_display: whether the live display stays on the terminal.
+        judge: gets each generation with its highest fitness, also those before a resumption.
 
     Raises:
         Pruned: as `judge`.
@@ -214,25 +210,38 @@ def run(
         target.open(yaml.safe_dump(config, sort_keys=False), about)
         if target.finished():  # by the process that had the folder until now
             return _complete(target, tracker)
-        status, page = Status.FAILED, PageWriter(target)
-        tracker.start(target)
-        try:
-            _evolve(settings, target, supervisor, tracker, page, keep_display, judge)
-            status = Status.FINISHED
-        except (KeyboardInterrupt, Pruned):
-            status = Status.KILLED
-            raise
-        except Exception as error:
-            target.fail(error)
-            raise
-        finally:
-            try:
-                page.end(status)
-            finally:
-                where = tracker.finish(status)
+        where = _evolve_tracked(settings, target, supervisor, tracker, keep_display, judge)
     finally:
         target.close()
     return _end(target, where)
+
+
+def _evolve_tracked(
+    settings: Settings,
+    target: RunFolder,
+    supervisor: Supervisor,
+    tracker: Tracker,
+    keep_display: bool,
+    judge: Judge | None,
+) -> str:
+    """Evolves beside the tracker and the page of the run; returns the tracker's last line."""
+    status, page = Status.FAILED, PageWriter(target)
+    tracker.start(target)
+    try:
+        _evolve(settings, target, supervisor, tracker, page, keep_display, judge)
+        status = Status.FINISHED
+    except (KeyboardInterrupt, Pruned):
+        status = Status.KILLED
+        raise
+    except Exception as error:
+        target.fail(error)
+        raise
+    finally:
+        try:
+            page.end(status)
+        finally:
+            where = tracker.finish(status)
+    return where
 
 
 def _end(target: RunFolder, *more: str) -> RunResult:
@@ -344,58 +353,3 @@ def _finish(settings: Settings, plan: Plan, target: RunFolder, last: Step, best:
         constraints=settings.constraints,
     )
     target.finish({**end, "stopped": last.stopped} if last.stopped else end, archive)
-
-
-def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> Best:
-    """The run's best robot, by successive halving in validation worlds, which trained no tree.
-
-    With gp.validation=0, or where a budget leaves no episode, it is the best individual of the
-    last stage. Fewer candidates take part where there are few episodes.
-    """
-    if settings.search.ranking == "evidence":
-        found = candidates_by_evidence(target.records(), constraints=settings.constraints)
-    else:
-        found = candidates(target.records(), settings.classes, constraints=settings.constraints)
-    episodes = validation_episodes(settings, target)
-    verdict: Validation | None = None
-    if episodes < 1:
-        winner = max(found, key=lambda c: c.merit)
-    else:
-        used: set[int] = set()
-        stage = 0
-        for record in target.records():
-            used.update(record["worlds"])
-            stage = record["snapshot"]["stage"]
-        winner, verdict = validate(
-            entrants(found, episodes),
-            validation_seeds(settings.seed, frozenset(used), episodes),
-            evaluator,
-            stage,
-            settings.classes,
-            episodes=episodes,
-            yardstick=_yardstick(settings),
-            constraints=settings.constraints,
-        )[0]
-    born = next(target.records(winner.generation))
-    own = next(i for i in born["individuals"] if i["id"] == winner.id)
-    return Best(winner.generation, own, verdict)
-
-
-def validation_episodes(settings: Settings, target: RunFolder) -> int:
-    """Episodes in which the run chooses its best robot; of a budget all that is left."""
-    if settings.gp.validation == 0:
-        return 0
-    if settings.budget.episodes is None:
-        return max(1, round(settings.gp.validation * settings.gp.episodes_in_all))
-    spent = sum(int(cost["episodes"]) for cost in target.costs())
-    return settings.budget.episodes - spent
-
-
-def _yardstick(settings: Settings) -> tuple[str, str] | None:
-    """Name and canonical text of the tree that best robots are compared with, if there is one."""
-    how, domain = settings.library, settings.make_domain()
-    if how.folder is None or not how.yardsticks:
-        return None
-    name = how.yardsticks[0]
-    text = read_tree(library_folder(how.folder, domain), name)
-    return name, to_text(parse(text, domain.schema.vocabulary, name=name))

@@ -88,11 +88,6 @@ def interquartile_mean(scores: Any) -> Any:
     return ordered[..., n // 4 : n - n // 4].mean(axis=-1)
 
 
-def share_above(scores: Sequence[float], threshold: float) -> float:
-    """The share of the scores above a threshold, a point of a performance profile."""
-    return float(np.mean(np.asarray(scores, float) > threshold))
-
-
 def probability_of_improvement(first: Strata, second: Strata) -> float:
     """The chance that a run of the first arm scores higher than one of the second.
 

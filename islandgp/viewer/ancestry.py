@@ -17,7 +17,8 @@ from islandgp.bt.analysis.compare import Mark, compare
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import size
 from islandgp.bt.export.render import label
-from islandgp.records.folder import RunFolder, generation_lines
+from islandgp.records.folder import RunFolder
+from islandgp.records.lines import generation_lines
 
 MOST_INDIVIDUALS: Final = 5_000  # of a chain that are read
 LARGEST: Final = 300  # nodes of trees that are compared

@@ -11,7 +11,6 @@ from typing import Any, cast
 
 import pytest
 from click.testing import CliRunner
-from islandgp.tracking.sent import FILE
 
 import islandgp as library
 from islandgp.cli import islandgp
@@ -23,6 +22,7 @@ from islandgp.running.progress import columns
 from islandgp.running.report import report
 from islandgp.tracking.artifacts import FILES
 from islandgp.tracking.metrics import final_metrics, metrics
+from islandgp.tracking.sync_state import FILE
 from tests.made import CLASSES
 from tests.running.commands import ROOT, finish, start
 from tests.tracking.folders import steps

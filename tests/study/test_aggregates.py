@@ -27,7 +27,6 @@ from islandgp.study.aggregates import (
     median,
     performance_profile,
     probability_of_improvement,
-    share_above,
     stratified_bootstrap,
     thresholds,
 )
@@ -69,7 +68,7 @@ def test_two_peaks_by_hand() -> None:
     assert median(scores) == 10
     assert mean(scores) == 5.5
     assert interquartile_mean(scores) == 6  # 0 x 4 and 10 x 6
-    assert share_above(scores, 5) == 0.55
+    assert performance_profile([scores], [5]).share == (0.55,)
 
 
 @pytest.mark.parametrize(
@@ -118,7 +117,7 @@ def test_estimates_are_those_of_rliable() -> None:
         stats.mannwhitneyu(a, b, alternative="greater")[0] / 100 for a, b in zip(A, B, strict=True)
     ]
     assert probability_of_improvement(A, B) == pytest.approx(fmean(wins))
-    assert share_above(matrix.ravel(), 0.75) == np.mean(matrix > 0.75)
+    assert performance_profile([matrix.ravel()], [0.75]).share == (np.mean(matrix > 0.75),)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ pymunk without these functions is used as it is, to the same results.
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -46,7 +47,31 @@ def wrapped() -> Engine:
     return Engine(lambda thing: thing, pymunk.Space.step, lambda body: body.position, steer)
 
 
+def _addresses() -> dict[str, int]:
+    """Where the functions are that compiled code calls."""
+    from pymunk._chipmunk_cffi import ffi, lib
+
+    names = ("cpSpaceStep", "cpBodyGetPosition", "cpBodySetVelocity")
+    return {name: int(ffi.cast("uintptr_t", ffi.addressof(lib, name))) for name in names}
+
+
+def address(thing: Handle) -> int:
+    """Where a space or a body is in memory."""
+    from pymunk._chipmunk_cffi import ffi
+
+    return int(ffi.cast("uintptr_t", thing))
+
+
+def data_address(held: array[Any] | bytearray) -> int:
+    """Where the items of an array are in memory, as long as its length does not change."""
+    from pymunk._chipmunk_cffi import ffi
+
+    return int(ffi.cast("uintptr_t", ffi.from_buffer(held)))
+
+
 try:
     handle, step, position, steer = chipmunk()
+    addresses = _addresses()
 except (ImportError, AttributeError):
     handle, step, position, steer = wrapped()
+    addresses = {}

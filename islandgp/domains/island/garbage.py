@@ -9,7 +9,7 @@ from math import ceil, inf
 from islandgp.domains.island.schedule import Schedule
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Places:
     """Where all items of a day lie; an item is known by its number."""
 
@@ -25,8 +25,9 @@ class Places:
 
 
 @lru_cache(maxsize=16)
-def _places(items: tuple[complex, ...], side: float, cell: float) -> Places:
-    """The items at these points of an island of `side` metres, in cells of `cell` metres."""
+def _places(schedule: Schedule, side: float, cell: float) -> Places:
+    """The items of a day on an island of `side` metres, in cells of `cell` metres."""
+    items = (*schedule.garbage, *(complex(x, y) for _, x, y in schedule.spawns[:-1]))
     columns = ceil(side / cell) + 2
     near: list[list[int]] = [[] for _ in range(columns**2)]
     for number, z in enumerate(items):
@@ -48,12 +49,11 @@ class Ground:
 
     def __init__(self, schedule: Schedule, *, most: int, side: float, cell: float) -> None:
         """At most `most` items lie on an island of `side` metres at once."""
-        first = len(schedule.garbage)
-        later = [complex(x, y) for _, x, y in schedule.spawns[:-1]]
-        self.places = _places((*schedule.garbage, *later), side, cell)
+        first, later = len(schedule.garbage), len(schedule.spawns) - 1
+        self.places = _places(schedule, side, cell)
         self.first = first  # items at the start, which have the lowest numbers
-        self.there = bytearray(b"\1" * first + b"\0" * len(later))
-        self.seen = bytearray(first + len(later))
+        self.there = bytearray(b"\1" * first + b"\0" * later)
+        self.seen = bytearray(first + later)
         self.room = most - first  # how many items more may come
         self.due = 0  # step from which a look can give something else
 

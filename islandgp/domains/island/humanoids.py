@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from math import inf
 
 import pymunk
@@ -16,10 +17,12 @@ class Humanoids:
     def __init__(self, settings: HumanoidSettings, bodies: tuple[pymunk.Body, ...]) -> None:
         self.settings = settings
         self.bodies = [engine.handle(body) for body in bodies]
-        self.items = [0] * len(bodies)
-        self.unseen = set(range(len(bodies)))
-        self.near: set[int] = set()  # those in sight that ask
-        self.dues = [0] * len(bodies)  # step from which a look at each can give something else
+        self.items = array("q", [0] * len(bodies))
+        self.unseen = bytearray(b"\1" * len(bodies))
+        self.near = bytearray(len(bodies))  # 1: in sight, and asks
+        self.dues = array(
+            "q", [0] * len(bodies)
+        )  # step from which a look at each can give something else
         self.due = 0  # the earliest of them
 
     def position(self, h: int) -> complex:
@@ -54,7 +57,8 @@ class Humanoids:
 
     def look_at_all(self, step: int) -> None:
         """A look at everybody is due at `step`."""
-        self.dues = [step] * len(self.bodies)
+        for h in range(len(self.dues)):
+            self.dues[h] = step
         self.due = step
 
     def step_aside(self, h: int, position: complex, robot: complex) -> None:

@@ -20,7 +20,7 @@ Spawn = tuple[int, float, float]  # (step, x, y): an item of garbage appears
 Turn = tuple[int, int, float, float]  # (step, humanoid, vx, vy): it turns and finds one more item
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Schedule:
     """The events of one world seed, drawn before its episodes."""
 

@@ -125,14 +125,14 @@ def _look_for_humanoids(island: State, always: bool) -> bool:
     people.due = min(people.dues, default=FAR)
     if new:
         discover(island, new)
-    return bool(people.near)
+    return 1 in people.near
 
 
 def _look_at(island: State, h: int) -> bool:
     """Looks where humanoid `h` is; true when it is seen for the first time."""
     robot, people = island.robot, island.humanoids
-    asks, unseen = people.asks(h), h in people.unseen
-    people.near.discard(h)
+    asks, unseen = people.asks(h), people.unseen[h]
+    people.near[h] = False
     if not asks and not unseen:
         people.dues[h] = FAR
         return False
@@ -142,11 +142,11 @@ def _look_at(island: State, h: int) -> bool:
     if beyond > 0:
         return False
     if asks:
-        people.near.add(h)
+        people.near[h] = True
     else:
         people.dues[h] = FAR
-    people.unseen.discard(h)
-    return unseen
+    people.unseen[h] = False
+    return unseen == 1
 
 
 def discover(island: State, things: int) -> None:

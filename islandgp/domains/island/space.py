@@ -40,6 +40,7 @@ class Contacts:
 
     begun: list[int] = field(default_factory=list)  # humanoids touched since last asked
     touching: set[int] = field(default_factory=set)  # humanoids; -1 and below: static shapes
+    flag: bytearray = field(default_factory=lambda: bytearray(1))  # 1: it touches something
 
 
 class Space:
@@ -57,7 +58,7 @@ class Space:
         self.robot = robot
         self.humanoids = humanoids
         self.contacts = contacts
-        self._space, self._robot = engine.handle(space), engine.handle(robot)
+        self.handle, self._robot = engine.handle(space), engine.handle(robot)
         self._movers = [(body, next(iter(body.shapes))) for body in (robot, *humanoids)]
         self._buffer = Buffer()
         self._read()
@@ -70,7 +71,7 @@ class Space:
 
         Returns how many it were.
         """
-        space, step, touching = self._space, engine.step, self.contacts.touching
+        space, step, touching = self.handle, engine.step, self.contacts.touching
         for done in range(1, steps + 1):
             step(space, dt)
             if touching:
@@ -82,6 +83,7 @@ class Space:
         self.space.remove(*(thing for mover in self._movers for thing in mover))
         self.contacts.begun.clear()
         self.contacts.touching.clear()
+        self.contacts.flag[0] = False
         starts = ((*world.start, 0.0, 0.0), *schedule.humanoids)
         for (body, shape), (x, y, vx, vy) in zip(self._movers, starts, strict=True):
             body.update_position(body, 0)  # an overlap that is left over moves it no more
@@ -160,12 +162,14 @@ def _watch_contacts(
     def begin(arbiter: pymunk.Arbiter, _space: pymunk.Space, _data: object) -> None:
         other = index[arbiter.shapes[1]]
         contacts.touching.add(other)
+        contacts.flag[0] = True
         if other >= 0:
             contacts.begun.append(other)
 
     def separate(arbiter: pymunk.Arbiter, _space: pymunk.Space, _data: object) -> None:
         # When a space is thrown away the engine separates everything, maybe after the index.
         contacts.touching.discard(index.get(arbiter.shapes[1], 0))
+        contacts.flag[0] = bool(contacts.touching)
 
     for kind in (CollisionType.HUMANOID, CollisionType.STATIC):
         space.on_collision(CollisionType.ROBOT, kind, begin=begin, separate=separate)

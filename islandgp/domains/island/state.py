@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from islandgp.bt.core.node import FAILURE
@@ -76,6 +77,7 @@ class State:
     item: int = -1  # garbage that MoveToGarbage drives to
     humanoid: int = -1  # whom MoveToHumanoid drives to
     aim_end: int = 0  # step at which it aims anew
+    quick: Callable[[int], int] | None = None  # the compiled loop
     aim: complex = 0j  # where it saw that humanoid, x + iy in metres
 
     def log(self, event: Event, amount: float) -> None:

@@ -1,0 +1,200 @@
+"""The loop between two looks that show something new, compiled by numba.
+
+It does what `episode.advance` does as long as nothing changes but positions: Chipmunk steps,
+humanoids turn, and looks show nothing new. It stops before any other look, which Python repeats;
+so it may look too early, but never too late, and outcomes are the same to the last bit.
+"""
+
+from __future__ import annotations
+
+from math import ceil, hypot, inf, sqrt
+
+from llvmlite import ir
+from numba import cfunc, njit, types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+# What numba caches knows of no other module, so its settings come by these arrays.
+# Places of whole numbers: the state of the loop, settings, and addresses.
+STEP, TURN, GROUND_DUE, PEOPLE_DUE, FOUND, DRIVING = range(6)
+PEOPLE, COLUMNS, ASK_FROM, MOST_ITEMS, TOGETHER, FAR = range(6, 12)
+SPACE, ROBOT, BODIES, TOUCHING, TURN_STEP, TURN_WHO, TURN_VELOCITY = range(12, 19)
+ITEMS, DUES, UNSEEN, NEAR, X, Y, THERE, SEEN, FIRST, MEMBERS = range(19, 29)
+# Places of numbers: the robot's heading, and settings.
+HEADING_X, HEADING_Y, DT, PERCEPTION, SIGHT, STRIDE, WALK, CELL, TOLERANCE = range(9)
+
+DOUBLE, ADDRESS = ir.DoubleType(), ir.IntType(8).as_pointer()
+
+
+def _pointer(item):
+    """A function that makes an address a pointer to items."""
+
+    @intrinsic
+    def pointer(_typing, _address):
+        def code(context, builder, signature, args):
+            return builder.inttoptr(args[0], context.get_value_type(signature.return_type))
+
+        return types.CPointer(item)(types.int64), code
+
+    return pointer
+
+
+floats, ints, flags = map(_pointer, (types.float64, types.int64, types.uint8))
+
+
+def _call(builder, result, name, values):
+    """A call of a function of Chipmunk."""
+    values = [builder.inttoptr(values[0], ADDRESS), *values[1:]]
+    kind = ir.FunctionType(result, [value.type for value in values])
+    return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), values)
+
+
+@intrinsic
+def step_space(_typing, _space, _dt):
+    """cpSpaceStep(space, dt)."""
+
+    def code(context, builder, _signature, args):
+        _call(builder, ir.VoidType(), "cpSpaceStep", args)
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.float64), code
+
+
+@intrinsic
+def steer(_typing, _body, _x, _y):
+    """cpBodySetVelocity(body, {x, y}): a pair goes as two numbers outside of Windows."""
+
+    def code(context, builder, _signature, args):
+        _call(builder, ir.VoidType(), "cpBodySetVelocity", args)
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.float64, types.float64), code
+
+
+@intrinsic
+def position(_typing, _body):
+    """cpBodyGetPosition(body)."""
+
+    def code(context, builder, signature, args):
+        pair = ir.LiteralStructType([DOUBLE, DOUBLE])
+        at = _call(builder, pair, "cpBodyGetPosition", args)
+        values = [builder.extract_value(at, i) for i in range(2)]
+        return context.make_tuple(builder, signature.return_type, values)
+
+    return types.UniTuple(types.float64, 2)(types.int64), code
+
+
+@njit
+def garbage_due(n, f, step, x, y):
+    """The step of the next look for garbage, as `look_for_garbage` has it; -1: this one counts."""
+    xs, ys, there, seen = floats(n[X]), floats(n[Y]), flags(n[THERE]), flags(n[SEEN])
+    first, members = ints(n[FIRST]), ints(n[MEMBERS])
+    ux, uy, cell, stride = f[HEADING_X], f[HEADING_Y], f[CELL], f[STRIDE]
+    column, row, east, north = x // cell, y // cell, x % cell, y % cell
+    border_x = (cell - east) / ux if ux > 0 else east / -ux if ux < 0 else inf
+    border_y = (cell - north) / uy if uy > 0 else north / -uy if uy < 0 else inf
+    last, change, back = 0.0, min(border_x, border_y) + stride, inf
+    found = 0
+    at = (int(row) + 1) * n[COLUMNS] + int(column) + 1
+    for k in range(first[at], first[at + 1]):
+        i = members[k]
+        if not there[i]:
+            continue
+        dx, dy = xs[i] - x, ys[i] - y
+        gap = dx * dx + dy * dy
+        if gap <= f[SIGHT]:
+            found = 1
+            if not seen[i]:
+                return -1
+        along = dx * ux + dy * uy
+        half = f[SIGHT] - gap + along * along
+        if half < -f[TOLERANCE]:
+            continue
+        half = sqrt(half) if half > 0 else 0.0
+        if along <= half:
+            last = max(last, along + half)
+        elif seen[i]:
+            back = min(back, along - half)
+        else:
+            change = min(change, along - half)
+    if found != n[FOUND]:
+        return -1
+    change = min(change, last if found else back)
+    return step + _steps_to(change - f[TOLERANCE], stride) if n[DRIVING] else n[FAR]
+
+
+@njit
+def _steps_to(distance, stride):
+    return int(max(1.0, ceil(distance / stride)))
+
+
+@njit
+def people_due(n, f, step, x, y):
+    """The step of the next look at a humanoid; -1: something new is seen now."""
+    bodies, items, dues = ints(n[BODIES]), ints(n[ITEMS]), ints(n[DUES])
+    unseen, near = flags(n[UNSEEN]), flags(n[NEAR])
+    least = n[FAR]
+    for h in range(n[PEOPLE]):
+        if dues[h] <= step + n[TOGETHER]:
+            asks, inside, due = items[h] >= n[ASK_FROM], False, n[FAR]
+            if asks or unseen[h]:
+                hx, hy = position(bodies[h])
+                beyond = hypot(hx - x, hy - y) - f[PERCEPTION]
+                inside = beyond <= f[TOLERANCE]
+                due = step + _steps_to(abs(beyond) - f[TOLERANCE], f[STRIDE] + f[WALK])
+            if (inside and unseen[h]) or (inside and asks) != (near[h] != 0):
+                dues[h] = step
+                return -1
+            dues[h] = due
+        least = min(least, dues[h])
+    return least
+
+
+@njit
+def turn_people(n, step, turn):
+    """The humanoids of this step's turns turn; returns the index of the next turn."""
+    turn_step, turn_who, velocity = ints(n[TURN_STEP]), ints(n[TURN_WHO]), floats(n[TURN_VELOCITY])
+    bodies, items, dues = ints(n[BODIES]), ints(n[ITEMS]), ints(n[DUES])
+    while turn_step[turn] == step:
+        h = turn_who[turn]
+        steer(bodies[h], velocity[2 * turn], velocity[2 * turn + 1])
+        if items[h] < n[MOST_ITEMS]:
+            items[h] += 1
+            if items[h] == n[ASK_FROM]:
+                dues[h] = step
+                n[PEOPLE_DUE] = min(n[PEOPLE_DUE], step)
+        turn += 1
+    return turn
+
+
+@cfunc(types.void(types.int64, types.int64, types.int64), cache=True)
+def run(ints_at, floats_at, until):
+    """Goes on to the step `until`, to a contact, or to a look that shows something new."""
+    n, f = ints(ints_at), floats(floats_at)
+    touching, turn_step = flags(n[TOUCHING]), ints(n[TURN_STEP])
+    step, turn = n[STEP], n[TURN]
+    while step < until:
+        stop = min(turn_step[turn], until)
+        stop = min(stop, max(min(n[GROUND_DUE], n[PEOPLE_DUE]), step + 1))
+        while step < stop:
+            step_space(n[SPACE], f[DT])
+            step += 1
+            if touching[0]:
+                break
+        if touching[0] or step >= until:
+            break
+        turn = turn_people(n, step, turn)
+        if step < n[GROUND_DUE] and step < n[PEOPLE_DUE]:
+            continue
+        x, y = position(n[ROBOT])
+        if step >= n[GROUND_DUE]:
+            due = garbage_due(n, f, step, x, y)
+            if due < 0:
+                break
+            n[GROUND_DUE] = due
+        if step >= n[PEOPLE_DUE]:
+            n[PEOPLE_DUE] = due = people_due(n, f, step, x, y)
+            if due < 0:
+                n[PEOPLE_DUE] = step
+                break
+    n[STEP], n[TURN] = step, turn

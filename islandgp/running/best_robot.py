@@ -1,0 +1,73 @@
+"""The choice of a run's best robot in validation worlds."""
+
+from __future__ import annotations
+
+from islandgp.bt.core.language import parse, to_text
+from islandgp.config.settings import Settings
+from islandgp.evaluation.base import Evaluator
+from islandgp.evolution.validation import (
+    Best,
+    Validation,
+    candidates,
+    candidates_by_evidence,
+    entrants,
+    validate,
+    validation_seeds,
+)
+from islandgp.records.folder import RunFolder
+from islandgp.supervision.library import library_folder, read_tree
+
+
+def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> Best:
+    """The run's best robot, by successive halving in validation worlds, which trained no tree.
+
+    With gp.validation=0, or where a budget leaves no episode, it is the best individual of the
+    last stage. Fewer candidates take part where there are few episodes.
+    """
+    if settings.search.ranking == "evidence":
+        found = candidates_by_evidence(target.records(), constraints=settings.constraints)
+    else:
+        found = candidates(target.records(), settings.classes, constraints=settings.constraints)
+    episodes = validation_episodes(settings, target)
+    verdict: Validation | None = None
+    if episodes < 1:
+        winner = max(found, key=lambda c: c.merit)
+    else:
+        used: set[int] = set()
+        stage = 0
+        for record in target.records():
+            used.update(record["worlds"])
+            stage = record["snapshot"]["stage"]
+        winner, verdict = validate(
+            entrants(found, episodes),
+            validation_seeds(settings.seed, frozenset(used), episodes),
+            evaluator,
+            stage,
+            settings.classes,
+            episodes=episodes,
+            yardstick=_yardstick(settings),
+            constraints=settings.constraints,
+        )[0]
+    born = next(target.records(winner.generation))
+    own = next(i for i in born["individuals"] if i["id"] == winner.id)
+    return Best(winner.generation, own, verdict)
+
+
+def validation_episodes(settings: Settings, target: RunFolder) -> int:
+    """Episodes in which the run chooses its best robot; of a budget all that is left."""
+    if settings.gp.validation == 0:
+        return 0
+    if settings.budget.episodes is None:
+        return max(1, round(settings.gp.validation * settings.gp.episodes_in_all))
+    spent = sum(int(cost["episodes"]) for cost in target.costs())
+    return settings.budget.episodes - spent
+
+
+def _yardstick(settings: Settings) -> tuple[str, str] | None:
+    """Name and canonical text of the tree that best robots are compared with, if there is one."""
+    how, domain = settings.library, settings.make_domain()
+    if how.folder is None or not how.yardsticks:
+        return None
+    name = how.yardsticks[0]
+    text = read_tree(library_folder(how.folder, domain), name)
+    return name, to_text(parse(text, domain.schema.vocabulary, name=name))

@@ -1,0 +1,58 @@
+"""The compiled loop gives the same episodes as Python's, and is left out where it cannot be."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from islandgp.bt.core.language import parse
+from islandgp.domains.island import compiled
+from islandgp.domains.island.episode import run_episode
+from islandgp.domains.island.state import build_island
+from islandgp.domains.island.world import World
+from tests.domains.island.days import points, world
+from tests.domains.island.test_determinism import ALL_ROUNDER, RESTLESS, busy, gp_tree
+
+WAITING = "selector { MoveToHumanoid when batteryLevel < 5 { ExecuteCharge } }"
+
+
+@pytest.fixture
+def at_once(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The first episode may be compiled."""
+    monkeypatch.setattr(compiled, "WARM", 0)
+    compiling = compiled._compiled
+    compiling.cache_clear()
+    yield
+    compiling.cache_clear()
+
+
+@pytest.mark.parametrize("island", [busy(), world()], ids=["busy", "usual"])
+@pytest.mark.usefixtures("at_once")
+def test_outcomes_are_the_same(island: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    """To the last bit, and with as many ticks: full, waiting and random trees."""
+    pytest.importorskip("numba", reason="needs islandgp[fast]")
+    trees = [*map(parse, (ALL_ROUNDER, RESTLESS, WAITING)), *map(gp_tree, range(6))]
+    quick = [run_episode(tree, island, seed, points()) for seed, tree in enumerate(trees)]
+    assert compiled._compiled() is not None
+    monkeypatch.setattr(compiled, "_compiled", lambda: None)
+    assert quick == [run_episode(tree, island, seed, points()) for seed, tree in enumerate(trees)]
+
+
+@pytest.mark.parametrize("lacking", ["numba", "Chipmunk's functions"])
+@pytest.mark.usefixtures("at_once")
+def test_python_does_without_it(lacking: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without numba, and with a pymunk that hides its functions."""
+    if lacking == "numba":
+        monkeypatch.setattr(compiled, "find_spec", lambda _: None)
+    else:
+        monkeypatch.setattr(compiled.engine, "addresses", {})
+    assert compiled.quick_loop(build_island(world(), 0, points(), ())) is None
+
+
+def test_short_commands_do_not_wait_for_numba(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first episodes of a process import nothing."""
+    monkeypatch.setattr(compiled, "_episodes", iter(range(compiled.WARM)))
+    monkeypatch.setattr(compiled, "_compiled", lambda: pytest.fail("imported"))
+    island = build_island(world(), 0, points(), ())
+    assert all(compiled.quick_loop(island) is None for _ in range(compiled.WARM))
