@@ -116,11 +116,11 @@ def emergence(tier: str, agent: str = "Robot") -> Measure:
     )
 
 
-def descendant(tier: str) -> Measure:
+def descendant(tier: str, agent: str = "Robot") -> Measure:
     """The generation of a tier's first robot that is not itself an advised tree."""
     return Measure(
         f"first_{tier}_descendant",
-        f"First {title(tier)} Robot, advised trees not counted",
+        f"First {title(tier)} {agent}, advised trees not counted",
         "generation",
         lambda run: first_descendant(run, tier),
         emergence=True,
@@ -149,11 +149,9 @@ def main_family(milestones: Sequence[str], agent: str = "Robot") -> tuple[Measur
 
 def all_measures(study: Comparison) -> tuple[Measure, ...]:
     """Every measure of a report, in its order."""
-    return (
-        *main_family(study.milestones, study.classes.agent),
-        *FURTHER,
-        *map(descendant, study.milestones),
-    )
+    agent = study.classes.agent
+    descendants = (descendant(tier, agent) for tier in study.milestones)
+    return (*main_family(study.milestones, agent), *FURTHER, *descendants)
 
 
 def examined(study: Comparison, asked: Collection[str]) -> tuple[Measure, ...]:
