@@ -109,7 +109,7 @@ def build(
         "The paper's claims": _claims(study, plan, findings),
         "Further questions": _questions(study, plan, findings),
         "Scores of the best robots": _scores(study, scores, rows),
-        **_paper_s_tables(study, findings, f"{robots} Robots (section 3.4)"),
+        **_paper_s_tables(study, findings, f"{robots} {study.classes.agent}s (section 3.4)"),
         "Cost in episodes": [episodes_table(study), by_episodes(study)],
         "Supervision (sections 3.6 and 3.7)": _supervision(study),
         "Specialists (section 3.8)": [specialists_table(study)],
