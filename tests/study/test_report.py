@@ -341,14 +341,14 @@ def test_arms_that_inject_are_a_family_by_themselves() -> None:
 
 @pytest.mark.usefixtures("blank")
 def test_a_plan_is_reported_as_it_was_laid_down() -> None:
-    """Primary endpoint first and not adjusted; a family by name; margins decide what is alike."""
+    """Primary endpoint below the result and not adjusted; a family by name; margins decide what is alike."""
     plan = parse_plan(
         ["judgement=expert, fixed"], "first_complete", ["first_complete=3", "mean_max=2500.5"]
     )
     study = _study("expert", "baseline", "fixed")
     check_plan(plan, study)
     report = build(study, (), 0, plan=plan)
-    primary = report.sections[0].items[0]
+    primary = report.sections[1].items[0]
     assert isinstance(primary, Table)
     row = dict(zip(primary.columns, primary.rows[0], strict=True))
     assert row["unit"] == "generations without one"
