@@ -341,7 +341,7 @@ def test_arms_that_inject_are_a_family_by_themselves() -> None:
 
 @pytest.mark.usefixtures("blank")
 def test_a_plan_is_reported_as_it_was_laid_down() -> None:
-    """Primary endpoint below the result and not adjusted; a family by name; margins decide what is alike."""
+    """Primary endpoint not adjusted; a family by name; margins decide what is alike."""
     plan = parse_plan(
         ["judgement=expert, fixed"], "first_complete", ["first_complete=3", "mean_max=2500.5"]
     )
