@@ -19,6 +19,7 @@ from islandgp.study.generalise import Control, Generalisation
 from islandgp.study.measures import FURTHER, TABLE_9, TABLE_10, Measure, all_measures, examined
 from islandgp.study.plan import NOTHING, AnalysisPlan, families, said
 from islandgp.study.profiles import ScoreRow, Scores
+from islandgp.study.result import result
 from islandgp.study.select import in_short
 from islandgp.study.table import Table
 from islandgp.study.tables.archives import archive_table, one_grid
@@ -103,6 +104,7 @@ def build(
     scores = champion_scores(study, unseen)
     rows = champion_rows(study, scores)
     chapters: dict[str, Iterable[Item]] = {
+        "Result": [*result(study, plan, findings), generations.figure_4(study)],
         "Primary endpoint": _primary(study, plan, findings),
         "What was compared": _compared(study),
         "Controls without evolution": [controls_table(study, controls)] if with_library else [],
@@ -141,7 +143,7 @@ def _paper_s_tables(
     return {
         "Fitness (section 3.2)": [
             *by_fitness("table-9", "Table 9. Fitness performance", TABLE_9),
-            generations.figure_4(study),
+            "Figure 4 is at the top, with the result.",
         ],
         "Convergence (section 3.3)": [
             *by_fitness("table-10", "Table 10. Fitness by training stage", TABLE_10),
